@@ -1,0 +1,35 @@
+# Each target does all set-up on a fresh machine: a virtual environment, the pinned packages, then the work.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+READY  := $(VENV)/.ready
+
+.PHONY: demo test lint types check bench clean help
+
+help:            ## list the targets
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 10
+
+$(READY): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	touch $@
+
+demo: $(READY)   ## identify a simulated actuator while it runs; plots in out/demo
+	$(BIN)/replant demo
+
+test: lint types $(READY)   ## lint, types, doctests, tests
+	$(BIN)/pytest -n 2
+
+lint: $(READY)   ## ruff: style and format
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(READY)  ## mypy strict
+	$(BIN)/mypy
+
+bench: $(READY)  ## speed, as ratios to a C program measured in the same run
+	$(BIN)/python benchmarks/kernels.py
+
+clean:           ## remove everything that was generated
+	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

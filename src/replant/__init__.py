@@ -1,0 +1,1 @@
+"""Identify continuous-time transfer functions while the plant runs."""
