@@ -1,0 +1,98 @@
+"""How good a model is: fit in percent, free run and one step ahead."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.transfer_function import TransferFunction
+from replant.validation import FloatArray
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A free run of a model beside the measured output.
+
+    Attributes
+    ----------
+    output : (K,) array
+        Simulated output, with the estimated offset and initial state.
+    offset : float
+        Estimated constant between measured and simulated output, in the unit of y.
+    fit : float
+        Fit in percent over the finite samples.
+    """
+
+    output: FloatArray
+    offset: float
+    fit: float
+
+
+def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
+    r"""Return :math:`100 (1 - \|y - \hat y\| / \|y - \bar y\|)`; samples where either is NaN are left out.
+
+    100 is a perfect model, 0 no better than the mean, below 0 worse than the mean; NaN if the output is constant.
+
+    Examples
+    --------
+    >>> fit_percent(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 2.0]))
+    100.0
+    """
+    kept = np.isfinite(measured) & ~np.isnan(modelled)
+    y, model = measured[kept], modelled[kept]
+    if y.size == 0:
+        return math.nan
+    spread = float(np.linalg.norm(y - y.mean()))
+    if spread == 0.0:
+        return math.nan
+    with np.errstate(over="ignore"):
+        return float(100.0 * (1.0 - np.linalg.norm(y - model) / spread))
+
+
+def simulate(
+    model: TransferFunction, u: FloatArray, y: FloatArray, dt: float, *, input_hold: str = "zoh"
+) -> Simulation:
+    """Run ``model`` from the input alone; offset and initial state are those that fit ``y`` best (least squares).
+
+    Parameters
+    ----------
+    model : TransferFunction
+    u, y : (K,) arrays
+        Mapped input and measured output, working point subtracted or not (the offset takes it up).  Samples that are
+        not finite are bridged by the last finite input and left out of the fit.
+    dt : float
+        Sampling time in s.
+
+    Examples
+    --------
+    >>> g = TransferFunction([2.0], [1.0, 1.0])
+    >>> u = np.repeat([0.0, 1.0, -1.0, 1.0], 10)
+    >>> simulate(g, u, g.simulate(u, 0.1) + 5.0, 0.1).offset
+    5.0...
+    """
+    u = _bridged(u)
+    with np.errstate(over="ignore", invalid="ignore"):
+        forced = model.simulate(u, dt, input_hold=input_hold)
+        free = model.free_responses(u.size, dt)
+        basis = np.column_stack([np.ones(u.size), free])
+        basis = basis[:, np.isfinite(basis).all(axis=0)]
+        kept = np.isfinite(y) & np.isfinite(forced)
+        if not kept.any() or not np.isfinite(forced).all():
+            return Simulation(np.full(u.size, np.nan), 0.0, -math.inf)
+        lengths = np.linalg.norm(basis[kept], axis=0)
+        lengths[lengths == 0.0] = 1.0
+        # a response that has died out, or that grows beyond reason, must not spoil the others: scaled columns
+        weights, *_ = np.linalg.lstsq(basis[kept] / lengths, y[kept] - forced[kept], rcond=1e-12)
+        output = forced + basis @ (weights / lengths)
+    return Simulation(output, float(weights[0] / lengths[0]), fit_percent(y, output))
+
+
+def _bridged(u: FloatArray) -> FloatArray:
+    """Return ``u`` with entries that are not finite replaced by the last finite one (zero before the first)."""
+    finite = np.isfinite(u)
+    if finite.all():
+        return u
+    last = np.maximum.accumulate(np.where(finite, np.arange(u.size), -1))
+    return np.where(last >= 0, u[np.maximum(last, 0)], 0.0)

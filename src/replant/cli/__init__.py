@@ -1,0 +1,66 @@
+"""The command line: one file a command, loaded only when it is called, so that ``--help`` is instant."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import click
+
+from replant import __version__
+from replant.errors import ReplantError
+
+# The commands by name: the module of replant.cli that holds the click command ``command``, and its line of help.
+COMMANDS = {
+    "run": ("run", "Identify G(s) online, one pass over a recorded log."),
+    "fit": ("fit", "Fit G(s) to a whole recorded log at once, the batch reference."),
+    "demo": ("demo", "Identify a simulated actuator while it runs, with plots."),
+    "reproduce": ("reproduce", "Reproduce the article's tables, beside the published figures."),
+}
+
+
+class _LazyGroup(click.Group):
+    """A group that imports a command's module when the command is called, not before."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        module = importlib.import_module(f"replant.cli.{COMMANDS[cmd_name][0]}")
+        command: click.Command = module.command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+
+
+@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="replant")
+def cli() -> None:
+    """Identify continuous-time transfer functions while the plant runs."""
+
+
+def main(arguments: Sequence[str] | None = None) -> Any:
+    """Run the command line; a user's mistake ends in one line on stderr and exit code 2."""
+    try:
+        return cli.main(args=None if arguments is None else list(arguments), prog_name="replant", standalone_mode=False)
+    except click.exceptions.Exit as stop:
+        sys.exit(stop.exit_code)
+    except click.Abort:
+        print("replant: interrupted", file=sys.stderr)
+        sys.exit(130)
+    except click.ClickException as mistake:
+        print(f"replant: {_one_line(mistake.format_message())}", file=sys.stderr)
+        sys.exit(2)
+    except ReplantError as mistake:
+        print(f"replant: {_one_line(str(mistake))}", file=sys.stderr)
+        sys.exit(2)
+
+
+def _one_line(message: str) -> str:
+    return " ".join(message.split())

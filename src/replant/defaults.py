@@ -1,0 +1,77 @@
+"""The choices that the data make when the user makes none: cutoff, scaling, step size, buffer (docs/defaults.md)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from replant.assessment import simulate
+from replant.filters import StateVariableFilter
+from replant.least_squares import least_squares
+from replant.optimizers import AMSGrad, Optimizer
+from replant.preprocess import Preprocess
+from replant.regression import regressors
+from replant.replay import Replay
+from replant.scaling import Scaling
+from replant.settings import Request, Settings
+from replant.structure import Structure
+from replant.transfer_function import TransferFunction
+from replant.validation import FloatArray
+
+CANDIDATES = 16  # cutoffs tried, evenly spaced in the logarithm
+MOST_SAMPLES = 20_000  # looked at for the choice
+STEP_SIZE = 1e-3  # of AMSGrad: scaled parameters are near one, so a thousand updates cross the whole range
+
+
+def settle(request: Request, u: FloatArray, y: FloatArray) -> Settings:
+    """Return definite settings, what is "auto" chosen from a record of raw input and output (K,)."""
+    structure, dt = request.structure, request.dt
+    preprocess = request.preprocess.resolve(u, y)
+    state_filter, scaling = request.filter, request.scaling
+    optimizer, replay = request.optimizer, request.replay
+    if not isinstance(state_filter, StateVariableFilter):
+        state_filter = choose_filter(structure, dt, preprocess, u, y)
+    if scaling is None:
+        scaling = Scaling.none(structure)
+    elif not isinstance(scaling, Scaling):
+        phi, _ = regressors(structure, dt, state_filter, preprocess, u, y)
+        scaling = Scaling.from_record(y - float(preprocess.output_offset), phi)
+    if not isinstance(optimizer, Optimizer):
+        optimizer = AMSGrad(step_size=STEP_SIZE)
+    if not (replay is None or isinstance(replay, Replay)):
+        replay = Replay()
+    return Settings(structure, dt, state_filter, scaling, optimizer, replay, request.normalize, preprocess)
+
+
+def choose_filter(
+    structure: Structure, dt: float, preprocess: Preprocess, u: FloatArray, y: FloatArray
+) -> StateVariableFilter:
+    """Return the filter whose least-squares model runs closest to the data when simulated from the input alone.
+
+    The cutoffs tried run from ten times the slowest that the record can tell (10 / duration) up to 1/dt.  The
+    simulated fit, not the equation error, is compared: the latter always favours a filter that hides the misfit.
+    """
+    u, y = u[:MOST_SAMPLES], y[:MOST_SAMPLES]
+    slowest, fastest = 10.0 / (u.size * dt), 1.0 / dt
+    candidates = np.geomspace(min(slowest, fastest / 10), fastest, CANDIDATES)
+    mapped = preprocess.map_input(u) - float(preprocess.input_offset)
+    best, best_fit = StateVariableFilter(cutoff=float(candidates[CANDIDATES // 2])), -np.inf
+    for cutoff in candidates:
+        tried = StateVariableFilter(cutoff=_rounded(float(cutoff)))
+        phi, target = regressors(structure, dt, tried, preprocess, u, y)
+        model = as_transfer_function(structure, least_squares(phi, target).parameters)
+        fit = simulate(model, mapped, y, dt).fit if model.is_stable else -np.inf
+        if fit > best_fit:
+            best, best_fit = tried, fit
+    return best
+
+
+def as_transfer_function(structure: Structure, parameters: FloatArray) -> TransferFunction:
+    """Return G(s) of parameters in the order of ``structure.names``."""
+    n = structure.poles
+    den = np.concatenate([[1.0], parameters[:n]])
+    return TransferFunction(parameters[n : n + structure.zeros + 1], den, structure.delay)
+
+
+def _rounded(value: float) -> float:
+    """Return ``value`` to three digits: a number that one can type again."""
+    return float(f"{value:.3g}")

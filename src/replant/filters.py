@@ -1,0 +1,147 @@
+"""StateVariableFilter: Lambda(s), which turns derivatives into filtered signals, and its discretisation."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant import realization
+from replant.errors import InvalidArgumentError
+from replant.validation import FloatArray, between, coefficients, one_of, positive
+
+
+@dataclass(frozen=True, eq=False)
+class DiscreteFilter:
+    """The filters (7) for one sampling time, in scaled states (see `replant.realization`).
+
+    Attributes
+    ----------
+    transition : (n, n) array
+    output_taps : (2, n) array
+        Vectors for y[k-1] and y[k].
+    input_taps : (3, n) array
+        Vectors for u[k-lag-2], u[k-lag-1] and u[k-lag].
+    characteristic, scale : (n,) arrays
+        As in `replant.realization.Companion`.
+    lag : int
+        Whole samples of dead time.
+    """
+
+    transition: FloatArray
+    output_taps: FloatArray
+    input_taps: FloatArray
+    characteristic: FloatArray
+    scale: FloatArray
+    lag: int
+
+
+@dataclass(frozen=True)
+class StateVariableFilter:
+    r"""The filter :math:`\Lambda(s)` of (2): signals pass :math:`s^i/\Lambda(s)`, so nothing is differentiated.
+
+    Parameters
+    ----------
+    cutoff : float, optional
+        :math:`\lambda` in rad/s, for :math:`\Lambda(s) = (s + \lambda)^n`.  A cutoff a little above the plant's
+        fastest pole of interest works; far below loses that pole, far above lets the noise in.
+    denominator : sequence of float, optional
+        :math:`\Lambda(s)` itself, monic, descending powers, instead of a cutoff.
+    method : {"exact", "gbt"}
+        "exact" solves the filters between samples without error: u as its hold says, y joined by straight lines.
+        "gbt" is the article's generalised bilinear transform, strictly causal as in (7): half a sample late.
+    input_hold : {"zoh", "foh"}
+        What u does between samples: stands still (a D/A converter; the default) or runs straight.  For "exact".
+    alpha : float
+        Of the generalised bilinear transform: 0 forward Euler, 0.5 Tustin, 1 backward Euler.  For "gbt".
+
+    Notes
+    -----
+    The generalised bilinear transform with alpha < 0.5 is unstable where lambda dt > 2 / (1 - 2 alpha), which
+    `discretize` refuses; with alpha = 0.5 it rings where lambda dt > 2, which is warned of.
+
+    Examples
+    --------
+    >>> StateVariableFilter(cutoff=5.0).polynomial(2)
+    array([ 1., 10., 25.])
+
+    References
+    ----------
+    Bernat and Kolota (2023), (2)-(7) and Appendix A.
+    """
+
+    cutoff: float | None = None
+    denominator: Sequence[float] | None = None
+    method: str = "exact"
+    input_hold: str = "zoh"
+    alpha: float = 0.5
+
+    def __post_init__(self) -> None:
+        if (self.cutoff is None) == (self.denominator is None):
+            raise InvalidArgumentError("a filter needs either a cutoff [rad/s] or a denominator, and not both")
+        if self.cutoff is not None:
+            positive("cutoff", self.cutoff)
+        if self.denominator is not None:
+            polynomial = coefficients("denominator", self.denominator)
+            if polynomial.size < 2 or polynomial[0] != 1.0:
+                raise InvalidArgumentError(f"denominator must be monic, of order 1 or more, got {polynomial.tolist()}")
+            if np.roots(polynomial).real.max() >= 0:
+                raise InvalidArgumentError(f"denominator must have all roots left of the axis: {polynomial.tolist()}")
+        one_of("method", self.method, ("exact", "gbt"))
+        one_of("input_hold", self.input_hold, ("zoh", "foh"))
+        between("alpha", self.alpha, 0.0, 1.0, closed="both")
+
+    def polynomial(self, poles: int) -> FloatArray:
+        """Return Lambda(s) for ``poles`` poles: (poles + 1,), monic, descending powers."""
+        if self.denominator is not None:
+            polynomial = coefficients("denominator", self.denominator)
+            if polynomial.size != poles + 1:
+                raise InvalidArgumentError(
+                    f"denominator must have {poles + 1} coefficients for {poles} poles, got {polynomial.size}"
+                )
+            return polynomial
+        assert self.cutoff is not None
+        return np.asarray(np.poly(np.full(poles, -float(self.cutoff))), np.float64)
+
+    def discretize(self, poles: int, dt: float, delay: float = 0.0) -> DiscreteFilter:
+        """Return the difference equations for ``poles`` poles, sampling time ``dt`` and dead time ``delay``, in s."""
+        model = realization.companion(self.polynomial(poles))
+        lag, fraction = split_delay(delay, dt)
+        if self.method == "exact":
+            transition, before, after = realization.exact(model.matrix, model.column, dt, "foh")
+            output_taps = np.stack([before, after])
+            input_taps = realization.input_taps(model.matrix, model.column, dt, self.input_hold, fraction)
+        else:
+            transition, column = realization.bilinear(model.matrix, model.column, dt, self.alpha)
+            self._check_poles(transition, dt)
+            output_taps = np.stack([column, np.zeros(poles)])
+            input_taps = np.stack([fraction * column, (1 - fraction) * column, np.zeros(poles)])
+        return DiscreteFilter(transition, output_taps, input_taps, model.characteristic, model.scale, lag)
+
+    def _check_poles(self, transition: FloatArray, dt: float) -> None:
+        poles = np.linalg.eigvals(transition)
+        if np.abs(poles).max() >= 1.0:
+            limit = "" if self.alpha >= 0.5 else f"; with alpha {self.alpha:g} keep cutoff * dt below 2/(1 - 2 alpha)"
+            raise InvalidArgumentError(f"the gbt filter is unstable at dt = {dt:g} s{limit}, or use method='exact'")
+        if poles.real.min() < 0:
+            warnings.warn(
+                f"the gbt filter rings at dt = {dt:g} s (cutoff * dt > 2): lower the cutoff or use method='exact'",
+                stacklevel=3,
+            )
+
+
+def split_delay(delay: float, dt: float) -> tuple[int, float]:
+    """Return a dead time as whole samples and a fraction of one; within 1e-9 of whole counts as whole.
+
+    Examples
+    --------
+    >>> split_delay(0.3, 0.1), split_delay(0.025, 0.02)
+    ((3, 0.0), (1, 0.25))
+    """
+    samples = delay / dt
+    nearest = round(samples)
+    if abs(samples - nearest) < 1e-9 * max(1.0, samples):
+        return nearest, 0.0
+    return int(samples), samples - int(samples)

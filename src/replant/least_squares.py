@@ -1,0 +1,51 @@
+"""Least squares on regressors: scaled, rank-revealing, with the covariance of white equation errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.validation import FloatArray
+
+RANK_TOLERANCE = 1e-10  # singular values of the scaled regressor below this, relative to the largest, count as zero
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What least squares found.
+
+    Attributes
+    ----------
+    parameters : (P,) array
+        The solution of least norm in scaled parameters where the data do not tell them apart.
+    rank : int
+        How many directions the data excite, at most P.
+    condition : float
+        Of the scaled regressors: largest over smallest singular value.
+    """
+
+    parameters: FloatArray
+    rank: int
+    condition: float
+
+
+def least_squares(phi: FloatArray, target: FloatArray) -> Solution:
+    """Minimise ||target - phi theta|| over the rows that are finite; phi (K, P), target (K,).
+
+    Examples
+    --------
+    >>> least_squares(np.array([[1.0, 0.0], [0.0, 2.0], [1.0, 2.0]]), np.array([1.0, 4.0, 5.0])).parameters
+    array([1., 2.])
+    """
+    kept = np.isfinite(target) & np.isfinite(phi).all(axis=1)
+    phi, target = phi[kept], target[kept]
+    if phi.shape[0] == 0:
+        return Solution(np.zeros(phi.shape[1]), 0, np.inf)
+    lengths = np.abs(phi).max(axis=0)
+    lengths[lengths == 0.0] = 1.0
+    lengths *= np.linalg.norm(phi / lengths, axis=0)
+    lengths[lengths == 0.0] = 1.0
+    scaled, _, rank, singular = np.linalg.lstsq(phi / lengths, target, rcond=RANK_TOLERANCE)
+    condition = float(singular[0] / singular[-1]) if singular.size == phi.shape[1] and singular[-1] > 0 else np.inf
+    return Solution(scaled / lengths, int(rank), condition)

@@ -1,0 +1,40 @@
+"""The optimizers: how the estimate moves, (14).
+
+To add one: its kernel in `replant.kernels`, its code and its line in `replant.kernels.step.learn`, its class in a file
+of this folder, its name in `OPTIMIZERS` below.  The tests of every optimizer come from that list.
+"""
+
+from replant.optimizers.adadelta import AdaDelta
+from replant.optimizers.adagrad import AdaGrad
+from replant.optimizers.adam import Adam
+from replant.optimizers.amsgrad import AMSGrad
+from replant.optimizers.gradient import Gradient
+from replant.optimizers.integral_cost import IntegralCost
+from replant.optimizers.nadam import NAdam
+from replant.optimizers.optimizer import Optimizer
+from replant.optimizers.rmsprop import RMSProp
+
+#: Every optimizer by the name that the command line takes.
+OPTIMIZERS: dict[str, type[Optimizer]] = {
+    "gradient": Gradient,
+    "adam": Adam,
+    "amsgrad": AMSGrad,
+    "integral-cost": IntegralCost,
+    "adagrad": AdaGrad,
+    "rmsprop": RMSProp,
+    "nadam": NAdam,
+    "adadelta": AdaDelta,
+}
+
+__all__ = [
+    "OPTIMIZERS",
+    "AMSGrad",
+    "AdaDelta",
+    "AdaGrad",
+    "Adam",
+    "Gradient",
+    "IntegralCost",
+    "NAdam",
+    "Optimizer",
+    "RMSProp",
+]

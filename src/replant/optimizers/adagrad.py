@@ -1,0 +1,51 @@
+"""AdaGrad: steps that shrink with the sum of squared gradients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from replant.optimizers.optimizer import Optimizer
+from replant.validation import FloatArray, positive
+
+
+@dataclass(frozen=True)
+class AdaGrad(Optimizer):
+    r"""Adaptive gradient: :math:`\theta \leftarrow \theta - \alpha\, g / (\sqrt{\sum g^2} + \epsilon)`.
+
+    Its step falls like one over the square root of time: for plants that do not change.
+
+    Parameters
+    ----------
+    step_size : float
+        :math:`\alpha`, in scaled parameters.
+    epsilon : float
+        Keeps the division finite.
+
+    Examples
+    --------
+    >>> AdaGrad(step_size=0.1).memory(2)
+    array([0., 0.])
+
+    References
+    ----------
+    Duchi, Hazan and Singer (2011).
+    """
+
+    step_size: float
+    epsilon: float = 1e-8
+    code: ClassVar[int] = 3
+
+    def __post_init__(self) -> None:
+        positive("step_size", self.step_size)
+        positive("epsilon", self.epsilon)
+
+    def settings(self, dt: float) -> FloatArray:
+        """Return [alpha, epsilon]."""
+        return np.array([self.step_size, self.epsilon])
+
+    def memory(self, size: int) -> FloatArray:
+        """Return the sum of squared gradients of each parameter."""
+        return np.zeros(size)

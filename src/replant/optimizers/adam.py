@@ -1,0 +1,57 @@
+"""Adam: adaptive moment estimation, Algorithm 1."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from replant.optimizers.optimizer import Optimizer
+from replant.validation import FloatArray, between, positive
+
+
+@dataclass(frozen=True)
+class Adam(Optimizer):
+    r"""Steps of nearly equal size in every scaled parameter, from moving means of gradient and squared gradient.
+
+    .. math:: \theta \leftarrow \theta - \alpha\, \hat m / (\sqrt{\hat v} + \epsilon)
+
+    Parameters
+    ----------
+    step_size : float
+        :math:`\alpha`, in scaled parameters per update.
+    beta1, beta2 : float
+        Decay of the first and the second moment, in [0, 1).
+    epsilon : float
+        Keeps the division finite.
+
+    Examples
+    --------
+    >>> Adam(step_size=1e-3).beta2
+    0.999
+
+    References
+    ----------
+    Kingma and Ba (2015); Bernat and Kolota (2023), Algorithm 1.
+    """
+
+    step_size: float
+    beta1: float = 0.9
+    beta2: float = 0.999
+    epsilon: float = 1e-8
+    code: ClassVar[int] = 1
+
+    def __post_init__(self) -> None:
+        positive("step_size", self.step_size)
+        between("beta1", self.beta1, 0.0, 1.0)
+        between("beta2", self.beta2, 0.0, 1.0)
+        positive("epsilon", self.epsilon)
+
+    def settings(self, dt: float) -> FloatArray:
+        """Return [alpha, beta1, beta2, epsilon]."""
+        return np.array([self.step_size, self.beta1, self.beta2, self.epsilon])
+
+    def memory(self, size: int) -> FloatArray:
+        """Return [beta1^0, beta2^0, (m, v) of each parameter]."""
+        return np.concatenate([[1.0, 1.0], np.zeros(2 * size)])

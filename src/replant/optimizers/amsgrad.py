@@ -1,0 +1,40 @@
+"""AMSGrad: Adam with a step that never grows, Algorithm 2."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from replant.optimizers.adam import Adam
+from replant.validation import FloatArray
+
+
+@dataclass(frozen=True)
+class AMSGrad(Adam):
+    r"""Adam that divides by the largest second moment so far, without bias correction.
+
+    .. math:: \hat v \leftarrow \max(\hat v, v), \quad
+              \theta \leftarrow \theta - \alpha\, m / (\sqrt{\hat v} + \epsilon)
+
+    Parameters
+    ----------
+    step_size, beta1, beta2, epsilon : float
+        As in `Adam`.
+
+    Examples
+    --------
+    >>> AMSGrad(step_size=5e-4).settings(dt=1e-3)
+    array([5.00e-04, 9.00e-01, 9.99e-01, 1.00e-08])
+
+    References
+    ----------
+    Reddi, Kale and Kumar (2018); Bernat and Kolota (2023), Algorithm 2.
+    """
+
+    code: ClassVar[int] = 2
+
+    def memory(self, size: int) -> FloatArray:
+        """Return (m, v, largest v) of each parameter."""
+        return np.zeros(3 * size)

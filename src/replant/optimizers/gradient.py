@@ -1,0 +1,43 @@
+"""Gradient: the gradient descent of (17)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from replant.optimizers.optimizer import Optimizer
+from replant.validation import FloatArray, positive
+
+
+@dataclass(frozen=True)
+class Gradient(Optimizer):
+    r"""Gradient descent on the instantaneous cost: :math:`\Delta = T_p \gamma \epsilon_I \varphi`.
+
+    With normalisation it is stable for :math:`T_p \gamma < 2` whatever the signals are.
+
+    Parameters
+    ----------
+    gain : float
+        :math:`\gamma`, in 1/s: the sampling time is part of the step.
+
+    Examples
+    --------
+    >>> Gradient(gain=2.0).settings(dt=1e-3)
+    array([0.002])
+
+    References
+    ----------
+    Bernat and Kolota (2023), (15)-(17).
+    """
+
+    gain: float
+    code: ClassVar[int] = 0
+
+    def __post_init__(self) -> None:
+        positive("gain", self.gain)
+
+    def settings(self, dt: float) -> FloatArray:
+        """Return [Tp gamma]."""
+        return np.array([dt * self.gain])

@@ -1,0 +1,52 @@
+"""IntegralCost: gradient descent on the cost of all past samples, (18)-(19)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from replant.optimizers.optimizer import Optimizer
+from replant.validation import FloatArray, not_negative, positive
+
+
+@dataclass(frozen=True)
+class IntegralCost(Optimizer):
+    r"""Gradient descent on the exponentially forgotten integral of the normalised squared error.
+
+    .. math:: \hat\theta \leftarrow \hat\theta - T_p \Gamma (R \hat\theta + Q), \quad
+              \dot R = -\beta R + \varphi\varphi^T / m^2, \quad \dot Q = -\beta Q - y \varphi / m^2
+
+    Parameters
+    ----------
+    gain : float
+        :math:`\Gamma`, in 1/s^2: the integral carries one more second than the gradient.
+    forgetting_rate : float
+        :math:`\beta` in 1/s, at least 0; its inverse is the memory in s.
+
+    Examples
+    --------
+    >>> IntegralCost(gain=10.0, forgetting_rate=0.1).settings(dt=1e-3)
+    array([1.e-03, 1.e+01, 1.e-01])
+
+    References
+    ----------
+    Bernat and Kolota (2023), (18)-(19), discretised by Euler's forward method as there.
+    """
+
+    gain: float
+    forgetting_rate: float
+    code: ClassVar[int] = 7
+
+    def __post_init__(self) -> None:
+        positive("gain", self.gain)
+        not_negative("forgetting_rate", self.forgetting_rate)
+
+    def settings(self, dt: float) -> FloatArray:
+        """Return [Tp, Gamma, beta]."""
+        return np.array([dt, self.gain, self.forgetting_rate])
+
+    def memory(self, size: int) -> FloatArray:
+        """Return R (P, P), Q (P,) and room for the slope (P,)."""
+        return np.zeros(size * size + 2 * size)

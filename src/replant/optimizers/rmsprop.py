@@ -1,0 +1,55 @@
+"""RMSProp: steps divided by the moving size of the gradient."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from replant.optimizers.optimizer import Optimizer
+from replant.validation import FloatArray, between, positive
+
+
+@dataclass(frozen=True)
+class RMSProp(Optimizer):
+    r"""Root mean square propagation: :math:`\theta \leftarrow \theta - \alpha\, g / (\sqrt{v} + \epsilon)`.
+
+    :math:`v \leftarrow \rho v + (1 - \rho) g^2`.
+
+    Parameters
+    ----------
+    step_size : float
+        :math:`\alpha`, in scaled parameters per update.
+    rho : float
+        Decay of the moving mean, in [0, 1).
+    epsilon : float
+        Keeps the division finite.
+
+    Examples
+    --------
+    >>> RMSProp(step_size=1e-3).settings(dt=0.1)
+    array([1.e-03, 9.e-01, 1.e-08])
+
+    References
+    ----------
+    Tieleman and Hinton (2012).
+    """
+
+    step_size: float
+    rho: float = 0.9
+    epsilon: float = 1e-8
+    code: ClassVar[int] = 4
+
+    def __post_init__(self) -> None:
+        positive("step_size", self.step_size)
+        between("rho", self.rho, 0.0, 1.0)
+        positive("epsilon", self.epsilon)
+
+    def settings(self, dt: float) -> FloatArray:
+        """Return [alpha, rho, epsilon]."""
+        return np.array([self.step_size, self.rho, self.epsilon])
+
+    def memory(self, size: int) -> FloatArray:
+        """Return the moving mean of squared gradients of each parameter."""
+        return np.zeros(size)

@@ -1,0 +1,103 @@
+"""Preprocess: what happens to the raw input and output before any filter: input map and working point."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError
+from replant.validation import FloatArray, finite, one_of
+
+InputMap = str | Callable[[FloatArray], FloatArray]
+WorkingPoint = float | str
+
+
+@dataclass(frozen=True)
+class Preprocess:
+    """Input map, then working point: u_p = map(u) - input_offset, y_p = y - output_offset.
+
+    Parameters
+    ----------
+    input_map : {"identity", "square"} or callable
+        A static nonlinearity ahead of the linear plant; "square" for electrostatic actuators, whose force follows
+        the squared voltage.  A callable takes and gives a float64 vector of any length, entry by entry.
+    input_offset, output_offset : float, "first" or "mean"
+        Working point, in the unit of the *mapped* input and of the output: a number, the first sample, or the mean
+        of the start-up samples (of the whole record in `replant.fit`).
+
+    Examples
+    --------
+    >>> Preprocess("square", input_offset="first").resolve([2.0, 3.0], [1.0, 1.0])
+    Preprocess(input_map='square', input_offset=4.0, output_offset=0.0)
+
+    References
+    ----------
+    Bernat and Kolota (2023), below (25): u_p = u_A^2 - u_R^2, y_p = y_L - y_R.
+    """
+
+    input_map: InputMap = "identity"
+    input_offset: WorkingPoint = 0.0
+    output_offset: WorkingPoint = 0.0
+
+    def __post_init__(self) -> None:
+        if not callable(self.input_map):
+            one_of("input_map", self.input_map, ("identity", "square"))
+        for name in ("input_offset", "output_offset"):
+            value = getattr(self, name)
+            if isinstance(value, str):
+                one_of(name, value, ("first", "mean"))
+            else:
+                finite(name, value)
+
+    def map_input(self, u: FloatArray) -> FloatArray:
+        """Return the mapped input (K,)."""
+        if self.input_map == "identity":
+            return u
+        if self.input_map == "square":
+            return u * u
+        return self.call_map(u)
+
+    def call_map(self, u: FloatArray) -> FloatArray:
+        """Return the callable's result (K,), checked for its shape."""
+        assert callable(self.input_map)
+        mapped = np.asarray(self.input_map(u), np.float64)
+        if mapped.shape != u.shape:
+            raise InvalidArgumentError(f"input_map must keep the shape {u.shape}, it returned {mapped.shape}")
+        return np.ascontiguousarray(mapped)
+
+    @property
+    def needs(self) -> str:
+        """What must be known first: "nothing", the "first" sample, or the "mean" of some."""
+        offsets = (self.input_offset, self.output_offset)
+        return "mean" if "mean" in offsets else "first" if "first" in offsets else "nothing"
+
+    def resolve(self, u: FloatArray, y: FloatArray) -> Preprocess:
+        """Return the same with numbers for offsets, taken from raw samples; those that are not finite are passed over.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If "first" or "mean" is asked of a record without a single finite sample.
+        """
+        if self.needs == "nothing":
+            return self
+        mapped = self.map_input(np.asarray(u, np.float64))
+        y = np.asarray(y, np.float64)
+        valid = np.isfinite(mapped) & np.isfinite(y)
+        if not valid.any():
+            raise InvalidArgumentError("the working point needs at least one finite sample of input and output")
+        return Preprocess(
+            self.input_map,
+            _level(self.input_offset, mapped[valid]),
+            _level(self.output_offset, y[valid]),
+        )
+
+
+def _level(offset: WorkingPoint, signal: FloatArray) -> float:
+    if offset == "first":
+        return float(signal[0])
+    if offset == "mean":
+        return float(signal.mean())
+    return float(offset)

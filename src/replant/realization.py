@@ -1,0 +1,133 @@
+"""From polynomials to difference equations: a companion form in scaled states, and its discretisations.
+
+For a monic denominator D(s) of order n and a time scale c [rad/s] the states are
+
+    w_i = c^(n-i) s^i / D(s) x,   i = n-1 .. 0,
+
+each with a gain near one, where the article's unscaled states s^i / D(s) x differ by c^n in size.  They obey
+
+    dw/dt = c [ -D_scaled ; shift ] w + c e_1 x,   D_scaled_i = d_i / c^(n-i).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.validation import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Companion:
+    """The scaled companion form of 1/D(s): dw/dt = matrix w + column x.
+
+    Attributes
+    ----------
+    matrix : (n, n) array, 1/s
+    column : (n,) array, 1/s
+    characteristic : (n,) array
+        d_i / c^(n-i), so that s^n/D x = x - characteristic' w.
+    scale : (n,) array
+        c^(n-i), so that s^i/D x = w_i / scale_i.
+    """
+
+    matrix: FloatArray
+    column: FloatArray
+    characteristic: FloatArray
+    scale: FloatArray
+
+
+def companion(denominator: FloatArray) -> Companion:
+    """Return the scaled companion form of a monic ``denominator`` (descending powers, order >= 1).
+
+    Examples
+    --------
+    >>> companion(np.array([1.0, 10.0, 25.0])).characteristic       # (s+5)^2
+    array([2., 1.])
+    """
+    n = denominator.size - 1
+    c = _time_scale(denominator)
+    scale = c ** np.arange(1.0, n + 1.0)
+    characteristic = denominator[1:] / scale
+    matrix = np.zeros((n, n))
+    matrix[0] = -c * characteristic
+    matrix[np.arange(1, n), np.arange(n - 1)] = c
+    column = np.zeros(n)
+    column[0] = c
+    return Companion(matrix, column, characteristic, scale)
+
+
+def _time_scale(denominator: FloatArray) -> float:
+    """Return the geometric mean of the poles' magnitudes; with a pole at zero, the largest that any power suggests."""
+    n = denominator.size - 1
+    powers = np.arange(1, n + 1)
+    with np.errstate(divide="ignore"):
+        suggested = np.exp(np.log(np.abs(denominator[1:])) / powers)
+    c = suggested[-1] if suggested[-1] > 0 else suggested.max()
+    return float(c) if c > 0 else 1.0
+
+
+def exact(
+    matrix: FloatArray, column: FloatArray, interval: float, hold: str
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Solve dw/dt = matrix w + column x exactly over ``interval`` seconds, x held or joined by straight lines.
+
+    Returns ``Ad`` (n, n), ``before`` (n,), ``after`` (n,) of w(k+1) = Ad w(k) + before x(k) + after x(k+1); with
+    ``hold="zoh"`` ``after`` is zero.  Both come from one augmented matrix exponential (Van Loan, 1978).
+    """
+    from scipy.linalg import expm
+
+    n = matrix.shape[0]
+    augmented = np.zeros((n + 2, n + 2))
+    augmented[:n, :n] = matrix * interval
+    augmented[:n, n] = column * interval
+    augmented[n, n + 1] = 1.0
+    power = expm(augmented)
+    constant, ramp = power[:n, n], power[:n, n + 1]
+    if hold == "zoh":
+        return power[:n, :n], constant, np.zeros(n)
+    return power[:n, :n], constant - ramp, ramp
+
+
+def bilinear(matrix: FloatArray, column: FloatArray, interval: float, alpha: float) -> tuple[FloatArray, FloatArray]:
+    """Return ``Ad``, ``Bd`` of the generalised bilinear transform: alpha 0 forward Euler, 0.5 Tustin, 1 backward.
+
+    Source: Zhang, Chen and Chen (2009), as the article uses it in (7).
+    """
+    identity = np.eye(matrix.shape[0])
+    left = identity - alpha * interval * matrix
+    right = identity + (1 - alpha) * interval * matrix
+    solved = np.linalg.solve(left, np.column_stack([right, interval * column]))
+    return np.asarray(solved[:, :-1], np.float64), np.asarray(solved[:, -1], np.float64)
+
+
+def input_taps(matrix: FloatArray, column: FloatArray, interval: float, hold: str, fraction: float) -> FloatArray:
+    """Return the three exact input vectors (3, n) for x[k-2], x[k-1], x[k] of a delay of ``fraction`` samples.
+
+    The interval splits where the delayed input has its corner: the first part still sees the older input.
+
+    Parameters
+    ----------
+    fraction : float
+        The delay over the interval, in [0, 1); whole samples are left to the caller.
+    """
+    n = matrix.shape[0]
+    taps = np.zeros((3, n))
+    early, late = fraction * interval, (1 - fraction) * interval
+    _, before, after = exact(matrix, column, late, hold)
+    if hold == "zoh":
+        taps[1] += before
+    else:
+        # the late part runs from the corner value x[k-1] to the point (1 - fraction) of the way to x[k]
+        taps[1] += before + fraction * after
+        taps[2] += (1 - fraction) * after
+    if early > 0:
+        carry, _, _ = exact(matrix, column, late, hold)
+        _, before, after = exact(matrix, column, early, hold)
+        if hold == "zoh":
+            taps[0] += carry @ before
+        else:
+            taps[0] += carry @ (fraction * before)
+            taps[1] += carry @ ((1 - fraction) * before + after)
+    return taps

@@ -1,0 +1,77 @@
+"""Scaling: sigma of the output and of each regressor entry, (10)-(12)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError
+from replant.structure import Structure
+from replant.validation import FloatArray, coefficients, positive
+
+
+@dataclass(frozen=True)
+class Scaling:
+    r"""Ranges by which output and regressor are divided, so that every scaled parameter moves at a like pace.
+
+    .. math:: y = y_p / \sigma_y, \quad \varphi_i = \varphi_{uy,i} / \sigma_i, \quad
+              \hat\theta_i = \hat\theta_{i,physical}\, \sigma_i / \sigma_y
+
+    Parameters
+    ----------
+    output : float
+        :math:`\sigma_y`, in the unit of y.
+    regressor : sequence of float
+        :math:`\sigma_i`, in the order of ``Structure.names``: that of the filtered derivatives of y, then of u, then
+        of the bias (whose entry before scaling is 1: the article's "0.1" is a sigma of 10).
+
+    Examples
+    --------
+    >>> Scaling(output=0.25, regressor=[0.05, 0.15]).sigmas(Structure(poles=1))
+    array([0.05, 0.15])
+
+    References
+    ----------
+    Bernat and Kolota (2023), (10)-(12).
+    """
+
+    output: float
+    regressor: Sequence[float]
+
+    def __post_init__(self) -> None:
+        positive("scaling output", self.output)
+        if (coefficients("scaling regressor", self.regressor) <= 0).any():
+            raise InvalidArgumentError(f"scaling regressor must be greater than 0, got {list(self.regressor)}")
+
+    def sigmas(self, structure: Structure) -> FloatArray:
+        """Return the regressor's sigmas (P,) for ``structure``."""
+        sigmas = coefficients("scaling regressor", self.regressor)
+        if sigmas.size != structure.size:
+            names = ", ".join(structure.names)
+            raise InvalidArgumentError(
+                f"scaling regressor must have {structure.size} entries ({names}), got {sigmas.size}"
+            )
+        return sigmas
+
+    @classmethod
+    def none(cls, structure: Structure) -> Scaling:
+        """Return the scaling that changes nothing."""
+        return cls(1.0, (1.0,) * structure.size)
+
+    @classmethod
+    def from_record(cls, y: FloatArray, regressor: FloatArray) -> Scaling:
+        """Return root mean squares of the output (K,) and of unscaled regressors (K, P); 1 where a signal is zero."""
+        sigma_y = _rms(y[:, None])[0]
+        return cls(float(sigma_y), tuple(float(sigma) for sigma in _rms(regressor)))
+
+
+def _rms(signals: FloatArray) -> FloatArray:
+    kept = signals[np.isfinite(signals).all(axis=1)]
+    if kept.shape[0] == 0:
+        return np.ones(signals.shape[1])
+    largest = np.abs(kept).max(axis=0)
+    largest[largest == 0.0] = 1.0
+    rms = largest * np.sqrt(np.mean((kept / largest) ** 2, axis=0))
+    return np.where(rms > 0, rms, 1.0)

@@ -1,0 +1,68 @@
+"""Structure: how many poles, zeros, how much dead time, and whether a bias is identified."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from replant.errors import InvalidArgumentError
+from replant.validation import not_negative, whole
+
+
+@dataclass(frozen=True)
+class Structure:
+    r"""What is to be identified: the shape of.
+
+    .. math:: G(s) = \frac{b_m s^m + \ldots + b_0}{s^n + a_{n-1} s^{n-1} + \ldots + a_0} e^{-s\,\mathrm{delay}}
+
+    Parameters
+    ----------
+    poles : int
+        n, the order of the denominator, 1 to 10.
+    zeros : int
+        m, the order of the numerator; fewer than ``poles``.
+    delay : float
+        Dead time in seconds, any real number >= 0.
+    bias : bool
+        Identify a constant in the regression as well, (24) of the article.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the structure is impossible.
+
+    Examples
+    --------
+    >>> Structure(poles=3, zeros=1, bias=True).names
+    ('a2', 'a1', 'a0', 'b1', 'b0', 'bias')
+
+    References
+    ----------
+    Bernat and Kolota (2023), equations (1) and (24).
+    """
+
+    poles: int
+    zeros: int = 0
+    delay: float = 0.0
+    bias: bool = False
+
+    MOST_POLES = 10  # beyond it the regression is hopeless in float64
+
+    def __post_init__(self) -> None:
+        poles, zeros = whole("poles", self.poles, 1), whole("zeros", self.zeros, 0)
+        if poles > self.MOST_POLES:
+            raise InvalidArgumentError(f"poles must be at most {self.MOST_POLES}, got {poles}")
+        if zeros >= poles:
+            raise InvalidArgumentError(f"zeros must be fewer than poles, got {zeros} zeros and {poles} poles")
+        not_negative("delay", self.delay)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters in the article's order: a_{n-1} .. a_0, b_m .. b_0, then bias."""
+        a = tuple(f"a{i}" for i in reversed(range(self.poles)))
+        b = tuple(f"b{i}" for i in reversed(range(self.zeros + 1)))
+        return a + b + (("bias",) if self.bias else ())
+
+    @property
+    def size(self) -> int:
+        """How many parameters are identified, P."""
+        return self.poles + self.zeros + 1 + self.bias

@@ -1,0 +1,78 @@
+"""Trace: what `Identifier.update_many` returns, the history of one chunk of samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError
+from replant.validation import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """The estimate and the error over a chunk of K samples.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the P parameters.
+    start : (P,) array
+        The estimate before the chunk's first sample.
+    parameters : (K, P) array
+        The estimate after each sample, in physical units.
+    errors : (K,) array
+        A-priori output error y - theta' phi of each sample, in the unit of y; NaN for a rejected sample.
+    """
+
+    names: tuple[str, ...]
+    start: FloatArray
+    parameters: FloatArray
+    errors: FloatArray
+
+    def __len__(self) -> int:
+        return self.errors.size
+
+    def before(self) -> FloatArray:
+        """Return the estimate (K, P) held *before* each sample's own update."""
+        return np.vstack([self.start[None, :], self.parameters[:-1]])
+
+    def index(self, true: Sequence[float] | FloatArray) -> FloatArray:
+        r"""Return the performance index of each parameter, :math:`J_p = \sum_k (\hat p(t_k) - p(t_k))^2`, (P,).
+
+        The estimate at t_k is the one held before sample k's own update, as the article's figures need it.
+
+        Parameters
+        ----------
+        true : (P,) or (K, P) array
+            The true parameters in the order of ``names``; constant, or one row a sample.
+
+        Examples
+        --------
+        >>> trace = Trace(("a0",), np.zeros(1), np.array([[1.0], [2.0]]), np.zeros(2))
+        >>> trace.index([2.0])              # (0 - 2)^2 + (1 - 2)^2
+        array([5.])
+
+        References
+        ----------
+        Bernat and Kolota (2023), (21).
+        """
+        reference = np.atleast_1d(np.asarray(true, np.float64))
+        if reference.shape not in ((len(self.names),), self.parameters.shape):
+            raise InvalidArgumentError(
+                f"true must have shape ({len(self.names)},) or {self.parameters.shape}, got {reference.shape}"
+            )
+        return np.asarray(((self.before() - reference) ** 2).sum(axis=0))
+
+    def __add__(self, other: Trace) -> Trace:
+        """Join with the trace of the chunk that came next."""
+        if self.names != other.names:
+            raise InvalidArgumentError(f"traces of different parameters: {self.names} and {other.names}")
+        return Trace(
+            self.names,
+            self.start,
+            np.vstack([self.parameters, other.parameters]),
+            np.concatenate([self.errors, other.errors]),
+        )

@@ -1,0 +1,250 @@
+"""TransferFunction: num, den and dead time; poles, response, simulation, and the way to SciPy and python-control."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from replant import realization
+from replant.errors import InvalidArgumentError, MissingDependencyError
+from replant.filters import split_delay
+from replant.validation import FloatArray, coefficients, not_negative, one_of, positive, vector
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One pole, as an engineer reads it.
+
+    Attributes
+    ----------
+    pole : complex
+        In rad/s.
+    frequency : float
+        Natural frequency abs(pole) / (2 pi), in Hz.
+    damping : float
+        -Re(pole) / abs(pole); 1 for a real stable pole, NaN at the origin.
+    time_constant : float
+        -1 / Re(pole) in s; infinite on the imaginary axis, negative for an unstable pole.
+    """
+
+    pole: complex
+    frequency: float
+    damping: float
+    time_constant: float
+
+
+@dataclass(frozen=True, eq=False)
+class TransferFunction:
+    r"""A continuous-time transfer function :math:`G(s) = \frac{num(s)}{den(s)} e^{-s\,delay}`.
+
+    Parameters
+    ----------
+    num, den : sequence of float
+        Coefficients in descending powers of s, as SciPy and python-control order them; both are divided by the
+        leading coefficient of ``den``.
+    delay : float
+        Dead time in s.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If ``den`` is zero, or ``num`` is of higher order than ``den``.
+
+    Examples
+    --------
+    >>> g = TransferFunction([2.0], [1.0, 4.0, 3.0])
+    >>> g.poles.real, g.dc_gain
+    (array([-3., -1.]), 0.666...)
+    >>> print(g)
+    2 / (s^2 + 4 s + 3)
+    """
+
+    num: FloatArray
+    den: FloatArray
+    delay: float = 0.0
+
+    def __init__(self, num: Sequence[float] | FloatArray, den: Sequence[float] | FloatArray, delay: float = 0.0):
+        numerator, denominator = coefficients("num", num), coefficients("den", den)
+        denominator = np.trim_zeros(denominator, "f")
+        if denominator.size == 0:
+            raise InvalidArgumentError("den must not be zero")
+        if np.trim_zeros(numerator, "f").size > denominator.size:
+            raise InvalidArgumentError(
+                f"num must not be of higher order than den, got {numerator.size - 1} and {denominator.size - 1}"
+            )
+        not_negative("delay", delay)
+        numerator = numerator[max(0, numerator.size - denominator.size) :]
+        object.__setattr__(self, "num", coefficients("num", numerator / denominator[0]))
+        object.__setattr__(self, "den", coefficients("den", denominator / denominator[0]))
+        object.__setattr__(self, "delay", float(delay))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, TransferFunction):
+            return NotImplemented
+        same = np.array_equal(self.num, other.num) and np.array_equal(self.den, other.den)
+        return bool(same and self.delay == other.delay)
+
+    def __hash__(self) -> int:
+        return hash((self.num.tobytes(), self.den.tobytes(), self.delay))
+
+    def __str__(self) -> str:
+        dead_time = f" exp(-{self.delay:.4g} s)" if self.delay else ""
+        return f"{_factor(self.num)} / {_factor(self.den)}{dead_time}"
+
+    @property
+    def poles(self) -> npt.NDArray[np.complex128]:
+        """Roots of ``den``, in rad/s."""
+        return np.roots(self.den).astype(np.complex128)
+
+    @property
+    def zeros(self) -> npt.NDArray[np.complex128]:
+        """Roots of ``num``, in rad/s."""
+        return np.roots(self.num).astype(np.complex128)
+
+    @property
+    def dc_gain(self) -> float:
+        """G(0); infinite with a pole at the origin."""
+        if self.den[-1] == 0.0:
+            return math.inf if self.num[-1] != 0.0 else math.nan
+        return float(self.num[-1] / self.den[-1])
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether every pole lies left of the imaginary axis."""
+        return bool((self.poles.real < 0).all())
+
+    @property
+    def modes(self) -> tuple[Mode, ...]:
+        """The poles with frequency, damping and time constant, slowest first; one entry for a conjugate pair."""
+        upper = [pole for pole in self.poles.tolist() if pole.imag >= 0]
+        return tuple(_mode(pole) for pole in sorted(upper, key=abs))
+
+    def response(self, frequency: Sequence[float] | FloatArray) -> npt.NDArray[np.complex128]:
+        """Return G(i omega) at each ``frequency`` omega in rad/s, shape as given.
+
+        Examples
+        --------
+        >>> abs(TransferFunction([1.0], [1.0, 1.0]).response([0.0, 1.0])).round(4)
+        array([1.    , 0.7071])
+        """
+        s = 1j * np.asarray(frequency, np.float64)
+        result = np.polyval(self.num, s) / np.polyval(self.den, s) * np.exp(-s * self.delay)
+        return np.asarray(result, np.complex128)
+
+    def simulate(self, u: Sequence[float] | FloatArray, dt: float, *, input_hold: str = "zoh") -> FloatArray:
+        """Return the output (K,) for the sampled input ``u`` (K,), exact for the hold, from rest.
+
+        Before the first sample the input is taken to be zero and the plant at rest.
+
+        Parameters
+        ----------
+        u : (K,) array
+        dt : float
+            Sampling time in s.
+        input_hold : {"zoh", "foh"}
+            What the input does between samples.
+
+        Examples
+        --------
+        >>> TransferFunction([1.0], [1.0, 1.0]).simulate([1.0, 1.0, 1.0], dt=1.0).round(4)
+        array([0.    , 0.6321, 0.8647])
+        """
+        u = vector("u", u)
+        positive("dt", dt)
+        one_of("input_hold", input_hold, ("zoh", "foh"))
+        lag, fraction = split_delay(self.delay, dt)
+        order = self.den.size - 1
+        if order == 0:
+            return self._feedthrough * _delayed(u, lag, fraction, input_hold)
+        from replant.kernels.simulate import filter_states
+
+        model = realization.companion(self.den)
+        transition, _, _ = realization.exact(model.matrix, model.column, dt, input_hold)
+        taps = realization.input_taps(model.matrix, model.column, dt, input_hold, fraction)
+        states = filter_states(transition, taps, lag, u)
+        output = states @ self._output_row(model)
+        if self._feedthrough:
+            output += self._feedthrough * _delayed(u, lag, fraction, input_hold)
+        return np.asarray(output)
+
+    def free_responses(self, samples: int, dt: float) -> FloatArray:
+        """Return the responses (K, n) to one unit of each state alone: what an initial state adds to the output."""
+        from replant.kernels.simulate import free_responses
+
+        model = realization.companion(self.den)
+        transition, _, _ = realization.exact(model.matrix, model.column, positive("dt", dt), "zoh")
+        return np.asarray(free_responses(transition, self._output_row(model), samples))
+
+    @property
+    def _feedthrough(self) -> float:
+        return float(self.num[0]) if self.num.size == self.den.size else 0.0
+
+    def _output_row(self, model: realization.Companion) -> FloatArray:
+        """Return the row that makes the output from the companion states, the feedthrough taken out."""
+        order = self.den.size - 1
+        padded = np.zeros(order + 1)
+        padded[order + 1 - self.num.size :] = self.num
+        remainder = padded[1:] - padded[0] * self.den[1:]
+        return np.asarray(remainder / model.scale)
+
+    def to_scipy(self) -> Any:
+        """Return a `scipy.signal.TransferFunction`; it knows no dead time, so ``delay`` must be 0."""
+        if self.delay:
+            raise InvalidArgumentError(f"SciPy's transfer functions have no dead time, this one has {self.delay:g} s")
+        from scipy.signal import TransferFunction as ScipyTransferFunction
+
+        return ScipyTransferFunction(self.num, self.den)
+
+    def to_control(self) -> Any:
+        """Return a `control.TransferFunction`; it knows no dead time, so ``delay`` must be 0 (see `control.pade`)."""
+        if self.delay:
+            raise InvalidArgumentError(
+                f"python-control's transfer functions have no dead time, this one has {self.delay:g} s: "
+                "convert it without delay and multiply by control.tf(*control.pade(delay, 3))"
+            )
+        try:
+            import control
+        except ImportError as cause:
+            raise MissingDependencyError("to_control needs python-control: pip install 'replant[control]'") from cause
+        return control.tf(self.num, self.den)
+
+
+def _mode(pole: complex) -> Mode:
+    magnitude = abs(pole)
+    damping = -pole.real / magnitude if magnitude else math.nan
+    time_constant = -1.0 / pole.real if pole.real else math.inf
+    return Mode(pole, magnitude / (2 * math.pi), damping, time_constant)
+
+
+def _delayed(u: FloatArray, lag: int, fraction: float, hold: str) -> FloatArray:
+    """Return u as a dead time of lag + fraction samples leaves it at the sampling instants; zero before the record."""
+    padded = np.concatenate([np.zeros(lag + 1), u])
+    now, before = padded[1 : u.size + 1], padded[: u.size]
+    if fraction == 0.0:
+        return now
+    return before if hold == "zoh" else (1 - fraction) * now + fraction * before
+
+
+def _factor(polynomial: FloatArray) -> str:
+    """Write a polynomial in s, in brackets where it has more than one term."""
+    order = polynomial.size - 1
+    terms = []
+    for i, value in enumerate(polynomial.tolist()):
+        power = order - i
+        if value == 0.0 and order > 0:
+            continue
+        symbol = "" if power == 0 else "s" if power == 1 else f"s^{power}"
+        size = f"{abs(value):.4g}"
+        body = symbol if symbol and abs(value) == 1.0 else f"{size} {symbol}".strip()
+        sign = "-" if value < 0 else "+"
+        terms.append((sign, body))
+    if not terms:
+        return "0"
+    text = ("-" if terms[0][0] == "-" else "") + terms[0][1]
+    text += "".join(f" {sign} {body}" for sign, body in terms[1:])
+    return f"({text})" if len(terms) > 1 else text

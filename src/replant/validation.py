@@ -1,0 +1,120 @@
+"""Checks of arguments, worded once: each returns the value in the type that the code works with, or raises."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from replant.errors import ArgumentTypeError, InvalidArgumentError
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def number(name: str, value: Any) -> float:
+    """Return ``value`` as a float; text, None, arrays and complex numbers are refused by name."""
+    if isinstance(value, str | bytes) or (isinstance(value, np.ndarray) and value.ndim > 0):
+        raise ArgumentTypeError(f"{name} must be a number, got {_describe(value)}")
+    try:
+        return float(value)
+    except (TypeError, ValueError) as cause:
+        raise ArgumentTypeError(f"{name} must be a number, got {_describe(value)}") from cause
+
+
+def finite(name: str, value: Any) -> float:
+    """Return ``value`` as a finite float."""
+    result = number(name, value)
+    if not math.isfinite(result):
+        raise InvalidArgumentError(f"{name} must be finite, got {result}")
+    return result
+
+
+def positive(name: str, value: Any) -> float:
+    """Return ``value`` as a finite float above zero."""
+    result = finite(name, value)
+    if result <= 0:
+        raise InvalidArgumentError(f"{name} must be greater than 0, got {result:g}")
+    return result
+
+
+def not_negative(name: str, value: Any) -> float:
+    """Return ``value`` as a finite float of at least zero."""
+    result = finite(name, value)
+    if result < 0:
+        raise InvalidArgumentError(f"{name} must be at least 0, got {result:g}")
+    return result
+
+
+def between(name: str, value: Any, low: float, high: float, *, closed: str = "left") -> float:
+    """Return ``value`` as a float in [low, high) (``closed="left"``) or [low, high] (``closed="both"``)."""
+    result = finite(name, value)
+    inside = low <= result <= high if closed == "both" else low <= result < high
+    if not inside:
+        bracket = "]" if closed == "both" else ")"
+        raise InvalidArgumentError(f"{name} must lie in [{low:g}, {high:g}{bracket}, got {result:g}")
+    return result
+
+
+def whole(name: str, value: Any, least: int) -> int:
+    """Return ``value`` as an int of at least ``least``; 2.0 is not a whole number here, nor is True."""
+    if isinstance(value, bool):
+        raise ArgumentTypeError(f"{name} must be a whole number, got {value}")
+    try:
+        result = operator.index(value)
+    except TypeError as cause:
+        raise ArgumentTypeError(f"{name} must be a whole number, got {_describe(value)}") from cause
+    if result < least:
+        raise InvalidArgumentError(f"{name} must be at least {least}, got {result}")
+    return result
+
+
+def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
+    """Return ``value`` if it is one of the words in ``choices``."""
+    if value not in choices:
+        listed = ", ".join(repr(choice) for choice in choices)
+        raise InvalidArgumentError(f"{name} must be one of {listed}, got {value!r}")
+    return str(value)
+
+
+def vector(name: str, value: Any) -> FloatArray:
+    """Return ``value`` as a contiguous float64 vector (K,); a column (K, 1) or a scalar is refused by its shape."""
+    try:
+        array = np.asarray(value)
+    except ValueError as cause:
+        raise ArgumentTypeError(f"{name} must be a vector of numbers: {cause}") from cause
+    if array.dtype.kind not in "fiub":
+        raise ArgumentTypeError(f"{name} must be a vector of real numbers, got dtype {array.dtype}")
+    if array.ndim != 1:
+        raise InvalidArgumentError(f"{name} must be a vector of shape (K,), got shape {array.shape}")
+    return np.ascontiguousarray(array, np.float64)
+
+
+def record(u: Any, y: Any) -> tuple[FloatArray, FloatArray]:
+    """Return input and output as vectors of one length."""
+    u_vector, y_vector = vector("u", u), vector("y", y)
+    if u_vector.size != y_vector.size:
+        raise InvalidArgumentError(
+            f"u and y must have the same length, got {u_vector.size} and {y_vector.size} samples"
+        )
+    return u_vector, y_vector
+
+
+def coefficients(name: str, value: Any) -> FloatArray:
+    """Return polynomial coefficients, descending powers, as a finite read-only vector of at least one entry."""
+    result = np.atleast_1d(np.array(value, dtype=np.float64, copy=True))
+    if result.ndim != 1 or result.size == 0:
+        raise InvalidArgumentError(f"{name} must be a non-empty list of coefficients, got shape {result.shape}")
+    if not np.isfinite(result).all():
+        raise InvalidArgumentError(f"{name} must be finite, got {result.tolist()}")
+    result.flags.writeable = False
+    return result
+
+
+def _describe(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape}"
+    return f"{type(value).__name__} {value!r}" if isinstance(value, str | bytes) else type(value).__name__

@@ -1,0 +1,33 @@
+"""What every test shares: where the recorded logs lie, and kernels that are never stale."""
+
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def _kernel_cache() -> str:
+    """Return a cache folder named after the kernels' source.
+
+    Numba's cache looks at the file of the compiled function alone, so an edit of an imported kernel would go unseen.
+    """
+    digest = hashlib.sha256()
+    for path in sorted((ROOT / "src/replant/kernels").glob("*.py")):
+        digest.update(path.read_bytes())
+    return str(Path(tempfile.gettempdir()) / f"replant-kernels-{os.getuid()}-{digest.hexdigest()[:16]}")
+
+
+os.environ.setdefault("NUMBA_CACHE_DIR", _kernel_cache())
+
+
+@pytest.fixture(scope="session")
+def datasets() -> Path:
+    """Return the folder of recorded logs: $REPLANT_DATA, or ../shared/datasets beside the project."""
+    folder = Path(os.environ.get("REPLANT_DATA", ROOT.parent / "shared" / "datasets"))
+    if not folder.is_dir():
+        pytest.skip(f"no recorded logs at {folder}: set REPLANT_DATA to their folder")
+    return folder
