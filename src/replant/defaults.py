@@ -7,23 +7,28 @@ import numpy as np
 from replant.assessment import simulate
 from replant.filters import StateVariableFilter
 from replant.least_squares import least_squares
-from replant.optimizers import AMSGrad, Optimizer
-from replant.preprocess import Preprocess
+from replant.optimizers import OPTIMIZERS, Optimizer
+from replant.optimizers.optimizer import rounded
+from replant.preprocess import Preprocess, screen
 from replant.regression import regressors
 from replant.replay import Replay
 from replant.scaling import Scaling
-from replant.settings import Request, Settings
+from replant.settings import AUTO, Request, Settings
 from replant.structure import Structure
 from replant.transfer_function import TransferFunction
 from replant.validation import FloatArray
 
 CANDIDATES = 16  # cutoffs tried, evenly spaced in the logarithm
 MOST_SAMPLES = 20_000  # looked at for the choice
-STEP_SIZE = 1e-3  # of AMSGrad: scaled parameters are near one, so a thousand updates cross the whole range
+DEFAULT_OPTIMIZER = "amsgrad"
+UNKNOWN_LENGTH = 2_000  # samples to come that an optimizer is tuned for where nobody knows better
 
 
-def settle(request: Request, u: FloatArray, y: FloatArray) -> Settings:
-    """Return definite settings, what is "auto" chosen from a record of raw input and output (K,)."""
+def settle(request: Request, u: FloatArray, y: FloatArray, length: int | None = None) -> Settings:
+    """Return definite settings, what is "auto" chosen from a record of raw input and output (K,).
+
+    ``length`` is how many samples there will be in all, where that is known.
+    """
     structure, dt = request.structure, request.dt
     preprocess = request.preprocess.resolve(u, y)
     state_filter, scaling = request.filter, request.scaling
@@ -35,10 +40,11 @@ def settle(request: Request, u: FloatArray, y: FloatArray) -> Settings:
     elif not isinstance(scaling, Scaling):
         phi, _ = regressors(structure, dt, state_filter, preprocess, u, y)
         scaling = Scaling.from_record(y - float(preprocess.output_offset), phi)
-    if not isinstance(optimizer, Optimizer):
-        optimizer = AMSGrad(step_size=STEP_SIZE)
     if not (replay is None or isinstance(replay, Replay)):
         replay = Replay()
+    if not isinstance(optimizer, Optimizer):
+        updates = (length or UNKNOWN_LENGTH) * (replay.batch_size if replay else 1)
+        optimizer = OPTIMIZERS[DEFAULT_OPTIMIZER if optimizer == AUTO else optimizer].suggested(dt, updates)
     return Settings(structure, dt, state_filter, scaling, optimizer, replay, request.normalize, preprocess)
 
 
@@ -51,15 +57,17 @@ def choose_filter(
     simulated fit, not the equation error, is compared: the latter always favours a filter that hides the misfit.
     """
     u, y = u[:MOST_SAMPLES], y[:MOST_SAMPLES]
+    accepted, _ = screen(preprocess.map_input(u), y)
+    y = np.where(accepted, y, np.nan)
     slowest, fastest = 10.0 / (u.size * dt), 1.0 / dt
     candidates = np.geomspace(min(slowest, fastest / 10), fastest, CANDIDATES)
-    mapped = preprocess.map_input(u) - float(preprocess.input_offset)
-    best, best_fit = StateVariableFilter(cutoff=float(candidates[CANDIDATES // 2])), -np.inf
+    linear_input = np.where(accepted, preprocess.map_input(u) - float(preprocess.input_offset), np.nan)
+    best, best_fit = StateVariableFilter(cutoff=rounded(float(candidates[CANDIDATES // 2]))), -np.inf
     for cutoff in candidates:
-        tried = StateVariableFilter(cutoff=_rounded(float(cutoff)))
+        tried = StateVariableFilter(cutoff=rounded(float(cutoff)))
         phi, target = regressors(structure, dt, tried, preprocess, u, y)
         model = as_transfer_function(structure, least_squares(phi, target).parameters)
-        fit = simulate(model, mapped, y, dt).fit if model.is_stable else -np.inf
+        fit = simulate(model, linear_input, y, dt).fit if model.is_stable else -np.inf
         if fit > best_fit:
             best, best_fit = tried, fit
     return best
@@ -70,8 +78,3 @@ def as_transfer_function(structure: Structure, parameters: FloatArray) -> Transf
     n = structure.poles
     den = np.concatenate([[1.0], parameters[:n]])
     return TransferFunction(parameters[n : n + structure.zeros + 1], den, structure.delay)
-
-
-def _rounded(value: float) -> float:
-    """Return ``value`` to three digits: a number that one can type again."""
-    return float(f"{value:.3g}")

@@ -38,6 +38,7 @@ class Identifier:
     scaling : Scaling, "auto" or None
         None changes nothing.
     optimizer : Optimizer or "auto"
+        Or the name of one (see `replant.optimizers.OPTIMIZERS`), its settings chosen from the data.
     replay : Replay, "auto" or None
         None learns each sample once.
     normalize : bool

@@ -13,7 +13,7 @@ from replant.defaults import as_transfer_function, choose_filter
 from replant.errors import InvalidArgumentError
 from replant.filters import StateVariableFilter
 from replant.least_squares import least_squares
-from replant.preprocess import Preprocess
+from replant.preprocess import Preprocess, screen
 from replant.regression import regressors
 from replant.settings import AUTO
 from replant.structure import Structure
@@ -42,6 +42,10 @@ class FitResult:
         Fit in percent of y predicted from past outputs, (8).
     simulation : Simulation
         The free run from the input alone, offset and initial state estimated.
+    samples : int
+        Samples used.
+    rejected : dict
+        Samples left out, by reason.
     """
 
     structure: Structure
@@ -52,6 +56,8 @@ class FitResult:
     condition: float
     one_step: float
     simulation: Simulation
+    samples: int
+    rejected: dict[str, int]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -112,16 +118,18 @@ def fit(
     one_of("method", method, ("least_squares",))
     positive("dt", dt)
     u, y = record(u, y)
-    finite = int((np.isfinite(u) & np.isfinite(y)).sum())
-    if finite < structure.size + 1:
+    accepted, rejected = screen(preprocess.map_input(u), y)
+    samples = int(accepted.sum())
+    if samples < structure.size + 1:
         raise InvalidArgumentError(
-            f"the record has {finite} finite samples, fewer than the {structure.size + 1} that "
+            f"the record has {samples} usable samples, fewer than the {structure.size + 1} that "
             f"{structure.size} parameters need: record more, or ask for fewer poles and zeros"
         )
     preprocess = preprocess.resolve(u, y)
     if not isinstance(filter, StateVariableFilter):
         one_of("filter", filter, (AUTO,))
         filter = choose_filter(structure, dt, preprocess, u, y)  # noqa: A001
+    y = np.where(accepted, y, np.nan)
     phi, target = regressors(structure, dt, filter, preprocess, u, y)
     solution = least_squares(phi, target)
     predicted = y - (target - phi @ solution.parameters)
@@ -135,5 +143,7 @@ def fit(
         solution.parameters,
         solution.condition if solution.rank == structure.size else math.inf,
         fit_percent(y, predicted),
-        simulate(model, mapped, y, dt, input_hold=filter.input_hold),
+        simulate(model, np.where(accepted, mapped, np.nan), y, dt, input_hold=filter.input_hold),
+        samples,
+        rejected,
     )

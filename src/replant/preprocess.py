@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.errors import InvalidArgumentError
-from replant.validation import FloatArray, finite, one_of
+from replant.kernels.layout import LARGEST
+from replant.validation import FloatArray, array_of_reals, finite, one_of
 
 InputMap = str | Callable[[FloatArray], FloatArray]
 WorkingPoint = float | str
@@ -56,16 +57,17 @@ class Preprocess:
         if self.input_map == "identity":
             return u
         if self.input_map == "square":
-            return u * u
+            with np.errstate(over="ignore"):  # infinite: such a sample is rejected
+                return u * u
         return self.call_map(u)
 
     def call_map(self, u: FloatArray) -> FloatArray:
         """Return the callable's result (K,), checked for its shape."""
         assert callable(self.input_map)
-        mapped = np.asarray(self.input_map(u), np.float64)
+        mapped = array_of_reals("the result of input_map", self.input_map(u))
         if mapped.shape != u.shape:
             raise InvalidArgumentError(f"input_map must keep the shape {u.shape}, it returned {mapped.shape}")
-        return np.ascontiguousarray(mapped)
+        return mapped
 
     @property
     def needs(self) -> str:
@@ -74,25 +76,39 @@ class Preprocess:
         return "mean" if "mean" in offsets else "first" if "first" in offsets else "nothing"
 
     def resolve(self, u: FloatArray, y: FloatArray) -> Preprocess:
-        """Return the same with numbers for offsets, taken from raw samples; those that are not finite are passed over.
+        """Return the same with numbers for offsets, taken from raw samples, those that `screen` rejects left out.
 
         Raises
         ------
         InvalidArgumentError
-            If "first" or "mean" is asked of a record without a single finite sample.
+            If "first" or "mean" is asked of a record without a single sample that can be used.
         """
         if self.needs == "nothing":
             return self
-        mapped = self.map_input(np.asarray(u, np.float64))
-        y = np.asarray(y, np.float64)
-        valid = np.isfinite(mapped) & np.isfinite(y)
+        mapped, y = self.map_input(np.asarray(u, np.float64)), np.asarray(y, np.float64)
+        valid = screen(mapped, y)[0]
         if not valid.any():
-            raise InvalidArgumentError("the working point needs at least one finite sample of input and output")
+            raise InvalidArgumentError("the working point needs at least one sample that is finite in input and output")
         return Preprocess(
             self.input_map,
             _level(self.input_offset, mapped[valid]),
             _level(self.output_offset, y[valid]),
         )
+
+
+def screen(mapped: FloatArray, y: FloatArray) -> tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], dict[str, int]]:
+    """Return which samples (K,) an identifier accepts, and how many it rejects for which reason.
+
+    Examples
+    --------
+    >>> screen(np.array([1.0, np.nan, 1e308]), np.zeros(3))
+    (array([ True, False, False]), {'not finite': 1, 'too large': 1})
+    """
+    with np.errstate(invalid="ignore"):
+        finite = np.isfinite(mapped) & np.isfinite(y)
+        small = (np.abs(mapped) <= LARGEST) & (np.abs(y) <= LARGEST)
+    rejected = {"not finite": int((~finite).sum()), "too large": int((finite & ~small).sum())}
+    return finite & small, rejected
 
 
 def _level(offset: WorkingPoint, signal: FloatArray) -> float:

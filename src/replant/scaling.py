@@ -62,16 +62,16 @@ class Scaling:
 
     @classmethod
     def from_record(cls, y: FloatArray, regressor: FloatArray) -> Scaling:
-        """Return root mean squares of the output (K,) and of unscaled regressors (K, P); 1 where a signal is zero."""
-        sigma_y = _rms(y[:, None])[0]
-        return cls(float(sigma_y), tuple(float(sigma) for sigma in _rms(regressor)))
+        """Return root mean squares of the output (K,) and of unscaled regressors (K, P); 1 where a signal is zero.
+
+        Rows that are not finite, as `replant.regression.regressors` marks rejected samples, are left out.
+        """
+        kept = np.isfinite(regressor).all(axis=1) & np.isfinite(y)
+        return cls(_rms(y[kept]), tuple(_rms(entry) for entry in regressor[kept].T))
 
 
-def _rms(signals: FloatArray) -> FloatArray:
-    kept = signals[np.isfinite(signals).all(axis=1)]
-    if kept.shape[0] == 0:
-        return np.ones(signals.shape[1])
-    largest = np.abs(kept).max(axis=0)
-    largest[largest == 0.0] = 1.0
-    rms = largest * np.sqrt(np.mean((kept / largest) ** 2, axis=0))
-    return np.where(rms > 0, rms, 1.0)
+def _rms(signal: FloatArray) -> float:
+    largest = float(np.abs(signal).max(initial=0.0))
+    if largest == 0.0:
+        return 1.0
+    return largest * float(np.sqrt(np.mean((signal / largest) ** 2)))  # in parts of the largest: no square overflows

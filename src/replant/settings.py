@@ -7,7 +7,7 @@ from typing import Any
 
 from replant.errors import ArgumentTypeError
 from replant.filters import StateVariableFilter
-from replant.optimizers import Optimizer
+from replant.optimizers import OPTIMIZERS, Optimizer
 from replant.preprocess import Preprocess
 from replant.replay import Replay
 from replant.scaling import Scaling
@@ -62,11 +62,11 @@ class Request:
         _expect("structure", self.structure, Structure)
         _expect("filter", self.filter, StateVariableFilter, AUTO)
         _expect("scaling", self.scaling, Scaling, AUTO, None)
-        _expect("optimizer", self.optimizer, Optimizer, AUTO)
+        _expect("optimizer", self.optimizer, Optimizer, AUTO, *OPTIMIZERS)
         _expect("replay", self.replay, Replay, AUTO, None)
         _expect("normalize", self.normalize, bool)
         _expect("preprocess", self.preprocess, Preprocess)
-        positive("dt", self.dt)
+        object.__setattr__(self, "dt", positive("dt", self.dt))
         if isinstance(self.filter, StateVariableFilter):
             self.filter.discretize(self.structure.poles, self.dt, self.structure.delay)  # raises what cannot work
         if isinstance(self.scaling, Scaling):
@@ -75,11 +75,12 @@ class Request:
     @property
     def asks_for_data(self) -> bool:
         """Whether a choice waits for a record of samples."""
-        return AUTO in (self.filter, self.scaling, self.optimizer, self.replay) or self.preprocess.needs == "mean"
+        choices = (self.filter, self.scaling, self.optimizer, self.replay)
+        return any(isinstance(choice, str) for choice in choices) or self.preprocess.needs == "mean"
 
 
 def _expect(name: str, value: Any, kind: type, *others: str | None) -> None:
-    if isinstance(value, kind) or any(value is None if other is None else value == other for other in others):
+    if isinstance(value, kind) or ((value is None or isinstance(value, str)) and value in others):
         return
     allowed = " or ".join([f"a {kind.__name__}", *(repr(other) for other in others)])
     raise ArgumentTypeError(f"{name} must be {allowed}, got {type(value).__name__} {value!r}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from replant.errors import InvalidArgumentError
+from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.validation import not_negative, whole
 
 
@@ -54,6 +54,8 @@ class Structure:
         if zeros >= poles:
             raise InvalidArgumentError(f"zeros must be fewer than poles, got {zeros} zeros and {poles} poles")
         not_negative("delay", self.delay)
+        if not isinstance(self.bias, bool):
+            raise ArgumentTypeError(f"bias must be True or False, got {self.bias!r}")
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.errors import InvalidArgumentError
-from replant.validation import FloatArray
+from replant.validation import FloatArray, array_of_reals
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Trace:
 
     def before(self) -> FloatArray:
         """Return the estimate (K, P) held *before* each sample's own update."""
-        return np.vstack([self.start[None, :], self.parameters[:-1]])
+        return np.vstack([self.start[None, :], self.parameters])[:-1]
 
     def index(self, true: Sequence[float] | FloatArray) -> FloatArray:
         r"""Return the performance index of each parameter, :math:`J_p = \sum_k (\hat p(t_k) - p(t_k))^2`, (P,).
@@ -59,7 +59,7 @@ class Trace:
         ----------
         Bernat and Kolota (2023), (21).
         """
-        reference = np.atleast_1d(np.asarray(true, np.float64))
+        reference = np.atleast_1d(array_of_reals("true", true))
         if reference.shape not in ((len(self.names),), self.parameters.shape):
             raise InvalidArgumentError(
                 f"true must have shape ({len(self.names)},) or {self.parameters.shape}, got {reference.shape}"

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from replant import realization
 from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.filters import split_delay
-from replant.validation import FloatArray, coefficients, not_negative, one_of, positive, vector
+from replant.validation import FloatArray, array_of_reals, coefficients, not_negative, one_of, positive, vector, whole
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,9 @@ class TransferFunction:
             )
         not_negative("delay", delay)
         numerator = numerator[max(0, numerator.size - denominator.size) :]
-        object.__setattr__(self, "num", coefficients("num", numerator / denominator[0]))
-        object.__setattr__(self, "den", coefficients("den", denominator / denominator[0]))
+        # adding zero makes -0.0 to 0.0: what compares equal must hash alike
+        object.__setattr__(self, "num", coefficients("num", numerator / denominator[0] + 0.0))
+        object.__setattr__(self, "den", coefficients("den", denominator / denominator[0] + 0.0))
         object.__setattr__(self, "delay", float(delay))
 
     def __eq__(self, other: object) -> bool:
@@ -125,15 +126,16 @@ class TransferFunction:
         return tuple(_mode(pole) for pole in sorted(upper, key=abs))
 
     def response(self, frequency: Sequence[float] | FloatArray) -> npt.NDArray[np.complex128]:
-        """Return G(i omega) at each ``frequency`` omega in rad/s, shape as given.
+        """Return G(i omega) at each ``frequency`` omega in rad/s, shape as given; not finite at a pole.
 
         Examples
         --------
         >>> abs(TransferFunction([1.0], [1.0, 1.0]).response([0.0, 1.0])).round(4)
         array([1.    , 0.7071])
         """
-        s = 1j * np.asarray(frequency, np.float64)
-        result = np.polyval(self.num, s) / np.polyval(self.den, s) * np.exp(-s * self.delay)
+        s = 1j * array_of_reals("frequency", frequency)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            result = np.polyval(self.num, s) / np.polyval(self.den, s) * np.exp(-s * self.delay)
         return np.asarray(result, np.complex128)
 
     def simulate(self, u: Sequence[float] | FloatArray, dt: float, *, input_hold: str = "zoh") -> FloatArray:
@@ -154,9 +156,14 @@ class TransferFunction:
         >>> TransferFunction([1.0], [1.0, 1.0]).simulate([1.0, 1.0, 1.0], dt=1.0).round(4)
         array([0.    , 0.6321, 0.8647])
         """
-        u = vector("u", u)
-        positive("dt", dt)
-        one_of("input_hold", input_hold, ("zoh", "foh"))
+        u, dt = vector("u", u), positive("dt", dt)
+        if one_of("input_hold", input_hold, ("zoh", "foh")) == "zoh" or u.size == 0:
+            return self._run(u, dt, "zoh")
+        # the jump from rest to the first sample is a step, the rest runs straight from zero
+        return self._run(np.full(u.size, u[0]), dt, "zoh") + self._run(u - u[0], dt, "foh")
+
+    def _run(self, u: FloatArray, dt: float, input_hold: str) -> FloatArray:
+        """Return the output for an input that, with straight lines, begins at zero."""
         lag, fraction = split_delay(self.delay, dt)
         order = self.den.size - 1
         if order == 0:
@@ -174,10 +181,13 @@ class TransferFunction:
 
     def free_responses(self, samples: int, dt: float) -> FloatArray:
         """Return the responses (K, n) to one unit of each state alone: what an initial state adds to the output."""
+        dt, samples = positive("dt", dt), whole("samples", samples, 0)
+        if samples == 0 or self.den.size == 1:
+            return np.zeros((samples, self.den.size - 1))
         from replant.kernels.simulate import free_responses
 
         model = realization.companion(self.den)
-        transition, _, _ = realization.exact(model.matrix, model.column, positive("dt", dt), "zoh")
+        transition, _, _ = realization.exact(model.matrix, model.column, dt, "zoh")
         return np.asarray(free_responses(transition, self._output_row(model), samples))
 
     @property
@@ -240,7 +250,7 @@ def _factor(polynomial: FloatArray) -> str:
             continue
         symbol = "" if power == 0 else "s" if power == 1 else f"s^{power}"
         size = f"{abs(value):.4g}"
-        body = symbol if symbol and abs(value) == 1.0 else f"{size} {symbol}".strip()
+        body = symbol if symbol and size == "1" else f"{size} {symbol}".strip()
         sign = "-" if value < 0 else "+"
         terms.append((sign, body))
     if not terms:

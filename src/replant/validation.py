@@ -17,12 +17,15 @@ FloatArray = npt.NDArray[np.float64]
 
 def number(name: str, value: Any) -> float:
     """Return ``value`` as a float; text, None, arrays and complex numbers are refused by name."""
-    if isinstance(value, str | bytes) or (isinstance(value, np.ndarray) and value.ndim > 0):
+    text_or_complex = isinstance(value, str | bytes | complex | np.complexfloating)
+    if text_or_complex or (isinstance(value, np.ndarray) and (value.ndim > 0 or value.dtype.kind == "c")):
         raise ArgumentTypeError(f"{name} must be a number, got {_describe(value)}")
     try:
         return float(value)
     except (TypeError, ValueError) as cause:
         raise ArgumentTypeError(f"{name} must be a number, got {_describe(value)}") from cause
+    except OverflowError as cause:
+        raise InvalidArgumentError(f"{name} must be within the range of float64") from cause
 
 
 def finite(name: str, value: Any) -> float:
@@ -80,17 +83,23 @@ def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
     return str(value)
 
 
-def vector(name: str, value: Any) -> FloatArray:
-    """Return ``value`` as a contiguous float64 vector (K,); a column (K, 1) or a scalar is refused by its shape."""
+def array_of_reals(name: str, value: Any) -> FloatArray:
+    """Return ``value`` as a contiguous float64 array of its own shape; text, None and complex numbers are refused."""
     try:
         array = np.asarray(value)
     except ValueError as cause:
-        raise ArgumentTypeError(f"{name} must be a vector of numbers: {cause}") from cause
+        raise ArgumentTypeError(f"{name} must be an array of numbers: {cause}") from cause
     if array.dtype.kind not in "fiub":
-        raise ArgumentTypeError(f"{name} must be a vector of real numbers, got dtype {array.dtype}")
+        raise ArgumentTypeError(f"{name} must hold real numbers, got dtype {array.dtype}")
+    return np.asarray(array, np.float64, order="C")
+
+
+def vector(name: str, value: Any) -> FloatArray:
+    """Return ``value`` as a contiguous float64 vector (K,); a column (K, 1) or a scalar is refused by its shape."""
+    array = array_of_reals(name, value)
     if array.ndim != 1:
         raise InvalidArgumentError(f"{name} must be a vector of shape (K,), got shape {array.shape}")
-    return np.ascontiguousarray(array, np.float64)
+    return array
 
 
 def record(u: Any, y: Any) -> tuple[FloatArray, FloatArray]:
@@ -105,7 +114,7 @@ def record(u: Any, y: Any) -> tuple[FloatArray, FloatArray]:
 
 def coefficients(name: str, value: Any) -> FloatArray:
     """Return polynomial coefficients, descending powers, as a finite read-only vector of at least one entry."""
-    result = np.atleast_1d(np.array(value, dtype=np.float64, copy=True))
+    result = np.atleast_1d(array_of_reals(name, value)).copy()
     if result.ndim != 1 or result.size == 0:
         raise InvalidArgumentError(f"{name} must be a non-empty list of coefficients, got shape {result.shape}")
     if not np.isfinite(result).all():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -40,6 +40,11 @@ class AdaDelta(RMSProp):
     rho: float = 0.95
     epsilon: float = 1e-6
     code: ClassVar[int] = 6
+
+    @classmethod
+    def suggested(cls, dt: float, updates: int) -> Self:
+        """Return the published constants."""
+        return cls()
 
     def memory(self, size: int) -> FloatArray:
         """Return (mean squared gradient, mean squared step) of each parameter."""

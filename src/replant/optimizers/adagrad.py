@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -41,6 +41,11 @@ class AdaGrad(Optimizer):
     def __post_init__(self) -> None:
         positive("step_size", self.step_size)
         positive("epsilon", self.epsilon)
+
+    @classmethod
+    def suggested(cls, dt: float, updates: int) -> Self:
+        """Return a step size of 0.05: the algorithm shrinks it by itself."""
+        return cls(step_size=0.05)
 
     def settings(self, dt: float) -> FloatArray:
         """Return [alpha, epsilon]."""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
-from replant.optimizers.optimizer import Optimizer
+from replant.optimizers.optimizer import Optimizer, rounded
 from replant.validation import FloatArray, positive
 
 
@@ -37,6 +37,11 @@ class Gradient(Optimizer):
 
     def __post_init__(self) -> None:
         positive("gain", self.gain)
+
+    @classmethod
+    def suggested(cls, dt: float, updates: int) -> Self:
+        """Return Tp gamma = 1000 over the updates to come, between 0.01 and 0.5; 2 is the limit of stability."""
+        return cls(gain=rounded(min(max(1000.0 / updates, 0.01), 0.5) / dt))
 
     def settings(self, dt: float) -> FloatArray:
         """Return [Tp gamma]."""

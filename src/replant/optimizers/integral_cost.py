@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
-from replant.optimizers.optimizer import Optimizer
+from replant.optimizers.optimizer import Optimizer, rounded
 from replant.validation import FloatArray, not_negative, positive
 
 
@@ -42,6 +42,15 @@ class IntegralCost(Optimizer):
     def __post_init__(self) -> None:
         positive("gain", self.gain)
         not_negative("forgetting_rate", self.forgetting_rate)
+
+    @classmethod
+    def suggested(cls, dt: float, updates: int) -> Self:
+        """Return a memory of a tenth of the updates to come, and half the gain at which it would be stable no more.
+
+        R never exceeds 1/beta in any direction, so Tp Gamma / beta < 2 is safe.
+        """
+        rate = min(10.0 / (updates * dt), 1.0 / dt)
+        return cls(gain=rounded(rate / dt), forgetting_rate=rounded(rate))
 
     def settings(self, dt: float) -> FloatArray:
         """Return [Tp, Gamma, beta]."""

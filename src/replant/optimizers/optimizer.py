@@ -2,17 +2,36 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
 from replant.validation import FloatArray
 
 
+def rounded(value: float) -> float:
+    """Return ``value`` to three digits: a setting that one can type again.
+
+    Examples
+    --------
+    >>> rounded(0.000122159)
+    0.000122
+    """
+    return float(f"{value:.3g}")
+
+
 class Optimizer:
     """Base of the optimizers, which are frozen dataclasses of their settings; the state lives in the identifier."""
 
     code: ClassVar[int]  # of its kernel, as `replant.kernels.step` numbers them
+
+    @classmethod
+    def suggested(cls, dt: float, updates: int) -> Self:
+        """Return this optimizer for auto-scaled signals, sampling time ``dt`` and about ``updates`` updates to come.
+
+        The more updates there are, the smaller each can be: the estimate gets there all the same, and less noisy.
+        """
+        raise NotImplementedError
 
     def settings(self, dt: float) -> FloatArray:
         """Return the kernel's settings for the sampling time ``dt`` in s."""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
-from replant.optimizers.optimizer import Optimizer
+from replant.optimizers.optimizer import Optimizer, rounded
 from replant.validation import FloatArray, between, positive
 
 
@@ -45,6 +45,11 @@ class RMSProp(Optimizer):
         positive("step_size", self.step_size)
         between("rho", self.rho, 0.0, 1.0)
         positive("epsilon", self.epsilon)
+
+    @classmethod
+    def suggested(cls, dt: float, updates: int) -> Self:
+        """Return a step size of ten over the updates to come, between 1e-4 and 1e-3."""
+        return cls(step_size=rounded(min(max(10.0 / updates, 1e-4), 1e-3)))
 
     def settings(self, dt: float) -> FloatArray:
         """Return [alpha, rho, epsilon]."""

@@ -1,0 +1,94 @@
+"""Simulated rigs: a true plant behind a nonlinear input, a working point and a noisy sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.preprocess import Preprocess
+from replant.signals import random_steps, white_noise
+from replant.transfer_function import TransferFunction
+from replant.validation import FloatArray
+
+#: The article's G1, (20).
+G1 = TransferFunction([1.25], [1.0, 0.5])
+#: The article's G2, (22).
+G2 = TransferFunction([7.5, -12.5], [1.0, 15.0, 100.0])
+#: The dielectric elastomer actuator with the parameters of Table 6, in mm per kV^2; (25) misprints its denominator.
+DEAP = TransferFunction([51.47, 7.722], [1.0, 3.292, 5891.0, 595.7])
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A plant as a control engineer meets it: y = y_R + G (map(u) - map(u_R)) + noise.
+
+    Attributes
+    ----------
+    plant : TransferFunction
+        The truth.
+    dt : float
+        Sampling time in s; the input is held between samples.
+    input_map : {"identity", "square"}
+    input_rest, output_rest : float
+        Working point: the input at rest, before the map, and the output that it makes.
+    noise : float
+        Standard deviation of the sensor's white noise, in the unit of y.
+    """
+
+    plant: TransferFunction
+    dt: float
+    input_map: str = "identity"
+    input_rest: float = 0.0
+    output_rest: float = 0.0
+    noise: float = 0.0
+
+    @property
+    def preprocess(self) -> Preprocess:
+        """The input map and working point that an identifier needs to see the linear plant."""
+        rest = Preprocess(self.input_map).map_input(np.array([self.input_rest]))[0]
+        return Preprocess(self.input_map, float(rest), self.output_rest)
+
+    def measure(self, u: FloatArray, seed: int = 0) -> FloatArray:
+        """Return the measured output (K,) for the input ``u`` (K,), from rest.
+
+        Examples
+        --------
+        >>> Rig(G1, dt=0.1, output_rest=3.0).measure(np.zeros(2))
+        array([3., 3.])
+        """
+        preprocess = self.preprocess
+        moved = preprocess.map_input(u) - float(preprocess.input_offset)
+        return self.output_rest + self.plant.simulate(moved, self.dt) + white_noise(u.size, self.noise, seed)
+
+
+def deap_rig(noise: float = 1e-3) -> Rig:
+    """Return the dielectric elastomer actuator of the article's section 4, simulated.
+
+    A pre-stretched VHB membrane (1 mm before, 200 um after stretching; plate 120 mm, disc 20 mm, Table 5) carries a
+    mass; the voltage u_A [kV] softens it, a laser reads the displacement y_L [mm].  Sampled at 1 kHz.  The true plant
+    has one slow pole at -0.101 rad/s and a hardly damped pair at 12.2 Hz.
+
+    Parameters
+    ----------
+    noise : float
+        Standard deviation of the laser's noise in mm.
+
+    Examples
+    --------
+    >>> [round(mode.frequency, 3) for mode in deap_rig().plant.modes]
+    [0.016, 12.215]
+    """
+    return Rig(DEAP, dt=1e-3, input_map="square", input_rest=4.0, output_rest=1.5, noise=noise)
+
+
+def deap_voltage(samples: int, seed: int = 0) -> FloatArray:
+    """Return an exciting voltage (K,) in kV for `deap_rig`: steps of 10 ms to 20 s between 2 and 5.5 kV.
+
+    Examples
+    --------
+    >>> u = deap_voltage(1000)
+    >>> bool((u >= 2.0).all() and (u <= 5.5).all())
+    True
+    """
+    return random_steps(samples, shortest=10, longest=20_000, low=2.0, high=5.5, seed=seed)

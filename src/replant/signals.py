@@ -1,0 +1,167 @@
+"""Test signals: square wave, PRBS, random steps, multisine, chirp.  All sampled; amplitudes in the unit you like."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError
+from replant.validation import FloatArray, not_negative, positive, whole
+
+# Feedback taps (stages counted from 1) that make a shift register run through all 2^n - 1 states.
+_TAPS = {
+    2: (2, 1), 3: (3, 2), 4: (4, 3), 5: (5, 3), 6: (6, 5), 7: (7, 6), 8: (8, 6, 5, 4), 9: (9, 5), 10: (10, 7),
+    11: (11, 9), 12: (12, 11, 10, 4), 13: (13, 12, 11, 8), 14: (14, 13, 12, 2), 15: (15, 14), 16: (16, 15, 13, 4),
+    17: (17, 14), 18: (18, 11),
+}  # fmt: skip
+
+
+def square(samples: int, period: float, dt: float, amplitude: float = 1.0) -> FloatArray:
+    """Return a square wave (K,) that starts at +amplitude and switches every half period, in whole samples.
+
+    Parameters
+    ----------
+    samples : int
+    period, dt : float
+        In s.
+    amplitude : float
+
+    Examples
+    --------
+    >>> square(6, period=0.4, dt=0.1)
+    array([ 1.,  1., -1., -1.,  1.,  1.])
+    """
+    half = round(positive("period", period) / 2 / positive("dt", dt))
+    if half < 1:
+        raise InvalidArgumentError(f"period must be at least 2 dt, got {period:g} s with dt {dt:g} s")
+    return np.where(np.arange(whole("samples", samples, 0)) // half % 2 == 0, amplitude, -amplitude)
+
+
+def prbs(samples: int, *, bits: int = 10, hold: int = 1, amplitude: float = 1.0, seed: int = 1) -> FloatArray:
+    """Return a maximum-length pseudorandom binary sequence (K,), repeated after (2^bits - 1) hold samples.
+
+    Parameters
+    ----------
+    samples : int
+    bits : int
+        Stages of the shift register, 2 to 18.
+    hold : int
+        Samples that each value is held.
+    amplitude : float
+    seed : int
+        First state of the register, 1 to 2^bits - 1: where the sequence starts.
+
+    Examples
+    --------
+    >>> prbs(7, bits=3)
+    array([ 1., -1., -1.,  1., -1.,  1.,  1.])
+    >>> float(prbs(1023, bits=10).sum())          # one value more of one sign than of the other
+    1.0
+    """
+    if bits not in _TAPS:
+        raise InvalidArgumentError(f"bits must be 2 to 18, got {bits}")
+    whole("hold", hold, 1)
+    state = whole("seed", seed, 1) % (2**bits - 1) or 1
+    length = -(-whole("samples", samples, 0) // hold)
+    values = np.empty(min(length, 2**bits - 1))
+    for k in range(values.size):
+        values[k] = 1.0 if state & 1 else -1.0
+        feedback = 0
+        for tap in _TAPS[bits]:
+            feedback ^= state >> (bits - tap)
+        state = state >> 1 | (feedback & 1) << (bits - 1)
+    return amplitude * np.repeat(np.resize(values, length), hold)[:samples]
+
+
+def random_steps(samples: int, *, shortest: int, longest: int, low: float, high: float, seed: int = 0) -> FloatArray:
+    """Return steps (K,) of random height in [low, high] and random length, spread evenly in the logarithm.
+
+    Long and short steps together excite slow and fast modes alike.
+
+    Parameters
+    ----------
+    samples : int
+    shortest, longest : int
+        Bounds of a step's length in samples.
+    low, high : float
+        Bounds of a step's height.
+    seed : int
+
+    Examples
+    --------
+    >>> u = random_steps(1000, shortest=5, longest=50, low=-1.0, high=1.0)
+    >>> u.shape, bool(abs(u).max() <= 1.0)
+    ((1000,), True)
+    """
+    if not 1 <= whole("shortest", shortest, 1) <= whole("longest", longest, 1):
+        raise InvalidArgumentError(f"shortest must not exceed longest, got {shortest} and {longest}")
+    generator = np.random.default_rng(seed)
+    u = np.empty(whole("samples", samples, 0))
+    start = 0
+    while start < samples:
+        length = round(math.exp(generator.uniform(math.log(shortest), math.log(longest))))
+        u[start : start + length] = generator.uniform(low, high)
+        start += length
+    return u
+
+
+def multisine(samples: int, dt: float, frequencies: FloatArray, amplitude: float = 1.0) -> FloatArray:
+    """Return a sum of sines (K,) with Schroeder's phases, which keep the peaks low, scaled to a peak of ``amplitude``.
+
+    Parameters
+    ----------
+    samples : int
+    dt : float
+        Sampling time in s.
+    frequencies : (F,) array
+        In Hz, each below 1 / (2 dt).
+    amplitude : float
+
+    Examples
+    --------
+    >>> u = multisine(1000, 0.01, np.array([0.1, 0.2, 0.4]))
+    >>> float(abs(u).max())
+    1.0
+
+    References
+    ----------
+    Schroeder (1970), "Synthesis of low-peak-factor signals and binary sequences with low autocorrelation".
+    """
+    frequencies = np.asarray(frequencies, np.float64)
+    if frequencies.ndim != 1 or frequencies.size == 0 or (frequencies <= 0).any() or (frequencies >= 0.5 / dt).any():
+        raise InvalidArgumentError(f"frequencies must lie between 0 and {0.5 / positive('dt', dt):g} Hz")
+    k = np.arange(frequencies.size)
+    phases = -np.pi * k * (k + 1) / frequencies.size
+    t = np.arange(whole("samples", samples, 1)) * dt
+    u = np.sin(2 * np.pi * np.outer(t, frequencies) + phases).sum(axis=1)
+    return np.asarray(amplitude * u / np.abs(u).max())
+
+
+def chirp(samples: int, dt: float, first: float, last: float, amplitude: float = 1.0) -> FloatArray:
+    """Return a sine (K,) whose frequency runs from ``first`` to ``last`` Hz, evenly in the logarithm.
+
+    Examples
+    --------
+    >>> float(chirp(5, 0.1, first=0.5, last=2.0)[0])
+    0.0
+    """
+    ratio = positive("last", last) / positive("first", first)
+    t = np.arange(whole("samples", samples, 1)) * positive("dt", dt)
+    duration = samples * dt
+    if ratio == 1.0:
+        return np.asarray(amplitude * np.sin(2 * np.pi * first * t))
+    rate = math.log(ratio) / duration
+    return np.asarray(amplitude * np.sin(2 * np.pi * first * (np.exp(rate * t) - 1) / rate))
+
+
+def white_noise(samples: int, rms: float, seed: int = 0) -> FloatArray:
+    """Return normal white noise (K,) of standard deviation ``rms``.
+
+    Examples
+    --------
+    >>> float(white_noise(1000, rms=2.0).std().round(1))
+    2.0
+    """
+    not_negative("rms", rms)
+    return np.asarray(rms * np.random.default_rng(seed).standard_normal(whole("samples", samples, 0)))

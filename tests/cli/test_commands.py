@@ -1,0 +1,239 @@
+"""The command line as a person and a script meet it."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from replant.cli import main
+from replant.rigs import DEAP, Rig
+from replant.signals import prbs
+from replant.transfer_function import TransferFunction
+
+
+def call(capsys, *arguments: object) -> tuple[int, str, str]:
+    """Run the command line in this process; return exit code, stdout and stderr."""
+    try:
+        main([str(argument) for argument in arguments])
+        code = 0
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """Return a log of 2/(s + 0.5) under a PRBS, with a working point."""
+    u = 3.0 + prbs(2000, hold=10)
+    y = 7.0 + TransferFunction([2.0], [1.0, 0.5]).simulate(u - 3.0, dt=0.05)
+    path = tmp_path / "log.csv"
+    rows = [f"{0.05 * k:.2f},{u[k]:.17g},{y[k]:.17g}" for k in range(u.size)]
+    path.write_text("t,u,y\n" + "\n".join(rows) + "\n")
+    return path
+
+
+COLUMNS = ("--input", "u", "--output", "y", "--poles", "1")
+
+
+@pytest.mark.parametrize("command", ["run", "fit"])
+def test_json_holds_the_contract(capsys, log: Path, command: str) -> None:
+    code, out, err = call(capsys, command, log, *COLUMNS, "--json")
+    assert (code, err) == (0, "")
+    answer = json.loads(out)
+    assert set(answer) == {
+        "num", "den", "delay", "parameters", "poles", "zeros", "dc_gain", "fit", "samples", "rejected", "verdict",
+        "elapsed_seconds",
+    }  # fmt: skip
+    assert set(answer["fit"]) == {"one_step", "simulated"}
+    assert set(answer["verdict"]) == {"status", "reasons"}
+    assert list(answer["parameters"]) == ["a0", "b0"]
+    assert set(answer["parameters"]["a0"]) == {"value", "std"}
+    assert answer["samples"] == 2000
+    assert sum(answer["rejected"].values()) == 0
+    # the true plant, up to what removing the record's mean from a short record costs
+    assert answer["parameters"]["a0"]["value"] == pytest.approx(0.5, rel=0.02)
+    assert answer["parameters"]["b0"]["value"] == pytest.approx(2.0, rel=0.02)
+    assert answer["den"] == [1.0, answer["parameters"]["a0"]["value"]]
+    assert answer["dc_gain"] == pytest.approx(answer["num"][0] / answer["den"][1])
+    assert answer["poles"][0]["real"] == pytest.approx(-answer["den"][1])
+
+
+@pytest.mark.parametrize("command", ["run", "fit"])
+def test_person_reads_the_model_and_how_to_trust_it(capsys, log: Path, command: str) -> None:
+    code, out, err = call(capsys, command, log, *COLUMNS)
+    assert (code, err) == (0, "")
+    for words in ("G(s) = ", "time constant [s]", "DC gain", "simulated from the input alone", "Verdict"):
+        assert words in out
+    assert ("ident = rp.Identifier(" in out) == (command == "run")
+
+
+def test_settings_printed_by_run_repeat_it(capsys, log: Path) -> None:
+    import replant as rp
+
+    _, out, _ = call(capsys, "run", log, *COLUMNS)
+    _, as_json, _ = call(capsys, "run", log, *COLUMNS, "--json")
+    code = out[out.index("ident = ") :].replace("ident = ", "", 1)
+    identifier = eval(code, {"rp": rp})
+    data = np.loadtxt(log, delimiter=",", skiprows=1)
+    identifier.update_many(data[:, 1], data[:, 2])
+    printed = [entry["value"] for entry in json.loads(as_json)["parameters"].values()]
+    # six digits are printed, so the repetition is good to about that
+    assert identifier.parameters == pytest.approx(printed, rel=1e-3)
+
+
+@pytest.mark.parametrize("command", ["run", "fit"])
+def test_out_writes_plots(capsys, log: Path, tmp_path: Path, command: str) -> None:
+    code, out, _ = call(capsys, command, log, *COLUMNS, "--out", tmp_path / "plots")
+    assert code == 0
+    names = {"run": {"fit.png", "parameters.png"}, "fit": {"fit.png"}}[command]
+    assert {path.name for path in (tmp_path / "plots").iterdir()} == names
+    assert all((tmp_path / "plots" / name).read_bytes().startswith(b"\x89PNG") for name in names)
+    assert all(name in out.replace("\n", "") for name in names)
+
+
+def test_options_reach_the_identifier(capsys, tmp_path: Path) -> None:
+    """Squared input, dead time, bias and a chosen optimizer, from a log without a time column."""
+    rig = Rig(TransferFunction([2.0], [1.0, 0.5], delay=0.23), dt=0.05, input_map="square", input_rest=2.0)
+    u = 2.0 + prbs(4000, hold=12)
+    np.savez(tmp_path / "log.npz", u=u, y=rig.measure(u))
+    code, out, err = call(
+        capsys, "run", tmp_path / "log.npz", *COLUMNS, "--dt", 0.05, "--delay", 0.23, "--bias",
+        "--input-map", "square", "--optimizer", "adam", "--json",
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    answer = json.loads(out)
+    assert answer["delay"] == 0.23
+    assert list(answer["parameters"]) == ["a0", "b0", "bias"]
+    assert answer["parameters"]["a0"]["value"] == pytest.approx(0.5, rel=0.05)
+    assert answer["parameters"]["b0"]["value"] == pytest.approx(2.0, rel=0.05)
+
+
+@pytest.mark.parametrize("command", ["run", "fit"])
+@pytest.mark.parametrize(
+    ("lines", "arguments", "words"),
+    [
+        ([], COLUMNS, ["empty"]),
+        (["t,u,y"], COLUMNS, ["bad.csv"]),
+        (["t,u,y", "0,1,2"], COLUMNS, ["bad.csv"]),
+        (["t,u,y", *[f"{k},{k % 5},{k % 3}" for k in range(4998)], "4998,oops,1", "4999,1,1"], COLUMNS,
+         ["bad.csv", "u", "5000", "oops"]),
+        (["t,u,y", "0,1,2", "1,2,3", "3,1,2"], COLUMNS, ["bad.csv", "irregular", "--dt"]),
+        (["t,u,y", *[f"{k},{k % 5},{k % 3}" for k in range(50)]], (*COLUMNS[:2], "--output", "u", "--poles", "1"),
+         ["u"]),
+        (["t,u,y", *[f"{k},{k % 5},{k % 3}" for k in range(50)]], ("--input", "uu", *COLUMNS[2:]), ["uu", "u, t, y"]),
+        (["u,y", *[f"{k % 5},{k % 3}" for k in range(50)]], COLUMNS, ["--dt"]),
+        *[(["u,y", *[f"{k % 5},{k % 3}" for k in range(50)]], (*COLUMNS, "--dt", dt), ["dt"])
+          for dt in ("0", "-1", "nan", "inf")],
+        (["t,u,y", *[f"{k},{k % 5},{k % 3}" for k in range(50)]], (*COLUMNS, "--zeros", "1"), ["zeros", "poles"]),
+        (["t,u,y", *[f"{k},{k % 5},{k % 3}" for k in range(50)]], (*COLUMNS[:4], "--poles", "0"), ["poles"]),
+        (["t,u,y", *[f"{k},{k % 5},{k % 3}" for k in range(50)]], (*COLUMNS, "--delay", "-1"), ["delay"]),
+        (["t,u,y", *[f"{k},{k % 5},{k % 3}" for k in range(50)]], (*COLUMNS, "--delay", "nan"), ["delay"]),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_one_line_and_exit_code_2(capsys, tmp_path, command, lines, arguments, words) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text("".join(line + "\n" for line in lines))
+    code, out, err = call(capsys, command, path, *arguments, "--json")
+    assert (code, out) == (2, "")
+    assert err.startswith("replant: ")
+    assert err.count("\n") == 1
+    assert all(word in err for word in words), err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("run", "missing.csv", *COLUMNS), ["missing.csv"]),
+        (("run",), ["LOG"]),
+        (("run", "x.csv"), ["--input"]),
+        (("jump",), ["jump"]),
+        (("run", "x.csv", *COLUMNS, "--optimizer", "magic"), ["magic", "amsgrad"]),
+        (("run", "x.csv", *COLUMNS[:4], "--poles", "two"), ["two", "--poles"]),
+    ],
+)
+def test_a_wrong_call_is_one_line_and_exit_code_2(capsys, arguments, words) -> None:
+    code, out, err = call(capsys, *arguments)
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert all(word in err for word in words), err
+
+
+@pytest.mark.parametrize("command", ["run", "fit"])
+def test_bad_samples_are_counted_not_fatal(capsys, tmp_path: Path, command: str) -> None:
+    u = prbs(1000, hold=10)
+    y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.1)
+    cells = [f"{value:.17g}" for value in y]
+    cells[100], cells[200], cells[300] = "nan", "", "1e308"
+    path = tmp_path / "log.csv"
+    path.write_text("u,y\n" + "".join(f"{a},{b}\n" for a, b in zip(u, cells, strict=True)))
+    code, out, err = call(capsys, command, path, *COLUMNS, "--dt", 0.1, "--json")
+    assert (code, err) == (0, "")
+    answer = json.loads(out)
+    assert answer["samples"] == 997
+    assert answer["rejected"] == {"not finite": 2, "too large": 1}
+    assert answer["parameters"]["a0"]["value"] == pytest.approx(0.5, rel=0.1)
+
+
+@pytest.mark.parametrize("command", ["run", "fit"])
+def test_constant_input_is_called_not_excited(capsys, tmp_path: Path, command: str) -> None:
+    path = tmp_path / "log.csv"
+    noise = np.random.default_rng(1).standard_normal(300)
+    path.write_text("u,y\n" + "".join(f"1.5,{3 + 0.01 * e}\n" for e in noise))
+    code, out, err = call(capsys, command, path, *COLUMNS, "--dt", 0.1, "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(out)["verdict"]["status"] == "not excited"
+
+
+LIMITS = {
+    # column names as they are in each log; bounds on gain, time constant and simulated fit
+    "un_dcmotor/DCmotor_prbs_open_exp.csv": ((1550, 1850), (0.42, 0.55), 77.0),
+    "un_thermal/Thermal_prbs_open_exp.csv": ((1.02, 1.06), (29.0, 34.0), 91.5),
+    "ayala_ballhoop/randomStepSequence.mat": ((11.0, 12.3), (1.4, 2.6), 83.0),
+}
+
+
+@pytest.mark.parametrize("command", ["run", "fit"])
+@pytest.mark.parametrize("name", LIMITS)
+def test_defaults_identify_real_rigs(capsys, datasets: Path, name: str, command: str) -> None:
+    gain, time_constant, fit = LIMITS[name]
+    code, out, err = call(capsys, command, datasets / name, *COLUMNS, "--json")
+    assert (code, err) == (0, "")
+    answer = json.loads(out)
+    assert gain[0] <= answer["dc_gain"] <= gain[1]
+    assert time_constant[0] <= answer["poles"][0]["time_constant"] <= time_constant[1]
+    assert answer["fit"]["simulated"] >= fit
+
+
+def test_demo_finds_the_actuator(capsys, tmp_path: Path) -> None:
+    code, out, err = call(capsys, "demo", "--out", tmp_path)
+    assert (code, err) == (0, "")
+    assert {path.name for path in tmp_path.iterdir()} == {"fit.png", "parameters.png"}
+    rows = re.findall(r"^\s*([ab]\d)\s+(\S+)\s+(\S+)\s+([+-]\S+) %$", out, re.MULTILINE)
+    assert [row[0] for row in rows] == ["a2", "a1", "a0", "b1", "b0"]
+    true = dict(zip([row[0] for row in rows], [*DEAP.den[1:], *DEAP.num], strict=True))
+    for name, identified, printed_truth, off in rows:
+        assert float(printed_truth) == pytest.approx(true[name], rel=1e-3)
+        allowed = 25.0 if name in ("a0", "b0") else 10.0
+        assert abs(float(identified) / true[name] - 1) * 100 < allowed
+        assert float(off) == pytest.approx((float(identified) / true[name] - 1) * 100, abs=0.06)
+
+
+@pytest.mark.parametrize("arguments", [["-c", "import replant"], ["-m", "replant", "--help"]])
+def test_start_imports_nothing_heavy(arguments: list[str]) -> None:
+    script = (
+        "import runpy, sys; sys.argv = ['replant', '--help']\n"
+        "try: runpy.run_module('replant', run_name='__main__')\n"
+        "except SystemExit: pass\n"
+        if arguments[0] == "-m"
+        else arguments[1]
+    )
+    script += (
+        "\nimport sys; print([m for m in ('numba', 'scipy', 'matplotlib', 'pyarrow', 'control') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
