@@ -1,0 +1,155 @@
+"""Experiment: one row of a table, from the simulated plant to the performance indices."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant import realization
+from replant.filters import StateVariableFilter
+from replant.identifier import Identifier
+from replant.optimizers import Optimizer
+from replant.replay import Replay
+from replant.scaling import Scaling
+from replant.signals import square
+from replant.structure import Structure
+from replant.trace import Trace
+from replant.validation import FloatArray
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A simulated plant under a square wave, section 3 of the article.
+
+    Parameters
+    ----------
+    num, den : tuple of float
+        G(s), descending powers of s; den monic, num of lower order.
+    dt : float
+        Sampling time in s.
+    duration : float
+        Length of the record in s.
+    period : float
+        Of the square wave, in s.
+    amplitude : float
+        Of the square wave.
+    drift : float
+        Slope of the disturbance on the output, (23), in units of y per second.
+
+    Examples
+    --------
+    >>> plant = Plant(num=(1.25,), den=(1.0, 0.5), dt=1e-3, duration=10.0, period=1.25)
+    >>> plant.samples, plant.true
+    (10000, {'a0': 0.5, 'b0': 1.25})
+    """
+
+    num: tuple[float, ...]
+    den: tuple[float, ...]
+    dt: float
+    duration: float
+    period: float
+    amplitude: float = 1.0
+    drift: float = 0.0
+
+    @property
+    def samples(self) -> int:
+        """Length of the record in samples."""
+        return round(self.duration / self.dt)
+
+    @property
+    def true(self) -> dict[str, float]:
+        """The true parameters by name."""
+        names = Structure(poles=len(self.den) - 1, zeros=len(self.num) - 1).names
+        return dict(zip(names, self.den[1:] + self.num, strict=True))
+
+    def record(self) -> tuple[FloatArray, FloatArray]:
+        """Return input and output (K,), both simulated from rest by Tustin's rule, the article's alpha of 0.5.
+
+        With it the output is C (x[k] + x[k+1]) / 2: the state's mean over the interval that begins at t_k.
+        """
+        from replant.kernels.simulate import filter_states
+
+        u = square(self.samples, self.period, self.dt, self.amplitude)
+        model = realization.companion(np.asarray(self.den))
+        transition, column = realization.bilinear(model.matrix, model.column, self.dt, 0.5)
+        row = np.zeros(column.size)
+        row[column.size - len(self.num) :] = self.num
+        taps = np.stack([np.zeros_like(column), column, np.zeros_like(column)])
+        states = filter_states(transition, taps, 0, np.append(u, 0.0))  # one more, for the last x[k+1]
+        y = 0.5 * (states[:-1] + states[1:]) @ (row / model.scale)
+        return u, y + self.drift * self.dt * np.arange(u.size)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One row of a table: a plant and the settings under which it is identified.
+
+    Parameters
+    ----------
+    plant : Plant
+    filter : StateVariableFilter
+    scaling : Scaling or None
+    optimizer : Optimizer
+    replay : Replay, optional
+        Its seed is set by `run`.
+    bias : bool
+        Extend the regressor by a constant, (24).
+    """
+
+    plant: Plant
+    filter: StateVariableFilter
+    scaling: Scaling | None
+    optimizer: Optimizer
+    replay: Replay | None = None
+    bias: bool = False
+
+    @property
+    def structure(self) -> Structure:
+        """The plant's own structure, with the bias if it is identified."""
+        return Structure(poles=len(self.plant.den) - 1, zeros=len(self.plant.num) - 1, bias=self.bias)
+
+    def identifier(self, seed: int = 0) -> Identifier:
+        """Return the identifier before its first sample; ``seed`` is that of the replay buffer."""
+        return Identifier(
+            self.structure,
+            self.plant.dt,
+            filter=self.filter,
+            scaling=self.scaling,
+            optimizer=self.optimizer,
+            replay=None if self.replay is None else dataclasses.replace(self.replay, seed=seed),
+        )
+
+    def indices(self, trace: Trace) -> dict[str, float]:
+        """Return J of each plant parameter and their sum, (21); the bias has no true value, so none of it."""
+        true = self.plant.true
+        values = trace.index([true.get(name, np.nan) for name in trace.names])
+        indices = {f"J_{name}": float(J) for name, J in zip(trace.names, values, strict=True) if name in true}
+        return indices | {"J_sum": sum(indices.values())}
+
+
+def run(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, FloatArray] | None = None) -> dict[str, float]:
+    """Run an experiment; return its performance indices by name: "J_a0", ..., "J_sum".
+
+    Parameters
+    ----------
+    experiment : Experiment
+    seed : int
+        Of the replay buffer; without effect if there is none.
+    record : tuple of two (K,) arrays, optional
+        What ``experiment.plant.record()`` returned, for many seeds on one record; simulated if left out.
+
+    Examples
+    --------
+    >>> from replant.paper.tables import TABLES
+    >>> indices = run(TABLES["table1"].row("Gradient, no buffer").experiment)
+    >>> {name: f"{value:.2e}" for name, value in indices.items()}
+    {'J_a0': '8.41e+02', 'J_b0': '1.64e+03', 'J_sum': '2.48e+03'}
+
+    References
+    ----------
+    Bernat and Kolota (2023), (21).
+    """
+    u, y = experiment.plant.record() if record is None else record
+    return experiment.indices(experiment.identifier(seed).update_many(u, y))

@@ -1,0 +1,165 @@
+"""Reproduction: run a table's experiments and put the figures beside the published ones.
+
+A row without a buffer has no chance in it and is run once.  A row with one is run over many seeds; its figure is the
+mean, and the standard deviation says how far the article's single run may lie from it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import fmean, stdev
+
+from replant.paper.experiment import run
+from replant.paper.tables import Row, Table
+
+#: Runs of a row with a replay buffer: seeds 0 to 19.
+SEEDS = 20
+
+#: How many standard deviations a published figure of one run may lie from the mean of ours.
+LIMIT = 3.0
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One figure of a table: ours and the published one.
+
+    Attributes
+    ----------
+    index : str
+        "J_a0" or the like.
+    ours : float
+        Of a row with buffer, the mean over the seeds.
+    published : float
+    std : float, optional
+        Standard deviation over the seeds; None for a row without buffer.
+
+    Examples
+    --------
+    >>> Cell("J_a0", ours=5186.3, published=5.19e3).verdict
+    'equal'
+    >>> Cell("J_a0", ours=2165.0, published=2.14e3, std=29.0).verdict
+    'within 3 std'
+    """
+
+    index: str
+    ours: float
+    published: float
+    std: float | None = None
+
+    @property
+    def distance(self) -> float | None:
+        """How many standard deviations the published figure lies from ours; None without a buffer."""
+        if self.std is None:
+            return None
+        gap = abs(self.ours - self.published)
+        return gap / self.std if self.std > 0 else math.inf if gap else 0.0
+
+    @property
+    def agrees(self) -> bool:
+        """Whether ours rounds to the published digits or, with a buffer, lies within 3 standard deviations."""
+        distance = self.distance
+        return three_digits(self.ours) == three_digits(self.published) if distance is None else distance <= LIMIT
+
+    @property
+    def verdict(self) -> str:
+        """The comparison in a word or three."""
+        if self.distance is None:
+            return "equal" if self.agrees else "differs"
+        if self.agrees:
+            return f"within {LIMIT:g} std"
+        return f"{self.distance:.{0 if self.distance >= 10 else 1}f} std away"
+
+
+@dataclass(frozen=True)
+class RowResult:
+    """A row of a table with our figures; ``seeds`` is the number of runs, 1 without a buffer."""
+
+    row: Row
+    cells: tuple[Cell, ...]
+    seeds: int
+
+    @property
+    def batch(self) -> int | None:
+        """The batch of a row with buffer; None without."""
+        replay = self.row.experiment.replay
+        return None if replay is None else replay.batch_size
+
+    def __getitem__(self, index: str) -> Cell:
+        return next(cell for cell in self.cells if cell.index == index)
+
+
+@dataclass(frozen=True)
+class TableResult:
+    """A table with our figures."""
+
+    table: Table
+    rows: tuple[RowResult, ...]
+
+    def __getitem__(self, label: str) -> RowResult:
+        return next(result for result in self.rows if result.row.label == label)
+
+    @property
+    def improvement(self) -> tuple[float, float] | None:
+        """The improvement of J_sum in percent: by the article's own table, and by ours; None if none is claimed."""
+        claim = self.table.improvement
+        if claim is None:
+            return None
+        over, of = self[claim.over]["J_sum"], self[claim.of]["J_sum"]
+        return 100 * (1 - of.published / over.published), 100 * (1 - of.ours / over.ours)
+
+
+def reproduce(table: Table, seeds: int = SEEDS, on_run: Callable[[], None] | None = None) -> TableResult:
+    """Run every experiment of a table.
+
+    Parameters
+    ----------
+    table : Table
+    seeds : int
+        Runs of each row with a buffer, at least 2.
+    on_run : callable, optional
+        Called after each of the `runs`, to show progress.
+
+    Examples
+    --------
+    >>> from replant.paper.tables import TABLES
+    >>> reproduce(TABLES["table2"])["AMSGrad, amplitude 0.1"]["J_b0"].verdict
+    'equal'
+    """
+    return TableResult(table, tuple(_reproduce_row(table, row, seeds, on_run) for row in table.rows))
+
+
+def runs(table: Table, seeds: int = SEEDS) -> int:
+    """Return how many runs `reproduce` needs."""
+    return sum(len(_seeds_of(row, seeds)) for row in table.rows)
+
+
+def three_digits(value: float) -> str:
+    """Return a figure as the article prints it.
+
+    Examples
+    --------
+    >>> three_digits(5186.32)
+    '5.19e+03'
+    """
+    return f"{value:.2e}"
+
+
+def _seeds_of(row: Row, seeds: int) -> range:
+    return range(1 if row.experiment.replay is None else seeds)
+
+
+def _reproduce_row(table: Table, row: Row, seeds: int, on_run: Callable[[], None] | None) -> RowResult:
+    record = row.experiment.plant.record()
+    results = []
+    for seed in _seeds_of(row, seeds):
+        results.append(run(row.experiment, seed, record))
+        if on_run is not None:
+            on_run()
+    cells = []
+    for index, published in zip(table.indices, row.published, strict=True):
+        values = [result[index] for result in results]
+        std = None if row.experiment.replay is None else stdev(values)
+        cells.append(Cell(index, fmean(values), published, std))
+    return RowResult(row, tuple(cells), len(results))
