@@ -37,7 +37,7 @@ def command(out: Path) -> None:
         Structure(poles=3, zeros=1),
         rig.dt,
         filter=StateVariableFilter(cutoff=20.0),
-        optimizer=AMSGrad(step_size=1e-4),
+        optimizer=AMSGrad(step_size=3e-5),
         replay=Replay(capacity=SAMPLES),
         preprocess=rig.preprocess,
     )
