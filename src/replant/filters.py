@@ -123,9 +123,7 @@ class StateVariableFilter:
 
     def _check_poles(self, dt: float) -> None:
         # mapped from the continuous ones: eigenvalues of a tenfold pole would scatter by a few percent
-        s = dt * (
-            np.array([-float(self.cutoff)]) if self.cutoff is not None else np.roots(np.asarray(self.denominator))
-        )
+        s = dt * np.roots(self.polynomial(1) if self.denominator is None else self.denominator)
         poles = (1 + (1 - self.alpha) * s) / (1 - self.alpha * s)
         if np.abs(poles).max() >= 1.0:
             limit = "" if self.alpha >= 0.5 else f"; with alpha {self.alpha:g} keep cutoff * dt below 2/(1 - 2 alpha)"

@@ -15,10 +15,10 @@ from replant.filters import StateVariableFilter
 from replant.least_squares import least_squares
 from replant.preprocess import Preprocess, screen
 from replant.regression import regressors
-from replant.settings import AUTO
+from replant.settings import AUTO, Request
 from replant.structure import Structure
 from replant.transfer_function import TransferFunction
-from replant.validation import FloatArray, one_of, positive, record
+from replant.validation import FloatArray, one_of, record
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ def fit(
     Sampled Data", chapter 1.
     """
     one_of("method", method, ("least_squares",))
-    positive("dt", dt)
+    dt = Request(structure, dt, filter=filter, preprocess=preprocess).dt
     u, y = record(u, y)
     accepted, rejected = screen(preprocess.map_input(u), y)
     samples = int(accepted.sum())
@@ -127,7 +127,6 @@ def fit(
         )
     preprocess = preprocess.resolve(u, y)
     if not isinstance(filter, StateVariableFilter):
-        one_of("filter", filter, (AUTO,))
         filter = choose_filter(structure, dt, preprocess, u, y)  # noqa: A001
     y = np.where(accepted, y, np.nan)
     phi, target = regressors(structure, dt, filter, preprocess, u, y)

@@ -43,7 +43,7 @@ class Scaling:
     def __post_init__(self) -> None:
         positive("scaling output", self.output)
         if (coefficients("scaling regressor", self.regressor) <= 0).any():
-            raise InvalidArgumentError(f"scaling regressor must be greater than 0, got {list(self.regressor)}")
+            raise InvalidArgumentError(f"scaling regressor must be greater than 0, got {self.regressor}")
 
     def sigmas(self, structure: Structure) -> FloatArray:
         """Return the regressor's sigmas (P,) for ``structure``."""
