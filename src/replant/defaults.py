@@ -15,7 +15,6 @@ from replant.replay import Replay
 from replant.scaling import Scaling
 from replant.settings import AUTO, Request, Settings
 from replant.structure import Structure
-from replant.transfer_function import TransferFunction
 from replant.validation import FloatArray
 
 CANDIDATES = 16  # cutoffs tried, evenly spaced in the logarithm
@@ -66,15 +65,8 @@ def choose_filter(
     for cutoff in candidates:
         tried = StateVariableFilter(cutoff=rounded(float(cutoff)))
         phi, target = regressors(structure, dt, tried, preprocess, u, y)
-        model = as_transfer_function(structure, least_squares(phi, target).parameters)
+        model = structure.transfer_function(least_squares(phi, target).parameters)
         fit = simulate(model, linear_input, y, dt).fit if model.is_stable else -np.inf
         if fit > best_fit:
             best, best_fit = tried, fit
     return best
-
-
-def as_transfer_function(structure: Structure, parameters: FloatArray) -> TransferFunction:
-    """Return G(s) of parameters in the order of ``structure.names``."""
-    n = structure.poles
-    den = np.concatenate([[1.0], parameters[:n]])
-    return TransferFunction(parameters[n : n + structure.zeros + 1], den, structure.delay)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.defaults import as_transfer_function, settle
+from replant.defaults import settle
 from replant.filters import StateVariableFilter
 from replant.kernels import layout as at
 from replant.optimizers import Optimizer
@@ -196,7 +196,7 @@ class Identifier:
     @property
     def transfer_function(self) -> TransferFunction:
         """The estimate as G(s)."""
-        return as_transfer_function(self.structure, self.parameters)
+        return self.structure.transfer_function(self.parameters)
 
     @property
     def samples(self) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from replant.assessment import Simulation, fit_percent, simulate
-from replant.defaults import as_transfer_function, choose_filter
+from replant.defaults import choose_filter
 from replant.errors import InvalidArgumentError
 from replant.filters import StateVariableFilter
 from replant.least_squares import least_squares
@@ -67,7 +67,7 @@ class FitResult:
     @property
     def transfer_function(self) -> TransferFunction:
         """The estimate as G(s)."""
-        return as_transfer_function(self.structure, self.parameters)
+        return self.structure.transfer_function(self.parameters)
 
 
 def fit(
@@ -132,7 +132,7 @@ def fit(
     phi, target = regressors(structure, dt, filter, preprocess, u, y)
     solution = least_squares(phi, target)
     predicted = y - (target - phi @ solution.parameters)
-    model = as_transfer_function(structure, solution.parameters)
+    model = structure.transfer_function(solution.parameters)
     mapped = preprocess.map_input(u) - float(preprocess.input_offset)
     return FitResult(
         structure,

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from replant.errors import ArgumentTypeError, InvalidArgumentError
-from replant.validation import not_negative, whole
+from replant.transfer_function import TransferFunction
+from replant.validation import FloatArray, not_negative, whole
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,18 @@ class Structure:
         a = tuple(f"a{i}" for i in reversed(range(self.poles)))
         b = tuple(f"b{i}" for i in reversed(range(self.zeros + 1)))
         return a + b + (("bias",) if self.bias else ())
+
+    def transfer_function(self, parameters: FloatArray) -> TransferFunction:
+        """Return G(s) of ``parameters`` (P,), given in the order of `names`.
+
+        Examples
+        --------
+        >>> print(Structure(poles=2).transfer_function([4.0, 3.0, 2.0]))
+        2 / (s^2 + 4 s + 3)
+        """
+        n = self.poles
+        values = np.asarray(parameters, np.float64)
+        return TransferFunction(values[n : n + self.zeros + 1], np.concatenate([[1.0], values[:n]]), self.delay)
 
     @property
     def size(self) -> int:

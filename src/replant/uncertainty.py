@@ -1,0 +1,163 @@
+"""From the covariance of the coefficients to that of poles, damping, gain and frequency response: the delta method."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from replant.errors import InvalidArgumentError
+from replant.structure import Structure
+from replant.transfer_function import Mode, TransferFunction
+from replant.validation import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class UncertainMode:
+    """A pole with the standard deviations of what an engineer reads off it.
+
+    Attributes
+    ----------
+    mode : Mode
+    covariance : (2, 2) array
+        Of the pole's real and imaginary part, in (rad/s)^2.
+    frequency_std, damping_std, time_constant_std : float
+        In Hz, 1 and s; infinite where the figure itself is.
+    """
+
+    mode: Mode
+    covariance: FloatArray
+    frequency_std: float
+    damping_std: float
+    time_constant_std: float
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    r"""What is known of how wrong an estimate may be, to first order: the delta method.
+
+    A figure :math:`f(\theta)` has the variance :math:`J C J^T` with :math:`J = \partial f / \partial \theta`; that
+    holds while the figure is nearly linear over a few standard deviations.
+
+    Parameters
+    ----------
+    structure : Structure
+    parameters : (P,) array
+    covariance : (P, P) array
+        In the units of the parameters, squared; NaN where nothing is known yet.
+
+    Examples
+    --------
+    >>> known = Uncertainty(Structure(poles=1), np.array([0.5, 2.0]), np.diag([1e-4, 4e-4]))
+    >>> known.std, round(known.dc_gain_std, 4)
+    (array([0.01, 0.02]), 0.0894)
+    >>> mode, = known.modes
+    >>> mode.mode.time_constant, round(mode.time_constant_std, 4)
+    (2.0, 0.04)
+
+    References
+    ----------
+    Ljung (1999), "System Identification: Theory for the User", section 9.4 and appendix 9A.
+    """
+
+    structure: Structure
+    parameters: FloatArray
+    covariance: FloatArray
+
+    def __post_init__(self) -> None:
+        size = self.structure.size
+        if self.covariance.shape != (size, size):
+            raise InvalidArgumentError(f"covariance must have shape ({size}, {size}), got {self.covariance.shape}")
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation of each parameter, (P,)."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0) + 0.0 * np.diag(self.covariance)))
+
+    @property
+    def modes(self) -> tuple[UncertainMode, ...]:
+        """The poles of `TransferFunction.modes`, in the same order, with their standard deviations."""
+        return tuple(self._uncertain_mode(mode) for mode in self._model.modes)
+
+    @property
+    def dc_gain_std(self) -> float:
+        """Standard deviation of G(0)."""
+        a0, b0 = self._model.den[-1], self._model.num[-1]
+        if a0 == 0.0:
+            return math.inf
+        slope = np.zeros(self.structure.size)
+        slope[self.structure.poles - 1] = -b0 / a0**2
+        slope[self._last_b] = 1.0 / a0
+        return _std(slope, self.covariance)
+
+    def response(self, frequency: Sequence[float] | FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the standard deviations of ln abs G (about: relative) and of the phase in rad, at omega in rad/s.
+
+        Parameters
+        ----------
+        frequency : (F,) array
+            In rad/s.
+
+        Returns
+        -------
+        relative, phase : (F,) arrays
+        """
+        omega = np.atleast_1d(np.asarray(frequency, np.float64))
+        slopes = self._log_response_slopes(omega)
+        real = np.einsum("fi,ij,fj->f", slopes.real, self.covariance, slopes.real)
+        imag = np.einsum("fi,ij,fj->f", slopes.imag, self.covariance, slopes.imag)
+        return np.sqrt(np.maximum(real, 0.0)), np.sqrt(np.maximum(imag, 0.0))
+
+    @property
+    def _model(self) -> TransferFunction:
+        return self.structure.transfer_function(self.parameters)
+
+    @property
+    def _last_b(self) -> int:
+        return self.structure.poles + self.structure.zeros
+
+    def _log_response_slopes(self, omega: FloatArray) -> npt.NDArray[np.complex128]:
+        """Return d ln G(i omega) / d theta, (F, P)."""
+        n, m = self.structure.poles, self.structure.zeros
+        s = 1j * omega
+        slopes = np.zeros((omega.size, self.structure.size), np.complex128)
+        for i in range(n):
+            slopes[:, n - 1 - i] = -(s**i) / np.polyval(self._model.den, s)
+        for i in range(m + 1):
+            slopes[:, n + m - i] = s**i / np.polyval(self._model.num, s)
+        return slopes
+
+    def _uncertain_mode(self, mode: Mode) -> UncertainMode:
+        slope = self._pole_slope(mode.pole)
+        parts = np.stack([slope.real, slope.imag])
+        covariance = np.asarray(parts @ self.covariance @ parts.T)
+        x, y = mode.pole.real, mode.pole.imag
+        size = abs(mode.pole)
+        if size == 0.0:
+            return UncertainMode(mode, covariance, math.sqrt(max(covariance[0, 0], 0.0)) / math.tau, math.inf, math.inf)
+        return UncertainMode(
+            mode,
+            covariance,
+            _std(np.array([x, y]) / (math.tau * size), covariance),
+            _std(np.array([-(y**2), x * y]) / size**3, covariance),
+            _std(np.array([1.0 / x**2, 0.0]), covariance) if x else math.inf,
+        )
+
+    def _pole_slope(self, pole: complex) -> npt.NDArray[np.complex128]:
+        """Return dp / d theta, (P,): A(p) = 0 gives dp / da_i = -p^i / A'(p); at a double pole it has no bound."""
+        n = self.structure.poles
+        slope = np.zeros(self.structure.size, np.complex128)
+        steepness = np.polyval(np.polyder(self._model.den), pole)
+        if steepness == 0.0:
+            slope[:n] = np.inf
+            return slope
+        slope[:n] = -(pole ** np.arange(n - 1, -1, -1)) / steepness
+        return slope
+
+
+def _std(slope: FloatArray, covariance: FloatArray) -> float:
+    variance = float(slope @ covariance @ slope)
+    return math.sqrt(max(variance, 0.0)) if variance == variance else math.nan
