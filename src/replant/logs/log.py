@@ -1,0 +1,47 @@
+"""What a recorded log is once it is read: one input, one output, one sampling time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """A record of one input and one output at a fixed sampling time.
+
+    Samples that the file marks as missing are NaN here; nothing is dropped or repaired.
+
+    Parameters
+    ----------
+    input, output : float64 array, shape (K,)
+        The samples, in the units of the file.
+    dt : float
+        Sampling time in seconds.
+    time : float64 array, shape (K,), or None
+        Time stamps in seconds, where the file has them.
+    input_name, output_name : str
+        The columns' names in the file.
+    path : Path
+        The file.
+
+    Examples
+    --------
+    >>> log = Log(np.array([0.0, 1.0]), np.array([0.0, 0.1]), 0.5, None, "u", "y", Path("log.csv"))
+    >>> len(log), log.dt
+    (2, 0.5)
+    """
+
+    input: NDArray[np.float64]
+    output: NDArray[np.float64]
+    dt: float
+    time: NDArray[np.float64] | None
+    input_name: str
+    output_name: str
+    path: Path
+
+    def __len__(self) -> int:
+        return int(self.input.shape[0])

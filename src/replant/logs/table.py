@@ -1,0 +1,140 @@
+"""A file of named columns, whatever its format: names first, samples when a column is asked for."""
+
+from __future__ import annotations
+
+import operator
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from difflib import SequenceMatcher
+from pathlib import Path
+from typing import SupportsIndex
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.errors import ArgumentTypeError, LogError
+
+NAMES_SHOWN = 12  # a wrong name lists this many, closest first: one line stays readable
+
+
+def nth_row(row: int) -> str:
+    """Name the row with this 0-based number for a person, who counts from 1."""
+    return f"row {row + 1}"
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """The columns of a log file.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for messages.
+    names : tuple of str
+        The columns' names in the file's order.
+    load : callable
+        From column numbers to one float64 array each; called once for all columns that are needed together.
+    place : callable
+        From a 0-based row to words that find it in the file, such as ``line 12``.
+    in_seconds : frozenset of int
+        Columns whose file type says that they are time: they come in seconds since the first row.
+
+    Examples
+    --------
+    >>> data = [np.array([0.0, 0.1]), np.array([5.0, 6.0])]
+    >>> table = Table(Path("log.npz"), ("u", "y"), lambda numbers: [data[n] for n in numbers])
+    >>> table.column("y")
+    array([5., 6.])
+    >>> table.find("Y"), table.find(1), table.find("1")
+    (1, 1, 1)
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    load: Callable[[Sequence[int]], list[NDArray[np.float64]]]
+    place: Callable[[int], str] = nth_row
+    in_seconds: frozenset[int] = frozenset()
+
+    def column(self, key: str | int) -> NDArray[np.float64]:
+        """Return one column as float64, by name or 0-based number."""
+        return self.columns([key])[0]
+
+    def columns(self, keys: Sequence[str | int]) -> list[NDArray[np.float64]]:
+        """Return several columns as float64, by name or 0-based number, in one pass over the file.
+
+        Raises
+        ------
+        LogError
+            If a column does not exist or has a cell that is not a number.
+        """
+        numbers = [self.find(key) for key in keys]
+        try:
+            return self.load(numbers)
+        except OSError as error:
+            raise unreadable(self.path, error) from error
+
+    def find(self, key: str | int) -> int:
+        """Return the number of a column: its exact name, else the name in any case, else a 0-based number.
+
+        Raises
+        ------
+        LogError
+            If there is no such column (the message lists the names, closest first), or more than one.
+        """
+        if not isinstance(key, str):
+            return self._number(key)
+        for form in (str, _folded):
+            found = [number for number, name in enumerate(self.names) if form(name) == form(key)]
+            if len(found) == 1:
+                return found[0]
+            if found:
+                raise LogError(self._ambiguous(key, found))
+        if key.strip().isdecimal():
+            return self._number(int(key))
+        raise LogError(f"{self.path}: no column {key!r}; there are: {self._closest(key)}")
+
+    def _number(self, key: SupportsIndex) -> int:
+        try:
+            number = operator.index(key)
+        except TypeError:
+            kind = type(key).__name__
+            raise ArgumentTypeError(f"a column is chosen by name (str) or number (int), not {kind}") from None
+        if isinstance(key, bool):
+            raise ArgumentTypeError("a column is chosen by name (str) or number (int), not bool")
+        if not 0 <= number < len(self.names):
+            last = len(self.names) - 1
+            raise LogError(f"{self.path}: no column {number}; columns 0 to {last} are: {_listed(self.names)}")
+        return number
+
+    def _ambiguous(self, key: str, found: list[int]) -> str:
+        names = ", ".join(f"{number} ({self.names[number]!r})" for number in found)
+        return f"{self.path}: column {key!r} could be any of {names}; choose it by its number"
+
+    def _closest(self, key: str) -> str:
+        likeness = {name: max(_likeness(key, name), _likeness(key, _core(name))) for name in self.names}
+        return _listed(sorted(self.names, key=lambda name: -likeness[name]))
+
+
+def unreadable(path: Path, error: OSError) -> LogError:
+    """Return the error for a file that the operating system does not let us read."""
+    return LogError(f"{path}: cannot be read ({error.strerror or error}); check the path and its permissions")
+
+
+def _folded(name: str) -> str:
+    return "".join(name.split()).casefold()
+
+
+def _core(name: str) -> str:
+    """Return a name without its struct, index and unit: udat of data.udat[:,0], time of time [s]."""
+    return re.sub(r"^.*\.|[\[(].*$", "", name)
+
+
+def _likeness(one: str, other: str) -> float:
+    return SequenceMatcher(None, _folded(one), _folded(other)).ratio()
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = len(names) - NAMES_SHOWN
+    shown = ", ".join(" ".join(name.split()) for name in names[:NAMES_SHOWN])
+    return shown + (f", ... ({more} more)" if more > 0 else "")

@@ -1,0 +1,174 @@
+"""Text logs: what is found out about their layout, and what a bad one says."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from replant.errors import LogError
+from replant.logs import read_columns, read_log
+from replant.logs.csv import BLOCK_LINES, parse_block
+from replant.logs.layout import Layout, sniff
+
+Write = Callable[..., Path]
+
+WELL_FORMED = {
+    "comma": "t,u,y\n0,1.5,2\n1,-2.5e-3,4\n",
+    "semicolon": "t;u;y\n0;1.5;2\n1;-2.5e-3;4\n",
+    "tab": "t\tu\ty\n0\t1.5\t2\n1\t-2.5e-3\t4\n",
+    "bar": "t | u | y\n0 | 1.5 | 2\n1 | -2.5e-3 | 4\n",
+    "blanks": "  t   u  y\n  0   1.5  2\n  1  -2.5e-3  4  \n",
+    "decimal comma": "t;u;y\n0;1,5;2,0\n1;-2,5e-3;4,0\n",
+    "decimal comma, blanks": "t u y\n0 1,5 2,0\n1 -2,5e-3 4,0\n",
+    "decimal comma, tab": "t\tu\ty\n0\t1,5\t2\n1\t-2,5E-3\t4\n",
+    "CRLF": "t,u,y\r\n0,1.5,2\r\n1,-2.5e-3,4\r\n",
+    "byte order mark": "\ufefft,u,y\n0,1.5,2\n1,-2.5e-3,4\n",
+    "no newline at the end": "t,u,y\n0,1.5,2\n1,-2.5e-3,4",
+    "blank lines": "\n\nt,u,y\n\n0,1.5,2\n   \n1,-2.5e-3,4\n\n",
+    "comments": "# rig 7\n% 3 May\nt,u,y\n0,1.5,2\n# pause, 2, 3\n1,-2.5e-3,4\n",
+    "header in a comment": "# rig 7\n# t,u,y\n0,1.5,2\n1,-2.5e-3,4\n",
+    "delimiter at the end": "t,u,y,\n0,1.5,2,\n1,-2.5e-3,4,\n",
+    "delimiter at the end of data": "t,u,y\n0,1.5,2,\n1,-2.5e-3,4,\n",
+    "delimiter at the end of the header": "t,u,y,\n0,1.5,2\n1,-2.5e-3,4\n",
+    "hint for Excel": "sep=;\nt;u;y\n0;1,5;2\n1;-2,5e-3;4\n",
+    "quoted names": '"t","u","y"\n0,1.5,2\n1,-2.5e-3,4\n',
+    "quoted cells": 't,u,y\n"0","1.5","2"\n"1","-2.5e-3","4"\n',
+    "quoted, decimal comma": '"t";"u";"y"\n"0";"1,5";"2"\n"1";"-2,5e-3";"4"\n',
+    "blanks around cells": "t , u , y\n 0 , 1.5 , 2 \n 1 , -2.5e-3 , 4 \n",
+}
+
+
+@pytest.mark.parametrize("text", WELL_FORMED.values(), ids=WELL_FORMED.keys())
+def test_layout_does_not_change_the_samples(write: Write, text: str) -> None:
+    table = read_columns(write(text))
+    assert table.names == ("t", "u", "y")
+    t, u, y = table.columns(["t", "u", "y"])
+    assert t.dtype == u.dtype == y.dtype == np.float64
+    assert t.tolist() == [0.0, 1.0]
+    assert u.tolist() == [1.5, -2.5e-3]
+    assert y.tolist() == [2.0, 4.0]
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.txt", "log.tsv", "log.dat", "LOG.CSV"])
+def test_suffixes_of_text(write: Write, name: str) -> None:
+    assert read_columns(write("u,y\n1,2\n3,4\n", name)).column("y").tolist() == [2.0, 4.0]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16"])
+def test_encodings(write: Write, encoding: str) -> None:
+    table = read_columns(write("time [s];T [°C]\n0;20,5\n1;21,5\n".encode(encoding)))
+    assert table.names == ("time [s]", "T [°C]")
+    assert table.column("t [°c]").tolist() == [20.5, 21.5]
+
+
+def test_names_keep_their_units_and_quoted_delimiters(write: Write) -> None:
+    assert read_columns(write('time [s],"force, raw [N]"\n0,1\n1,2\n')).names == ("time [s]", "force, raw [N]")
+    assert read_columns(write("time [s]  u (V) y\n0 1 2\n1 2 3\n")).names == ("time [s]", "u (V)", "y")
+
+
+def test_without_header_columns_are_numbered(write: Write) -> None:
+    table = read_columns(write("0.0,1.5,2\n0.1,2.5,4\n"))
+    assert table.names == ("0", "1", "2")
+    assert table.column(1).tolist() == table.column("1").tolist() == [1.5, 2.5]
+
+
+def test_without_header_a_text_column_is_not_taken_for_one(write: Write) -> None:
+    table = read_columns(write("0.0,RUN,1.5\n0.1,RUN,2.5\n"))
+    assert table.names == ("0", "1", "2")
+    assert table.column(2).tolist() == [1.5, 2.5]
+
+
+def test_numbers_may_be_names(write: Write) -> None:
+    table = read_columns(write("t,2,1\n0.0,1.5,2\n0.1,2.5,4\n"))
+    assert table.names == ("t", "2", "1")
+    assert table.column("2").tolist() == [1.5, 2.5]  # a name before a number
+    assert table.column(2).tolist() == [2.0, 4.0]
+
+
+def test_a_column_without_name_has_its_number(write: Write) -> None:
+    assert read_columns(write(",u,y\n0,1,2\n1,2,3\n")).names == ("0", "u", "y")
+
+
+def test_missing_cells_are_nan_and_infinities_stay(write: Write) -> None:
+    path = write("t,u,y\n0,,1\n1,nan,inf\n2,NA,-inf\n3,NaN,Infinity\n4,n/a,1e400\n5,7,\n")
+    u, y = read_columns(path).columns(["u", "y"])
+    np.testing.assert_array_equal(u, [np.nan] * 5 + [7.0])
+    np.testing.assert_array_equal(y, [1.0, np.inf, -np.inf, np.inf, np.inf, np.nan])
+
+
+def test_text_in_a_column_that_is_not_asked_for_does_not_matter(write: Write) -> None:
+    path = write("date;u;state\n01.02.2024 10:00;1,5;RUN\n01.02.2024 10:01;2,5;STOP\n")
+    assert read_columns(path).column("u").tolist() == [1.5, 2.5]
+
+
+def test_blocks_join_without_a_seam(write: Write) -> None:
+    values = np.random.default_rng(0).standard_normal(BLOCK_LINES + 10)
+    lines = [f"{index},{value!r}\n" for index, value in enumerate(values.tolist())]
+    lines[BLOCK_LINES - 1] = lines[BLOCK_LINES - 1].replace("\n", "\n# at the seam\n\n")
+    index, read = read_columns(write("k,u\n" + "".join(lines))).columns(["k", "u"])
+    np.testing.assert_array_equal(index, np.arange(values.size))
+    np.testing.assert_array_equal(read, values)
+
+
+def test_a_block_is_parsed_on_its_own() -> None:
+    layout = Layout(("t", "u"), ",", 1, 2, "utf-8")
+    assert [c.tolist() for c in parse_block(Path("x.csv"), layout, ["\n", "#\n"], 2, [0, 1])] == [[], []]
+    (u,) = parse_block(Path("x.csv"), layout, ["0,1\n", "1,\n"], 2, [1])
+    np.testing.assert_array_equal(u, [1.0, np.nan])
+
+
+def test_sniffed_lines(write: Write) -> None:
+    layout = sniff(write("# rig\n\nt;u\n# start\n0;1,5\n1;2,5\n"))
+    assert (layout.delimiter, layout.names_line, layout.data_line) == (";", 3, 5)
+
+
+BAD = {
+    "text cell": ("t,u,y\n0,1,2\n1,x7,3\n", "line 3, column 'u': 'x7' is not a number; correct it"),
+    "text cell after comments": ("# a\n\nt,u,y\n0,1,2\n# b\n1,x7,3\n", "line 6, column 'u': 'x7' is not a number"),
+    "underscore": ("t,u,y\n0,1,2\n1,1_000,3\n", "line 3, column 'u': '1_000' is not a number"),
+    "foreign digits": ("t,u,y\n0,1,2\n1,٣,3\n", "line 3, column 'u': '٣' is not a number"),
+    "two points": ("t,u,y\n0,1,2\n1,1.2.3x,3\n", "line 3, column 'u': '1.2.3x' is not a number"),
+    "thousands": ("t;u;y\n0;1,5;2\n1;1.234,5;3\n", "line 3, column 'u': '1.234,5' is not a number"),
+    "two decimal marks": ("t;u;y\n0;0,5;2\n1;1.234;3\n", "column 'u' has a decimal point in line 3 ('1.234') and"),
+    "row of units": ("t,u,y\ns,V,mm\n0,1,2\n1,2,3\n", "line 2, column 'u': 'V' is not a number"),
+    "row too short": ("t,u,y\n0,1,2\n1,2\n", "line 3 has 2 cells where line 1 has 3; complete the line"),
+    "row too long": ("t,u,y\n0,1,2\n1,2,3,4\n", "line 3 has 4 cells where line 1 has 3"),
+    "one word": ("t,u,y\n0,1,2\nend\n", "line 3 has 1 cell where line 1 has 3"),
+    "row too short, no header": ("0,1,2\n0.1,2,3\n1,2\n", "line 3 has 2 cells where line 1 has 3"),
+    "row too short, blanks": ("t u y\n0 1 2\n1 2\n", "line 3 has 2 cells where line 1 has 3"),
+    "empty": ("", "the file is empty"),
+    "only blank lines and comments": ("\n# t,u,y\n\n", "the file is empty"),
+    "header only": ("# rig\nt,u,y\n", "only a header (line 2) and no row of data"),
+    "one row": ("t,u,y\n0,1,2\n", "1 row of data where at least 2 are needed"),
+    "one row, no header": ("0,1,2\n", "1 row of data where at least 2 are needed"),
+    "binary": (b"t,u,y\n\x00\x01\x02\n", "not a text file; export the log as CSV"),
+    "date": ("t,u,y\n0,2024-05-01,2\n1,2024-05-02,3\n", "'2024-05-01' is not a number; convert dates"),
+    "long text": ("t,u,y\n0,1,2\n1," + "x" * 999 + ",3\n", "'" + "x" * 40 + "...' is not a number"),
+}
+
+
+@pytest.mark.parametrize(("content", "message"), BAD.values(), ids=BAD.keys())
+def test_a_bad_file_is_refused_in_one_line(write: Write, content: str | bytes, message: str) -> None:
+    path = write(content)
+    with pytest.raises(LogError, match=re.escape(message)) as caught:
+        read_log(path, input=1, output=2, dt=0.1)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_one_text_cell_in_row_5000(write: Write) -> None:
+    rows = [f"{k * 0.1:.1f},{k % 7},{k % 5}\n" for k in range(6000)]
+    rows[4998] = "499.8,stuck,1\n"
+    with pytest.raises(LogError, match=r"line 5000, column 'u': 'stuck' is not a number"):
+        read_log(write("t,u,y\n" + "".join(rows)), input="u", output="y")
+
+
+def test_an_error_beyond_the_first_block_has_its_line(write: Write) -> None:
+    rows = [f"{k},1,2\n" for k in range(BLOCK_LINES + 100)]
+    rows[BLOCK_LINES + 50] = "0,?,2\n"
+    with pytest.raises(LogError, match=rf"line {BLOCK_LINES + 52}, column 'u': '\?'"):
+        read_columns(write("t,u,y\n" + "".join(rows))).column("u")

@@ -1,0 +1,185 @@
+"""The sampling time: which stamps are regular, and what is said of those that are not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
+from replant.logs import read_log
+from replant.logs.time import check_dt, resolution, sampling_time, time_candidates, unit_in_seconds
+
+Write = Callable[..., Path]
+
+
+def step_of(stamps: NDArray[np.float64]) -> float:
+    return sampling_time(Path("log.csv"), "t", stamps, "row {}".format)
+
+
+def log_text(stamps: list[str], name: str = "t") -> str:
+    return f"{name},u,y\n" + "".join(f"{stamp},{k},{-k}\n" for k, stamp in enumerate(stamps))
+
+
+@given(
+    dt=st.sampled_from([1e-4, 1e-3, 0.02, 0.1, 1 / 3, 1.0, 60.0, 1 / 44100]),
+    start=st.sampled_from([0.0, -5.0, 1234.5]),
+    count=st.integers(2, 2000),
+)
+def test_a_regular_grid_gives_its_interval(dt: float, start: float, count: int) -> None:
+    spacing = float(np.spacing(abs(start) + dt * count))
+    assert math.isclose(step_of(start + dt * np.arange(count)), dt, rel_tol=1e-11, abs_tol=2 * spacing)
+
+
+@given(
+    dt=st.floats(0.01, 1.0),
+    decimals=st.integers(3, 8),
+    start=st.floats(-100.0, 100.0),
+    count=st.integers(10, 500),
+)
+def test_rounding_of_printed_digits_is_no_irregularity(dt: float, decimals: int, start: float, count: int) -> None:
+    stamps = np.round(start + dt * np.arange(count), decimals)
+    assert abs(step_of(stamps) - dt) <= 1.01 * 10.0**-decimals / (count - 1) + 1e-11 * dt
+
+
+def test_stamps_in_single_precision() -> None:
+    stamps = (1e-3 * np.arange(240_000)).astype(np.float32).astype(np.float64)
+    assert math.isclose(step_of(stamps), 1e-3, rel_tol=1e-6)
+
+
+def test_stamps_since_1970() -> None:
+    assert math.isclose(step_of(1.7e9 + 1e-4 * np.arange(10_000)), 1e-4, rel_tol=1e-6)
+
+
+def test_jitter_below_one_percent_is_regular() -> None:
+    jitter = np.random.default_rng(0).uniform(-0.004, 0.004, 500)
+    assert math.isclose(step_of(np.arange(500) + jitter), 1.0, rel_tol=1e-4)
+
+
+@given(
+    dt=st.sampled_from([1e-3, 0.02, 0.0333333, 1.0]),
+    decimals=st.integers(2, 9),
+    count=st.integers(20, 400),
+    data=st.data(),
+)
+def test_a_missing_sample_is_found_where_it_is(dt: float, decimals: int, count: int, data: st.DataObject) -> None:
+    if dt < 4.0 * 10.0**-decimals:
+        decimals = 9
+    gap = data.draw(st.integers(1, count - 1))
+    stamps = np.delete(np.round(dt * np.arange(count + 1), decimals), gap)
+    with pytest.raises(LogError, match=rf"row {gap}, column 't': irregular time stamps"):
+        step_of(stamps)
+
+
+@given(dt=st.sampled_from([1e-3, 0.02, 1.0]), count=st.integers(20, 400), data=st.data())
+def test_a_displaced_stamp_is_found(dt: float, count: int, data: st.DataObject) -> None:
+    stamps = dt * np.arange(count)
+    row = data.draw(st.integers(1, count - 2))  # at the ends, one printed digit may be rounding
+    stamps[row] += data.draw(st.sampled_from([-0.5, -0.02, 0.02, 0.5])) * dt
+    with pytest.raises(LogError, match=rf"row {row}, column 't': irregular"):
+        step_of(stamps)
+
+
+def test_a_stamp_displaced_by_one_digit_is_not_rounding() -> None:
+    stamps = np.round(0.1 * np.arange(50), 1)
+    stamps[30] += 0.01
+    with pytest.raises(LogError, match="row 30, column 't': irregular"):
+        step_of(stamps)
+
+
+def test_slow_drift_of_a_rounded_clock_is_regular() -> None:
+    ideal = np.cumsum(np.linspace(0.0333, 0.0334, 100_000))
+    assert math.isclose(step_of(np.round(ideal, 3)), 0.03335, rel_tol=1e-5)
+
+
+def test_irregular_stamps_name_the_line_and_the_remedy(write: Write) -> None:
+    path = write("# rig\n\n" + log_text(["0", "0.1", "0.2", "0.35", "0.4", "0.5"]))
+    with pytest.raises(LogError) as caught:
+        read_log(path, input="u", output="y", time="t")
+    assert str(caught.value) == (
+        f"{path}: line 7, column 't': irregular time stamps, 0.15 after the one before where 0.1 is usual; resample "
+        "the log, or drop --time and give the sampling time (dt, --dt) if the stamps are only jitter"
+    )
+    assert read_log(path, input="u", output="y", dt=0.1).time is None  # the remedy works
+
+
+@pytest.mark.parametrize(
+    ("stamps", "message"),
+    [
+        (["0", "0.1", "0.1", "0.2"], "line 4, column 't': the time stamp 0.1 repeats the one before"),
+        (["0", "0.1", "0.05", "0.2"], "line 4, column 't': the time stamp 0.05 goes back from the one before"),
+        (
+            ["0", "", "0.2", "0.3"],
+            "line 3, column 't': the time stamp is nan; drop that row, or give the sampling",
+        ),
+        (["0", "0.1", "inf", "0.3"], "line 4, column 't': the time stamp is inf"),
+        (["-1e308", "0", "1e308"], r"line 2, column 't': the time stamp is -1e\+308"),
+        (["10:00:00", "10:00:01", "10:00:02"], "line 2, column 't': '10:00:00' is not a number; convert dates"),
+    ],
+)
+def test_stamps_that_are_no_times(write: Write, stamps: list[str], message: str) -> None:
+    with pytest.raises(LogError, match=message):
+        read_log(write(log_text(stamps)), input="u", output="y")
+
+
+@pytest.mark.parametrize(
+    "name", ["t", "T", "time", "Time", "TIMESTAMP", "time [s]", "t (s)", "Time(s)", "t/s", "time_s", " time "]
+)
+def test_a_column_called_time_is_found(write: Write, name: str) -> None:
+    log = read_log(write(log_text(["0", "0.5", "1"], name)), input="u", output="y")
+    assert log.dt == 0.5
+    assert log.time is not None
+    assert log.time.tolist() == [0.0, 0.5, 1.0]
+
+
+@pytest.mark.parametrize(("name", "dt"), [("t [ms]", 5e-4), ("time_us", 5e-7), ("Time (min)", 30.0), ("t [µs]", 5e-7)])
+def test_a_unit_in_the_name_counts(write: Write, name: str, dt: float) -> None:
+    log = read_log(write(log_text(["0", "0.5", "1"], name)), input="u", output="y")
+    assert math.isclose(log.dt, dt, rel_tol=1e-12)
+    assert log.time is not None
+    np.testing.assert_allclose(log.time, [0.0, dt, 2 * dt], rtol=1e-12)
+
+
+def test_names_that_are_not_time() -> None:
+    assert time_candidates(["temperature", "timer", "tt", "t2", "time [V]", "0", "dt", "u_t"]) == []
+    assert unit_in_seconds("s") == unit_in_seconds("clock") == unit_in_seconds("t [rev]") == 1.0
+
+
+def test_without_time_and_dt_both_options_are_named(write: Write) -> None:
+    with pytest.raises(LogError, match=r"name the time column \(time, --time\) or give the sampling time \(dt, --dt\)"):
+        read_log(write("x,u,y\n0,1,2\n1,2,3\n"), input="u", output="y")
+
+
+def test_two_columns_called_time(write: Write) -> None:
+    path = write("t,timestamp,u,y\n0,5,1,2\n1,6,2,3\n")
+    with pytest.raises(LogError, match="several columns could be the time: 't', 'timestamp'; name the time column"):
+        read_log(path, input="u", output="y")
+    assert read_log(path, input="u", output="y", time="timestamp").dt == 1.0
+
+
+def test_time_and_dt_together(write: Write) -> None:
+    with pytest.raises(InvalidArgumentError, match="give one of the time column"):
+        read_log(write(log_text(["0", "1"])), input="u", output="y", time="t", dt=1.0)
+
+
+@pytest.mark.parametrize("dt", [0.0, -0.1, math.nan, math.inf])
+def test_dt_must_be_positive(write: Write, dt: float) -> None:
+    with pytest.raises(InvalidArgumentError, match=r"\(dt, --dt\) must be finite and positive"):
+        read_log(write(log_text(["0", "1"])), input="u", output="y", dt=dt)
+
+
+@pytest.mark.parametrize("dt", ["0.1", True, 1j, [0.1]])
+def test_dt_must_be_a_number(dt: object) -> None:
+    with pytest.raises(ArgumentTypeError, match=r"\(dt, --dt\) must be a number"):
+        check_dt(dt)
+
+
+@pytest.mark.parametrize(("values", "step"), [([0.0, 1.0], 1.0), ([0.25, 7.0], 0.01), ([1 / 3, 2.0], 2.0**-50)])
+def test_resolution(values: list[float], step: float) -> None:
+    assert resolution(np.array(values)) == step
