@@ -8,6 +8,7 @@ from replant.assessment import fit_percent
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, MissingDependencyError, ReplantError
 from replant.filters import StateVariableFilter
 from replant.identifier import Identifier
+from replant.logs import Log, read_log
 from replant.offline import FitResult, fit
 from replant.optimizers import AdaDelta, AdaGrad, Adam, AMSGrad, Gradient, IntegralCost, NAdam, RMSProp
 from replant.preprocess import Preprocess
@@ -30,6 +31,7 @@ __all__ = [
     "Identifier",
     "IntegralCost",
     "InvalidArgumentError",
+    "Log",
     "LogError",
     "MissingDependencyError",
     "NAdam",
@@ -45,4 +47,5 @@ __all__ = [
     "__version__",
     "fit",
     "fit_percent",
+    "read_log",
 ]
