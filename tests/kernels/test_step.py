@@ -1,0 +1,139 @@
+"""The step kernel's buffer: what is stored where, what is drawn, and what a rejected sample leaves behind."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.kernels import layout as at
+from replant.kernels.step import remember, step
+from replant.preprocess import Preprocess
+from replant.regression import prepare
+from replant.settings import Settings
+
+
+def prepared(replay: rp.Replay | None, **changes: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    structure = rp.Structure(poles=1)
+    settings = {
+        "structure": structure,
+        "dt": 0.1,
+        "filter": rp.StateVariableFilter(cutoff=2.0),
+        "scaling": rp.Scaling.none(structure),
+        "optimizer": rp.Gradient(gain=1.0),
+        "replay": replay,
+        "normalize": True,
+        "preprocess": Preprocess(),
+    }
+    return prepare(Settings(**{**settings, **changes}))
+
+
+def remember_many(replay: rp.Replay, count: int) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Store samples whose regressor and target hold their own number; return the buffer and the rows of each batch."""
+    ints, reals, buffer = prepared(replay)
+    batches = []
+    for k in range(count):
+        at.block(ints, reals, at.AT_PHI, 2)[:] = k, -k
+        size = remember(ints, reals, buffer, 10.0 * k)
+        batches.append(ints[at.ROWS : at.ROWS + size].copy())
+    return buffer, batches
+
+
+@pytest.mark.parametrize("count", [1, 7, 8, 9, 20, 163])
+def test_a_full_buffer_holds_exactly_the_newest_samples(count: int) -> None:
+    buffer, _ = remember_many(rp.Replay(capacity=8, batch_size=3, warmup=2), count)
+    numbers = np.arange(max(0, count - 8), count)
+    rows = buffer[: numbers.size]
+    rows = rows[np.argsort(rows[:, 2])]
+    squares = 2.0 * numbers**2
+    np.testing.assert_array_equal(rows, np.stack([numbers, -numbers, 10 * numbers, 1 / (1 + squares)], axis=1))
+    assert (buffer[numbers.size :] == 0).all()
+
+
+def test_without_normalisation_every_weight_is_one() -> None:
+    ints, reals, buffer = prepared(rp.Replay(capacity=4), normalize=False)
+    at.block(ints, reals, at.AT_PHI, 2)[:] = 3.0, 4.0
+    remember(ints, reals, buffer, 1.0)
+    np.testing.assert_array_equal(buffer[0], [3.0, 4.0, 1.0, 1.0])
+
+
+@pytest.mark.parametrize(("capacity", "warmup"), [(8, 0), (8, 3), (8, 7), (8, 8), (50, 20)])
+def test_batches_begin_once_more_than_the_warm_up_is_stored(capacity: int, warmup: int) -> None:
+    _, batches = remember_many(rp.Replay(capacity=capacity, batch_size=5, warmup=warmup), 3 * capacity)
+    assert [rows.size for rows in batches] == [5 if min(k + 1, capacity) > warmup else 1 for k in range(3 * capacity)]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 12345])
+def test_the_newest_sample_comes_last_and_the_others_from_the_filled_part(seed: int) -> None:
+    _, batches = remember_many(rp.Replay(capacity=16, batch_size=4, warmup=0, seed=seed), 60)
+    for k, rows in enumerate(batches):
+        assert rows[-1] == k % 16
+        assert rows.min() >= 0
+        assert rows.max() <= min(k, 15)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2**63 - 1])
+@pytest.mark.parametrize("wraps", [1, 2, 5])
+def test_after_wrap_around_every_row_is_drawn_alike(seed: int, wraps: int) -> None:
+    """Draws while the buffer is filled over again, as the printed Algorithm 3 would spoil them.
+
+    N draws from 32 rows: Pearson's chi-square has 31 degrees of freedom, mean 31, standard deviation sqrt(62) = 7.9;
+    the bound lies eight of these above the mean.
+    """
+    capacity = 32
+    _, batches = remember_many(
+        rp.Replay(capacity=capacity, batch_size=101, warmup=0, seed=seed), (wraps + 1) * capacity
+    )
+    draws = np.concatenate([rows[:-1] for rows in batches[wraps * capacity :]])
+    counts = np.bincount(draws, minlength=capacity)
+    expected = draws.size / capacity
+    assert draws.size == 100 * capacity
+    assert counts.min() > 0
+    assert float(((counts - expected) ** 2).sum() / expected) < 31 + 8 * np.sqrt(62)
+    # and already in the first sample after the wrap, not only once the buffer has filled again
+    assert batches[wraps * capacity][:-1].max() > capacity // 2
+
+
+def test_without_replay_each_sample_is_learned_once() -> None:
+    ints, reals, buffer = prepared(None)
+    assert buffer.shape == (1, 4)
+    for k in range(5):
+        at.block(ints, reals, at.AT_PHI, 2)[:] = k, k
+        assert remember(ints, reals, buffer, float(k)) == 1
+        assert ints[at.ROWS] == 0
+        assert buffer[0, 2] == k
+
+
+@pytest.mark.parametrize("replay", [None, rp.Replay(capacity=5, batch_size=3, warmup=1)], ids=["plain", "replay"])
+@pytest.mark.parametrize(
+    ("u", "y", "slot"),
+    [
+        (np.nan, 1.0, at.NOT_FINITE),
+        (1.0, np.nan, at.NOT_FINITE),
+        (np.inf, 1.0, at.NOT_FINITE),
+        (1.0, -np.inf, at.NOT_FINITE),
+        (1e308, 1.0, at.TOO_LARGE),
+        (1.0, -1e308, at.TOO_LARGE),
+        (1.0, np.nextafter(at.LARGEST, np.inf), at.TOO_LARGE),
+    ],
+)
+def test_a_rejected_sample_changes_its_count_alone(replay: rp.Replay | None, u: float, y: float, slot: int) -> None:
+    ints, reals, buffer = prepared(replay)
+    for before in (0, 7):  # a fresh identifier, then one under way
+        for k in range(before):
+            step(ints, reals, buffer, np.cos(k), np.sin(k))
+        expected = ints.copy()
+        expected[slot] += 1
+        reals_before, buffer_before = reals.tobytes(), buffer.tobytes()
+        assert np.isnan(step(ints, reals, buffer, u, y))
+        np.testing.assert_array_equal(ints, expected)
+        assert reals.tobytes() == reals_before
+        assert buffer.tobytes() == buffer_before
+
+
+def test_the_largest_sample_is_still_accepted() -> None:
+    ints, reals, buffer = prepared(None)
+    assert np.isfinite(step(ints, reals, buffer, at.LARGEST, -at.LARGEST))
+    assert ints[at.SAMPLES] == 1
+    assert np.isfinite(step(ints, reals, buffer, 1.0, 1.0))
+    assert np.isfinite(reals).all()
