@@ -69,16 +69,17 @@ class TransferFunction:
     delay: float = 0.0
 
     def __init__(self, num: Sequence[float] | FloatArray, den: Sequence[float] | FloatArray, delay: float = 0.0):
-        numerator, denominator = coefficients("num", num), coefficients("den", den)
-        denominator = np.trim_zeros(denominator, "f")
+        # leading zeros are dropped: one system, one way to write it
+        numerator = np.trim_zeros(coefficients("num", num), "f")
+        denominator = np.trim_zeros(coefficients("den", den), "f")
         if denominator.size == 0:
             raise InvalidArgumentError("den must not be zero")
-        if np.trim_zeros(numerator, "f").size > denominator.size:
+        if numerator.size > denominator.size:
             raise InvalidArgumentError(
                 f"num must not be of higher order than den, got {numerator.size - 1} and {denominator.size - 1}"
             )
         not_negative("delay", delay)
-        numerator = numerator[max(0, numerator.size - denominator.size) :]
+        numerator = numerator if numerator.size else np.zeros(1)
         # adding zero makes -0.0 to 0.0: what compares equal must hash alike
         object.__setattr__(self, "num", coefficients("num", numerator / denominator[0] + 0.0))
         object.__setattr__(self, "den", coefficients("den", denominator / denominator[0] + 0.0))
