@@ -33,10 +33,13 @@ class History:
     samples : (H,) array of int
         After how many samples each row was taken.
     parameters : (H, P) array
+    std : (H, P) array or None
+        Standard deviation of each estimate, where the estimator tells it.
     """
 
     samples: np.ndarray[tuple[int], np.dtype[np.int64]]
     parameters: FloatArray
+    std: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +65,8 @@ class Result:
         Of an online run.
     history : History or None
         Of an online run.
+    covariance : (P, P) array or None
+        Of the parameters, in their units squared, where the estimator tells it.
     """
 
     structure: Structure
@@ -75,6 +80,7 @@ class Result:
     elapsed: float
     settings: Settings | None = None
     history: History | None = None
+    covariance: FloatArray | None = None
 
 
 def run_online(
