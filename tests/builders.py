@@ -48,12 +48,12 @@ def true_parameters(plant: rp.TransferFunction, zeros: int) -> np.ndarray:
     return np.concatenate([plant.den[1:], plant.num[plant.num.size - zeros - 1 :]])
 
 
-def identifier(optimizer: Any = None, **changes: Any) -> rp.Identifier:
+def identifier(optimizer: Any = rp.AMSGrad(step_size=0.01), **changes: Any) -> rp.Identifier:  # noqa: B008 - frozen
     """A small identifier that is ready at once: nothing is left to "auto"."""
     settings: dict[str, Any] = {
         "filter": rp.StateVariableFilter(cutoff=5.0),
         "scaling": None,
-        "optimizer": optimizer or rp.AMSGrad(step_size=0.01),
+        "optimizer": optimizer,
         "replay": rp.Replay(capacity=50, batch_size=4, warmup=4),
     }
     structure, dt = changes.pop("structure", rp.Structure(poles=2, zeros=1)), changes.pop("dt", 0.05)

@@ -1,0 +1,533 @@
+"""Identifier: chunks equal the whole to the bit, bad input leaves no trace, memory does not grow."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+import tracemalloc
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import replant as rp
+from builders import G1, G2, identifier, random_plant, record, state, true_parameters
+from references import TWINS
+from replant.kernels import layout as at
+from replant.optimizers import OPTIMIZERS
+
+every_optimizer = pytest.mark.parametrize("name", OPTIMIZERS)
+
+# --- chunks of any size
+
+SAMPLES, STARTUP = 90, 25
+CONFIGURATIONS: dict[str, dict[str, Any]] = {
+    "definite": {"filter": rp.StateVariableFilter(3.0), "scaling": rp.Scaling(1.0, [0.2, 0.3, 0.5, 0.1])},
+    "callable map": {
+        "filter": rp.StateVariableFilter(3.0),
+        "scaling": None,
+        "preprocess": rp.Preprocess(np.cbrt, "first", 0.5),
+    },
+    "callable map and mean": {
+        "filter": rp.StateVariableFilter(3.0),
+        "scaling": None,
+        "preprocess": rp.Preprocess(np.cbrt, "mean", "mean"),
+        "startup": STARTUP,
+        "normalize": False,
+    },
+    "square and dead time": {
+        "structure": rp.Structure(2, 1, delay=0.37, bias=True),
+        "filter": rp.StateVariableFilter(3.0),
+        "preprocess": rp.Preprocess("square", "first", "first"),
+        "startup": STARTUP,
+    },
+}
+REPLAY = rp.Replay(capacity=30, batch_size=4, warmup=5, seed=3)
+NO_SAMPLE = [(np.nan, 1.0), (1.0, np.nan), (np.inf, 1.0), (1.0, -np.inf), (1e308, 1e308), (1.0, -1e151)]
+
+
+def make(name: str, configuration: str, replay: rp.Replay | None) -> rp.Identifier:
+    optimizer = OPTIMIZERS[name](**TWINS[name].settings)
+    changes = {"structure": rp.Structure(2, 1), "optimizer": optimizer, "replay": replay}
+    return rp.Identifier(**{"dt": 0.1, **changes, **CONFIGURATIONS.get(configuration, {"startup": STARTUP})})
+
+
+def one_by_one(ident: rp.Identifier, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    errors, parameters = [], []
+    for k in range(u.size):
+        errors.append(ident.update(float(u[k]), float(y[k])))
+        parameters.append(ident.parameters)
+    return np.array(errors), np.array(parameters)
+
+
+def in_chunks(ident: rp.Identifier, u: np.ndarray, y: np.ndarray, cuts: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    edges = [0, *sorted(cuts), u.size]
+    traces = [ident.update_many(u[a:b], y[a:b]) for a, b in itertools.pairwise(edges)]
+    return np.concatenate([trace.errors for trace in traces]), np.vstack([trace.parameters for trace in traces])
+
+
+streams = {
+    "seed": st.integers(0, 1000),
+    "cuts": st.lists(st.integers(0, SAMPLES), max_size=8),
+    "bad": st.lists(st.tuples(st.integers(0, SAMPLES - 1), st.sampled_from(NO_SAMPLE)), max_size=6),
+    "replay": st.sampled_from([None, REPLAY]),
+}
+
+
+@every_optimizer
+@pytest.mark.parametrize("configuration", CONFIGURATIONS)
+@settings(deadline=None, derandomize=True, max_examples=25)
+@given(**streams)
+def test_chunks_of_any_size_equal_one_call_equal_a_loop(name: str, configuration: str, **stream: Any) -> None:
+    assert_chunks_equal(name, configuration, **stream)
+
+
+@settings(deadline=None, derandomize=True, max_examples=30)
+@given(name=st.sampled_from(sorted(OPTIMIZERS)), **streams)
+def test_so_they_do_when_all_is_left_to_auto(name: str, **stream: Any) -> None:
+    assert_chunks_equal(name, "auto", **stream)
+
+
+@every_optimizer
+def test_so_they_do_when_a_cut_or_a_bad_sample_falls_into_start_up(name: str) -> None:
+    bad = [(0, NO_SAMPLE[0]), (7, NO_SAMPLE[4]), (26, NO_SAMPLE[2]), (60, NO_SAMPLE[5])]
+    assert_chunks_equal(name, "auto", seed=1, cuts=[5, 27, 28, 40], bad=bad, replay=REPLAY)
+
+
+def assert_chunks_equal(
+    name: str,
+    configuration: str,
+    seed: int,
+    cuts: list[int],
+    bad: list[tuple[int, tuple[float, float]]],
+    replay: rp.Replay | None,
+) -> None:
+    u, y = record(random_plant(seed, 2, 1), seed, SAMPLES, 0.1, noise=0.1)
+    for k, (bad_u, bad_y) in bad:
+        u[k], y[k] = bad_u, bad_y
+    loop, whole, chunked = (make(name, configuration, replay) for _ in range(3))
+    errors, parameters = one_by_one(loop, u, y)
+    assert loop.settings is not None  # start-up is over
+    for ident, (other_errors, other_parameters) in (
+        (whole, in_chunks(whole, u, y, [])),
+        (chunked, in_chunks(chunked, u, y, cuts)),
+    ):
+        np.testing.assert_array_equal(other_errors, errors)
+        np.testing.assert_array_equal(other_parameters, parameters)
+        assert state(ident) == state(loop)
+        assert ident.samples == loop.samples == SAMPLES - len({k for k, _ in bad})
+        assert ident.rejected == loop.rejected
+        assert ident.settings == loop.settings
+
+
+def test_the_kind_of_array_does_not_matter() -> None:
+    """Lists, whole numbers, strided and read-only views carry the same samples."""
+    u, y = np.round(10 * np.random.default_rng(0).standard_normal((2, 64)))
+    expected = identifier().update_many(u, y).parameters
+    locked = u.copy()
+    locked.flags.writeable = False
+    kinds: dict[str, tuple[Any, Any]] = {
+        "lists": (u.tolist(), y.tolist()),
+        "integers": (u.astype(np.int16), y.astype(np.int64)),
+        "float32": (u.astype(np.float32), y.astype(np.float32)),
+        "strided": (np.repeat(u, 3)[::3], np.stack([y, y], axis=1)[:, 0]),
+        "big-endian": (u.astype(">f8"), y.astype(">f8")),
+        "read-only": (locked, y),
+    }
+    for kind, (us, ys) in kinds.items():
+        np.testing.assert_array_equal(identifier().update_many(us, ys).parameters, expected, err_msg=kind)
+    ident = identifier()
+    for k in range(64):
+        ident.update(int(u[k]), np.float32(y[k]))
+    np.testing.assert_array_equal(ident.parameters, expected[-1])
+
+
+def test_an_empty_chunk_changes_nothing() -> None:
+    ident = identifier()
+    ident.update_many([1.0, 2.0], [0.5, 0.1])
+    before = state(ident)
+    trace = ident.update_many([], [])
+    assert len(trace) == 0
+    assert trace.parameters.shape == (0, 4)
+    assert state(ident) == before
+
+
+# --- start-up
+
+
+@pytest.mark.parametrize("preprocess", [rp.Preprocess(), rp.Preprocess("square", "mean", "mean")])
+def test_start_up_loses_no_sample(preprocess: rp.Preprocess) -> None:
+    """Afterwards the estimate is that of an identifier which knew the chosen settings from the first sample on."""
+    u, y = record(G2, seed=4, samples=400, dt=0.02, noise=0.01)
+    y[[3, 70]] = np.nan
+    ident = rp.Identifier(rp.Structure(2, 1), 0.02, preprocess=preprocess, startup=120)
+    trace = ident.update_many(u, y)
+    chosen = ident.settings
+    fields = {field.name: getattr(chosen, field.name) for field in dataclasses.fields(chosen)}
+    knowing = rp.Identifier(fields.pop("structure"), fields.pop("dt"), **fields)
+    expected = knowing.update_many(u, y)
+    first = 121  # two of the first samples are rejected: the 120th accepted one has the number 121
+    assert not trace.parameters[:first].any()
+    np.testing.assert_array_equal(trace.parameters[first:], expected.parameters[first:])
+    np.testing.assert_array_equal(trace.errors[first:], expected.errors[first:])
+    assert np.isnan(trace.errors[:first]).all()
+    assert state(ident) == state(knowing)
+    assert (ident.samples, ident.rejected) == (398, {"not finite": 2, "too large": 0})
+
+
+def test_the_stages_of_start_up() -> None:
+    ident = rp.Identifier(rp.Structure(1), 0.1, startup=3)
+    assert (ident.status, ident.settings, ident.samples) == ("starting", None, 0)
+    ident.update(1.0, 0.0)
+    ident.update(math.nan, 0.0)
+    assert math.isnan(ident.update(2.0, 0.5))
+    assert (ident.status, ident.settings, ident.samples) == ("starting", None, 2)
+    assert ident.rejected == {"not finite": 1, "too large": 0}
+    assert ident.transfer_function == rp.TransferFunction([0.0], [1.0, 0.0])
+    assert math.isfinite(ident.update(1.0, 0.7))
+    assert (ident.status, ident.samples) == ("running", 3)
+    assert ident.rejected == {"not finite": 1, "too large": 0}
+
+
+def test_a_short_record_can_end_start_up() -> None:
+    u, y = record(G1, seed=1, samples=50, dt=0.1)
+    early, late = rp.Identifier(rp.Structure(1), 0.1, startup=500), rp.Identifier(rp.Structure(1), 0.1, startup=50)
+    early.finish_startup()  # nothing held yet: nothing to choose from
+    assert early.status == "starting"
+    early.update_many(u, y)
+    early.finish_startup()
+    late.update_many(u, y)
+    assert early.settings == late.settings
+    assert state(early) == state(late)
+    before = state(early)
+    early.finish_startup()
+    assert state(early) == before
+
+
+def test_nothing_left_to_auto_needs_no_start_up() -> None:
+    assert identifier().status == "running"
+    first = identifier(preprocess=rp.Preprocess(output_offset="first"))
+    assert first.status == "starting"
+    assert first.update(0.0, 5.0) == 0.0
+    assert first.settings.preprocess.output_offset == 5.0
+
+
+# --- what the settings mean
+
+
+@pytest.mark.parametrize(
+    ("preprocess", "by_hand"),
+    [
+        (rp.Preprocess("square"), lambda u, y: (u * u, y)),
+        (rp.Preprocess(input_offset=0.5, output_offset=-2.0), lambda u, y: (u - 0.5, y + 2.0)),
+        (rp.Preprocess("square", "first", "first"), lambda u, y: (u * u - u[0] * u[0], y - y[0])),
+        (rp.Preprocess(np.cbrt), lambda u, y: (np.cbrt(u), y)),
+    ],
+)
+def test_preprocessing_equals_doing_it_by_hand(
+    preprocess: rp.Preprocess, by_hand: Callable[..., tuple[np.ndarray, np.ndarray]]
+) -> None:
+    u, y = np.random.default_rng(5).normal(2.0, 1.0, (2, 100))
+    inside, outside = identifier(preprocess=preprocess).update_many(u, y), identifier().update_many(*by_hand(u, y))
+    np.testing.assert_array_equal(inside.parameters, outside.parameters)
+    np.testing.assert_array_equal(inside.errors, outside.errors)
+
+
+def test_the_error_is_that_of_the_estimate_before_the_sample() -> None:
+    """With a = b = 0 at the start the first errors are the target itself: y at the first sample, filters at rest."""
+    ident = identifier(scaling=rp.Scaling(0.3, [0.1, 0.2, 0.3, 0.4]))
+    assert ident.update(1.0, 0.75) == pytest.approx(0.75, rel=1e-15)
+
+
+def test_the_estimate_as_a_transfer_function() -> None:
+    structure = rp.Structure(2, 1, delay=0.2, bias=True)
+    u, y = record(G2, seed=2, samples=300, dt=0.05)
+    ident = identifier(structure=structure)
+    ident.update_many(u, y + 0.1)
+    a1, a0, b1, b0, bias = ident.parameters
+    assert bias != 0.0
+    assert ident.names == ("a1", "a0", "b1", "b0", "bias")
+    assert ident.transfer_function == rp.TransferFunction([b1, b0], [1.0, a1, a0], 0.2)
+
+
+def test_a_clone_goes_on_alone() -> None:
+    u, y = record(G1, seed=6, samples=120, dt=0.1, noise=0.1)
+    for ident in (identifier(), rp.Identifier(rp.Structure(1), 0.1, startup=80)):
+        ident.update_many(u[:60], y[:60])
+        twin = ident.clone()
+        expected = ident.update_many(u[60:], y[60:])
+        twin.update(9.0, 9.0)
+        assert state(twin) != state(ident) if twin.settings else twin.samples == 61
+        again = ident.clone()
+        assert state(again) == state(ident)
+        assert again is not ident
+        assert len(expected) == 60
+
+
+def test_reset_begins_again() -> None:
+    u, y = record(G1, seed=7, samples=120, dt=0.1, noise=0.1)
+    for ident in (identifier(), rp.Identifier(rp.Structure(1), 0.1, startup=80)):
+        first = ident.update_many(u, y)
+        after = state(ident)
+        ident.reset()
+        assert (ident.samples, ident.rejected) == (0, {"not finite": 0, "too large": 0})
+        assert not ident.parameters.any()
+        again = ident.update_many(u, y)
+        np.testing.assert_array_equal(again.parameters, first.parameters)
+        assert state(ident) == after
+
+
+@pytest.mark.parametrize("poles", [1, 4, 10])
+def test_every_order_runs(poles: int) -> None:
+    u, y = record(random_plant(poles, poles, poles - 1), poles, 300, 0.1, noise=0.01)
+    ident = identifier(structure=rp.Structure(poles, poles - 1), filter=rp.StateVariableFilter(2.0))
+    trace = ident.update_many(u, y)
+    assert np.isfinite(trace.parameters).all()
+    assert (trace.parameters[-1] != 0).all()
+    assert ident.status == "running"
+
+
+def test_with_defaults_alone_it_finds_the_plants() -> None:
+    """Noise-free, a minute of a random binary input, nothing but the structure given: each coefficient within 10 %."""
+    for plant, zeros in ((G1, 0), (random_plant(1, 2, 0), 0)):
+        u, y = record(plant, seed=8, samples=6000, dt=0.01, hold=60)
+        ident = rp.Identifier(rp.Structure(plant.den.size - 1, zeros), 0.01)
+        ident.update_many(u, y)
+        np.testing.assert_allclose(ident.parameters, true_parameters(plant, zeros), rtol=0.1)
+
+
+# --- bad samples
+
+
+@pytest.mark.parametrize(("u", "y"), NO_SAMPLE)
+@pytest.mark.parametrize("many", [False, True], ids=["update", "update_many"])
+def test_a_rejected_sample_changes_its_count_alone(u: float, y: float, many: bool) -> None:
+    ident = identifier(rp.Adam(step_size=0.01))
+    ident.update_many(*record(G1, seed=1, samples=70, dt=0.05, noise=0.1))
+    ints, before, estimate, counts = ident._ints.copy(), state(ident), ident.parameters, ident.rejected
+    error = ident.update_many([u], [y]).errors[0] if many else ident.update(u, y)
+    reason = "too large" if np.isfinite([u, y]).all() else "not finite"
+    assert math.isnan(error)
+    assert ident.rejected == {**counts, reason: counts[reason] + 1}
+    ints[at.TOO_LARGE if reason == "too large" else at.NOT_FINITE] += 1
+    assert state(ident) == {**before, "_ints": ints.tobytes()}
+    np.testing.assert_array_equal(ident.parameters, estimate)
+    assert ident.status == "running"
+
+
+@pytest.mark.parametrize("spike", [1e308, -1e308, 1e151])
+@pytest.mark.parametrize("preprocess", [rp.Preprocess(), rp.Preprocess("square"), rp.Preprocess("square", "mean")])
+def test_a_spike_is_counted_and_leaves_the_estimate_alone(spike: float, preprocess: rp.Preprocess) -> None:
+    """With the spike in or the sample missing: the same estimate, during start-up and after it."""
+    u, y = record(G1, seed=3, samples=200, dt=0.05, noise=0.05)
+    for position in (0, 20, 150):
+        spiked, clean = (rp.Identifier(rp.Structure(1), 0.05, preprocess=preprocess, startup=60) for _ in range(2))
+        spiked.update_many(np.insert(u, position, spike), np.insert(y, position, 0.0))
+        clean.update_many(u, y)
+        assert sum(spiked.rejected.values()) == 1
+        np.testing.assert_array_equal(spiked.parameters, clean.parameters)
+
+
+@pytest.mark.parametrize("bad", ["a", b"1", None, 1j, np.complex128(1), object(), [1.0], np.ones(1), 10**400], ids=repr)
+@pytest.mark.parametrize("ready", [True, False], ids=["running", "starting"])
+def test_update_refuses_what_is_no_number(bad: Any, ready: bool) -> None:
+    ident = identifier() if ready else rp.Identifier(rp.Structure(1), 0.1)
+    ident.update(1.0, 0.5)
+    before, samples, counts = state(ident) if ready else None, ident.samples, ident.rejected
+    for name, arguments in (("u", (bad, 1.0)), ("y", (1.0, bad))):
+        with pytest.raises((rp.ArgumentTypeError, rp.InvalidArgumentError), match=f"^{name} must") as caught:
+            ident.update(*arguments)
+        assert "\n" not in str(caught.value)
+    assert (ident.samples, ident.rejected) == (samples, counts)
+    assert before is None or state(ident) == before
+
+
+@pytest.mark.parametrize(
+    ("u", "y", "message"),
+    [
+        ([1.0, 2.0], [1.0], "u and y must have the same length, got 2 and 1 samples"),
+        ([], [1.0], "u and y must have the same length, got 0 and 1 samples"),
+        (np.ones((3, 1)), np.ones(3), r"u must be a vector of shape \(K,\), got shape \(3, 1\)"),
+        (np.ones(3), np.ones((1, 3)), r"y must be a vector of shape \(K,\), got shape \(1, 3\)"),
+        (1.0, 1.0, r"u must be a vector of shape \(K,\), got shape \(\)"),
+        (["a", "b"], [1.0, 2.0], "u must hold real numbers, got dtype <U1"),
+        ("ab", [1.0, 2.0], "u must hold real numbers"),
+        (None, [1.0], "u must hold real numbers, got dtype object"),
+        ([1.0], [None], "y must hold real numbers, got dtype object"),
+        ([1.0], [1j], "y must hold real numbers, got dtype complex128"),
+        ([1.0], [object()], "y must hold real numbers, got dtype object"),
+        ([1.0], np.array(["2020-01-01"], "M8[D]"), "y must hold real numbers"),
+        ([[1.0], [1.0, 2.0]], [1.0, 2.0], "u must be an array of numbers"),
+    ],
+    ids=repr,
+)
+def test_update_many_refuses_what_is_no_record(u: Any, y: Any, message: str) -> None:
+    ident = identifier()
+    ident.update_many(*record(G1, seed=1, samples=30, dt=0.05))
+    before = state(ident)
+    with pytest.raises((rp.ArgumentTypeError, rp.InvalidArgumentError), match=f"^{message}") as caught:
+        ident.update_many(u, y)
+    assert "\n" not in str(caught.value)
+    assert state(ident) == before
+
+
+def test_a_map_that_breaks_its_contract_leaves_the_state_alone() -> None:
+    broken = False
+    ident = identifier(preprocess=rp.Preprocess(lambda v: v[:0] if broken else v))
+    ident.update_many(*record(G1, seed=1, samples=30, dt=0.05))
+    before, broken = state(ident), True
+    for call, arguments in ((ident.update, (1.0, 1.0)), (ident.update_many, ([1.0, 2.0], [1.0, 2.0]))):
+        with pytest.raises(rp.InvalidArgumentError, match="input_map"):
+            call(*arguments)
+    assert state(ident) == before
+
+
+# --- bad settings
+
+
+@pytest.mark.parametrize(
+    ("changes", "named", "kind"),
+    [
+        ({"structure": "a"}, "structure", TypeError),
+        ({"structure": 2}, "structure", TypeError),
+        ({"dt": 0.0}, "dt", ValueError),
+        ({"dt": -0.1}, "dt", ValueError),
+        ({"dt": math.nan}, "dt", ValueError),
+        ({"dt": math.inf}, "dt", ValueError),
+        ({"dt": "a"}, "dt", TypeError),
+        ({"dt": None}, "dt", TypeError),
+        ({"dt": 1j}, "dt", TypeError),
+        ({"dt": [0.1]}, "dt", TypeError),
+        ({"filter": 50.0}, "filter", TypeError),
+        ({"filter": None}, "filter", TypeError),
+        ({"filter": "exact"}, "filter", TypeError),
+        ({"filter": rp.StateVariableFilter(denominator=[1.0, 1.0])}, "denominator", ValueError),
+        ({"scaling": 1.0}, "scaling", TypeError),
+        ({"scaling": "none"}, "scaling", TypeError),
+        ({"scaling": np.ones(4)}, "scaling", TypeError),
+        ({"scaling": rp.Scaling(1.0, [1.0])}, "scaling", ValueError),
+        ({"optimizer": "sgd"}, "optimizer", TypeError),
+        ({"optimizer": rp.Adam}, "optimizer", TypeError),
+        ({"optimizer": None}, "optimizer", TypeError),
+        ({"replay": 1000}, "replay", TypeError),
+        ({"replay": True}, "replay", TypeError),
+        ({"replay": "no"}, "replay", TypeError),
+        ({"normalize": 1}, "normalize", TypeError),
+        ({"normalize": None}, "normalize", TypeError),
+        ({"preprocess": "square"}, "preprocess", TypeError),
+        ({"startup": 0}, "startup", ValueError),
+        ({"startup": 1.5}, "startup", TypeError),
+    ],
+    ids=repr,
+)
+def test_a_bad_setting_is_refused_by_name(changes: dict[str, Any], named: str, kind: type[Exception]) -> None:
+    with pytest.raises(kind, match=named) as caught:
+        identifier(**changes)
+    assert isinstance(caught.value, rp.ReplantError)
+    assert "\n" not in str(caught.value)
+
+
+# --- signals that do not excite, and gains that diverge
+
+
+@every_optimizer
+@pytest.mark.parametrize("level", [0.0, 1.0, -1e-200, 1e140])
+def test_a_constant_input_keeps_everything_finite(name: str, level: float) -> None:
+    for ident in (
+        rp.Identifier(rp.Structure(2, 1), 0.1, optimizer=name, startup=50),
+        identifier(OPTIMIZERS[name](**TWINS[name].settings)),
+    ):
+        trace = ident.update_many(np.full(300, level), np.full(300, 2 * level))
+        assert np.isfinite(trace.parameters).all()
+        assert np.isfinite(ident._reals).all()
+
+
+@every_optimizer
+@pytest.mark.parametrize("replay", [None, rp.Replay(capacity=20, batch_size=3, warmup=2)], ids=["plain", "replay"])
+def test_a_diverging_estimate_stops_at_its_last_finite_value(name: str, replay: rp.Replay | None) -> None:
+    huge = {field: 1e200 for field in ("gain", "step_size") if field in TWINS[name].settings}
+    optimizer = dataclasses.replace(OPTIMIZERS[name](**TWINS[name].settings), **huge)
+    ident = identifier(optimizer, replay=replay, normalize=False)
+    u, y = record(G2, seed=1, samples=200, dt=0.05, noise=0.1)
+    refused = 0
+    for k in range(200):
+        before, memory = ident.parameters, memory_of(ident)
+        ident.update(1e100 * u[k], 1e100 * y[k])
+        assert np.isfinite(ident.parameters).all()
+        assert np.isfinite(memory_of(ident)).all()
+        if ident._ints[at.REFUSED] > refused:
+            refused = int(ident._ints[at.REFUSED])
+            np.testing.assert_array_equal(ident.parameters, before)
+            np.testing.assert_array_equal(memory_of(ident), memory)
+            assert ident.status == "diverged"
+    assert refused > 0
+    assert ident.samples == 200
+    assert ident.rejected == {"not finite": 0, "too large": 0}
+    # and the filters go on: calm samples pass, the state stays finite
+    ident.update_many(u, y)
+    assert np.isfinite(ident._reals).all()
+    assert np.isfinite(ident.parameters).all()
+    assert ident.samples == 400
+
+
+def memory_of(ident: rp.Identifier) -> np.ndarray:
+    """The optimizer's moments."""
+    return at.block(ident._ints, ident._reals, at.AT_MEMORY, int(ident._ints[at.MEMORY_SIZE])).copy()
+
+
+def test_a_sane_gain_runs_on_after_an_update_was_refused() -> None:
+    """One sample near the largest magnitude makes a gradient beyond float64; the estimate then converges all the same.
+
+    Without replay, so that the sample does not come back.
+    """
+    u, y = record(G1, seed=2, samples=3000, dt=0.05, hold=20)
+    ident = identifier(rp.Gradient(gain=4.0), structure=rp.Structure(1), normalize=False, replay=None)
+    ident.update_many(u[:100], y[:100])
+    ident.update(1e149, 1e149)
+    ident.update(0.0, 0.0)
+    assert ident.status == "diverged"
+    before = ident.parameters
+    assert np.isfinite(before).all()
+    ident.update_many(u, y)
+    assert np.isfinite(ident.parameters).all()
+
+
+# --- memory
+
+
+def test_memory_does_not_grow_with_the_stream() -> None:
+    """10^5 samples one by one and 10^6 in chunks: the arrays keep their size, Python's heap stays within 100 kB.
+
+    One number kept per sample would be 800 kB and more.
+    """
+    u, y = record(G1, seed=1, samples=1000, dt=0.05, noise=0.1)
+    ident = identifier(structure=rp.Structure(1))
+    ident.update_many(u, y)
+    pairs = list(zip(u.tolist(), y.tolist(), strict=True))
+    sizes = [getattr(ident, name).nbytes for name in ("_ints", "_reals", "_buffer")]
+    tracemalloc.start()
+    try:
+        before, _ = tracemalloc.get_traced_memory()
+        for _ in range(100):
+            for sample_u, sample_y in pairs:
+                ident.update(sample_u, sample_y)
+        for _ in range(1000):
+            ident.update_many(u, y)
+        after, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert ident.samples == 1000 + 100_000 + 1_000_000
+    assert sizes == [getattr(ident, name).nbytes for name in ("_ints", "_reals", "_buffer")]
+    assert after - before < 100_000
+
+
+def test_rejected_samples_do_not_pile_up_either() -> None:
+    ident = rp.Identifier(rp.Structure(1), 0.1)
+    u = np.full(10_000, np.nan)
+    ident.update_many(u, u)
+    assert ident.rejected == {"not finite": 10_000, "too large": 0}
+    assert len(ident._held) == 0
