@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from replant.assessment import simulate
-from replant.filters import StateVariableFilter
+from replant.filters import RefinedFilter, StateVariableFilter
 from replant.least_squares import least_squares
 from replant.optimizers import OPTIMIZERS, Optimizer
 from replant.optimizers.optimizer import rounded
@@ -13,13 +13,12 @@ from replant.preprocess import Preprocess, screen
 from replant.regression import regressors
 from replant.replay import Replay
 from replant.scaling import Scaling
-from replant.settings import AUTO, Request, Settings
+from replant.settings import AUTO, DEFAULT_OPTIMIZER, Request, Settings
 from replant.structure import Structure
 from replant.validation import FloatArray
 
 CANDIDATES = 16  # cutoffs tried, evenly spaced in the logarithm
 MOST_SAMPLES = 20_000  # looked at for the choice
-DEFAULT_OPTIMIZER = "amsgrad"
 UNKNOWN_LENGTH = 2_000  # samples to come that an optimizer is tuned for where nobody knows better
 
 
@@ -28,23 +27,49 @@ def settle(request: Request, u: FloatArray, y: FloatArray, length: int | None = 
 
     ``length`` is how many samples there will be in all, where that is known.
     """
-    structure, dt = request.structure, request.dt
+    structure, dt, instruments = request.structure, request.dt, request.wants_instruments
     preprocess = request.preprocess.resolve(u, y)
-    state_filter, scaling = request.filter, request.scaling
-    optimizer, replay = request.optimizer, request.replay
-    if not isinstance(state_filter, StateVariableFilter):
-        state_filter = choose_filter(structure, dt, preprocess, u, y)
-    if scaling is None:
-        scaling = Scaling.none(structure)
-    elif not isinstance(scaling, Scaling):
-        phi, _ = regressors(structure, dt, state_filter, preprocess, u, y)
-        scaling = Scaling.from_record(y - float(preprocess.output_offset), phi)
-    if not (replay is None or isinstance(replay, Replay)):
-        replay = Replay()
+    replay = _choose_replay(request)
+    optimizer = request.optimizer
     if not isinstance(optimizer, Optimizer):
         updates = (length or UNKNOWN_LENGTH) * (replay.batch_size if replay else 1)
         optimizer = OPTIMIZERS[DEFAULT_OPTIMIZER if optimizer == AUTO else optimizer].suggested(dt, updates)
-    return Settings(structure, dt, state_filter, scaling, optimizer, replay, request.normalize, preprocess)
+    chosen = request.filter
+    if isinstance(chosen, str):
+        follows = instruments and optimizer.keeps_covariance
+        chosen = RefinedFilter() if follows else choose_filter(structure, dt, preprocess, u, y)
+    if isinstance(chosen, RefinedFilter) and not structure.bias:
+        preprocess = centre(preprocess, u, y)
+    scaling = request.scaling
+    if scaling is None or (scaling == AUTO and optimizer.keeps_covariance):
+        scaling = Scaling.none(structure)
+    elif not isinstance(scaling, Scaling):
+        assumed = chosen if isinstance(chosen, StateVariableFilter) else choose_filter(structure, dt, preprocess, u, y)
+        phi, _ = regressors(structure, dt, assumed, preprocess, u, y)
+        scaling = Scaling.from_record(y - float(preprocess.output_offset), phi)
+    return Settings(structure, dt, chosen, scaling, optimizer, replay, instruments, request.normalize, preprocess)
+
+
+def _choose_replay(request: Request) -> Replay | None:
+    """Return the buffer: none for an optimizer that remembers every sample by itself."""
+    if request.replay is None or isinstance(request.replay, Replay):
+        return request.replay
+    optimizer = request.optimizer
+    if isinstance(optimizer, str):
+        return None if OPTIMIZERS[DEFAULT_OPTIMIZER if optimizer == AUTO else optimizer].keeps_covariance else Replay()
+    return None if optimizer.keeps_covariance else Replay()
+
+
+def centre(preprocess: Preprocess, u: FloatArray, y: FloatArray) -> Preprocess:
+    """Return the same with the record's mean in the working point, where a constant is estimated beside G(s).
+
+    That constant makes any working point right; one near the data keeps the regression well conditioned.
+    """
+    mapped = preprocess.map_input(u)
+    accepted, _ = screen(mapped, y)
+    if not accepted.any():
+        return preprocess
+    return Preprocess(preprocess.input_map, float(mapped[accepted].mean()), float(y[accepted].mean()))
 
 
 def choose_filter(

@@ -135,6 +135,34 @@ class StateVariableFilter:
             )
 
 
+@dataclass(frozen=True)
+class RefinedFilter:
+    r"""The filter 1/A(s) of the estimate itself, which follows it while the plant runs: nothing is to be chosen.
+
+    It is the filter with which the regression is optimal when the output noise is white, and with which it has no
+    error of discretisation.  It needs instruments, and a start-up from which the first A comes.
+
+    Parameters
+    ----------
+    input_hold : {"zoh", "foh"}
+        What u does between samples.
+
+    Examples
+    --------
+    >>> RefinedFilter()
+    RefinedFilter(input_hold='zoh')
+
+    References
+    ----------
+    Young (2011), "Recursive Estimation and Time-Series Analysis", chapter 8; `rsrivc` of the CONTSID toolbox.
+    """
+
+    input_hold: str = "zoh"
+
+    def __post_init__(self) -> None:
+        one_of("input_hold", self.input_hold, ("zoh", "foh"))
+
+
 def split_delay(delay: float, dt: float) -> tuple[int, float]:
     """Return a dead time as whole samples and a fraction of one; within 1e-9 of whole counts as whole.
 

@@ -8,19 +8,27 @@ from typing import Any
 
 import numpy as np
 
+from replant.covariance import covariance
 from replant.defaults import settle
-from replant.filters import StateVariableFilter
+from replant.errors import InvalidArgumentError
+from replant.filters import RefinedFilter, StateVariableFilter
 from replant.kernels import layout as at
 from replant.optimizers import Optimizer
-from replant.preprocess import Preprocess
-from replant.regression import prepare
+from replant.preprocess import Preprocess, screen
+from replant.refined import Record, refine
 from replant.replay import Replay
 from replant.scaling import Scaling
 from replant.settings import AUTO, Request, Settings
+from replant.startup import LARGEST, carry_over, first_model, seed, warm_up
+from replant.state import State
 from replant.structure import Structure
 from replant.trace import Trace
 from replant.transfer_function import TransferFunction
-from replant.validation import FloatArray, number, record, whole
+from replant.uncertainty import Uncertainty
+from replant.validation import FloatArray, number, record, vector, whole
+
+RECENT = 10_000  # raw samples kept: for solving the start-up again as it grows, and for assessment
+REGULAR = np.zeros(0)  # the time stamps of a regular clock
 
 
 class Identifier:
@@ -34,19 +42,25 @@ class Identifier:
     structure : Structure
     dt : float
         Sampling time in s.
-    filter : StateVariableFilter or "auto"
+    filter : RefinedFilter, StateVariableFilter or "auto"
+        "auto" is the refined filter for optimizers that keep a covariance, and else (s + cutoff)^n with the cutoff
+        chosen from the data.
     scaling : Scaling, "auto" or None
         None changes nothing.
     optimizer : Optimizer or "auto"
         Or the name of one (see `replant.optimizers.OPTIMIZERS`), its settings chosen from the data.
     replay : Replay, "auto" or None
         None learns each sample once.
+    instruments : bool or "auto"
+        Use the noise-free companion of the regressor, zeta, where the update has phi.  "auto" does so with the
+        refined filter and with optimizers that keep a covariance.
     normalize : bool
         Divide the error by :math:`m^2 = 1 + \varphi^T \varphi`, (13).
     preprocess : Preprocess
         Input map and working point.
     startup : int
-        Samples from which "auto" and a mean working point are chosen.
+        Samples held back at the beginning, from which choices and the first model are made.  Doubled as often as
+        needed where they do not suffice for instruments, up to 20000.
 
     Raises
     ------
@@ -59,19 +73,23 @@ class Identifier:
     in `rejected`.  An update that would leave float64 is undone: the last finite estimate stays and `status` says
     "diverged".  Memory does not grow with the stream.
 
+    As the record grows to twice, four times, ... the start-up, it is solved again as a whole, from the present
+    estimate, until 10000 samples are reached: a first model from too short a start-up does not leave its traces.
+    Such a solution takes some tens of milliseconds; every other update about a microsecond.
+
     Examples
     --------
     >>> true = TransferFunction([2.0], [1.0, 0.5])
     >>> u = np.where(np.arange(4000) // 125 % 2 == 0, 1.0, -1.0)
     >>> y = true.simulate(u, dt=0.01)
-    >>> ident = Identifier(Structure(poles=1), dt=0.01, filter=StateVariableFilter(cutoff=5.0))
+    >>> ident = Identifier(Structure(poles=1), dt=0.01)
     >>> trace = ident.update_many(u, y)
     >>> print(ident.transfer_function)
     2 / (s + 0.5)
 
     References
     ----------
-    Bernat and Kolota (2023), (8)-(14).
+    Bernat and Kolota (2023), (8)-(14); Young (2011), "Recursive Estimation and Time-Series Analysis", chapter 8.
     """
 
     def __init__(
@@ -79,25 +97,28 @@ class Identifier:
         structure: Structure,
         dt: float,
         *,
-        filter: StateVariableFilter | str = AUTO,  # noqa: A002 - the field's word
+        filter: StateVariableFilter | RefinedFilter | str = AUTO,  # noqa: A002 - the field's word
         scaling: Scaling | str | None = AUTO,
         optimizer: Optimizer | str = AUTO,
         replay: Replay | str | None = AUTO,
+        instruments: bool | str = AUTO,
         normalize: bool = True,
         preprocess: Preprocess = Preprocess(),  # noqa: B008 - frozen
         startup: int = 500,
     ) -> None:
-        self._request = Request(structure, dt, filter, scaling, optimizer, replay, normalize, preprocess)
+        self._request = Request(structure, dt, filter, scaling, optimizer, replay, instruments, normalize, preprocess)
         self._startup = whole("startup", startup, 1)
         self.reset()
 
     def reset(self) -> None:
         """Forget every sample and begin again, choices left to "auto" included."""
         self._settings: Settings | None = None
-        self._held: list[tuple[float, float]] = []
-        self._held_rejects = [0, 0]
+        self._held: list[tuple[float, float, float]] = []
+        self._held_rejects = {"not finite": 0, "too large": 0, "not later": 0}
+        self._resolve_at = 0
+        self._offered = 0
         if self._request.asks_for_data:
-            self._hold = self._startup
+            self._hold = max(self._startup, self._least_startup)
         else:
             self._hold = 0 if self._request.preprocess.needs == "nothing" else 1
             if self._hold == 0:
@@ -107,33 +128,48 @@ class Identifier:
         """Return an independent copy in the same state."""
         return copy.deepcopy(self)
 
-    def update(self, u: float, y: float) -> float:
+    def update(self, u: float, y: float, t: float | None = None) -> float:
         """Take one sample; return its a-priori output error y - theta' phi, in the unit of y.
 
         NaN stands for "no prediction": the sample was rejected, or is held back for start-up.
 
+        Parameters
+        ----------
+        u, y : float
+        t : float, optional
+            Time stamp in s, for a clock that is not regular: given with every sample, or with none.  Filters and model
+            are exact for the interval that really passed.  A stamp that does not advance is rejected; after a gap of
+            20 dt the filters begin anew, and learning waits until what is unknown of the gap has died out.
+
         Raises
         ------
         ArgumentTypeError
-            If ``u`` or ``y`` is not a number; the state stays as it was.
+            If an argument is not a number; the state stays as it was.
         """
         if type(u) is not float:
             u = number("u", u)
         if type(y) is not float:
             y = number("y", y)
+        t = math.nan if t is None else self._stamp(t)
         if self._settings is None:
-            return self._hold_back(u, y)
+            return self._hold_back(u, y, t)
         if self._mapped:
             u = float(self._request.preprocess.call_map(np.array([u]))[0])
-        error: float = self._step(self._ints, self._reals, self._buffer, u, y)
+        state = self._state
+        error: float = self._step(state.ints, state.reals, state.banks, state.buffer, state.recent, u, y, t)
+        self._offered += 1
+        if self._offered == self._resolve_at:
+            self._solve_again()
         return error
 
-    def update_many(self, u: Any, y: Any) -> Trace:
+    def update_many(self, u: Any, y: Any, t: Any = None) -> Trace:
         """Take a chunk of samples in compiled code: equal, to the bit, to a loop of `update`.
 
         Parameters
         ----------
         u, y : (K,) arrays
+        t : (K,) array, optional
+            Time stamps in s, see `update`.
 
         Raises
         ------
@@ -141,28 +177,53 @@ class Identifier:
             If shapes or types do not fit; the state stays as it was.
         """
         u, y = record(u, y)
+        t = self._stamps(t, u.size)
         trace = Trace(self.names, self.parameters, np.empty((u.size, self.structure.size)), np.full(u.size, np.nan))
         taken = 0
         while self._settings is None and taken < u.size:
-            trace.errors[taken] = self._hold_back(float(u[taken]), float(y[taken]))
+            stamp = float(t[taken]) if t.size else math.nan
+            trace.errors[taken] = self._hold_back(float(u[taken]), float(y[taken]), stamp)
             trace.parameters[taken] = self.parameters
             taken += 1
-        if taken < u.size:
-            rest = u[taken:]
-            if self._mapped:
-                rest = self._request.preprocess.call_map(rest)
-            self._steps(
-                self._ints, self._reals, self._buffer, rest, y[taken:], trace.errors[taken:], trace.parameters[taken:]
-            )
+        if taken < u.size and self._mapped:
+            u = np.concatenate([u[:taken], self._request.preprocess.call_map(u[taken:])])
+        while taken < u.size:
+            end = u.size
+            if self._offered < self._resolve_at:
+                end = min(end, taken + self._resolve_at - self._offered)
+            self._take(u[taken:end], y[taken:end], t[taken:end], trace.errors[taken:end], trace.parameters[taken:end])
+            taken = end
         return trace
 
+    def _take(self, u: FloatArray, y: FloatArray, t: FloatArray, errors: FloatArray, parameters: FloatArray) -> None:
+        """Run a chunk without a new solution inside it; the solution that is due at its end follows."""
+        state = self._state
+        self._steps(state.ints, state.reals, state.banks, state.buffer, state.recent, u, y, t, errors, parameters)
+        self._offered += u.size
+        if self._offered == self._resolve_at:
+            self._solve_again()
+            parameters[-1] = self.parameters
+
     def finish_startup(self) -> None:
-        """Choose what is left to "auto" from the samples held so far and learn them; without effect once begun.
+        """Begin with the samples held so far, and learn them; without effect once begun.
 
         For records shorter than the start-up.
         """
         if self._settings is None and self._held:
-            self._begin()
+            self._begin(at_any_rate=True)
+
+    def freeze(self) -> None:
+        """Stop adapting: samples go on through the filters, the estimate stays."""
+        self._adapt(False)
+
+    def resume(self) -> None:
+        """Adapt again after `freeze`."""
+        self._adapt(True)
+
+    def _adapt(self, adapt: bool) -> None:
+        if self._settings is None:
+            raise InvalidArgumentError("the identifier is still starting: there is no estimate to freeze yet")
+        self._state.ints[at.ADAPT] = adapt
 
     @property
     def structure(self) -> Structure:
@@ -187,11 +248,10 @@ class Identifier:
     @property
     def parameters(self) -> FloatArray:
         """The estimate (P,) in physical units, in the order of `names`."""
-        if self._settings is None:
-            return np.zeros(self.structure.size)
         size = self.structure.size
-        theta = at.block(self._ints, self._reals, at.AT_THETA, size)
-        return np.asarray(theta * at.block(self._ints, self._reals, at.AT_UNIT, size))
+        if self._settings is None:
+            return np.zeros(size)
+        return np.asarray(self._state.theta[:size] * self._state.unit[:size])
 
     @property
     def transfer_function(self) -> TransferFunction:
@@ -199,44 +259,150 @@ class Identifier:
         return self.structure.transfer_function(self.parameters)
 
     @property
+    def covariance(self) -> FloatArray:
+        """Covariance (P, P) of the estimate in physical units, the residual's colour taken into account.
+
+        NaN where no honest one is known: during start-up, and without instruments, where noise biases the estimate.
+        """
+        if self._settings is None:
+            return np.full((self.structure.size, self.structure.size), np.nan)
+        return covariance(self._state, self._settings)
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """Standard deviations of the parameters, poles, gain and frequency response."""
+        return Uncertainty(self.structure, self.parameters, self.covariance)
+
+    @property
     def samples(self) -> int:
         """Accepted samples, those held back for start-up included."""
-        return len(self._held) if self._settings is None else int(self._ints[at.SAMPLES])
+        return len(self._held) if self._settings is None else int(self._state.ints[at.SAMPLES])
 
     @property
     def rejected(self) -> dict[str, int]:
         """Rejected samples by reason."""
-        counts = self._held_rejects if self._settings is None else self._ints[[at.NOT_FINITE, at.TOO_LARGE]]
-        return {"not finite": int(counts[0]), "too large": int(counts[1])}
+        if self._settings is None:
+            return dict(self._held_rejects)
+        counts = self._state.ints[[at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER]]
+        return dict(zip(self._held_rejects, counts.tolist(), strict=True))
 
     @property
     def status(self) -> str:
         """One of "starting", "running", or "diverged": an update was undone because it would have left float64."""
         if self._settings is None:
             return "starting"
-        return "diverged" if self._ints[at.REFUSED] else "running"
+        return "diverged" if self._state.ints[at.REFUSED] else "running"
 
-    def _hold_back(self, u: float, y: float) -> float:
+    @property
+    def _least_startup(self) -> int:
+        """How many samples a first model needs at the least."""
+        return 4 * (2 * self.structure.poles + self.structure.zeros + 2) if self._request.wants_instruments else 1
+
+    def _stamp(self, t: Any) -> float:
+        """Return a time stamp for the kernel: infinite, which it rejects, where it is not finite."""
+        chosen = self._request.filter
+        if isinstance(chosen, StateVariableFilter) and chosen.method == "gbt":
+            raise InvalidArgumentError("the gbt filter knows a regular clock only: give no t, or use method='exact'")
+        t = number("t", t)
+        return t if math.isfinite(t) else math.inf
+
+    def _stamps(self, t: Any, samples: int) -> FloatArray:
+        if t is None:
+            return REGULAR
+        stamps = vector("t", t)
+        if stamps.size != samples:
+            raise InvalidArgumentError(f"t must have one stamp for each of {samples} samples, got {stamps.size}")
+        self._stamp(0.0)
+        return np.where(np.isfinite(stamps), stamps, np.inf)
+
+    def _hold_back(self, u: float, y: float, t: float) -> float:
         """Keep a sample for start-up; with the last one, begin."""
-        mapped = self._request.preprocess.map_input(np.array([u]))[0]
-        if not (math.isfinite(mapped) and math.isfinite(y)):
-            self._held_rejects[0] += 1
+        mapped = self._request.preprocess.map_input(np.array([u]))
+        accepted, rejected = screen(mapped, np.array([y]))
+        if accepted[0] and math.isinf(t):
+            accepted, rejected = np.array([False]), {"not finite": 1}
+        elif accepted[0] and self._held and not math.isnan(t) and not t > self._held[-1][2]:
+            accepted, rejected = np.array([False]), {"not later": 1}
+        for reason, count in rejected.items():
+            self._held_rejects[reason] += count
+        if not accepted[0]:
             return math.nan
-        if max(abs(mapped), abs(y)) > at.LARGEST:
-            self._held_rejects[1] += 1
-            return math.nan
-        self._held.append((u, y))
+        self._held.append((u, y, t))
         return self._begin() if len(self._held) == self._hold else math.nan
 
-    def _begin(self) -> float:
+    def _begin(self, *, at_any_rate: bool = False) -> float:
         """Make every setting definite, lay out the state and learn the held samples; return the last one's error."""
         from replant.kernels.step import step, steps
 
-        u, y = np.array(self._held, np.float64).reshape(-1, 2).T.copy()
-        self._settings = settle(self._request, u, y)
+        u, y, t = np.array(self._held, np.float64).reshape(-1, 3).T.copy()
+        settings = settle(self._request, u, y)
+        refined = None
+        if settings.instruments:
+            ready = self._ready(settings, u, y, t)
+            refined = first_model(self.structure, ready)
+            if refined is None or not (refined.acceptable or at_any_rate or 2 * self._hold > LARGEST):
+                return self._wait_longer()
+        self._settings, self._mapped = settings, callable(self._request.preprocess.input_map)
         self._step, self._steps = step, steps
-        self._mapped = callable(self._request.preprocess.input_map)
-        self._ints, self._reals, self._buffer = prepare(self._settings)
-        self._ints[[at.NOT_FINITE, at.TOO_LARGE]] = self._held_rejects
-        self._held = []
-        return float(self.update_many(u, y).errors[-1]) if u.size else math.nan
+        self._state = State.of_settings(settings, RECENT if settings.instruments else 0)
+        self._state.ints[[at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER]] = list(self._held_rejects.values())
+        self._held, self._offered = [], u.size
+        if u.size == 0:
+            return math.nan
+        if self._mapped:
+            u = settings.preprocess.call_map(u)
+        if refined is None:
+            return float(self._warm_up(u, y, t, learn=True)[-1])
+        self._resolve_at = self._next_solution()
+        seed(self._state, settings, refined, ready)
+        errors = self._warm_up(u, y, t, learn=not settings.optimizer.keeps_covariance)
+        return float(errors[-1])
+
+    def _warm_up(self, u: FloatArray, y: FloatArray, t: FloatArray, *, learn: bool) -> FloatArray:
+        errors = warm_up(self._state, u, y, REGULAR if np.isnan(t).any() else t, learn=learn)
+        self._state.reals[at.READY] = self._state.reals[at.ELAPSED]
+        return errors
+
+    def _ready(self, settings: Settings, u: FloatArray, y: FloatArray, t: FloatArray) -> Record:
+        """Return held samples as a record for `refine`."""
+        preprocess = settings.preprocess
+        intervals = np.array([self.dt]) if np.isnan(t).any() else np.diff(t, prepend=t[0] - self.dt)
+        mapped = preprocess.map_input(u) - float(preprocess.input_offset)
+        return Record(mapped, y - float(preprocess.output_offset), intervals, settings.filter.input_hold)
+
+    def _wait_longer(self) -> float:
+        """Hold twice as much for start-up; at the limit, let the older half go: a rig may idle before it moves."""
+        if 2 * self._hold <= LARGEST:
+            self._hold *= 2
+        else:
+            self._held = self._held[len(self._held) // 2 :]
+        return math.nan
+
+    def _next_solution(self) -> int:
+        """Return after how many samples the whole record is solved again; 0 for never."""
+        settings = self._settings
+        assert settings is not None
+        remembers_all = settings.optimizer.keeps_colour and self._state.block(at.AT_SETTINGS, 1)[0] == 1.0
+        due = 2 * self._offered
+        return due if remembers_all and isinstance(settings.filter, RefinedFilter) and due <= RECENT else 0
+
+    def _solve_again(self) -> None:
+        """Solve the record so far as a whole, from the present estimate, and go on from that solution."""
+        self._resolve_at = self._next_solution()
+        settings, old = self._settings, self._state
+        samples = int(old.ints[at.SAMPLES])
+        assert settings is not None
+        if old.ints[at.GAPS] or not old.ints[at.ADAPT] or samples > RECENT:
+            return
+        u, y, intervals = old.recent[:samples].T.copy()
+        regular = bool((intervals == self.dt).all())
+        ready = Record(u, y, np.array([self.dt]) if regular else intervals, settings.filter.input_hold)
+        refined = refine(self.structure, ready, [old.theta * old.unit])
+        if refined is None or not refined.acceptable:
+            return
+        self._state = State.of_settings(settings, RECENT)
+        seed(self._state, settings, refined, ready)
+        t = REGULAR if regular else old.reals[at.LAST_TIME] - (intervals.sum() - np.cumsum(intervals))
+        with self._state.without_preprocessing():
+            self._warm_up(u, y, t, learn=False)
+        carry_over(old, self._state)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from replant.errors import ArgumentTypeError
-from replant.filters import StateVariableFilter
+from replant.errors import ArgumentTypeError, InvalidArgumentError
+from replant.filters import RefinedFilter, StateVariableFilter
 from replant.optimizers import OPTIMIZERS, Optimizer
 from replant.preprocess import Preprocess
 from replant.replay import Replay
@@ -15,6 +15,7 @@ from replant.structure import Structure
 from replant.validation import positive
 
 AUTO = "auto"
+DEFAULT_OPTIMIZER = "recursive-least-squares"
 
 
 @dataclass(frozen=True)
@@ -26,10 +27,11 @@ class Settings:
     structure : Structure
     dt : float
         Sampling time in s.
-    filter : StateVariableFilter
+    filter : StateVariableFilter or RefinedFilter
     scaling : Scaling
     optimizer : Optimizer
     replay : Replay or None
+    instruments : bool
     normalize : bool
     preprocess : Preprocess
         With numbers for working points.
@@ -37,10 +39,11 @@ class Settings:
 
     structure: Structure
     dt: float
-    filter: StateVariableFilter
+    filter: StateVariableFilter | RefinedFilter
     scaling: Scaling
     optimizer: Optimizer
     replay: Replay | None
+    instruments: bool
     normalize: bool
     preprocess: Preprocess
 
@@ -51,19 +54,21 @@ class Request:
 
     structure: Structure
     dt: float
-    filter: StateVariableFilter | str = AUTO
+    filter: StateVariableFilter | RefinedFilter | str = AUTO
     scaling: Scaling | str | None = AUTO
     optimizer: Optimizer | str = AUTO
     replay: Replay | str | None = AUTO
+    instruments: bool | str = AUTO
     normalize: bool = True
     preprocess: Preprocess = field(default_factory=Preprocess)
 
     def __post_init__(self) -> None:
         _expect("structure", self.structure, Structure)
-        _expect("filter", self.filter, StateVariableFilter, AUTO)
+        _expect("filter", self.filter, (StateVariableFilter, RefinedFilter), AUTO)
         _expect("scaling", self.scaling, Scaling, AUTO, None)
         _expect("optimizer", self.optimizer, Optimizer, AUTO, *OPTIMIZERS)
         _expect("replay", self.replay, Replay, AUTO, None)
+        _expect("instruments", self.instruments, bool, AUTO)
         _expect("normalize", self.normalize, bool)
         _expect("preprocess", self.preprocess, Preprocess)
         object.__setattr__(self, "dt", positive("dt", self.dt))
@@ -71,16 +76,44 @@ class Request:
             self.filter.discretize(self.structure.poles, self.dt, self.structure.delay)  # raises what cannot work
         if isinstance(self.scaling, Scaling):
             self.scaling.sigmas(self.structure)
+        if isinstance(self.filter, RefinedFilter) and self.instruments is False:
+            raise InvalidArgumentError("the refined filter needs instruments: instruments=False cannot go with it")
+        if (
+            isinstance(self.optimizer, Optimizer)
+            and self.optimizer.keeps_covariance
+            and isinstance(self.replay, Replay)
+        ):
+            name = type(self.optimizer).__name__
+            raise InvalidArgumentError(f"{name} remembers every sample by itself: replay must be None, not a buffer")
+        if isinstance(self.filter, StateVariableFilter) and self.filter.method == "gbt" and self.structure.is_biproper:
+            raise InvalidArgumentError("the gbt filter is strictly causal: as many zeros as poles need method='exact'")
+
+    @property
+    def wants_instruments(self) -> bool:
+        """Whether instruments are asked for, or go with what is asked for.
+
+        Left to "auto", they come with the refined filter and with the optimizers that keep a covariance.
+        """
+        if isinstance(self.instruments, bool):
+            return self.instruments
+        if isinstance(self.filter, RefinedFilter):
+            return True
+        if isinstance(self.optimizer, Optimizer):
+            return self.optimizer.keeps_covariance
+        name = DEFAULT_OPTIMIZER if self.optimizer == AUTO else self.optimizer
+        return OPTIMIZERS[name].keeps_covariance
 
     @property
     def asks_for_data(self) -> bool:
         """Whether a choice waits for a record of samples."""
         choices = (self.filter, self.scaling, self.optimizer, self.replay)
-        return any(isinstance(choice, str) for choice in choices) or self.preprocess.needs == "mean"
+        chosen = not any(isinstance(choice, str) for choice in choices)
+        return not chosen or self.preprocess.needs == "mean" or self.wants_instruments
 
 
-def _expect(name: str, value: Any, kind: type, *others: str | None) -> None:
+def _expect(name: str, value: Any, kind: type | tuple[type, ...], *others: str | None) -> None:
     if isinstance(value, kind) or ((value is None or isinstance(value, str)) and value in others):
         return
-    allowed = " or ".join([f"a {kind.__name__}", *(repr(other) for other in others)])
+    kinds = kind if isinstance(kind, tuple) else (kind,)
+    allowed = " or ".join([*(f"a {each.__name__}" for each in kinds), *(repr(other) for other in others)])
     raise ArgumentTypeError(f"{name} must be {allowed}, got {type(value).__name__} {value!r}")

@@ -26,7 +26,10 @@ class Structure:
     delay : float
         Dead time in seconds, any real number >= 0.
     bias : bool
-        Identify a constant in the regression as well, (24) of the article.
+        Identify a constant in the regression as well, (24) of the article: with a fixed filter in the unit of the
+        output; with the refined filter it is the constant of A y = B u + bias, the output's offset times a0.
+    feedthrough : bool
+        Allow as many zeros as poles: the output jumps with the input, as an accelerometer's does.
 
     Raises
     ------
@@ -47,6 +50,7 @@ class Structure:
     zeros: int = 0
     delay: float = 0.0
     bias: bool = False
+    feedthrough: bool = False
 
     MOST_POLES = 10  # beyond it the regression is hopeless in float64
 
@@ -54,8 +58,9 @@ class Structure:
         poles, zeros = whole("poles", self.poles, 1), whole("zeros", self.zeros, 0)
         if poles > self.MOST_POLES:
             raise InvalidArgumentError(f"poles must be at most {self.MOST_POLES}, got {poles}")
-        if zeros >= poles:
-            raise InvalidArgumentError(f"zeros must be fewer than poles, got {zeros} zeros and {poles} poles")
+        if zeros > poles or (zeros == poles and not self.feedthrough):
+            hint = "; where the input acts on the output at once, say feedthrough=True" if zeros == poles else ""
+            raise InvalidArgumentError(f"zeros must be fewer than poles, got {zeros} zeros and {poles} poles{hint}")
         not_negative("delay", self.delay)
         if not isinstance(self.bias, bool):
             raise ArgumentTypeError(f"bias must be True or False, got {self.bias!r}")
@@ -78,6 +83,11 @@ class Structure:
         n = self.poles
         values = np.asarray(parameters, np.float64)
         return TransferFunction(values[n : n + self.zeros + 1], np.concatenate([[1.0], values[:n]]), self.delay)
+
+    @property
+    def is_biproper(self) -> bool:
+        """Whether there are as many zeros as poles: the input acts on the output at once."""
+        return self.zeros == self.poles
 
     @property
     def size(self) -> int:

@@ -2,11 +2,12 @@
 
 Every kernel has the same signature:
 
-    kernel(theta, memory, settings, buffer, rows)
+    kernel(theta, memory, settings, buffer, rows, direction)
 
-``theta`` (P,) and ``memory`` are changed in place; a row of ``buffer`` is [phi (P entries), y, 1/m^2], all scaled, so
-the gradient (16) of a row is g = -(y - theta' phi) / m^2 * phi.  ``settings`` holds the optimizer's numbers in the
-order that its class in `replant.optimizers` gives them.
+``theta`` (P,) and ``memory`` are changed in place; a row of ``buffer`` is [phi (P entries), y, 1/m^2], all scaled, and
+[zeta (P entries)] after it where there are instruments.  The gradient (16) of a row is g = -(y - theta' phi) / m^2 *
+phi, or with zeta in the place of the last phi: ``direction`` is the column where that vector begins, 0 or P + 2.
+``settings`` holds the optimizer's numbers in the order that its class in `replant.optimizers` gives them.
 """
 
 import math
@@ -25,17 +26,17 @@ def normalized_error(theta, buffer, row):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def gradient(theta, memory, settings, buffer, rows):
+def gradient(theta, memory, settings, buffer, rows, direction):
     """(17): theta += Tp gamma epsilon_I phi; settings [Tp gamma]."""
     gain = settings[0]
     for row in rows:
         step = gain * normalized_error(theta, buffer, row)
         for i in range(theta.size):
-            theta[i] += step * buffer[row, i]
+            theta[i] += step * buffer[row, direction + i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def adam(theta, memory, settings, buffer, rows):
+def adam(theta, memory, settings, buffer, rows, direction):
     """Algorithm 1; settings [alpha, beta1, beta2, epsilon], memory [beta1^t, beta2^t, (m_i, v_i) ...]."""
     alpha, beta1, beta2, epsilon = settings[0], settings[1], settings[2], settings[3]
     for row in rows:
@@ -45,7 +46,7 @@ def adam(theta, memory, settings, buffer, rows):
         correction1 = 1.0 - memory[0]
         correction2 = 1.0 - memory[1]
         for i in range(theta.size):
-            g = -error * buffer[row, i]
+            g = -error * buffer[row, direction + i]
             m = beta1 * memory[2 + 2 * i] + (1.0 - beta1) * g
             v = beta2 * memory[3 + 2 * i] + (1.0 - beta2) * g * g
             memory[2 + 2 * i] = m
@@ -54,13 +55,13 @@ def adam(theta, memory, settings, buffer, rows):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def amsgrad(theta, memory, settings, buffer, rows):
+def amsgrad(theta, memory, settings, buffer, rows, direction):
     """Algorithm 2, no bias correction; settings [alpha, beta1, beta2, epsilon], memory [(m_i, v_i, max v_i) ...]."""
     alpha, beta1, beta2, epsilon = settings[0], settings[1], settings[2], settings[3]
     for row in rows:
         error = normalized_error(theta, buffer, row)
         for i in range(theta.size):
-            g = -error * buffer[row, i]
+            g = -error * buffer[row, direction + i]
             m = beta1 * memory[3 * i] + (1.0 - beta1) * g
             v = beta2 * memory[3 * i + 1] + (1.0 - beta2) * g * g
             largest = max(memory[3 * i + 2], v)
@@ -71,31 +72,31 @@ def amsgrad(theta, memory, settings, buffer, rows):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def adagrad(theta, memory, settings, buffer, rows):
+def adagrad(theta, memory, settings, buffer, rows, direction):
     """Sum of squared gradients; settings [alpha, epsilon], memory [sum g_i^2 ...]."""
     alpha, epsilon = settings[0], settings[1]
     for row in rows:
         error = normalized_error(theta, buffer, row)
         for i in range(theta.size):
-            g = -error * buffer[row, i]
+            g = -error * buffer[row, direction + i]
             memory[i] += g * g
             theta[i] -= alpha * g / (math.sqrt(memory[i]) + epsilon)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def rmsprop(theta, memory, settings, buffer, rows):
+def rmsprop(theta, memory, settings, buffer, rows, direction):
     """Moving mean of squared gradients; settings [alpha, rho, epsilon], memory [v_i ...]."""
     alpha, rho, epsilon = settings[0], settings[1], settings[2]
     for row in rows:
         error = normalized_error(theta, buffer, row)
         for i in range(theta.size):
-            g = -error * buffer[row, i]
+            g = -error * buffer[row, direction + i]
             memory[i] = rho * memory[i] + (1.0 - rho) * g * g
             theta[i] -= alpha * g / (math.sqrt(memory[i]) + epsilon)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def nadam(theta, memory, settings, buffer, rows):
+def nadam(theta, memory, settings, buffer, rows, direction):
     """Adam with Nesterov's look-ahead; settings and memory as `adam`."""
     alpha, beta1, beta2, epsilon = settings[0], settings[1], settings[2], settings[3]
     for row in rows:
@@ -106,7 +107,7 @@ def nadam(theta, memory, settings, buffer, rows):
         correction_next = 1.0 - beta1 * memory[0]
         correction2 = 1.0 - memory[1]
         for i in range(theta.size):
-            g = -error * buffer[row, i]
+            g = -error * buffer[row, direction + i]
             m = beta1 * memory[2 + 2 * i] + (1.0 - beta1) * g
             v = beta2 * memory[3 + 2 * i] + (1.0 - beta2) * g * g
             memory[2 + 2 * i] = m
@@ -116,13 +117,13 @@ def nadam(theta, memory, settings, buffer, rows):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def adadelta(theta, memory, settings, buffer, rows):
+def adadelta(theta, memory, settings, buffer, rows, direction):
     """Steps in the unit of theta; settings [alpha, rho, epsilon], memory [(mean g_i^2, mean step_i^2) ...]."""
     alpha, rho, epsilon = settings[0], settings[1], settings[2]
     for row in rows:
         error = normalized_error(theta, buffer, row)
         for i in range(theta.size):
-            g = -error * buffer[row, i]
+            g = -error * buffer[row, direction + i]
             squares = rho * memory[2 * i] + (1.0 - rho) * g * g
             step = math.sqrt(memory[2 * i + 1] + epsilon) / math.sqrt(squares + epsilon) * g
             memory[2 * i] = squares
@@ -131,7 +132,7 @@ def adadelta(theta, memory, settings, buffer, rows):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def integral_cost(theta, memory, settings, buffer, rows):
+def integral_cost(theta, memory, settings, buffer, rows, direction):
     """(19); settings [Tp, Gamma, beta], memory [R (P, P), Q (P,)].
 
     theta moves along the R and Q held before the row, then the row enters them, as the article's index t says.
@@ -149,7 +150,7 @@ def integral_cost(theta, memory, settings, buffer, rows):
             memory[P * P + P + i] = slope
         for i in range(P):
             theta[i] -= period * gain * memory[P * P + P + i]
-            weighted = weight * buffer[row, i]
+            weighted = weight * buffer[row, direction + i]
             for j in range(P):
                 memory[i * P + j] = keep * memory[i * P + j] + weighted * buffer[row, j]
             memory[P * P + i] = keep * memory[P * P + i] - weighted * y

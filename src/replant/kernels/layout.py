@@ -1,7 +1,10 @@
-"""Where each number lies in the arrays ``ints`` and ``reals`` of an identifier: the one owner of that layout.
+"""Where each number lies in the arrays of an identifier: the one owner of that layout.
 
 The slots of ``ints`` below are constants, compiled into the kernels.  The blocks of ``reals`` depend on the structure,
 so their offsets are themselves numbers in ``ints`` (the ``AT_...`` slots), filled in by `plan`.
+
+Symbols: n poles, T entries of the regressor (the P parameters, then the nuisances of the refined filter), M numbers
+of memory and S of settings of the optimizer.
 """
 
 from __future__ import annotations
@@ -10,78 +13,104 @@ import numpy as np
 
 # --- ints: the structure and the settings
 ORDER = 0  # n, poles
-ENTRIES = 1  # P, entries of the regressor
-INPUT_ENTRIES = 2  # m + 1, how many of them come from the input
-ALGORITHM = 3  # which optimizer (the codes in kernels.step)
-SQUARE_INPUT = 4  # 1: the input is squared first
-NORMALIZE = 5  # 1: divide by m^2 = 1 + phi' phi (13), 0: by one
-LAG = 6  # whole samples of dead time
-CAPACITY = 7  # rows of the replay buffer
-BATCH = 8  # updates a sample once the buffer is warm
-WARMUP = 9  # rows that the buffer must hold more of before batches begin
+ENTRIES = 1  # T, entries of the regressor
+PARAMETERS = 2  # P, how many of them the user asked for
+INPUT_ENTRIES = 3  # m + 1, how many of them come from the input
+ALGORITHM = 4  # which optimizer (the codes in kernels.step)
+SQUARE_INPUT = 5  # 1: the input is squared first
+NORMALIZE = 6  # 1: divide by m^2 = 1 + phi' phi (13), 0: by one
+STRAIGHT_INPUT = 7  # 1: the input runs straight between samples (first-order hold), 0: it is held
+BILINEAR = 8  # 1: the article's generalised bilinear filters, 0: exact ones
+CONSTANT = 9  # 1: the regressor has a constant
+REFINED = 10  # 1: the filter is 1/A of the estimate, with initial states as nuisances; 0: it is fixed
+INSTRUMENTS = 11  # 1: the regressor has noise-free companions
+CAPACITY = 12  # rows of the replay buffer
+BATCH = 13  # updates a sample once the buffer is warm
+WARMUP = 14  # rows that the buffer must hold more of before batches begin
+RING = 15  # past inputs kept, for the dead time
+RECENT = 16  # raw samples kept, for assessment
+GUARD = 17  # 1: updates rest while the input rests
+ADAPT = 18  # 0: the estimate is frozen by the user
+COLOURED = 19  # 1: power and colour of the residual are kept
 # --- ints: what changes
-STARTED = 10  # 1 after the first accepted sample
-SAMPLES = 11  # accepted samples
-NOT_FINITE = 12  # rejected samples: NaN or infinite
-TOO_LARGE = 13  # rejected samples: their square would leave float64
-REFUSED = 14  # updates undone because they left float64
-FILLED = 15  # rows of the buffer in use
-HEAD = 16  # the row that the next sample goes to
-SEED = 17
-DRAWN = 18  # position in the random stream
-PAST = 19  # where in the ring of past inputs the newest one lies
+STARTED = 20  # 1 after the first accepted sample
+SAMPLES = 21  # accepted samples
+NOT_FINITE = 22  # rejected samples: NaN or infinite
+TOO_LARGE = 23  # rejected samples: their square would leave float64
+NOT_LATER = 24  # rejected samples: their time stamp does not advance
+REFUSED = 25  # updates undone because they left float64
+RESTED = 26  # samples that were not learned because the input rested
+GAPS = 27  # interruptions after which the filters began anew
+FILLED = 28  # rows of the buffer in use
+HEAD = 29  # the row that the next sample goes to
+SEED = 30
+DRAWN = 31  # position in the random stream
+NEWEST = 32  # where in the ring of past inputs the newest one lies
+ACTIVE = 33  # which bank of the auxiliary model serves, 1 or 2
+WARMING = 34  # 1 while the other one warms up
 # --- ints: where the blocks of reals begin
-AT_TRANSITION = 20  # (n, n)  Ad of the filters
-AT_OUTPUT_TAPS = 21  # (2, n)  filter input vectors for y[k-1], y[k]
-AT_INPUT_TAPS = 22  # (3, n)  filter input vectors for u[k-LAG-2], u[k-LAG-1], u[k-LAG]
-AT_CHARACTERISTIC = 23  # (n,)  lambda_i / lambda^(n-i): rebuilds s^n/Lambda y
-AT_GAIN = 24  # (P,)  from filter state to scaled regressor entry
-AT_UNIT = 25  # (P,)  from scaled to physical parameter
-AT_OUTPUT_STATE = 26  # (n,)  filter states of y
-AT_INPUT_STATE = 27  # (n,)  filter states of u
-AT_PAST = 28  # (LAG + 3,)  ring of past inputs
-AT_PHI = 29  # (P,)  scaled regressor of the newest sample
-AT_THETA = 30  # (P,)  scaled estimate
-AT_MEMORY = 31  # (M,)  the optimizer's own memory
-AT_SETTINGS = 32  # (S,)  the optimizer's settings
-AT_BACKUP = 33  # (max(P + M, 2 n),)  theta and memory before the newest sample; new filter states on their way
-MEMORY_SIZE = 34  # M
-SETTINGS_SIZE = 35  # S
-ROWS = 36  # from here: (BATCH,) rows drawn for the newest sample
-
-# The largest magnitude whose square is still far inside float64: beyond it m^2 of (13) would overflow.
-LARGEST = 1e150
+AT_INPUTS = 40  # (RING,)  past inputs
+AT_INTERVALS = 41  # (RING,)  the interval that led to each of them
+AT_SIGMA = 42  # (T,)  scaling of the regressor
+AT_UNIT = 43  # (T,)  from scaled to physical parameter
+AT_PHI = 44  # (T,)  scaled regressor of the newest sample
+AT_ZETA = 45  # (T,)  its noise-free companion
+AT_THETA = 46  # (T,)  scaled estimate
+AT_MEMORY = 47  # (M,)  the optimizer's own memory
+AT_SETTINGS = 48  # (S,)  the optimizer's settings
+AT_BACKUP = 49  # (T + M,)  theta and memory before the newest sample
+AT_WORK = 50  # (4 (n + 2)^2,)  work
+AT_COLOUR = 51  # (see kernels.residuals)  power and colour of the residual
+MEMORY_SIZE = 52  # M
+SETTINGS_SIZE = 53  # S
+ROWS = 54  # from here: (BATCH,) rows drawn for the newest sample
 
 # --- reals: scalars
 INPUT_OFFSET = 0  # working point, subtracted from the mapped input
 OUTPUT_OFFSET = 1  # working point, subtracted from the output
 OUTPUT_SCALE = 2  # sigma_y
 LAST_OUTPUT = 3  # y[k-1]
-SCALARS = 4
+DELAY = 4  # dead time, s
+INTERVAL = 5  # nominal sampling time, s
+ALPHA = 6  # of the generalised bilinear transform
+ELAPSED = 7  # s since the first sample
+READY = 8  # when the warming bank takes over, s since the first sample
+INPUT_NOW = 9  # the delayed input at the newest sample
+MARGIN = 10  # least distance from the imaginary axis of a filter's pole, rad/s
+WIDEST = 11  # largest bandwidth of a filter, rad/s
+INPUT_MEAN = 12  # moving mean of the input
+INPUT_POWER = 13  # moving variance of the input
+LARGEST_POWER = 14  # largest that it has been
+FORGET_INPUT = 15  # share of the newest sample in both
+LONGEST_GAP = 16  # s; a longer interval is an interruption
+LAST_TIME = 18  # time stamp of the newest sample, s
+LEARN_FROM = 17  # s since the first sample; after a gap, learning waits until then
+SCALARS = 19
+
+# The largest magnitude whose square is still far inside float64: beyond it m^2 of (13) would overflow.
+LARGEST = 1e150
 
 
 def plan(
-    order: int, entries: int, input_entries: int, lag: int, memory: int, settings: int, batch: int
+    *, order: int, entries: int, ring: int, memory: int, settings: int, batch: int, colour: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return fresh ``ints`` and ``reals``, all zero but the sizes and offsets."""
     ints = np.zeros(ROWS + batch, np.int64)
-    ints[ORDER], ints[ENTRIES], ints[INPUT_ENTRIES] = order, entries, input_entries
-    ints[LAG], ints[BATCH], ints[MEMORY_SIZE], ints[SETTINGS_SIZE] = lag, batch, memory, settings
+    ints[ORDER], ints[ENTRIES], ints[RING], ints[BATCH] = order, entries, ring, batch
+    ints[MEMORY_SIZE], ints[SETTINGS_SIZE] = memory, settings
     blocks = {
-        AT_TRANSITION: order * order,
-        AT_OUTPUT_TAPS: 2 * order,
-        AT_INPUT_TAPS: 3 * order,
-        AT_CHARACTERISTIC: order,
-        AT_GAIN: entries,
+        AT_INPUTS: ring,
+        AT_INTERVALS: ring,
+        AT_SIGMA: entries,
         AT_UNIT: entries,
-        AT_OUTPUT_STATE: order,
-        AT_INPUT_STATE: order,
-        AT_PAST: lag + 3,
         AT_PHI: entries,
+        AT_ZETA: entries,
         AT_THETA: entries,
         AT_MEMORY: memory,
         AT_SETTINGS: settings,
-        AT_BACKUP: max(entries + memory, 2 * order),
+        AT_BACKUP: entries + memory,
+        AT_WORK: 4 * (order + 2) ** 2,
+        AT_COLOUR: colour,
     }
     end = SCALARS
     for slot, size in blocks.items():

@@ -1,106 +1,55 @@
-"""What happens to one sample: filters, regressor, buffer, updates.  One kernel serves `update` and `update_many`."""
+"""What happens to one sample: checks, chain, buffer, updates.  One kernel serves `update` and `update_many`."""
 
 import math
 
 import numpy as np
 from numba import njit
 
+from replant.kernels import bank as bk
+from replant.kernels import chain, residuals
 from replant.kernels import first_order as first
 from replant.kernels import layout as at
+from replant.kernels import second_order as second
 from replant.kernels.random_stream import draw_below
+from replant.kernels.stability import slowest_decay
 
 # The optimizers' codes; `replant.optimizers` names them by the same numbers.
 GRADIENT, ADAM, AMSGRAD, ADAGRAD, RMSPROP, NADAM, ADADELTA, INTEGRAL_COST = range(8)
+RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9
+
+AT_REST = 1e-6  # moving variance of the input, relative to its largest, below which the input rests
+SETTLE = 5.0  # of the slowest time constant, to wait after a gap
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def learn(ints, reals, buffer, rows):
+def learn(ints, reals, buffer, rows, interval):
     """Let the optimizer consume the drawn rows."""
-    P, M, S = ints[at.ENTRIES], ints[at.MEMORY_SIZE], ints[at.SETTINGS_SIZE]
-    theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + P]
+    T, M, S = ints[at.ENTRIES], ints[at.MEMORY_SIZE], ints[at.SETTINGS_SIZE]
+    theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]
     memory = reals[ints[at.AT_MEMORY] : ints[at.AT_MEMORY] + M]
     settings = reals[ints[at.AT_SETTINGS] : ints[at.AT_SETTINGS] + S]
+    direction = T + 2 if ints[at.INSTRUMENTS] == 1 else 0
     algorithm = ints[at.ALGORITHM]
     if algorithm == GRADIENT:
-        first.gradient(theta, memory, settings, buffer, rows)
+        first.gradient(theta, memory, settings, buffer, rows, direction)
     elif algorithm == ADAM:
-        first.adam(theta, memory, settings, buffer, rows)
+        first.adam(theta, memory, settings, buffer, rows, direction)
     elif algorithm == AMSGRAD:
-        first.amsgrad(theta, memory, settings, buffer, rows)
+        first.amsgrad(theta, memory, settings, buffer, rows, direction)
     elif algorithm == ADAGRAD:
-        first.adagrad(theta, memory, settings, buffer, rows)
+        first.adagrad(theta, memory, settings, buffer, rows, direction)
     elif algorithm == RMSPROP:
-        first.rmsprop(theta, memory, settings, buffer, rows)
+        first.rmsprop(theta, memory, settings, buffer, rows, direction)
     elif algorithm == NADAM:
-        first.nadam(theta, memory, settings, buffer, rows)
+        first.nadam(theta, memory, settings, buffer, rows, direction)
     elif algorithm == ADADELTA:
-        first.adadelta(theta, memory, settings, buffer, rows)
+        first.adadelta(theta, memory, settings, buffer, rows, direction)
     elif algorithm == INTEGRAL_COST:
-        first.integral_cost(theta, memory, settings, buffer, rows)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def advance_filters(ints, reals, u, y):
-    """Carry the filter states of (6)-(7) from the sample before to this one.
-
-    The newest sample enters through the last tap of each filter.  That tap is zero where the article's strictly
-    causal form, or the zero-order hold of the input, does not use it.
-    """
-    n = ints[at.ORDER]
-    A, G, H = ints[at.AT_TRANSITION], ints[at.AT_OUTPUT_TAPS], ints[at.AT_INPUT_TAPS]
-    wy, wu, past = ints[at.AT_OUTPUT_STATE], ints[at.AT_INPUT_STATE], ints[at.AT_PAST]
-    ring = ints[at.LAG] + 3
-    if ints[at.STARTED] == 0:
-        # Before the record the input is taken to have stood at its first value.
-        for i in range(ring):
-            reals[past + i] = u
-        reals[at.LAST_OUTPUT] = y
-        ints[at.STARTED] = 1
-        return
-    newest = ints[at.PAST] + 1
-    if newest == ring:
-        newest = 0
-    ints[at.PAST] = newest
-    reals[past + newest] = u
-    u2 = reals[past + (newest + 1) % ring]  # u[k-LAG-2], the oldest in the ring
-    u1 = reals[past + (newest + 2) % ring]  # u[k-LAG-1]
-    u0 = reals[past + (newest + 3) % ring]  # u[k-LAG]
-    y1 = reals[at.LAST_OUTPUT]
-    # new states go through the backup area, which is free until the updates begin
-    spare = ints[at.AT_BACKUP]
-    for i in range(n):
-        sy = reals[G + i] * y1 + reals[G + n + i] * y
-        su = reals[H + i] * u2 + reals[H + n + i] * u1 + reals[H + 2 * n + i] * u0
-        for j in range(n):
-            sy += reals[A + i * n + j] * reals[wy + j]
-            su += reals[A + i * n + j] * reals[wu + j]
-        reals[spare + i] = sy
-        reals[spare + n + i] = su
-    for i in range(n):
-        reals[wy + i] = reals[spare + i]
-        reals[wu + i] = reals[spare + n + i]
-    reals[at.LAST_OUTPUT] = y
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def regressor(ints, reals, y):
-    """Fill the scaled regressor phi of (12) and return the scaled target s^n/Lambda y.
-
-    The linear form is (4) with lambda moved to the left: s^n/Lambda y = phi' [a, b], so that the estimate itself is
-    in the plant's parameters and the prediction error is the one of (8).
-    """
-    n, P, inputs = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES]
-    wy, wu, gain, phi = ints[at.AT_OUTPUT_STATE], ints[at.AT_INPUT_STATE], ints[at.AT_GAIN], ints[at.AT_PHI]
-    characteristic = ints[at.AT_CHARACTERISTIC]
-    target = y
-    for i in range(n):
-        target -= reals[characteristic + i] * reals[wy + i]
-        reals[phi + i] = reals[gain + i] * reals[wy + i]
-    for i in range(inputs):
-        reals[phi + n + i] = reals[gain + n + i] * reals[wu + n - inputs + i]
-    if P > n + inputs:
-        reals[phi + P - 1] = reals[gain + P - 1]
-    return target / reals[at.OUTPUT_SCALE]
+        first.integral_cost(theta, memory, settings, buffer, rows, direction)
+    elif algorithm == RECURSIVE_LEAST_SQUARES:
+        second.recursive_least_squares(theta, memory, settings, buffer, rows, direction)
+    elif algorithm == KALMAN_TRACKING:
+        second.kalman_tracking(theta, memory, settings, buffer, rows, direction, interval)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -109,15 +58,21 @@ def remember(ints, reals, buffer, target):
 
     Algorithm 3 of the article, mended: as printed it takes the buffer for empty again each time the index wraps.
     """
-    P = ints[at.ENTRIES]
-    phi = ints[at.AT_PHI]
+    T = ints[at.ENTRIES]
+    phi, zeta = ints[at.AT_PHI], ints[at.AT_ZETA]
     row = ints[at.HEAD]
     squares = 0.0
-    for i in range(P):
+    for i in range(T):
         buffer[row, i] = reals[phi + i]
-        squares += reals[phi + i] * reals[phi + i]
-    buffer[row, P] = target
-    buffer[row, P + 1] = 1.0 / (1.0 + squares) if ints[at.NORMALIZE] == 1 else 1.0
+    if ints[at.INSTRUMENTS] == 1:
+        for i in range(T):
+            buffer[row, T + 2 + i] = reals[zeta + i]
+            squares += reals[zeta + i] * reals[zeta + i]
+    else:
+        for i in range(T):
+            squares += reals[phi + i] * reals[phi + i]
+    buffer[row, T] = target
+    buffer[row, T + 1] = 1.0 / (1.0 + squares) if ints[at.NORMALIZE] == 1 else 1.0
     ints[at.HEAD] = row + 1 if row + 1 < ints[at.CAPACITY] else 0
     if ints[at.FILLED] < ints[at.CAPACITY]:
         ints[at.FILLED] += 1
@@ -144,68 +99,158 @@ def acceptable(ints, u, y):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def step(ints, reals, buffer, u, y):
-    """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected."""
+def input_rests(ints, reals, u):
+    """Follow the input's moving variance; return whether it has come to rest."""
+    if ints[at.SAMPLES] == 0:
+        reals[at.INPUT_MEAN] = u
+    share = reals[at.FORGET_INPUT]
+    away = u - reals[at.INPUT_MEAN]
+    reals[at.INPUT_MEAN] += share * away
+    reals[at.INPUT_POWER] += share * (away * away - reals[at.INPUT_POWER])
+    reals[at.LARGEST_POWER] = max(reals[at.LARGEST_POWER], reals[at.INPUT_POWER])
+    return reals[at.INPUT_POWER] < AT_REST * reals[at.LARGEST_POWER]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def interrupt(ints, reals, banks):
+    """Begin the filters anew after a gap: parameters stay, learning waits until what is unknown has died out."""
+    n = ints[at.ORDER]
+    ints[at.GAPS] += 1
+    ints[at.STARTED] = 0
+    ints[at.WARMING] = 0
+    bank = banks[ints[at.ACTIVE]] if ints[at.INSTRUMENTS] == 1 else banks[0]
+    work = reals[ints[at.AT_WORK] : ints[at.AT_WORK] + 4 * (n + 2) * (n + 2)]
+    decay = slowest_decay(bank[bk.DENOMINATOR : bk.DENOMINATOR + n], work)
+    reals[at.LEARN_FROM] = reals[at.ELAPSED] + (SETTLE / decay if decay > 0.0 else 0.0)
+    reals[at.READY] = reals[at.LEARN_FROM]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def update_estimate(ints, reals, buffer, target, interval):
+    """Learn the newest sample and its batch; undo what leaves float64."""
+    T, M = ints[at.ENTRIES], ints[at.MEMORY_SIZE]
+    theta, memory, backup = ints[at.AT_THETA], ints[at.AT_MEMORY], ints[at.AT_BACKUP]
+    for i in range(T):
+        reals[backup + i] = reals[theta + i]
+    for i in range(M):
+        reals[backup + T + i] = reals[memory + i]
+    batch = remember(ints, reals, buffer, target)
+    learn(ints, reals, buffer, ints[at.ROWS : at.ROWS + batch], interval)
+    finite = True
+    for i in range(T):
+        finite &= math.isfinite(reals[theta + i] * reals[ints[at.AT_UNIT] + i])
+    for i in range(M):
+        finite &= math.isfinite(reals[memory + i])
+    if not finite:
+        ints[at.REFUSED] += 1
+        for i in range(T):
+            reals[theta + i] = reals[backup + i]
+        for i in range(M):
+            reals[memory + i] = reals[backup + T + i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def record_residual(ints, reals, error):
+    """Keep power and colour of the residual, where the optimizer keeps a covariance."""
+    T = ints[at.ENTRIES]
+    colour = reals[ints[at.AT_COLOUR] :]  # the last block
+    zeta = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + T]
+    phi = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + T]
+    if ints[at.INSTRUMENTS] == 0:
+        for i in range(T):
+            zeta[i] = phi[i]
+    forgetting = reals[ints[at.AT_SETTINGS]]
+    alpha = reals[ints[at.AT_MEMORY] + ints[at.MEMORY_SIZE] - 1]
+    residuals.record(colour, error, alpha, forgetting, zeta)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def step(ints, reals, banks, buffer, recent, u, y, t):
+    """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected.
+
+    ``t`` is its time stamp in s, or NaN where the clock is regular.
+    """
     if ints[at.SQUARE_INPUT] == 1:
         u = u * u
     u -= reals[at.INPUT_OFFSET]
     y -= reals[at.OUTPUT_OFFSET]
     if not acceptable(ints, u, y):
         return np.nan
-    P, M = ints[at.ENTRIES], ints[at.MEMORY_SIZE]
-    theta, phi, memory, backup = ints[at.AT_THETA], ints[at.AT_PHI], ints[at.AT_MEMORY], ints[at.AT_BACKUP]
-    advance_filters(ints, reals, u, y)
-    target = regressor(ints, reals, y)
+    interval = reals[at.INTERVAL]
+    if not math.isnan(t):
+        if math.isinf(t):
+            ints[at.NOT_FINITE] += 1
+            return np.nan
+        if ints[at.SAMPLES] > 0:
+            interval = t - reals[at.LAST_TIME]
+            if not interval > 0.0:
+                ints[at.NOT_LATER] += 1
+                return np.nan
+            if interval > reals[at.LONGEST_GAP]:
+                interrupt(ints, reals, banks)
+        reals[at.LAST_TIME] = t
+    at_rest = input_rests(ints, reals, u) and ints[at.GUARD] == 1
+    if ints[at.RECENT] > 0:
+        newest = ints[at.SAMPLES] % ints[at.RECENT]
+        recent[newest, 0], recent[newest, 1], recent[newest, 2] = u, y, interval
+    if ints[at.INSTRUMENTS] == 1 and chain.renew_model(ints, reals, banks):
+        colour = ints[at.AT_COLOUR]
+        if ints[at.COLOURED] == 1:
+            residuals.autoregression(
+                reals[colour + residuals.COVARIANCES : colour + residuals.COVARIANCES + residuals.LAGS + 1],
+                reals[colour + residuals.MODEL : colour + residuals.MODEL + residuals.LAGS + 1],
+            )
+    target = chain.observe(ints, reals, banks, u, y, interval)
+    T = ints[at.ENTRIES]
     error = target
-    for i in range(P):
-        error -= reals[theta + i] * reals[phi + i]
-        reals[backup + i] = reals[theta + i]
-    for i in range(M):
-        reals[backup + P + i] = reals[memory + i]
-    batch = remember(ints, reals, buffer, target)
-    learn(ints, reals, buffer, ints[at.ROWS : at.ROWS + batch])
-    finite = True
-    for i in range(P):
-        finite &= math.isfinite(reals[theta + i] * reals[ints[at.AT_UNIT] + i])
-    for i in range(M):
-        finite &= math.isfinite(reals[memory + i])
-    if not finite:
-        ints[at.REFUSED] += 1
-        for i in range(P):
-            reals[theta + i] = reals[backup + i]
-        for i in range(M):
-            reals[memory + i] = reals[backup + P + i]
+    for i in range(T):
+        error -= reals[ints[at.AT_THETA] + i] * reals[ints[at.AT_PHI] + i]
     ints[at.SAMPLES] += 1
+    if at_rest or ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM]:
+        ints[at.RESTED] += 1
+    else:
+        update_estimate(ints, reals, buffer, target, interval)
+        if ints[at.COLOURED] == 1:
+            record_residual(ints, reals, error)
     return error * reals[at.OUTPUT_SCALE]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def steps(ints, reals, buffer, u, y, errors, parameters):
-    """Take many samples; write the error and the estimate (physical units) after each."""
+def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
+    """Take many samples; write the error and the estimate (physical units) after each.
+
+    ``t`` holds a time stamp for each sample, or is empty where the clock is regular.
+    """
     theta, unit = ints[at.AT_THETA], ints[at.AT_UNIT]
     for k in range(u.size):
-        errors[k] = step(ints, reals, buffer, u[k], y[k])
-        for i in range(ints[at.ENTRIES]):
+        stamp = t[k] if t.size > 0 else np.nan
+        errors[k] = step(ints, reals, banks, buffer, recent, u[k], y[k], stamp)
+        for i in range(parameters.shape[1]):
             parameters[k, i] = reals[theta + i] * reals[unit + i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def regressors(ints, reals, u, y, phi, target):
-    """Run the filters alone over a record: scaled regressor and target of each sample, for offline use.
+def regressors(ints, reals, banks, u, y, intervals, phi, zeta, target, output):
+    """Run the chain alone over a record, for offline use: regressors, instruments, target, auxiliary output.
 
-    Rows of rejected samples are NaN.
+    Rows of rejected samples are NaN.  ``zeta`` and ``output`` are left alone where there are no instruments.
     """
-    P = ints[at.ENTRIES]
+    T = ints[at.ENTRIES]
+    regular = intervals.size == 1
     for k in range(u.size):
+        interval = intervals[0] if regular else intervals[k]
         uk = u[k] * u[k] if ints[at.SQUARE_INPUT] == 1 else u[k]
         uk -= reals[at.INPUT_OFFSET]
         yk = y[k] - reals[at.OUTPUT_OFFSET]
         if acceptable(ints, uk, yk):
-            advance_filters(ints, reals, uk, yk)
-            target[k] = regressor(ints, reals, yk)
-            for i in range(P):
+            target[k] = chain.observe(ints, reals, banks, uk, yk, interval)
+            for i in range(T):
                 phi[k, i] = reals[ints[at.AT_PHI] + i]
+                if ints[at.INSTRUMENTS] == 1:
+                    zeta[k, i] = reals[ints[at.AT_ZETA] + i]
+            if ints[at.INSTRUMENTS] == 1:
+                output[k] = banks[ints[at.ACTIVE], bk.MODEL_OUTPUT]
         else:
             target[k] = np.nan
-            for i in range(P):
+            for i in range(T):
                 phi[k, i] = np.nan

@@ -10,8 +10,10 @@ from replant.optimizers.adam import Adam
 from replant.optimizers.amsgrad import AMSGrad
 from replant.optimizers.gradient import Gradient
 from replant.optimizers.integral_cost import IntegralCost
+from replant.optimizers.kalman_tracking import KalmanTracking
 from replant.optimizers.nadam import NAdam
 from replant.optimizers.optimizer import Optimizer
+from replant.optimizers.recursive_least_squares import RecursiveLeastSquares
 from replant.optimizers.rmsprop import RMSProp
 
 #: Every optimizer by the name that the command line takes.
@@ -24,6 +26,8 @@ OPTIMIZERS: dict[str, type[Optimizer]] = {
     "rmsprop": RMSProp,
     "nadam": NAdam,
     "adadelta": AdaDelta,
+    "recursive-least-squares": RecursiveLeastSquares,
+    "kalman-tracking": KalmanTracking,
 }
 
 __all__ = [
@@ -34,7 +38,9 @@ __all__ = [
     "Adam",
     "Gradient",
     "IntegralCost",
+    "KalmanTracking",
     "NAdam",
     "Optimizer",
     "RMSProp",
+    "RecursiveLeastSquares",
 ]

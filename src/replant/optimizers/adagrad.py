@@ -47,7 +47,7 @@ class AdaGrad(Optimizer):
         """Return a step size of 0.05: the algorithm shrinks it by itself."""
         return cls(step_size=0.05)
 
-    def settings(self, dt: float) -> FloatArray:
+    def settings(self, dt: float, unit: FloatArray) -> FloatArray:
         """Return [alpha, epsilon]."""
         return np.array([self.step_size, self.epsilon])
 

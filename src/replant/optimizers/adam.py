@@ -53,7 +53,7 @@ class Adam(Optimizer):
         """Return a step size of ten over the updates to come, between 1e-4 and 1e-3."""
         return cls(step_size=rounded(min(max(10.0 / updates, 1e-4), 1e-3)))
 
-    def settings(self, dt: float) -> FloatArray:
+    def settings(self, dt: float, unit: FloatArray) -> FloatArray:
         """Return [alpha, beta1, beta2, epsilon]."""
         return np.array([self.step_size, self.beta1, self.beta2, self.epsilon])
 

@@ -25,7 +25,7 @@ class AMSGrad(Adam):
 
     Examples
     --------
-    >>> AMSGrad(step_size=5e-4).settings(dt=1e-3)
+    >>> AMSGrad(step_size=5e-4).settings(1e-3, np.ones(2))
     array([5.00e-04, 9.00e-01, 9.99e-01, 1.00e-08])
 
     References

@@ -24,7 +24,7 @@ class Gradient(Optimizer):
 
     Examples
     --------
-    >>> Gradient(gain=2.0).settings(dt=1e-3)
+    >>> Gradient(gain=2.0).settings(1e-3, np.ones(2))
     array([0.002])
 
     References
@@ -43,6 +43,6 @@ class Gradient(Optimizer):
         """Return Tp gamma = 1000 over the updates to come, between 0.01 and 0.5; 2 is the limit of stability."""
         return cls(gain=rounded(min(max(1000.0 / updates, 0.01), 0.5) / dt))
 
-    def settings(self, dt: float) -> FloatArray:
+    def settings(self, dt: float, unit: FloatArray) -> FloatArray:
         """Return [Tp gamma]."""
         return np.array([dt * self.gain])

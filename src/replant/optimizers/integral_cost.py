@@ -27,7 +27,7 @@ class IntegralCost(Optimizer):
 
     Examples
     --------
-    >>> IntegralCost(gain=10.0, forgetting_rate=0.1).settings(dt=1e-3)
+    >>> IntegralCost(gain=10.0, forgetting_rate=0.1).settings(1e-3, np.ones(2))
     array([1.e-03, 1.e+01, 1.e-01])
 
     References
@@ -52,7 +52,7 @@ class IntegralCost(Optimizer):
         rate = min(10.0 / (updates * dt), 1.0 / dt)
         return cls(gain=rounded(rate / dt), forgetting_rate=rounded(rate))
 
-    def settings(self, dt: float) -> FloatArray:
+    def settings(self, dt: float, unit: FloatArray) -> FloatArray:
         """Return [Tp, Gamma, beta]."""
         return np.array([dt, self.gain, self.forgetting_rate])
 

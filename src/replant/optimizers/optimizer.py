@@ -24,6 +24,8 @@ class Optimizer:
     """Base of the optimizers, which are frozen dataclasses of their settings; the state lives in the identifier."""
 
     code: ClassVar[int]  # of its kernel, as `replant.kernels.step` numbers them
+    keeps_covariance: ClassVar[bool] = False  # whether its memory begins with the factors U and D of a covariance
+    keeps_colour: ClassVar[bool] = False  # whether it leaves alpha at the end of its memory, and forgets by settings[0]
 
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:
@@ -33,8 +35,8 @@ class Optimizer:
         """
         raise NotImplementedError
 
-    def settings(self, dt: float) -> FloatArray:
-        """Return the kernel's settings for the sampling time ``dt`` in s."""
+    def settings(self, dt: float, unit: FloatArray) -> FloatArray:
+        """Return the kernel's settings for the sampling time ``dt`` in s; ``unit`` (T,) is physical over scaled."""
         raise NotImplementedError
 
     def memory(self, size: int) -> FloatArray:

@@ -28,7 +28,7 @@ class RMSProp(Optimizer):
 
     Examples
     --------
-    >>> RMSProp(step_size=1e-3).settings(dt=0.1)
+    >>> RMSProp(step_size=1e-3).settings(0.1, np.ones(2))
     array([1.e-03, 9.e-01, 1.e-08])
 
     References
@@ -51,7 +51,7 @@ class RMSProp(Optimizer):
         """Return a step size of ten over the updates to come, between 1e-4 and 1e-3."""
         return cls(step_size=rounded(min(max(10.0 / updates, 1e-4), 1e-3)))
 
-    def settings(self, dt: float) -> FloatArray:
+    def settings(self, dt: float, unit: FloatArray) -> FloatArray:
         """Return [alpha, rho, epsilon]."""
         return np.array([self.step_size, self.rho, self.epsilon])
 

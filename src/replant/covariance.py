@@ -1,0 +1,71 @@
+"""The covariance of a running estimate: from what the optimizer keeps, or from the content of the replay buffer."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from replant.factors import compose, larger
+from replant.kernels import layout as at
+from replant.kernels import residuals
+from replant.settings import Settings
+from replant.state import State
+from replant.validation import FloatArray
+
+
+def covariance(state: State, settings: Settings) -> FloatArray:
+    """Return the covariance (P, P) of the estimate in physical units; NaN where no honest one is known.
+
+    Without instruments the estimate is biased by the output's noise, and no interval around it could be trusted.
+    """
+    size = settings.structure.size
+    if not settings.instruments:
+        return np.full((size, size), np.nan)
+    if settings.optimizer.keeps_colour:
+        scaled = _of_least_squares(state)
+    elif settings.optimizer.keeps_covariance:
+        scaled = _kept(state)
+    else:
+        scaled = _of_buffer(state)
+    physical = scaled * np.outer(state.unit, state.unit)
+    return np.asarray(physical[:size, :size])
+
+
+def _kept(state: State) -> FloatArray:
+    """Return U D U' of the optimizer's memory."""
+    size = state.entries
+    memory = state.block(at.AT_MEMORY, size * size + size)
+    return compose(memory[: size * size].reshape(size, size), memory[size * size :])
+
+
+def _of_least_squares(state: State) -> FloatArray:
+    """Return sigma_w^2 P Q P, or where it is larger sigma^2 P: see `replant.kernels.residuals`."""
+    size, lags = state.entries, residuals.LAGS
+    colour = state.block(at.AT_COLOUR, residuals.size(size))
+    inverse = _kept(state)
+    count = max(colour[residuals.COUNT] - size, 1.0)
+    white = colour[residuals.POWER] / max(colour[residuals.COUNT], 1.0) * inverse
+    model = np.empty(lags + 1)
+    power = residuals.autoregression(colour[residuals.COVARIANCES : residuals.COVARIANCES + lags + 1].copy(), model)
+    squares = colour[residuals.FILTERED + lags * size :].reshape(size, size)
+    return larger(power / count * inverse @ squares @ inverse, white)
+
+
+def _of_buffer(state: State) -> FloatArray:
+    """Return the covariance of the instrumental-variable estimate of the samples in the buffer."""
+    from scipy.signal import lfilter
+
+    size, filled = state.entries, int(state.ints[at.FILLED])
+    if filled <= 2 * size:
+        return np.full((size, size), np.nan)
+    rows = np.roll(state.buffer[:filled], -int(state.ints[at.HEAD]) if filled == len(state.buffer) else 0, axis=0)
+    phi, target, zeta = rows[:, :size], rows[:, size], rows[:, size + 2 :]
+    error = target - phi @ state.theta
+    covariances = np.array([error[lag:] @ error[: filled - lag] for lag in range(residuals.LAGS + 1)])
+    model = np.empty(residuals.LAGS + 1)
+    power = residuals.autoregression(covariances, model)
+    filtered = lfilter([1.0], model, zeta, axis=0)
+    cross = zeta.T @ phi
+    if not np.linalg.cond(cross) < 1.0 / np.finfo(float).eps:
+        return np.full((size, size), np.nan)
+    inverse = np.linalg.inv(cross)
+    return np.asarray(power / (filled - size) * inverse @ (filtered.T @ filtered) @ inverse.T)

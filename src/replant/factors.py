@@ -1,0 +1,76 @@
+"""The covariance in factors: P = U D U', from an information matrix or from a diagonal."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from replant.validation import FloatArray
+
+LEAST_PIVOT = 1e-13  # of the equilibrated information: what the data do not tell gets a large variance, not an infinite
+
+
+def factor_information(information: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return U (T, T), unit upper triangular, and D (T,) with U D U' = information^-1.
+
+    By Cholesky's L D L' of the equilibrated matrix, so that the units of the parameters do not matter.
+
+    Examples
+    --------
+    >>> upper, diagonal = factor_information(np.array([[2.0, 1.0], [1.0, 2.0]]))
+    >>> np.allclose((upper * diagonal) @ upper.T, np.linalg.inv([[2.0, 1.0], [1.0, 2.0]]))
+    True
+    """
+    size = information.shape[0]
+    scale = np.sqrt(np.maximum(np.diag(information), 0.0))
+    scale[~(scale > 0.0)] = 1.0
+    rest = information / np.outer(scale, scale)
+    lower, pivots = np.eye(size), np.empty(size)
+    for j in range(size):
+        pivots[j] = max(rest[j, j], LEAST_PIVOT)
+        lower[j + 1 :, j] = rest[j + 1 :, j] / pivots[j]
+        rest = rest - pivots[j] * np.outer(lower[:, j], lower[:, j]) * (np.arange(size) > j)[:, None]
+    # S = C L V L' C  =>  S^-1 = C^-1 L'^-1 V^-1 L^-1 C^-1 = U D U' with U = C^-1 L'^-1 C
+    upper = np.linalg.inv(lower).T / scale[:, None] * scale[None, :]
+    return np.triu(upper), 1.0 / (pivots * scale**2)
+
+
+def compose(upper: FloatArray, diagonal: FloatArray) -> FloatArray:
+    """Return U D U'.
+
+    Examples
+    --------
+    >>> compose(np.eye(2), np.array([1.0, 4.0]))
+    array([[1., 0.],
+           [0., 4.]])
+    """
+    return np.asarray((upper * diagonal) @ upper.T)
+
+
+def factor_covariance(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return U and D with U D U' = covariance (T, T).
+
+    Examples
+    --------
+    >>> upper, diagonal = factor_covariance(np.array([[2.0, 1.0], [1.0, 2.0]]))
+    >>> np.allclose(compose(upper, diagonal), [[2.0, 1.0], [1.0, 2.0]])
+    True
+    """
+    size = covariance.shape[0]
+    scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    rest = covariance / np.outer(scale, scale)
+    upper, diagonal = np.eye(size), np.empty(size)
+    for j in reversed(range(size)):
+        diagonal[j] = max(rest[j, j], LEAST_PIVOT)
+        upper[:j, j] = rest[:j, j] / diagonal[j]
+        rest = rest - diagonal[j] * np.outer(upper[:, j], upper[:, j]) * (np.arange(size) < j)[:, None]
+    return upper * scale[:, None] / scale[None, :], diagonal * scale**2
+
+
+def larger(coloured: FloatArray, white: FloatArray) -> FloatArray:
+    """Return the first covariance, stretched where its variances are below the second's.
+
+    Where the residual is white both agree; where they do not, the larger one is the honest one.
+    """
+    ratio = np.diag(white) / np.maximum(np.diag(coloured), np.finfo(float).tiny)
+    stretch = np.sqrt(np.maximum(ratio, 1.0))
+    return np.asarray(coloured * np.outer(stretch, stretch))

@@ -1,0 +1,251 @@
+"""From a sample to its regressor: dead time, filters, auxiliary model, instruments.
+
+`banks` holds three banks (see `bank`): 0 the fixed filter 1/Lambda, 1 and 2 the auxiliary model's, of which one
+serves while the other warms up.  With the refined filter the serving bank makes the regressor itself.
+"""
+
+from numba import njit
+
+from replant.kernels import bank as bk
+from replant.kernels import layout as at
+from replant.kernels.stability import all_left_of, bandwidth, slowest_decay
+
+WARM_TIME_CONSTANTS = 10.0  # of the new model's slowest pole, before a warming bank takes over
+RETRY = 10.0  # samples until the estimate is looked at again when it could not serve as a model
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def begin(ints, reals, banks, u, y):
+    """Take the first sample of a record, or the first after a gap: everything at rest, u as it always was."""
+    n, T = ints[at.ORDER], ints[at.ENTRIES]
+    for i in range(ints[at.RING]):
+        reals[ints[at.AT_INPUTS] + i] = u
+        reals[ints[at.AT_INTERVALS] + i] = reals[at.INTERVAL]
+    for b in range(3):
+        bk.begin(banks[b], n, T)
+    reals[at.LAST_OUTPUT] = y
+    reals[at.INPUT_NOW] = u
+    ints[at.NEWEST] = 0
+    ints[at.STARTED] = 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def remember_input(ints, reals, u, interval):
+    """Put the newest input into the ring that the dead time looks back on."""
+    newest = ints[at.NEWEST] + 1
+    if newest == ints[at.RING]:
+        newest = 0
+    ints[at.NEWEST] = newest
+    reals[ints[at.AT_INPUTS] + newest] = u
+    reals[ints[at.AT_INTERVALS] + newest] = interval
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def input_value(straight, older, newer, part):
+    """Return the input at a part of the way from one sample to the next."""
+    return older + part * (newer - older) if straight else older
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance_input(ints, reals, bank, interval, work):
+    """Carry the INPUT channel over the newest interval, piece by piece where the dead time breaks it.
+
+    Looks back from now: the input u_j, sampled at the age a_j, acts from the age a_j - delay down to a_{j+1} - delay.
+    """
+    n, T, ring, straight = ints[at.ORDER], ints[at.ENTRIES], ints[at.RING], ints[at.STRAIGHT_INPUT]
+    inputs, intervals = ints[at.AT_INPUTS], ints[at.AT_INTERVALS]
+    delay = reals[at.DELAY]
+    newer = ints[at.NEWEST]
+    older = newer - 1 if newer > 0 else ring - 1
+    if delay == 0.0:
+        start = reals[inputs + older]
+        end = reals[inputs + newer]
+        bk.advance_channel(
+            bank, n, T, bk.INPUT, bk.discretization(bank, n, T, interval, work), start, end if straight else start, work
+        )
+        reals[at.INPUT_NOW] = end
+        return
+    # go back to the piece of the input that acts when the newest interval begins
+    age = 0.0  # of the sample `newer`
+    pieces = 1
+    while pieces < ring - 1 and age + reals[intervals + newer] < (interval + delay) * (1.0 - 1e-12):
+        age += reals[intervals + newer]
+        newer = older
+        older = newer - 1 if newer > 0 else ring - 1
+        pieces += 1
+    if ints[at.BILINEAR] == 1:  # one sample late by construction: the delayed input at the sample before
+        part = 1.0 - (interval + delay - age) / reals[intervals + newer]
+        start = input_value(True, reals[inputs + older], reals[inputs + newer], part)
+        bk.advance_channel(bank, n, T, bk.INPUT, bk.discretization(bank, n, T, interval, work), start, start, work)
+        return
+    left = interval  # what of the newest interval is still to come
+    while True:
+        width = reals[intervals + newer]
+        until = max(age - delay, 0.0)  # this piece acts until so long before now
+        piece = left - until
+        if piece > 1e-9 * interval:
+            start = input_value(
+                straight, reals[inputs + older], reals[inputs + newer], 1.0 - (left + delay - age) / width
+            )
+            end = input_value(
+                straight, reals[inputs + older], reals[inputs + newer], 1.0 - (until + delay - age) / width
+            )
+            slot = bk.discretization(bank, n, T, piece, work)
+            bk.advance_channel(bank, n, T, bk.INPUT, slot, start, end, work)
+            left = until
+            reals[at.INPUT_NOW] = end
+        if left <= 1e-9 * interval or newer == ints[at.NEWEST]:
+            break
+        older = newer
+        newer = newer + 1 if newer + 1 < ring else 0
+        age -= reals[intervals + newer]
+    if not straight and abs(age - delay) <= 1e-9 * interval:
+        # the next sample begins to act just now
+        reals[at.INPUT_NOW] = reals[inputs + newer]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance_bank(ints, reals, bank, interval, y, instruments):
+    """Carry every channel of a bank but MODEL's newest value, which is not known yet."""
+    n, T = ints[at.ORDER], ints[at.ENTRIES]
+    work = reals[ints[at.AT_WORK] : ints[at.AT_WORK] + 4 * (n + 2) * (n + 2)]
+    advance_input(ints, reals, bank, interval, work)
+    slot = bk.discretization(bank, n, T, interval, work)
+    bk.advance_channel(bank, n, T, bk.OUTPUT, slot, reals[at.LAST_OUTPUT], y, work)
+    if instruments:
+        bk.advance_channel(bank, n, T, bk.CONSTANT, slot, 1.0, 1.0, work)
+        bk.advance_channel(bank, n, T, bk.IMPULSE, slot, 0.0, 0.0, work)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance_model_channel(ints, reals, bank, interval, output):
+    """Carry the MODEL channel, from the model's last output to its newest."""
+    n, T = ints[at.ORDER], ints[at.ENTRIES]
+    work = reals[ints[at.AT_WORK] : ints[at.AT_WORK] + 4 * (n + 2) * (n + 2)]
+    slot = bk.discretization(bank, n, T, interval, work)
+    bk.advance_channel(bank, n, T, bk.MODEL, slot, bank[bk.MODEL_OUTPUT], output, work)
+    bank[bk.MODEL_OUTPUT] = output
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def install_model(ints, reals, banks, which, theta):
+    """Make the scaled estimate ``theta`` the denominator and auxiliary model of a bank."""
+    n, T, inputs = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES]
+    bank = banks[which]
+    sigma = reals[ints[at.AT_SIGMA] : ints[at.AT_SIGMA] + T]
+    work = reals[ints[at.AT_WORK] : ints[at.AT_WORK] + n]
+    for i in range(n):
+        work[i] = theta[i] * reals[ints[at.AT_UNIT] + i]
+    bk.set_denominator(bank, n, T, inputs, ints[at.CONSTANT], ints[at.REFINED], False, work, sigma)
+    weights = bk.at_weights(n, T)
+    for i in range(T):
+        bank[weights + i] = theta[i] * reals[at.OUTPUT_SCALE]
+    if ints[at.CONSTANT] == 1 and ints[at.REFINED] == 0:
+        # what is one behind the fixed filter is lambda_0 in front of it
+        bank[weights + n + inputs] *= banks[0, bk.DENOMINATOR + n - 1]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def renew_model(ints, reals, banks):
+    """Make before break: a bank with the newest estimate warms up beside the serving one, then takes over.
+
+    To change the filter under its states at once would feed its transients back into the estimate, which in
+    ill-conditioned problems runs away even without noise.
+    """
+    if reals[at.ELAPSED] < reals[at.READY]:
+        return False
+    n, T = ints[at.ORDER], ints[at.ENTRIES]
+    taken_over = False
+    if ints[at.WARMING] == 1:
+        ints[at.ACTIVE] = 3 - ints[at.ACTIVE]
+        ints[at.WARMING] = 0
+        taken_over = True
+    theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]
+    other = banks[3 - ints[at.ACTIVE]]
+    work = reals[ints[at.AT_WORK] : ints[at.AT_WORK] + 4 * (n + 2) * (n + 2)]
+    a = work[3 * (n + 2) : 3 * (n + 2) + n]
+    for i in range(n):
+        a[i] = theta[i] * reals[ints[at.AT_UNIT] + i]
+    if all_left_of(a, reals[at.MARGIN], work) and bandwidth(a) < reals[at.WIDEST]:
+        wait = WARM_TIME_CONSTANTS / slowest_decay(a, work)
+        install_model(ints, reals, banks, 3 - ints[at.ACTIVE], theta)
+        bk.take_states(other, banks[ints[at.ACTIVE]], n, T)
+        ints[at.WARMING] = 1
+        reals[at.READY] = reals[at.ELAPSED] + min(wait, reals[at.ELAPSED])
+    else:
+        reals[at.READY] = reals[at.ELAPSED] + RETRY * reals[at.INTERVAL]
+    return taken_over
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def simulate_model(ints, reals, bank, interval, first, entries):
+    """Return the auxiliary model's output now, and put it through its own filter 1/A."""
+    n, T, inputs = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES]
+    bk.input_entries(bank, n, T, inputs, reals[at.INPUT_NOW], entries)
+    bk.nuisance_entries(bank, n, T, inputs, ints[at.CONSTANT], ints[at.REFINED], False, entries)
+    output = bk.model_output(bank, n, T, entries)
+    if first:
+        bank[bk.MODEL_OUTPUT] = output
+    elif ints[at.REFINED] == 1:
+        advance_model_channel(ints, reals, bank, interval, output)
+    else:
+        bank[bk.MODEL_OUTPUT] = output
+    return output
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fill_regressor(ints, reals, bank, y, fixed):
+    """Fill phi and zeta from a bank and return the scaled target s^n/D y.
+
+    The linear form is (4) with lambda moved to the left: s^n/Lambda y = phi' [a, b], so that the estimate is in the
+    plant's parameters whatever the filter is, and the error is that of (8).
+    """
+    n, T, inputs = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES]
+    phi = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + T]
+    bk.output_entries(bank, n, T, bk.OUTPUT, phi)
+    bk.input_entries(bank, n, T, inputs, reals[at.INPUT_NOW], phi)
+    bk.nuisance_entries(bank, n, T, inputs, ints[at.CONSTANT], ints[at.REFINED], fixed, phi)
+    if ints[at.INSTRUMENTS] == 1:
+        zeta = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + T]
+        for i in range(n, T):
+            zeta[i] = phi[i]
+        bk.output_entries(bank, n, T, bk.MODEL, zeta)
+    return bk.highest_derivative(bank, n, T, y) / reals[at.OUTPUT_SCALE]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def observe(ints, reals, banks, u, y, interval):
+    """Take an accepted sample through dead time, filters and auxiliary model; return the scaled target.
+
+    Fills phi, and zeta if there are instruments.
+    """
+    first = ints[at.STARTED] == 0
+    instruments = ints[at.INSTRUMENTS] == 1
+    T = ints[at.ENTRIES]
+    if first:
+        begin(ints, reals, banks, u, y)
+    else:
+        remember_input(ints, reals, u, interval)
+    if ints[at.SAMPLES] > 0:
+        reals[at.ELAPSED] += interval
+    if instruments:
+        if not first:
+            advance_bank(ints, reals, banks[ints[at.ACTIVE]], interval, y, True)
+            if ints[at.WARMING] == 1:
+                advance_bank(ints, reals, banks[3 - ints[at.ACTIVE]], interval, y, True)
+        entries = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + T]
+        if ints[at.WARMING] == 1:
+            simulate_model(ints, reals, banks[3 - ints[at.ACTIVE]], interval, first, entries)
+        output = simulate_model(ints, reals, banks[ints[at.ACTIVE]], interval, first, entries)
+    if ints[at.REFINED] == 1:
+        target = fill_regressor(ints, reals, banks[ints[at.ACTIVE]], y, False)
+    else:
+        if not first:
+            advance_bank(ints, reals, banks[0], interval, y, False)
+            if instruments:
+                advance_model_channel(ints, reals, banks[0], interval, output)
+        elif instruments:
+            banks[0, bk.MODEL_OUTPUT] = output
+        target = fill_regressor(ints, reals, banks[0], y, True)
+    reals[at.LAST_OUTPUT] = y
+    return target

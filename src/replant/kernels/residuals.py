@@ -1,0 +1,81 @@
+"""Power and colour of the residual, kept while the estimator runs: what honest standard deviations are made of.
+
+Noise that is not white makes the plain covariance sigma^2 P too small.  With the residual modelled as an
+autoregression, e = w / D(q), the covariance of the instrumental-variable estimate is
+
+    sigma_w^2 P Q P,   Q = sum zeta_f zeta_f',  zeta_f = zeta / D(q).
+
+Source: Soderstrom and Stoica, "Instrumental Variable Methods for System Identification", 1983, chapter 4.
+"""
+
+import numpy as np
+from numba import njit
+
+LAGS = 4  # order of the autoregression
+COUNT, POWER = 0, 1  # samples, and the sum of e^2 / alpha: unbiased by the parameters' own error
+MODEL = 2  # (LAGS + 1,)  D(q): 1, d_1 ..
+COVARIANCES = MODEL + LAGS + 1  # (LAGS + 1,)  sums of e_k e_{k-lag}
+ERRORS = COVARIANCES + LAGS + 1  # (LAGS,)  the last errors, newest first
+POSITION = ERRORS + LAGS  # where in the ring the newest filtered regressor lies
+FILTERED = POSITION + 1  # (LAGS, T)  ring of filtered regressors; then Q (T, T)
+
+
+def size(entries: int) -> int:
+    """Return how many numbers are kept for ``entries`` entries of the regressor."""
+    return FILTERED + LAGS * entries + entries * entries
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def autoregression(covariances, model):
+    """Fill ``model`` (LAGS + 1,) with the autoregression of these autocovariances; return its innovation's power.
+
+    Levinson and Durbin's recursion.
+    """
+    previous = np.empty(LAGS + 1)
+    model[0] = 1.0
+    for i in range(1, LAGS + 1):
+        model[i] = 0.0
+    power = covariances[0]
+    for order in range(1, LAGS + 1):
+        if not power > 0.0:
+            break
+        total = covariances[order]
+        for i in range(1, order):
+            total += model[i] * covariances[order - i]
+        reflection = -total / power
+        for i in range(order):
+            previous[i] = model[i]
+        for i in range(1, order):
+            model[i] = previous[i] + reflection * previous[order - i]
+        model[order] = reflection
+        power *= 1.0 - reflection * reflection
+    return max(power, 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def record(colour, error, alpha, forgetting, zeta):
+    """Take one residual (before its update; alpha as in `second_order.measurement_update`) and its regressor.
+
+    ``zeta`` is overwritten by its filtered value.
+    """
+    T = zeta.size
+    colour[COUNT] = forgetting * colour[COUNT] + 1.0
+    colour[POWER] = forgetting * colour[POWER] + error * error * forgetting / alpha
+    for lag in range(LAGS + 1):
+        other = error if lag == 0 else colour[ERRORS + lag - 1]
+        colour[COVARIANCES + lag] = forgetting * colour[COVARIANCES + lag] + error * other
+    for lag in range(LAGS - 1, 0, -1):
+        colour[ERRORS + lag] = colour[ERRORS + lag - 1]
+    colour[ERRORS] = error
+    newest = (int(colour[POSITION]) + 1) % LAGS
+    for i in range(T):
+        value = zeta[i]
+        for lag in range(1, LAGS + 1):
+            value -= colour[MODEL + lag] * colour[FILTERED + ((newest - lag) % LAGS) * T + i]
+        zeta[i] = value
+    squares = FILTERED + LAGS * T
+    for i in range(T):
+        colour[FILTERED + newest * T + i] = zeta[i]
+        for j in range(T):
+            colour[squares + i * T + j] = forgetting * forgetting * colour[squares + i * T + j] + zeta[i] * zeta[j]
+    colour[POSITION] = newest

@@ -1,0 +1,131 @@
+"""Recursive least squares and the Kalman filter on parameters, with the covariance in factors P = U D U'.
+
+U is unit upper triangular and D diagonal: P is symmetric by construction and positive definite as long as D is
+positive, which both updates keep, however long the stream is.  With instruments the gain is P zeta while the
+innovation stays y - phi' theta: refined instrumental variables in their symmetric form.
+
+Sources: Bierman, "Factorization Methods for Discrete Sequential Estimation", 1977, chapters V and VII (the time
+update is Thornton's); Young, "Recursive Estimation and Time-Series Analysis", 2011, chapters 7 and 8.
+"""
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def measurement_update(U, D, zeta, noise, projected, gain):
+    """Bierman's update of U (P^2,) and D (P,) for a scalar observation zeta' theta of variance ``noise``.
+
+    Fills ``gain`` (P,) with P zeta of the old P and returns alpha = noise + zeta' P zeta: the Kalman gain is
+    gain / alpha.  ``projected`` (P,) is work.
+    """
+    P = D.size
+    for i in range(P):
+        total = zeta[i]
+        for j in range(i):
+            total += U[j * P + i] * zeta[j]
+        projected[i] = total
+    alpha = noise
+    for j in range(P):
+        v = D[j] * projected[j]
+        gain[j] = v
+        before = alpha
+        alpha = before + projected[j] * v
+        D[j] *= before / alpha
+        factor = -projected[j] / before
+        for i in range(j):
+            u = U[i * P + j]
+            U[i * P + j] = u + gain[i] * factor
+            gain[i] += u * v
+    return alpha
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def time_update(U, D, increase, work):
+    """Thornton's update of U and D for P + diag(increase): weighted Gram-Schmidt; ``work`` holds 2 P^2 + 2 P."""
+    P = D.size
+    rows, weights = work[: 2 * P * P], work[2 * P * P :]
+    for i in range(P):
+        for j in range(P):
+            rows[i * 2 * P + j] = U[i * P + j]
+            rows[i * 2 * P + P + j] = 1.0 if i == j else 0.0
+        weights[i] = D[i]
+        weights[P + i] = increase[i]
+    for i in range(P - 1, -1, -1):
+        length = 0.0
+        for k in range(2 * P):
+            length += rows[i * 2 * P + k] * rows[i * 2 * P + k] * weights[k]
+        D[i] = length
+        for j in range(i):
+            cross = 0.0
+            for k in range(2 * P):
+                cross += rows[j * 2 * P + k] * rows[i * 2 * P + k] * weights[k]
+            cross = cross / length if length > 0.0 else 0.0
+            U[j * P + i] = cross
+            for k in range(2 * P):
+                rows[j * 2 * P + k] -= cross * rows[i * 2 * P + k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def expand(U, D, covariance):
+    """Write P = U D U' into ``covariance`` (P, P)."""
+    P = D.size
+    for i in range(P):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(i, P):
+                total += U[i * P + k] * D[k] * U[j * P + k]
+            covariance[i, j] = total
+            covariance[j, i] = total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def recursive_least_squares(theta, memory, settings, buffer, rows, direction):
+    """Settings [forgetting factor], memory [U (P^2), D (P), cap of D (P), work (2 P), alpha].
+
+    Forgetting divides P by the factor.  Where nothing comes in to make up for it D would grow without bound: it
+    stops at its cap.
+    """
+    P = theta.size
+    U, D = memory[: P * P], memory[P * P : P * P + P]
+    caps = memory[P * P + P : P * P + 2 * P]
+    projected, gain = memory[P * P + 2 * P : P * P + 3 * P], memory[P * P + 3 * P : P * P + 4 * P]
+    forgetting = settings[0]
+    for row in rows:
+        error = buffer[row, P]
+        for i in range(P):
+            error -= theta[i] * buffer[row, i]
+        alpha = measurement_update(U, D, buffer[row, direction : direction + P], forgetting, projected, gain)
+        for i in range(P):
+            theta[i] += gain[i] * error / alpha
+            if forgetting < 1.0:
+                D[i] = min(D[i] / forgetting, caps[i])
+        memory[P * P + 4 * P] = alpha
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def kalman_tracking(theta, memory, settings, buffer, rows, direction, interval):
+    """Random walk of the parameters; settings [1 / time constant of the noise estimate, q (P)].
+
+    Memory [U (P^2), D (P), noise variance, work (2 P^2 + 4 P)].  The noise variance is tracked as
+    R += (e^2 R / alpha - R) h / T, which the uncertainty of the parameters does not bias.
+    """
+    P = theta.size
+    U, D = memory[: P * P], memory[P * P : P * P + P]
+    at = P * P + P
+    increase, projected = memory[at + 1 : at + 1 + P], memory[at + 1 + P : at + 1 + 2 * P]
+    gain = memory[at + 1 + 2 * P : at + 1 + 3 * P]
+    work = memory[at + 1 + 3 * P :]
+    for row in rows:
+        for i in range(P):
+            increase[i] = settings[1 + i] * interval
+        time_update(U, D, increase, work)
+        error = buffer[row, P]
+        for i in range(P):
+            error -= theta[i] * buffer[row, i]
+        noise = memory[at]
+        alpha = measurement_update(U, D, buffer[row, direction : direction + P], noise, projected, gain)
+        for i in range(P):
+            theta[i] += gain[i] * error / alpha
+        share = min(settings[0] * interval, 1.0)
+        memory[at] = max(noise + (error * error * noise / alpha - noise) * share, np.finfo(np.float64).tiny)

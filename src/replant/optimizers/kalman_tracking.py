@@ -1,0 +1,78 @@
+"""KalmanTracking: the Kalman filter for parameters that walk at random."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError
+from replant.optimizers.optimizer import Optimizer
+from replant.validation import FloatArray, coefficients, positive
+
+
+@dataclass(frozen=True)
+class KalmanTracking(Optimizer):
+    r"""Follow parameters that change, each at its own pace.
+
+    .. math:: \theta_{k+1} = \theta_k + w_k, \quad \mathrm{var}\,w_k = q\, dt
+
+    The variance of the residual is tracked as well, so that only the pace has to be told.
+
+    Parameters
+    ----------
+    process_noise : float or sequence of float
+        q, how much variance a parameter gains in a second: one number each, in the order of ``Structure.names`` and
+        in the squared unit of the parameter, or one for all scaled parameters.  A parameter that changes by about d
+        within T seconds has q = d^2 / T.
+    noise_time_constant : float
+        Memory in s of the residual's variance.
+    initial_covariance : float
+        As in `RecursiveLeastSquares`.
+
+    Examples
+    --------
+    >>> KalmanTracking([0.1, 3.0, 0.003]).settings(0.01, np.ones(3))
+    array([0.1  , 0.1  , 3.   , 0.003])
+
+    References
+    ----------
+    Young (2011), "Recursive Estimation and Time-Series Analysis", chapter 4; the time update is Thornton's, in
+    Bierman (1977), chapter VII.
+    """
+
+    process_noise: float | Sequence[float]
+    noise_time_constant: float = 10.0
+    initial_covariance: float = 1e6
+    code: ClassVar[int] = 9
+    keeps_covariance: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if (coefficients("process_noise", self.process_noise) < 0).any():
+            raise InvalidArgumentError(f"process_noise must be at least 0, got {self.process_noise}")
+        positive("noise_time_constant", self.noise_time_constant)
+        positive("initial_covariance", self.initial_covariance)
+
+    @classmethod
+    def suggested(cls, dt: float, updates: int) -> Self:
+        """Return a walk that could double a scaled parameter in ten times the samples to come."""
+        return cls(process_noise=0.1 / (updates * dt))
+
+    def settings(self, dt: float, unit: FloatArray) -> FloatArray:
+        """Return [1 / time constant of the noise variance, q of each scaled entry]; nuisances do not walk."""
+        noise = coefficients("process_noise", self.process_noise)
+        scaled = np.zeros(unit.size)
+        if np.ndim(self.process_noise) == 0:
+            scaled[:] = noise[0]
+        elif noise.size > unit.size:
+            raise InvalidArgumentError(f"process_noise has {noise.size} entries for {unit.size} parameters")
+        else:
+            scaled[: noise.size] = noise / unit[: noise.size] ** 2
+        return np.concatenate([[1.0 / self.noise_time_constant], scaled])
+
+    def memory(self, size: int) -> FloatArray:
+        """Return U, D, the variance of the residual, and work."""
+        diagonal = np.full(size, self.initial_covariance)
+        return np.concatenate([np.eye(size).ravel(), diagonal, [1.0], np.zeros(5 * size + 2 * size * size)])

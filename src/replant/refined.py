@@ -1,0 +1,346 @@
+r"""Refined instrumental variables for continuous-time models (SRIVC) on a record: the offline reference and start-up.
+
+The regression :math:`s^n/A\, y = \varphi^T \theta`, prefiltered by the current model's own 1/A, is solved with the
+instruments :math:`\zeta`, the same regressor built from the model's noise-free output, until nothing moves:
+
+.. math:: \theta \leftarrow \Big(\sum \zeta \varphi^T\Big)^{-1} \sum \zeta\, s^n/A\, y
+
+At that point the equation error equals the output error of the model, y - B/A u, exactly: there is no discretisation
+error left, whatever y does between samples.  An offset and the initial state enter as nuisance regressors, 1/A and
+s^i/A of an impulse, of which only the user's bias is reported.
+
+Source: Young and Jakeman (1980); Garnier and Wang (2008), "Identification of Continuous-time Models from Sampled
+Data", chapter 4; the damped Gauss-Newton steps at the end guard against the fixed point's failing to converge.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.factors import compose, factor_information, larger
+from replant.kernels import layout as at
+from replant.kernels import residuals
+from replant.state import State
+from replant.structure import Structure
+from replant.validation import FloatArray
+
+CUTOFFS = 8  # of state-variable filters tried for a start, evenly spaced in the logarithm
+SHORT, LONG = 4, 20  # iterations of each start, and of the most promising ones
+PROMISING = 3
+POLISH = 30  # Gauss-Newton steps
+SLOWEST = 0.01  # margin of stability, over the record's length
+FASTEST = 3.0  # bound of a pole's magnitude, over the sampling time
+ACCEPTABLE = 0.25  # relative uncertainty up to which a start-up is long enough
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A record made ready: mapped input and output, working point taken off, unusable samples dropped.
+
+    Attributes
+    ----------
+    u, y : (K,) arrays
+    intervals : (1,) or (K,) array
+        Time since the sample before, in s: one for all, or one each.
+    input_hold : str
+    """
+
+    u: FloatArray
+    y: FloatArray
+    intervals: FloatArray
+    input_hold: str = "zoh"
+
+    @property
+    def span(self) -> float:
+        """Time from first to last sample, in s."""
+        if self.intervals.size == 1:
+            return float(self.intervals[0]) * (self.u.size - 1)
+        return float(self.intervals[1:].sum())
+
+    @property
+    def dt(self) -> float:
+        """Mean interval in s."""
+        return self.span / (self.u.size - 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Pass:
+    """What one pass over a record with a model gives: sums over samples, and the model's error.
+
+    Attributes
+    ----------
+    zeta, phi : (K, T) arrays
+    target : (K,) array
+    error : (K,) array
+        y minus the model's output, nuisances included.
+    """
+
+    zeta: FloatArray
+    phi: FloatArray
+    target: FloatArray
+    error: FloatArray
+
+    @property
+    def cost(self) -> float:
+        """Mean square of the error."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            cost = float(np.mean(self.error**2))
+        return cost if math.isfinite(cost) else math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A refined instrumental-variable estimate of a record.
+
+    Attributes
+    ----------
+    theta : (T,) array
+        Parameters, then nuisances.
+    model : (T,) array
+        The same, with a denominator that can serve as a filter (an integrator's pole moved a little to the left).
+    upper, diagonal : (T, T), (T,) arrays
+        Factors of (sum zeta zeta')^-1.
+    covariance : (T, T) array
+        Of ``theta``, the residual's colour taken into account.
+    variance : float
+        Of the residual.
+    converged : bool
+    uncertainty : float
+        Largest relative uncertainty of a coefficient, see `relative_uncertainty`.
+    colour : array
+        For `replant.kernels.residuals`.
+    """
+
+    theta: FloatArray
+    model: FloatArray
+    upper: FloatArray
+    diagonal: FloatArray
+    covariance: FloatArray
+    variance: float
+    converged: bool
+    uncertainty: float
+    colour: FloatArray
+
+    @property
+    def acceptable(self) -> bool:
+        """Whether it can start a recursion."""
+        return self.converged and self.uncertainty < ACCEPTABLE
+
+
+class Problem:
+    """One record and one structure: passes over it, and the search for the model that explains it."""
+
+    def __init__(self, structure: Structure, record: Record) -> None:
+        self.structure, self.record = structure, record
+        self.state = State.refined(structure, record.dt, record.input_hold)
+        self.slowest, self.fastest = SLOWEST / record.span, FASTEST / record.dt
+        self.passes = 0
+
+    def run(self, denominator: FloatArray, weights: FloatArray) -> Pass:
+        """Filter the record by 1/D and simulate weights / D, nuisances included."""
+        from replant.kernels.step import regressors
+
+        state, size, samples = self.state, self.state.entries, self.record.u.size
+        state.install(np.concatenate([denominator, weights]))
+        state.ints[at.STARTED] = 0
+        phi, zeta = np.empty((samples, size)), np.empty((samples, size))
+        target, output = np.empty(samples), np.empty(samples)
+        regressors(
+            state.ints, state.reals, state.banks, self.record.u, self.record.y, self.record.intervals,
+            phi, zeta, target, output,
+        )  # fmt: skip
+        self.passes += 1
+        return Pass(zeta, phi, target, self.record.y - output)
+
+    def is_usable(self, a: FloatArray) -> bool:
+        """Return whether ``a`` can be a filter: finite, stable with a margin, not beyond the sampling rate."""
+        if not np.isfinite(a).all():
+            return False
+        magnitudes = np.abs(a) ** (1.0 / np.arange(1, a.size + 1))
+        if magnitudes.max() >= a.size * self.fastest:
+            return False
+        return bool(np.roots(np.concatenate([[1.0], a])).real.max() < -self.slowest)
+
+    def project(self, a: FloatArray) -> FloatArray:
+        """Return ``a`` with unstable poles reflected, and each pole within the margins."""
+        if self.is_usable(a):
+            return a
+        if not np.isfinite(a).all():
+            return np.poly(np.full(a.size, -math.sqrt(self.slowest * self.fastest)))[1:]
+        roots = np.roots(np.concatenate([[1.0], a]))
+        roots = np.minimum(-np.abs(roots.real), -self.slowest) + 1j * roots.imag
+        roots *= np.minimum(1.0, self.fastest / np.abs(roots))
+        return np.asarray(np.poly(roots).real[1:], np.float64)
+
+    def from_cutoff(self, cutoff: float) -> FloatArray | None:
+        """Return the least-squares estimate behind (s + cutoff)^n, projected."""
+        n = self.structure.poles
+        a = np.asarray(np.poly(np.full(n, -cutoff))[1:], np.float64)
+        done = self.run(a, np.zeros(self.state.entries - n))
+        return self._projected(_solve(done.phi.T @ done.phi, done.phi.T @ done.target))
+
+    def improve(self, theta: FloatArray, iterations: int, patience: int) -> tuple[float, FloatArray, FloatArray | None]:
+        """Iterate the instrumental-variable step; return the least cost, its model, and the last estimate."""
+        n = self.structure.poles
+        best, best_model, stalls = math.inf, theta, 0
+        current: FloatArray | None = theta
+        for _ in range(iterations):
+            assert current is not None
+            model = current
+            done = self.run(model[:n], model[n:])
+            stalls += not done.cost < best * (1.0 - 1e-6)
+            if done.cost < best:
+                best, best_model = done.cost, model
+            found = _solve(done.zeta.T @ done.phi, done.zeta.T @ done.target)
+            if found is None:
+                return best, best_model, None
+            change = np.abs(found - model) * np.linalg.norm(done.zeta, axis=0)
+            current = self._projected(found)
+            if change.max() <= 1e-3 * math.sqrt(done.cost) or stalls >= patience:
+                break
+        return best, best_model, current
+
+    def polish(self, model: FloatArray) -> tuple[FloatArray, Pass, bool]:
+        """Take damped Gauss-Newton steps on the output error; return the model, its pass, whether it converged."""
+        done = self.run(model[: self.structure.poles], model[self.structure.poles :])
+        power = float(np.mean(self.record.y**2))
+        for _ in range(POLISH):
+            gradient = done.zeta.T @ done.error
+            direction = _solve(done.zeta.T @ done.zeta, gradient)
+            if direction is None:
+                return model, done, False
+            gain = float(direction @ gradient) / self.record.u.size
+            samples = self.record.u.size
+            # done at a thousandth of a standard deviation, or where only rounding is left
+            if gain * samples <= 1e-6 * done.cost or done.cost <= 1e-18 * power:
+                return model, done, True
+            better = self._line_search(model, direction, done.cost)
+            if better is None:
+                return model, done, gain * samples <= 1e-2 * done.cost
+            model, done = better
+        return model, done, False
+
+    def _line_search(self, model: FloatArray, direction: FloatArray, cost: float) -> tuple[FloatArray, Pass] | None:
+        n = self.structure.poles
+        for halvings in range(10):
+            tried = model + direction * 0.5**halvings
+            if self.is_usable(tried[:n]):
+                done = self.run(tried[:n], tried[n:])
+                if done.cost < cost:
+                    return tried, done
+        return None
+
+    def _projected(self, theta: FloatArray | None) -> FloatArray | None:
+        if theta is None:
+            return None
+        n = self.structure.poles
+        return np.concatenate([self.project(theta[:n]), theta[n:]])
+
+
+def refine(structure: Structure, record: Record, given: Sequence[FloatArray] = ()) -> Refined | None:
+    """Return the refined instrumental-variable estimate of a record; None where no start leads anywhere.
+
+    Parameters
+    ----------
+    structure : Structure
+    record : Record
+        Usable samples, a few more than there are parameters and nuisances.
+    given : sequence of (T,) arrays
+        Estimates to start from; without any, least squares behind `CUTOFFS` state-variable filters.
+    """
+    problem = Problem(structure, record)
+    starts = [problem._projected(np.asarray(theta, np.float64)) for theta in given]
+    if not starts:
+        cutoffs = np.geomspace(5.0 / record.span, 1.0 / record.dt, CUTOFFS)
+        starts = [problem.from_cutoff(float(cutoff)) for cutoff in cutoffs]
+    tried = [problem.improve(start, SHORT, SHORT) for start in starts if start is not None]
+    tried.sort(key=lambda outcome: outcome[0])
+    for _, _, last in list(tried[:PROMISING]):
+        if last is not None:
+            tried.append(problem.improve(last, LONG, 6))
+    if not tried:
+        return None
+    best, model, _ = min(tried, key=lambda outcome: outcome[0])
+    if not math.isfinite(best):
+        return None
+    return _conclude(problem, *problem.polish(model))
+
+
+def _conclude(problem: Problem, model: FloatArray, done: Pass, converged: bool) -> Refined:
+    """Turn the last pass into an estimate with its covariance."""
+    n, samples, size = problem.structure.poles, problem.record.u.size, model.size
+    theta, cost = model, done.cost
+    if np.roots(np.concatenate([[1.0], model[:n]])).real.max() > -4.0 * problem.slowest:
+        # the margin binds, as with an integrator: one free step from the projected filter is the estimate
+        step = _solve(done.zeta.T @ done.phi, done.zeta.T @ done.error)
+        if step is not None:
+            theta, converged = model + step, True
+            cost = max(cost - float(step @ (done.zeta.T @ done.error)) / samples, 0.0)
+    variance = cost * samples / max(samples - size, 1)
+    upper, diagonal = factor_information(done.zeta.T @ done.zeta)
+    inverse = compose(upper, diagonal)
+    colour, squares, innovation = _colour(done)
+    innovation /= max(samples - size, 1)
+    covariance = innovation * inverse @ squares @ inverse
+    covariance = larger(covariance, variance * inverse)
+    uncertainty = relative_uncertainty(problem.structure, model, covariance, done.phi, problem.record.y)
+    return Refined(theta, model, upper, diagonal, covariance, variance, converged, uncertainty, colour)
+
+
+def relative_uncertainty(
+    structure: Structure, model: FloatArray, covariance: FloatArray, phi: FloatArray, y: FloatArray
+) -> float:
+    """Return how uncertain a model is, as a part: 0.25 is a start, 0.05 a model.
+
+    The largest of std(a_i) over the coefficient of prod(s + abs(pole)), the size that it would have with all poles
+    real, and of half the output that one std(b_j) makes, over the output.
+    """
+    n = structure.poles
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    sizes = np.poly(-np.abs(np.roots(np.concatenate([[1.0], model[:n]]))))[1:]
+    worst = float((std[:n] / np.maximum(sizes, 1e-300)).max())
+    of_input = slice(n, n + structure.zeros + 1)
+    made = std[of_input] * np.linalg.norm(phi[:, of_input], axis=0) / max(float(np.linalg.norm(y)), 1e-300)
+    return max(worst, float((0.5 * made).max()))
+
+
+def _colour(done: Pass) -> tuple[FloatArray, FloatArray, float]:
+    """Return the block of `kernels.residuals` at the record's end, sum zeta_f zeta_f', and the innovation's sum."""
+    from scipy.signal import lfilter
+
+    samples, size = done.zeta.shape
+    colour = np.zeros(residuals.size(size))
+    lags = residuals.LAGS
+    for lag in range(lags + 1):
+        colour[residuals.COVARIANCES + lag] = done.error[lag:] @ done.error[: samples - lag]
+    model = colour[residuals.MODEL : residuals.MODEL + lags + 1]
+    innovation = residuals.autoregression(colour[residuals.COVARIANCES : residuals.COVARIANCES + lags + 1], model)
+    filtered = lfilter([1.0], model, done.zeta, axis=0)
+    squares = filtered.T @ filtered
+    colour[residuals.COUNT] = samples
+    colour[residuals.POWER] = float(done.error @ done.error)
+    colour[residuals.ERRORS : residuals.ERRORS + lags] = done.error[-lags:][::-1]
+    ring = colour[residuals.FILTERED : residuals.FILTERED + lags * size].reshape(lags, size)
+    for age in range(min(lags, samples)):
+        ring[-age % lags] = filtered[-1 - age]
+    colour[residuals.FILTERED + lags * size :] = squares.ravel()
+    return colour, squares, float(innovation)
+
+
+def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
+    """Solve after equilibrating rows and columns; None where the matrix is singular or not finite."""
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    size[~(size > 0.0)] = 1.0
+    scaled = matrix / np.outer(size, size)
+    if not (np.isfinite(scaled).all() and np.isfinite(right).all()):
+        return None
+    try:
+        solution = np.linalg.solve(scaled, right / size)
+    except np.linalg.LinAlgError:
+        return None
+    result = np.asarray(solution / size)
+    return result if np.isfinite(result).all() else None

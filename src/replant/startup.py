@@ -1,0 +1,129 @@
+"""Start-up: from the first samples, held back, to a model, its covariance, and filters that have settled."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from replant.factors import compose, factor_covariance
+from replant.kernels import layout as at
+from replant.kernels import residuals
+from replant.refined import FASTEST, SLOWEST, Record, Refined, refine
+from replant.settings import Settings
+from replant.state import State
+from replant.structure import Structure
+from replant.validation import FloatArray
+
+LARGEST = 20_000  # samples held back at the most, before a start-up that does not suffice is taken as it is
+ROOM = 1e6  # how far forgetting may let the variances grow beyond those of the start-up
+
+
+def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn: bool) -> FloatArray:
+    """Run held samples through the kernel and return the errors (K,).
+
+    Without ``learn`` only filters, counters and kept samples follow: the estimate has been solved for.
+    """
+    from replant.kernels.step import steps
+
+    errors, unseen = np.empty(u.size), np.empty((u.size, 0))
+    rested = state.ints[at.RESTED]
+    state.ints[at.ADAPT] = learn
+    steps(state.ints, state.reals, state.banks, state.buffer, state.recent, u, y, t, errors, unseen)
+    state.ints[at.ADAPT] = 1
+    if not learn:
+        state.ints[at.RESTED] = rested
+    return errors
+
+
+def seed(state: State, settings: Settings, refined: Refined, record: Record) -> None:
+    """Begin at a refined estimate: it makes the instruments, and its parameters and covariance are the start."""
+    entries, rate = state.entries, _rates(state, settings)
+    state.reals[at.MARGIN] = SLOWEST / record.span
+    state.reals[at.WIDEST] = settings.structure.poles * FASTEST / record.dt
+    state.reals[at.FORGET_INPUT] = 1.0 / record.u.size
+    state.install(refined.model[:entries] / rate)
+    state.theta[:] = refined.theta[:entries] / rate / state.unit
+    if settings.optimizer.keeps_covariance:
+        state.ints[at.GUARD] = 1
+        _seed_covariance(state, settings, refined, rate)
+    if state.ints[at.COLOURED]:
+        _seed_colour(state, settings, refined, rate)
+    if not settings.optimizer.keeps_colour and settings.optimizer.keeps_covariance:
+        _seed_tracking(state, settings, refined, record)
+
+
+def _rates(state: State, settings: Settings) -> FloatArray:
+    """Return what turns the refined filter's parameters (T,) into those of this state's filter.
+
+    Only the bias differs: behind a fixed filter it is seen times 1/lambda_0.
+    """
+    from replant.kernels.bank import DENOMINATOR
+
+    rates = np.ones(state.entries)
+    if settings.structure.bias and not state.ints[at.REFINED]:
+        rates[-1] = state.banks[0, DENOMINATOR + settings.structure.poles - 1]
+    return rates
+
+
+def _seed_covariance(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:
+    """Write the factors of the start-up's covariance, in scaled parameters, where the optimizer keeps them."""
+    size = state.entries
+    sigma = state.block(at.AT_SIGMA, size) / rate
+    if state.ints[at.REFINED]:
+        upper, diagonal = refined.upper * sigma[:, None] / sigma[None, :], refined.diagonal * sigma**2
+    else:
+        covariance = compose(refined.upper, refined.diagonal)[:size, :size]
+        upper, diagonal = factor_covariance(covariance * np.outer(sigma, sigma))
+    memory = state.block(at.AT_MEMORY, size * size + 2 * size)
+    if settings.optimizer.keeps_colour:
+        memory[size * size + size :] = ROOM * diagonal
+    else:
+        diagonal = diagonal * max(refined.variance, np.finfo(float).tiny) / settings.scaling.output**2
+    memory[: size * size] = upper.ravel()
+    memory[size * size : size * size + size] = diagonal
+
+
+def _seed_tracking(state: State, settings: Settings, refined: Refined, record: Record) -> None:
+    """Give the Kalman filter the residual's variance, and the constant the walk that the others force on it.
+
+    With the working point taken off, the constant of A y = B u + c is c = b0 u_R - a0 y_R: it walks when they do.
+    """
+    size, structure = state.entries, settings.structure
+    scale = settings.scaling.output
+    state.block(at.AT_MEMORY, size * size + size + 1)[-1] = max(refined.variance / scale**2, np.finfo(float).tiny)
+    if state.ints[at.REFINED] and not structure.bias:
+        noise = state.block(at.AT_SETTINGS, 1 + size)[1:]
+        constant, a0, b0 = structure.size, structure.poles - 1, structure.poles + structure.zeros
+        of_a0 = noise[a0] * state.unit[a0] ** 2 * float(np.var(record.y))
+        of_b0 = noise[b0] * state.unit[b0] ** 2 * float(np.var(record.u))
+        noise[constant] = (of_a0 + of_b0) / state.unit[constant] ** 2
+
+
+def _seed_colour(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:
+    """Write power and colour of the start-up's residual, in scaled signals."""
+    size, lags = state.entries, residuals.LAGS
+    sigma, scale = state.block(at.AT_SIGMA, size) / rate, settings.scaling.output
+    of_full = refined.theta.size
+    source, colour = refined.colour, state.block(at.AT_COLOUR, residuals.size(size))
+    head = residuals.FILTERED
+    colour[:head] = source[:head]
+    colour[residuals.POWER] /= scale**2
+    colour[residuals.COVARIANCES : residuals.ERRORS] /= scale**2
+    colour[residuals.ERRORS : residuals.POSITION] /= scale
+    ring = source[head : head + lags * of_full].reshape(lags, of_full)
+    squares = source[head + lags * of_full :].reshape(of_full, of_full)
+    colour[head : head + lags * size] = (ring[:, :size] / sigma).ravel()
+    colour[head + lags * size :] = (squares[:size, :size] / np.outer(sigma, sigma)).ravel()
+
+
+def first_model(structure: Structure, record: Record) -> Refined | None:
+    """Return the refined estimate of held samples; None where they are too few or the input does not move."""
+    least = 2 * structure.poles + structure.zeros + 3
+    if record.u.size <= least or float(np.ptp(record.u)) == 0.0:
+        return None
+    return refine(structure, record)
+
+
+def carry_over(old: State, new: State) -> None:
+    """Keep the counters, and the user's choice to freeze, of a state that a new solution replaces."""
+    for slot in (at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER, at.REFUSED, at.RESTED, at.GAPS, at.ADAPT, at.DRAWN):
+        new.ints[slot] = old.ints[slot]
