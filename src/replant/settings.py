@@ -74,9 +74,8 @@ class Request:
 
     @property
     def asks_for_data(self) -> bool:
-        """Whether a choice waits for a record of samples."""
-        choices = (self.filter, self.scaling, self.optimizer, self.replay)
-        return any(isinstance(choice, str) for choice in choices) or self.preprocess.needs == "mean"
+        """Whether a choice waits for a record of samples; those of optimizer and replay do not."""
+        return isinstance(self.filter, str) or isinstance(self.scaling, str) or self.preprocess.needs == "mean"
 
 
 def _expect(name: str, value: Any, kind: type, *others: str | None) -> None:
