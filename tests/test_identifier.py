@@ -208,8 +208,10 @@ def test_a_short_record_can_end_start_up() -> None:
     assert state(early) == before
 
 
-def test_nothing_left_to_auto_needs_no_start_up() -> None:
+def test_what_needs_no_data_waits_for_none() -> None:
     assert identifier().status == "running"
+    assert identifier("rmsprop", replay="auto").status == "running"
+    assert identifier(scaling="auto").status == "starting"
     first = identifier(preprocess=rp.Preprocess(output_offset="first"))
     assert first.status == "starting"
     assert first.update(0.0, 5.0) == 0.0

@@ -105,10 +105,9 @@ class Request:
 
     @property
     def asks_for_data(self) -> bool:
-        """Whether a choice waits for a record of samples."""
-        choices = (self.filter, self.scaling, self.optimizer, self.replay)
-        chosen = not any(isinstance(choice, str) for choice in choices)
-        return not chosen or self.preprocess.needs == "mean" or self.wants_instruments
+        """Whether a choice waits for a record of samples; those of optimizer and replay do not."""
+        waits = isinstance(self.filter, str) or isinstance(self.scaling, str) or self.preprocess.needs == "mean"
+        return waits or self.wants_instruments
 
 
 def _expect(name: str, value: Any, kind: type | tuple[type, ...], *others: str | None) -> None:

@@ -1,0 +1,334 @@
+"""Speed of the kernels beside a C program of the same loop (reference.c), as ratios measured in one run.
+
+For each optimizer, number of parameters P and buffer, both programs start from the same state, take the same chunks
+of samples in turn, and must end with the same numbers.  A ratio is the median, over the chunks, of our time by that of
+C for the same chunk; times are processor times of the thread, so that other programs on the machine hardly count.
+Exit code 1 says that a ratio exceeds the limit or that the numbers differ, 2 that there is no gcc.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import json
+import math
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numba
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+import replant as rp
+from replant.kernels import layout as at
+from replant.optimizers import Optimizer
+from replant.regression import prepare, regressors
+from replant.settings import Settings
+
+ARTICLE = {
+    "Gradient": rp.Gradient(gain=2.0),
+    "Adam": rp.Adam(step_size=1e-3),
+    "AMSGrad": rp.AMSGrad(step_size=1e-3),
+    "IntegralCost": rp.IntegralCost(gain=2.0, forgetting_rate=0.1),
+}
+OTHERS = {
+    "AdaGrad": rp.AdaGrad(step_size=1e-2),
+    "RMSProp": rp.RMSProp(step_size=1e-3),
+    "NAdam": rp.NAdam(step_size=1e-3),
+    "AdaDelta": rp.AdaDelta(),
+}
+REPLAY = rp.Replay(capacity=20_000, batch_size=20)
+DT = 1e-3
+CHUNK = {True: 1_000, False: 10_000}  # samples, with and without replay: under a millisecond
+SAME = 1e-9  # relative
+
+# What the flags after -march do changes no number: no fused multiply-add, which Numba does not use either and which
+# would round differently; no errno and no traps, without which gcc cannot vectorise a square root or a maximum.
+FLAGS = "-O3 -march=native -ffp-contract=off -fno-math-errno -fno-trapping-math"
+
+Run = Callable[..., None]
+
+
+def main() -> int:
+    options = read_options()
+    console = Console(width=None if sys.stdout.isatty() else 110)
+    if shutil.which("gcc") is None:
+        console.print("gcc is not on the PATH: install it to build the C program that the kernels are compared with")
+        return 2
+    optimizers = ARTICLE | OTHERS if options.all else ARTICLE
+    with tempfile.TemporaryDirectory() as folder:
+        run = compile_reference(Path(folder), options.flags)
+        cases = [(name, P, replay) for name in optimizers for P in options.entries for replay in (False, True)]
+        results = [
+            measure(name, optimizers[name], P, replay, run, options.repetitions)
+            for name, P, replay in track(cases, "measuring", console=Console(stderr=True), transient=True)
+        ]
+    latency = update_latency()
+    machine = describe_machine(options.flags)
+    worst = max(results, key=lambda result: result.ratio)
+    difference = max(result.difference for result in results)
+    console.print(as_table(results, options.limit))
+    console.print(
+        f"Largest ratio {worst.ratio:.2f} ({worst.optimizer}, P = {worst.entries}, "
+        f"{'with' if worst.replay else 'without'} replay); limit {options.limit:g}.\n"
+        f"Largest difference between the two programs' numbers: {difference:.1e} relative; allowed {SAME:g}."
+    )
+    for case, microseconds in latency.items():
+        console.print(f"One call of Identifier.update from Python, {case}: {microseconds:.2f} µs (median).")
+    console.print("\n".join(f"{key}: {value}" for key, value in machine.items()))
+    if options.json:
+        report = {"machine": machine, "update_microseconds": latency, "kernels": [asdict(result) for result in results]}
+        options.json.write_text(json.dumps(report, indent=2) + "\n")
+    return int(worst.ratio > options.limit or not difference <= SAME)
+
+
+def read_options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--all", action="store_true", help="all eight optimizers, not the article's four alone")
+    parser.add_argument("--entries", type=int, nargs="+", default=(2, 4, 6, 8, 10), metavar="P", help="even numbers")
+    parser.add_argument("--repetitions", type=int, default=101, metavar="N", help="chunks that are timed")
+    parser.add_argument("--limit", type=float, default=1.5, metavar="X", help="largest ratio that passes")
+    parser.add_argument("--flags", default=FLAGS, help="of gcc; default: %(default)s")
+    parser.add_argument("--json", type=Path, metavar="PATH", help="write the figures there as well")
+    return parser.parse_args()
+
+
+# --- the C program
+
+
+class Program(ctypes.Structure):
+    """The `identifier` of reference.c, filled from the arrays of ours."""
+
+    SIZES: ClassVar = {
+        "order": at.ORDER,
+        "entries": at.ENTRIES,
+        "input_entries": at.INPUT_ENTRIES,
+        "memory_size": at.MEMORY_SIZE,
+        "algorithm": at.ALGORITHM,
+        "square_input": at.SQUARE_INPUT,
+        "normalize": at.NORMALIZE,
+        "lag": at.LAG,
+        "capacity": at.CAPACITY,
+        "batch": at.BATCH,
+        "warmup": at.WARMUP,
+        "seed": at.SEED,
+    }
+    NUMBERS: ClassVar = {
+        "input_offset": at.INPUT_OFFSET,
+        "output_offset": at.OUTPUT_OFFSET,
+        "output_scale": at.OUTPUT_SCALE,
+    }
+    CONSTANTS: ClassVar = {
+        "transition": at.AT_TRANSITION,
+        "output_taps": at.AT_OUTPUT_TAPS,
+        "input_taps": at.AT_INPUT_TAPS,
+        "characteristic": at.AT_CHARACTERISTIC,
+        "gain": at.AT_GAIN,
+        "unit": at.AT_UNIT,
+        "settings": at.AT_SETTINGS,
+    }
+    COUNTERS: ClassVar = ("started", "samples", "rejected", "refused", "filled", "head", "drawn", "past")
+    STATE: ClassVar = {
+        "output_state": at.AT_OUTPUT_STATE,
+        "input_state": at.AT_INPUT_STATE,
+        "past_inputs": at.AT_PAST,
+        "phi": at.AT_PHI,
+        "theta": at.AT_THETA,
+        "memory": at.AT_MEMORY,
+        "backup": at.AT_BACKUP,
+    }
+    _fields_: ClassVar = [
+        *((name, ctypes.c_int64) for name in SIZES),
+        *((name, ctypes.c_double) for name in NUMBERS),
+        *((name, ctypes.c_void_p) for name in CONSTANTS),
+        *((name, ctypes.c_int64) for name in COUNTERS),
+        ("last_output", ctypes.c_double),
+        *((name, ctypes.c_void_p) for name in (*STATE, "buffer", "rows")),
+    ]
+
+    def __init__(self, ints: np.ndarray, reals: np.ndarray, buffer: np.ndarray) -> None:
+        """Copy an identifier before its first sample, each block into an array of its own."""
+        super().__init__(
+            **{name: int(ints[slot]) for name, slot in self.SIZES.items()},
+            **{name: float(reals[slot]) for name, slot in self.NUMBERS.items()},
+        )
+        blocks = self.CONSTANTS | self.STATE
+        ends = [*(int(ints[slot]) for slot in blocks.values()), reals.size]
+        self.arrays = {"buffer": buffer.copy(), "rows": np.zeros(ints[at.BATCH], np.int64)}
+        for name, slot in blocks.items():
+            begin = int(ints[slot])
+            self.arrays[name] = reals[begin : min((end for end in ends if end > begin), default=begin)].copy()
+        for name, array in self.arrays.items():
+            setattr(self, name, array.ctypes.data)
+
+
+def compile_reference(folder: Path, flags: str) -> Run:
+    """Build reference.c and return its `run`."""
+    source, library = Path(__file__).with_name("reference.c"), folder / "reference.so"
+    subprocess.run(["gcc", *shlex.split(flags), "-shared", "-fPIC", str(source), "-o", str(library), "-lm"], check=True)
+    run = ctypes.CDLL(str(library)).run
+    run.argtypes = [ctypes.c_void_p, ctypes.c_int64] + [ctypes.c_void_p] * 4
+    run.restype = None
+    return run
+
+
+# --- measuring
+
+
+@dataclass(frozen=True)
+class Result:
+    """One optimizer, number of parameters and buffer; medians of times in ns."""
+
+    optimizer: str
+    entries: int
+    replay: bool
+    updates_per_sample: int
+    sample: float
+    sample_c: float
+    ratio: float
+    ratio_quartiles: tuple[float, float]
+    difference: float
+
+    @property
+    def update(self) -> float:
+        return self.sample / self.updates_per_sample
+
+    @property
+    def update_c(self) -> float:
+        return self.sample_c / self.updates_per_sample
+
+
+def measure(name: str, optimizer: Optimizer, P: int, replay: bool, run: Run, repetitions: int) -> Result:
+    """Time both programs on the same chunks in turn, and compare their numbers."""
+    from replant.kernels.step import steps
+
+    structure, size = rp.Structure(poles=P // 2, zeros=P // 2 - 1), CHUNK[replay]
+    ints, reals, buffer = prepare(settings_for(structure, optimizer, replay))
+    program = Program(ints, reals, buffer)
+    ours, theirs = (np.empty(size), np.empty((size, P))), (np.empty(size), np.empty((size, P)))
+    pointers = [array.ctypes.data for array in theirs]
+    warm = math.ceil(REPLAY.capacity / size)  # chunks, until the buffer is full
+    times, difference = [], 0.0
+    for u, y in chunks(structure, size, warm + repetitions):
+        start = time.thread_time_ns()
+        steps(ints, reals, buffer, u, y, *ours)
+        middle = time.thread_time_ns()
+        run(ctypes.addressof(program), size, u.ctypes.data, y.ctypes.data, *pointers)
+        times.append((middle - start, time.thread_time_ns() - middle))
+        difference = max(difference, *(distance(a, b) for a, b in zip(ours, theirs, strict=True)))
+    measured = np.array(times[warm:]) / size
+    sample, sample_c = np.median(measured, axis=0).tolist()
+    low, ratio, high = np.percentile(measured[:, 0] / measured[:, 1], [25, 50, 75]).tolist()
+    updates = REPLAY.batch_size if replay else 1
+    return Result(name, P, replay, updates, sample, sample_c, ratio, (low, high), difference)
+
+
+def settings_for(structure: rp.Structure, optimizer: Optimizer, replay: bool) -> Settings:
+    state_filter, preprocess = rp.StateVariableFilter(cutoff=50.0), rp.Preprocess()
+    u, y = next(chunks(structure, 5_000, 1))
+    scaling = rp.Scaling.from_record(y, regressors(structure, DT, state_filter, preprocess, u, y)[0])
+    return Settings(structure, DT, state_filter, scaling, optimizer, REPLAY if replay else None, True, preprocess)
+
+
+def chunks(structure: rp.Structure, size: int, count: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the chunks of a record: a stable plant under random steps, and noise."""
+    generator = np.random.default_rng(7)
+    poles = -np.geomspace(5.0, 50.0, structure.poles)
+    plant = rp.TransferFunction([np.prod(-poles)], np.poly(poles))
+    u = np.repeat(generator.choice([-1.0, 1.0], size * count // 20 + 1), 20)[: size * count]
+    y = plant.simulate(u, dt=DT) + 0.01 * generator.standard_normal(u.size)
+    for k in range(0, u.size, size):
+        yield u[k : k + size], y[k : k + size]
+
+
+def distance(a: np.ndarray, b: np.ndarray) -> float:
+    """Return the largest difference relative to the largest magnitude."""
+    return float(np.abs(a - b).max() / np.abs(b).max())
+
+
+def update_latency(calls: int = 50_000) -> dict[str, float]:
+    """Return the median time in µs of one call of `Identifier.update`."""
+    structure = rp.Structure(poles=3, zeros=1)
+    u, y = (signal.tolist() for signal in next(chunks(structure, calls, 1)))
+    medians = {}
+    for case, replay in (("without replay", None), ("with a batch of 20", REPLAY)):
+        ident = rp.Identifier(structure, DT, replay=replay)
+        times = []
+        for k in range(calls):
+            start = time.perf_counter_ns()
+            ident.update(u[k], y[k])
+            times.append(time.perf_counter_ns() - start)
+        medians[case] = float(np.median(times)) / 1e3
+    return medians
+
+
+# --- showing
+
+
+def as_table(results: Sequence[Result], limit: float) -> Table:
+    table = Table(title="Kernels and C: ns a sample, ns an update (with replay: 20 a sample)", box=box.MARKDOWN)
+    table.add_column("optimizer")
+    for column in (
+        "P",
+        "sample",
+        "C",
+        "ratio",
+        "quartiles",
+        "with replay: sample",
+        "update",
+        "C",
+        "ratio",
+        "quartiles",
+    ):
+        table.add_column(column, justify="right")
+    alone, replayed = ([result for result in results if result.replay is replay] for replay in (False, True))
+    for one, many in zip(alone, replayed, strict=True):
+        table.add_row(
+            one.optimizer,
+            str(one.entries),
+            f"{one.sample:.1f}",
+            f"{one.sample_c:.1f}",
+            *as_ratio(one, limit),
+            f"{many.sample:.0f}",
+            f"{many.update:.1f}",
+            f"{many.update_c:.1f}",
+            *as_ratio(many, limit),
+        )
+    return table
+
+
+def as_ratio(result: Result, limit: float) -> tuple[str, str]:
+    low, high = result.ratio_quartiles
+    ratio = f"{result.ratio:.2f}"
+    return (f"[bold red]{ratio}[/]" if result.ratio > limit else ratio), f"{low:.2f}..{high:.2f}"
+
+
+def describe_machine(flags: str) -> dict[str, str]:
+    cpu = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        models = [line for line in info.read_text().splitlines() if line.startswith("model name")]
+        cpu = models[0].split(":", 1)[1].strip() if models else cpu
+    version = subprocess.run(["gcc", "-dumpfullversion"], capture_output=True, text=True, check=True).stdout.strip()
+    return {
+        "CPU": f"{cpu}, {os.cpu_count()} cores",
+        "Python": f"{platform.python_version()}, Numba {numba.__version__}, NumPy {np.__version__}",
+        "gcc": f"{version}, {flags}",
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,66 @@
+"""Style: what every figure shares: colours that everyone can tell apart, names and units of parameters, a blank figure.
+
+The colours are Okabe and Ito's; where two of them have the same lightness, line styles must differ as well, so that a
+figure is readable in grey.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from replant.errors import MissingDependencyError
+
+BLACK, ORANGE, SKY, GREEN = "#000000", "#e69f00", "#56b4e9", "#009e73"
+BLUE, VERMILION, PURPLE, GREY = "#0072b2", "#d55e00", "#cc79a7", "#7f8c95"
+
+#: How a true value is drawn, in every figure.
+TRUE = {"color": BLACK, "ls": (0, (5, 3)), "lw": 0.9, "zorder": 2.5}
+
+FONT: Any = {"font.size": 9.0, "axes.titlesize": 9.0, "legend.fontsize": 8.5, "svg.hashsalt": "replant"}
+
+
+def blank_figure(width: float, height: float) -> Any:
+    """Return an empty `matplotlib.figure.Figure` of this size in inches, its layout fitted when it is drawn.
+
+    It belongs to nobody but the caller: no window, no pyplot, nothing to close.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib.
+
+    Examples
+    --------
+    >>> blank_figure(7.0, 4.0).get_size_inches().tolist()
+    [7.0, 4.0]
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as cause:
+        raise MissingDependencyError("plots need matplotlib: pip install 'replant[report]'") from cause
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def font() -> Any:
+    """Return a context within which figures are made and saved in the project's font sizes."""
+    import matplotlib as mpl
+
+    return mpl.rc_context(FONT)
+
+
+def symbol(name: str) -> str:
+    """Return a parameter's name as it is printed.
+
+    Examples
+    --------
+    >>> symbol("a0"), symbol("bias")
+    ('$a_{0}$', 'bias')
+    """
+    return f"${name[0]}_{{{name[1:]}}}$" if name[1:].isdigit() else name
+
+
+def open_frame(axis: Any) -> None:
+    """Leave an axis the lines that carry numbers, and a faint grid."""
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.grid(color="#dddddd", lw=0.5)
+    axis.set_axisbelow(True)
