@@ -273,57 +273,59 @@ def refine(structure: Structure, record: Record, given: Sequence[FloatArray] = (
 def _conclude(problem: Problem, model: FloatArray, done: Pass, converged: bool) -> Refined:
     """Turn the last pass into an estimate with its covariance."""
     n, samples, size = problem.structure.poles, problem.record.u.size, model.size
-    theta, cost = model, done.cost
+    theta, error = model, done.error
     if np.roots(np.concatenate([[1.0], model[:n]])).real.max() > -4.0 * problem.slowest:
         # the margin binds, as with an integrator: one free step from the projected filter is the estimate
         step = _solve(done.zeta.T @ done.phi, done.zeta.T @ done.error)
         if step is not None:
             theta, converged = model + step, True
-            cost = max(cost - float(step @ (done.zeta.T @ done.error)) / samples, 0.0)
-    variance = cost * samples / max(samples - size, 1)
+            error = done.target - done.phi @ theta
+    variance = float(error @ error) / max(samples - size, 1)
     upper, diagonal = factor_information(done.zeta.T @ done.zeta)
     inverse = compose(upper, diagonal)
-    colour, squares, innovation = _colour(done)
+    colour, squares, innovation = _colour(done.zeta, error)
     innovation /= max(samples - size, 1)
     covariance = innovation * inverse @ squares @ inverse
     covariance = larger(covariance, variance * inverse)
-    uncertainty = relative_uncertainty(problem.structure, model, covariance, done.phi, problem.record.y)
+    uncertainty = relative_uncertainty(problem.structure, model, covariance, done.phi, problem.record)
     return Refined(theta, model, upper, diagonal, covariance, variance, converged, uncertainty, colour)
 
 
 def relative_uncertainty(
-    structure: Structure, model: FloatArray, covariance: FloatArray, phi: FloatArray, y: FloatArray
+    structure: Structure, model: FloatArray, covariance: FloatArray, phi: FloatArray, record: Record
 ) -> float:
     """Return how uncertain a model is, as a part: 0.25 is a start, 0.05 a model.
 
     The largest of std(a_i) over the coefficient of prod(s + abs(pole)), the size that it would have with all poles
-    real, and of half the output that one std(b_j) makes, over the output.
+    real (a pole slower than the record is long counts as one just as long), and of half the output that one std(b_j)
+    makes, over the output.
     """
     n = structure.poles
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    sizes = np.poly(-np.abs(np.roots(np.concatenate([[1.0], model[:n]]))))[1:]
+    magnitudes = np.abs(np.roots(np.concatenate([[1.0], model[:n]])))
+    sizes = np.poly(-np.maximum(magnitudes, 1.0 / record.span))[1:]
     worst = float((std[:n] / np.maximum(sizes, 1e-300)).max())
     of_input = slice(n, n + structure.zeros + 1)
-    made = std[of_input] * np.linalg.norm(phi[:, of_input], axis=0) / max(float(np.linalg.norm(y)), 1e-300)
+    made = std[of_input] * np.linalg.norm(phi[:, of_input], axis=0) / max(float(np.linalg.norm(record.y)), 1e-300)
     return max(worst, float((0.5 * made).max()))
 
 
-def _colour(done: Pass) -> tuple[FloatArray, FloatArray, float]:
+def _colour(zeta: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Return the block of `kernels.residuals` at the record's end, sum zeta_f zeta_f', and the innovation's sum."""
     from scipy.signal import lfilter
 
-    samples, size = done.zeta.shape
+    samples, size = zeta.shape
     colour = np.zeros(residuals.size(size))
     lags = residuals.LAGS
     for lag in range(lags + 1):
-        colour[residuals.COVARIANCES + lag] = done.error[lag:] @ done.error[: samples - lag]
+        colour[residuals.COVARIANCES + lag] = error[lag:] @ error[: samples - lag]
     model = colour[residuals.MODEL : residuals.MODEL + lags + 1]
     innovation = residuals.autoregression(colour[residuals.COVARIANCES : residuals.COVARIANCES + lags + 1], model)
-    filtered = lfilter([1.0], model, done.zeta, axis=0)
+    filtered = lfilter([1.0], model, zeta, axis=0)
     squares = filtered.T @ filtered
     colour[residuals.COUNT] = samples
-    colour[residuals.POWER] = float(done.error @ done.error)
-    colour[residuals.ERRORS : residuals.ERRORS + lags] = done.error[-lags:][::-1]
+    colour[residuals.POWER] = float(error @ error)
+    colour[residuals.ERRORS : residuals.ERRORS + lags] = error[-lags:][::-1]
     ring = colour[residuals.FILTERED : residuals.FILTERED + lags * size].reshape(lags, size)
     for age in range(min(lags, samples)):
         ring[-age % lags] = filtered[-1 - age]

@@ -11,6 +11,7 @@ from replant.kernels import layout as at
 from replant.kernels.stability import all_left_of, bandwidth, slowest_decay
 
 WARM_TIME_CONSTANTS = 10.0  # of the new model's slowest pole, before a warming bank takes over
+MISSING = 1.5  # sampling times between two samples, beyond which one is taken to be missing
 RETRY = 10.0  # samples until the estimate is looked at again when it could not serve as a model
 
 
@@ -20,6 +21,7 @@ def begin(ints, reals, banks, u, y):
     n, T = ints[at.ORDER], ints[at.ENTRIES]
     for i in range(ints[at.RING]):
         reals[ints[at.AT_INPUTS] + i] = u
+        reals[ints[at.AT_HELD] + i] = u
         reals[ints[at.AT_INTERVALS] + i] = reals[at.INTERVAL]
     for b in range(3):
         bk.begin(banks[b], n, T)
@@ -31,12 +33,19 @@ def begin(ints, reals, banks, u, y):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def remember_input(ints, reals, u, interval):
-    """Put the newest input into the ring that the dead time looks back on."""
+    """Put the newest input into the ring that the dead time looks back on.
+
+    Where samples are missing, a held input may have moved on the way.  For the first sampling time it stood; what is
+    known of the rest is that it began at the last value and ended at the newest, so their mean is the least wrong.
+    """
+    last = reals[ints[at.AT_INPUTS] + ints[at.NEWEST]]
+    known = reals[at.INTERVAL] / interval if interval > MISSING * reals[at.INTERVAL] else 1.0
     newest = ints[at.NEWEST] + 1
     if newest == ints[at.RING]:
         newest = 0
     ints[at.NEWEST] = newest
     reals[ints[at.AT_INPUTS] + newest] = u
+    reals[ints[at.AT_HELD] + newest] = known * last + (1.0 - known) * 0.5 * (last + u)
     reals[ints[at.AT_INTERVALS] + newest] = interval
 
 
@@ -58,8 +67,8 @@ def advance_input(ints, reals, bank, interval, work):
     newer = ints[at.NEWEST]
     older = newer - 1 if newer > 0 else ring - 1
     if delay == 0.0:
-        start = reals[inputs + older]
         end = reals[inputs + newer]
+        start = reals[inputs + older] if straight else reals[ints[at.AT_HELD] + newer]
         bk.advance_channel(
             bank, n, T, bk.INPUT, bk.discretization(bank, n, T, interval, work), start, end if straight else start, work
         )
@@ -84,12 +93,11 @@ def advance_input(ints, reals, bank, interval, work):
         until = max(age - delay, 0.0)  # this piece acts until so long before now
         piece = left - until
         if piece > 1e-9 * interval:
-            start = input_value(
-                straight, reals[inputs + older], reals[inputs + newer], 1.0 - (left + delay - age) / width
-            )
-            end = input_value(
-                straight, reals[inputs + older], reals[inputs + newer], 1.0 - (until + delay - age) / width
-            )
+            before, after = reals[inputs + older], reals[inputs + newer]
+            if not straight:
+                before = reals[ints[at.AT_HELD] + newer]
+            start = input_value(straight, before, after, 1.0 - (left + delay - age) / width)
+            end = input_value(straight, before, after, 1.0 - (until + delay - age) / width)
             slot = bk.discretization(bank, n, T, piece, work)
             bk.advance_channel(bank, n, T, bk.INPUT, slot, start, end, work)
             left = until

@@ -50,6 +50,7 @@ ACTIVE = 33  # which bank of the auxiliary model serves, 1 or 2
 WARMING = 34  # 1 while the other one warms up
 # --- ints: where the blocks of reals begin
 AT_INPUTS = 40  # (RING,)  past inputs
+AT_HELD = 54  # (RING,)  what a held input was, on the mean, over that interval
 AT_INTERVALS = 41  # (RING,)  the interval that led to each of them
 AT_SIGMA = 42  # (T,)  scaling of the regressor
 AT_UNIT = 43  # (T,)  from scaled to physical parameter
@@ -63,7 +64,7 @@ AT_WORK = 50  # (4 (n + 2)^2,)  work
 AT_COLOUR = 51  # (see kernels.residuals)  power and colour of the residual
 MEMORY_SIZE = 52  # M
 SETTINGS_SIZE = 53  # S
-ROWS = 54  # from here: (BATCH,) rows drawn for the newest sample
+ROWS = 56  # from here: (BATCH,) rows drawn for the newest sample
 
 # --- reals: scalars
 INPUT_OFFSET = 0  # working point, subtracted from the mapped input
@@ -101,6 +102,7 @@ def plan(
     blocks = {
         AT_INPUTS: ring,
         AT_INTERVALS: ring,
+        AT_HELD: ring,
         AT_SIGMA: entries,
         AT_UNIT: entries,
         AT_PHI: entries,
