@@ -45,7 +45,9 @@ def _of_least_squares(state: State) -> FloatArray:
     count = max(colour[residuals.COUNT] - size, 1.0)
     white = colour[residuals.POWER] / max(colour[residuals.COUNT], 1.0) * inverse
     model = np.empty(lags + 1)
-    power = residuals.autoregression(colour[residuals.COVARIANCES : residuals.COVARIANCES + lags + 1].copy(), model)
+    power = residuals.autoregression(
+        colour[residuals.COVARIANCES : residuals.COVARIANCES + lags + 1], model, np.empty(lags + 1)
+    )
     squares = colour[residuals.FILTERED + lags * size :].reshape(size, size)
     return larger(power / count * inverse @ squares @ inverse, white)
 
@@ -62,7 +64,7 @@ def _of_buffer(state: State) -> FloatArray:
     error = target - phi @ state.theta
     covariances = np.array([error[lag:] @ error[: filled - lag] for lag in range(residuals.LAGS + 1)])
     model = np.empty(residuals.LAGS + 1)
-    power = residuals.autoregression(covariances, model)
+    power = residuals.autoregression(covariances, model, np.empty(residuals.LAGS + 1))
     filtered = lfilter([1.0], model, zeta, axis=0)
     cross = zeta.T @ phi
     if not np.linalg.cond(cross) < 1.0 / np.finfo(float).eps:

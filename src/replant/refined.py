@@ -320,7 +320,9 @@ def _colour(zeta: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray
     for lag in range(lags + 1):
         colour[residuals.COVARIANCES + lag] = error[lag:] @ error[: samples - lag]
     model = colour[residuals.MODEL : residuals.MODEL + lags + 1]
-    innovation = residuals.autoregression(colour[residuals.COVARIANCES : residuals.COVARIANCES + lags + 1], model)
+    innovation = residuals.autoregression(
+        colour[residuals.COVARIANCES : residuals.COVARIANCES + lags + 1], model, np.empty(lags + 1)
+    )
     filtered = lfilter([1.0], model, zeta, axis=0)
     squares = filtered.T @ filtered
     colour[residuals.COUNT] = samples

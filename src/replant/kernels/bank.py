@@ -16,8 +16,7 @@ Discretisations are kept by the interval they belong to, a few at a time: a regu
 time three, and a clock that jitters makes a new one each time.
 """
 
-from numba import njit
-
+from replant.kernels.compiled import cut, part, rare
 from replant.kernels.matrix_exponential import exponential
 
 OUTPUT, INPUT, MODEL, IMPULSE, CONSTANT = range(5)
@@ -36,48 +35,55 @@ DENOMINATOR = 3  # (n,)  d_{n-1} .. d_0; then come, one after the other:
 KEPT = 4
 
 
-@njit(cache=True, nogil=True, inline="always")
-def at_characteristic(n, T):
-    """Return where the scaled characteristic polynomial begins."""
-    return DENOMINATOR + n
-
-
-@njit(cache=True, nogil=True, inline="always")
-def at_gain(n, T):
+@part
+def at_gain(n):
     """Return where the gains begin."""
     return DENOMINATOR + 2 * n
 
 
-@njit(cache=True, nogil=True, inline="always")
+@part
 def at_weights(n, T):
     """Return where the auxiliary model's parameters begin."""
     return DENOMINATOR + 2 * n + T
 
 
-@njit(cache=True, nogil=True, inline="always")
+@part
 def at_states(n, T):
     """Return where the states begin."""
     return DENOMINATOR + 2 * n + 2 * T
 
 
-@njit(cache=True, nogil=True, inline="always")
+@part
 def at_kept(n, T):
     """Return where the discretisations begin."""
     return DENOMINATOR + 2 * n + 2 * T + CHANNELS * n
 
 
-@njit(cache=True, nogil=True, inline="always")
-def kept_size(n):
-    """Return how many numbers a discretisation has."""
-    return 1 + n * n + 2 * n
-
-
-def size(n, T):
+def size(n: int, T: int) -> int:
     """Return how many numbers a bank has."""
     return DENOMINATOR + 2 * n + 2 * T + CHANNELS * n + KEPT * (1 + n * n + 2 * n)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cut
+def states_of(bank, n, T, channel):
+    """Return the states (n,) of a channel."""
+    at = DENOMINATOR + 2 * n + 2 * T + channel * n
+    return bank[at : at + n]
+
+
+@cut
+def gains_of(bank, n, T):
+    """Return the gains (T,)."""
+    return bank[DENOMINATOR + 2 * n : DENOMINATOR + 2 * n + T]
+
+
+@cut
+def characteristic_of(bank, n):
+    """Return the scaled characteristic polynomial (n,)."""
+    return bank[DENOMINATOR + n : DENOMINATOR + 2 * n]
+
+
+@rare
 def set_denominator(bank, n, T, inputs, constant, nuisances, fixed, denominator, sigma):
     """Give the bank a denominator d_{n-1} .. d_0: time scale, characteristic, gains; forget the discretisations.
 
@@ -91,8 +97,8 @@ def set_denominator(bank, n, T, inputs, constant, nuisances, fixed, denominator,
         c = 1.0
     bank[SCALE] = c
     scale = 1.0
-    gain = at_gain(n, T)
-    characteristic = at_characteristic(n, T)
+    gain = at_gain(n)
+    characteristic = DENOMINATOR + n
     for i in range(n):  # entry i belongs to s^(n-1-i), scaled by c^(i+1)
         scale *= c
         bank[DENOMINATOR + i] = denominator[i]
@@ -108,32 +114,39 @@ def set_denominator(bank, n, T, inputs, constant, nuisances, fixed, denominator,
     if constant:
         last = 1.0 if fixed else c**n
         bank[gain + n + inputs] = 1.0 / (last * sigma[n + inputs])
-    kept, size = at_kept(n, T), kept_size(n)
+    kept, size = at_kept(n, T), 1 + n * n + 2 * n
     for slot in range(KEPT):
         bank[kept + slot * size] = -1.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def discretization(bank, n, T, interval, work):
-    """Return where the exact solution over ``interval`` lies in the bank, computing it if it is not there.
-
-    One exponential gives Ad, the response to a constant and that to a ramp from 0 to 1 (Van Loan, 1978).
-    """
-    kept, size = at_kept(n, T), kept_size(n)
+    """Return where the exact solution over ``interval`` lies in the bank, computing it if it is not there."""
+    kept, size = at_kept(n, T), 1 + n * n + 2 * n
     for slot in range(KEPT):
         if abs(bank[kept + slot * size] - interval) <= 1e-9 * interval:
             return kept + slot * size
+    return new_discretization(bank, n, T, interval, work)
+
+
+@rare
+def new_discretization(bank, n, T, interval, work):
+    """Compute the exact solution over ``interval``, in the place of the oldest; return where it lies.
+
+    One exponential gives Ad, the response to a constant and that to a ramp from 0 to 1 (Van Loan, 1978).
+    """
+    size = 1 + n * n + 2 * n
     slot = int(bank[NEXT])
     bank[NEXT] = (slot + 1) % KEPT
-    at = kept + slot * size
+    at = at_kept(n, T) + slot * size
     wide = n + 2
     matrix, power, spare = work[: wide * wide], work[wide * wide : 2 * wide * wide], work[2 * wide * wide :]
     for i in range(wide * wide):
         matrix[i] = 0.0
     rate = bank[SCALE] * interval
-    characteristic = at_characteristic(n, T)
+    characteristic = characteristic_of(bank, n)
     for i in range(n):
-        matrix[i] = -rate * bank[characteristic + i]
+        matrix[i] = -rate * characteristic[i]
     for i in range(1, n):
         matrix[i * wide + i - 1] = rate
     matrix[n] = rate
@@ -148,22 +161,23 @@ def discretization(bank, n, T, interval, work):
     return at
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def advance_channel(bank, n, T, channel, at, start, end, work):
     """Carry one channel over the interval of the discretisation ``at``; its signal runs straight, start to end."""
-    x = at_states(n, T) + channel * n
-    constant, ramp = at + 1 + n * n, at + 1 + n * n + n
+    x, new = states_of(bank, n, T, channel), work[:n]
+    A = bank[at + 1 : at + 1 + n * n]
+    constant, ramp = bank[at + 1 + n * n : at + 1 + n * n + n], bank[at + 1 + n * n + n : at + 1 + n * n + 2 * n]
     rise = end - start
-    for i in range(n):
-        total = bank[constant + i] * start + bank[ramp + i] * rise
-        for j in range(n):
-            total += bank[at + 1 + i * n + j] * bank[x + j]
-        work[i] = total
-    for i in range(n):
-        bank[x + i] = work[i]
+    for i in range(x.size):
+        total = constant[i] * start + ramp[i] * rise
+        for j in range(x.size):
+            total += A[i * n + j] * x[j]
+        new[i] = total
+    for i in range(x.size):
+        x[i] = new[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@rare
 def take_states(bank, other, n, T):
     """Copy the states of another bank, in this bank's own time scale."""
     ratio = bank[SCALE] / other[SCALE]
@@ -176,7 +190,7 @@ def take_states(bank, other, n, T):
     bank[MODEL_OUTPUT] = other[MODEL_OUTPUT]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@rare
 def begin(bank, n, T):
     """Put every channel at rest, but for the impulse that has just come in."""
     states = at_states(n, T)
@@ -186,58 +200,60 @@ def begin(bank, n, T):
     bank[MODEL_OUTPUT] = 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def input_entries(bank, n, T, inputs, u, phi):
     """Fill the regressor's entries of the input, s^m/D u .. s^0/D u, u being its delayed value now."""
-    gain, w = at_gain(n, T), at_states(n, T) + INPUT * n
+    w = states_of(bank, n, T, INPUT)
     if inputs == n + 1:
-        characteristic = at_characteristic(n, T)
+        gains, entries = gains_of(bank, n, T)[n + 1 :], phi[n + 1 :]
+        characteristic = characteristic_of(bank, n)
         highest = u
-        for i in range(n):
-            highest -= bank[characteristic + i] * bank[w + i]
-        phi[n] = bank[gain + n] * highest
-        for i in range(n):
-            phi[n + 1 + i] = bank[gain + n + 1 + i] * bank[w + i]
+        for i in range(w.size):
+            highest -= characteristic[i] * w[i]
+            entries[i] = gains[i] * w[i]
+        phi[n] = gains_of(bank, n, T)[n] * highest
     else:
-        for j in range(inputs):
-            phi[n + j] = bank[gain + n + j] * bank[w + n - inputs + j]
+        gains, entries, lower = gains_of(bank, n, T)[n:], phi[n:], w[n - inputs :]
+        for j in range(lower.size):
+            entries[j] = gains[j] * lower[j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def nuisance_entries(bank, n, T, inputs, constant, nuisances, fixed, phi):
     """Fill the regressor's entries of the constant and of the initial state."""
-    gain, states = at_gain(n, T), at_states(n, T)
+    gains, entries = gains_of(bank, n, T)[n + inputs :], phi[n + inputs :]
     if constant:
-        value = 1.0 if fixed else bank[states + CONSTANT * n + n - 1]
-        phi[n + inputs] = bank[gain + n + inputs] * value
+        entries[0] = gains[0] * (1.0 if fixed else states_of(bank, n, T, CONSTANT)[n - 1])
     if nuisances:
-        for i in range(n):
-            phi[n + inputs + 1 + i] = bank[gain + n + inputs + 1 + i] * bank[states + IMPULSE * n + i]
+        w = states_of(bank, n, T, IMPULSE)
+        for i in range(w.size):
+            entries[1 + i] = gains[1 + i] * w[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def output_entries(bank, n, T, channel, entries):
     """Fill the entries -s^(n-1)/D y .. -s^0/D y of the measured output or, for instruments, of the model's."""
-    gain, w = at_gain(n, T), at_states(n, T) + channel * n
-    for i in range(n):
-        entries[i] = bank[gain + i] * bank[w + i]
+    gains, w = gains_of(bank, n, T), states_of(bank, n, T, channel)
+    for i in range(w.size):
+        entries[i] = gains[i] * w[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def highest_derivative(bank, n, T, y):
     """Return s^n/D y, from y and its filtered derivatives."""
-    characteristic, w = at_characteristic(n, T), at_states(n, T) + OUTPUT * n
+    characteristic, w = characteristic_of(bank, n), states_of(bank, n, T, OUTPUT)
     total = y
-    for i in range(n):
-        total -= bank[characteristic + i] * bank[w + i]
+    for i in range(w.size):
+        total -= characteristic[i] * w[i]
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def model_output(bank, n, T, phi):
     """Return the auxiliary model's output: its weights on the regressor's entries that the output does not enter."""
-    weights = at_weights(n, T)
+    at = at_weights(n, T)
+    weights, entries = bank[at + n : at + T], phi[n:T]
     total = 0.0
-    for i in range(n, T):
-        total += bank[weights + i] * phi[i]
+    for i in range(entries.size):
+        total += weights[i] * entries[i]
     return total

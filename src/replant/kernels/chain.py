@@ -4,10 +4,9 @@
 serves while the other warms up.  With the refined filter the serving bank makes the regressor itself.
 """
 
-from numba import njit
-
 from replant.kernels import bank as bk
 from replant.kernels import layout as at
+from replant.kernels.compiled import part, rare
 from replant.kernels.stability import all_left_of, bandwidth, slowest_decay
 
 WARM_TIME_CONSTANTS = 10.0  # of the new model's slowest pole, before a warming bank takes over
@@ -15,7 +14,7 @@ MISSING = 1.5  # sampling times between two samples, beyond which one is taken t
 RETRY = 10.0  # samples until the estimate is looked at again when it could not serve as a model
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@rare
 def begin(ints, reals, banks, u, y):
     """Take the first sample of a record, or the first after a gap: everything at rest, u as it always was."""
     n, T = ints[at.ORDER], ints[at.ENTRIES]
@@ -31,7 +30,7 @@ def begin(ints, reals, banks, u, y):
     ints[at.STARTED] = 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def remember_input(ints, reals, u, interval):
     """Put the newest input into the ring that the dead time looks back on.
 
@@ -49,102 +48,118 @@ def remember_input(ints, reals, u, interval):
     reals[ints[at.AT_INTERVALS] + newest] = interval
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def input_value(straight, older, newer, part):
-    """Return the input at a part of the way from one sample to the next."""
-    return older + part * (newer - older) if straight else older
+@part
+def advance_input(ints, reals, bank, interval, slot, work):
+    """Carry the INPUT channel over the newest interval; ``slot``: the discretisation of the whole of it."""
+    n, T, newest, straight = ints[at.ORDER], ints[at.ENTRIES], ints[at.NEWEST], ints[at.STRAIGHT_INPUT] == 1
+    if reals[at.DELAY] > 0.0:
+        advance_delayed_input(ints, reals, bank, interval, slot, work)
+        return
+    end = reals[ints[at.AT_INPUTS] + newest]
+    if straight:
+        start = reals[ints[at.AT_INPUTS] + (newest - 1 if newest > 0 else ints[at.RING] - 1)]
+        bk.advance_channel(bank, n, T, bk.INPUT, slot, start, end, work)
+    else:
+        start = reals[ints[at.AT_HELD] + newest]
+        bk.advance_channel(bank, n, T, bk.INPUT, slot, start, start, work)
+    reals[at.INPUT_NOW] = end
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def advance_input(ints, reals, bank, interval, work):
+@rare
+def advance_delayed_input(ints, reals, bank, interval, slot, work):
     """Carry the INPUT channel over the newest interval, piece by piece where the dead time breaks it.
 
     Looks back from now: the input u_j, sampled at the age a_j, acts from the age a_j - delay down to a_{j+1} - delay.
     """
-    n, T, ring, straight = ints[at.ORDER], ints[at.ENTRIES], ints[at.RING], ints[at.STRAIGHT_INPUT]
-    inputs, intervals = ints[at.AT_INPUTS], ints[at.AT_INTERVALS]
+    n, T, ring, straight = ints[at.ORDER], ints[at.ENTRIES], ints[at.RING], ints[at.STRAIGHT_INPUT] == 1
+    inputs = reals[ints[at.AT_INPUTS] : ints[at.AT_INPUTS] + ring]
+    held = reals[ints[at.AT_HELD] : ints[at.AT_HELD] + ring]
+    intervals = reals[ints[at.AT_INTERVALS] : ints[at.AT_INTERVALS] + ring]
     delay = reals[at.DELAY]
     newer = ints[at.NEWEST]
     older = newer - 1 if newer > 0 else ring - 1
-    if delay == 0.0:
-        end = reals[inputs + newer]
-        start = reals[inputs + older] if straight else reals[ints[at.AT_HELD] + newer]
-        bk.advance_channel(
-            bank, n, T, bk.INPUT, bk.discretization(bank, n, T, interval, work), start, end if straight else start, work
-        )
-        reals[at.INPUT_NOW] = end
-        return
     # go back to the piece of the input that acts when the newest interval begins
     age = 0.0  # of the sample `newer`
     pieces = 1
-    while pieces < ring - 1 and age + reals[intervals + newer] < (interval + delay) * (1.0 - 1e-12):
-        age += reals[intervals + newer]
+    while pieces < ring - 1 and age + intervals[newer] < (interval + delay) * (1.0 - 1e-12):
+        age += intervals[newer]
         newer = older
         older = newer - 1 if newer > 0 else ring - 1
         pieces += 1
     if ints[at.BILINEAR] == 1:  # one sample late by construction: the delayed input at the sample before
-        part = 1.0 - (interval + delay - age) / reals[intervals + newer]
-        start = input_value(True, reals[inputs + older], reals[inputs + newer], part)
-        bk.advance_channel(bank, n, T, bk.INPUT, bk.discretization(bank, n, T, interval, work), start, start, work)
+        share = 1.0 - (interval + delay - age) / intervals[newer]
+        start = inputs[older] + share * (inputs[newer] - inputs[older])
+        bk.advance_channel(bank, n, T, bk.INPUT, slot, start, start, work)
         return
     left = interval  # what of the newest interval is still to come
     while True:
-        width = reals[intervals + newer]
         until = max(age - delay, 0.0)  # this piece acts until so long before now
         piece = left - until
         if piece > 1e-9 * interval:
-            before, after = reals[inputs + older], reals[inputs + newer]
-            if not straight:
-                before = reals[ints[at.AT_HELD] + newer]
-            start = input_value(straight, before, after, 1.0 - (left + delay - age) / width)
-            end = input_value(straight, before, after, 1.0 - (until + delay - age) / width)
-            slot = bk.discretization(bank, n, T, piece, work)
-            bk.advance_channel(bank, n, T, bk.INPUT, slot, start, end, work)
+            start = end = held[newer]
+            if straight:
+                slope = (inputs[newer] - inputs[older]) / intervals[newer]
+                start = inputs[newer] - slope * (left + delay - age)
+                end = inputs[newer] - slope * (until + delay - age)
+            part_slot = bk.discretization(bank, n, T, piece, work)
+            bk.advance_channel(bank, n, T, bk.INPUT, part_slot, start, end, work)
             left = until
             reals[at.INPUT_NOW] = end
         if left <= 1e-9 * interval or newer == ints[at.NEWEST]:
             break
         older = newer
         newer = newer + 1 if newer + 1 < ring else 0
-        age -= reals[intervals + newer]
+        age -= intervals[newer]
     if not straight and abs(age - delay) <= 1e-9 * interval:
         # the next sample begins to act just now
-        reals[at.INPUT_NOW] = reals[inputs + newer]
+        reals[at.INPUT_NOW] = inputs[newer]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def advance_bank(ints, reals, bank, interval, y, instruments):
-    """Carry every channel of a bank but MODEL's newest value, which is not known yet."""
+@part
+def advance_bank(ints, reals, bank, interval, y, channels):
+    """Carry the channels of a bank but MODEL, whose newest value is not known yet, over the newest interval."""
     n, T = ints[at.ORDER], ints[at.ENTRIES]
-    work = reals[ints[at.AT_WORK] : ints[at.AT_WORK] + 4 * (n + 2) * (n + 2)]
-    advance_input(ints, reals, bank, interval, work)
+    work = reals[ints[at.AT_WORK] :]
     slot = bk.discretization(bank, n, T, interval, work)
-    bk.advance_channel(bank, n, T, bk.OUTPUT, slot, reals[at.LAST_OUTPUT], y, work)
-    if instruments:
-        bk.advance_channel(bank, n, T, bk.CONSTANT, slot, 1.0, 1.0, work)
-        bk.advance_channel(bank, n, T, bk.IMPULSE, slot, 0.0, 0.0, work)
+    advance_input(ints, reals, bank, interval, slot, work)
+    for channel in range(channels):
+        if channel == bk.OUTPUT:
+            bk.advance_channel(bank, n, T, channel, slot, reals[at.LAST_OUTPUT], y, work)
+        elif channel >= bk.IMPULSE:
+            constant = 1.0 if channel == bk.CONSTANT else 0.0
+            bk.advance_channel(bank, n, T, channel, slot, constant, constant, work)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def advance_model_channel(ints, reals, bank, interval, output):
-    """Carry the MODEL channel, from the model's last output to its newest."""
-    n, T = ints[at.ORDER], ints[at.ENTRIES]
-    work = reals[ints[at.AT_WORK] : ints[at.AT_WORK] + 4 * (n + 2) * (n + 2)]
-    slot = bk.discretization(bank, n, T, interval, work)
-    bk.advance_channel(bank, n, T, bk.MODEL, slot, bank[bk.MODEL_OUTPUT], output, work)
+@part
+def follow_model(ints, reals, bank, interval, output, first):
+    """Carry the MODEL channel to the auxiliary model's newest output."""
+    if not first:
+        n, T = ints[at.ORDER], ints[at.ENTRIES]
+        work = reals[ints[at.AT_WORK] :]
+        slot = bk.discretization(bank, n, T, interval, work)
+        bk.advance_channel(bank, n, T, bk.MODEL, slot, bank[bk.MODEL_OUTPUT], output, work)
     bank[bk.MODEL_OUTPUT] = output
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
+def simulate_model(ints, reals, bank, entries):
+    """Return the auxiliary model's output now; ``entries`` (T,) is work."""
+    n, T, inputs = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES]
+    bk.input_entries(bank, n, T, inputs, reals[at.INPUT_NOW], entries)
+    bk.nuisance_entries(bank, n, T, inputs, ints[at.CONSTANT] == 1, ints[at.REFINED] == 1, False, entries)
+    return bk.model_output(bank, n, T, entries)
+
+
+@rare
 def install_model(ints, reals, banks, which, theta):
     """Make the scaled estimate ``theta`` the denominator and auxiliary model of a bank."""
     n, T, inputs = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES]
     bank = banks[which]
     sigma = reals[ints[at.AT_SIGMA] : ints[at.AT_SIGMA] + T]
-    work = reals[ints[at.AT_WORK] : ints[at.AT_WORK] + n]
+    work = reals[ints[at.AT_WORK] :]
     for i in range(n):
         work[i] = theta[i] * reals[ints[at.AT_UNIT] + i]
-    bk.set_denominator(bank, n, T, inputs, ints[at.CONSTANT], ints[at.REFINED], False, work, sigma)
+    bk.set_denominator(bank, n, T, inputs, ints[at.CONSTANT] == 1, ints[at.REFINED] == 1, False, work[:n], sigma)
     weights = bk.at_weights(n, T)
     for i in range(T):
         bank[weights + i] = theta[i] * reals[at.OUTPUT_SCALE]
@@ -153,7 +168,7 @@ def install_model(ints, reals, banks, which, theta):
         bank[weights + n + inputs] *= banks[0, bk.DENOMINATOR + n - 1]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@rare
 def renew_model(ints, reals, banks):
     """Make before break: a bank with the newest estimate warms up beside the serving one, then takes over.
 
@@ -170,7 +185,7 @@ def renew_model(ints, reals, banks):
         taken_over = True
     theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]
     other = banks[3 - ints[at.ACTIVE]]
-    work = reals[ints[at.AT_WORK] : ints[at.AT_WORK] + 4 * (n + 2) * (n + 2)]
+    work = reals[ints[at.AT_WORK] :]
     a = work[3 * (n + 2) : 3 * (n + 2) + n]
     for i in range(n):
         a[i] = theta[i] * reals[ints[at.AT_UNIT] + i]
@@ -185,23 +200,7 @@ def renew_model(ints, reals, banks):
     return taken_over
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def simulate_model(ints, reals, bank, interval, first, entries):
-    """Return the auxiliary model's output now, and put it through its own filter 1/A."""
-    n, T, inputs = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES]
-    bk.input_entries(bank, n, T, inputs, reals[at.INPUT_NOW], entries)
-    bk.nuisance_entries(bank, n, T, inputs, ints[at.CONSTANT], ints[at.REFINED], False, entries)
-    output = bk.model_output(bank, n, T, entries)
-    if first:
-        bank[bk.MODEL_OUTPUT] = output
-    elif ints[at.REFINED] == 1:
-        advance_model_channel(ints, reals, bank, interval, output)
-    else:
-        bank[bk.MODEL_OUTPUT] = output
-    return output
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def fill_regressor(ints, reals, bank, y, fixed):
     """Fill phi and zeta from a bank and return the scaled target s^n/D y.
 
@@ -212,7 +211,7 @@ def fill_regressor(ints, reals, bank, y, fixed):
     phi = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + T]
     bk.output_entries(bank, n, T, bk.OUTPUT, phi)
     bk.input_entries(bank, n, T, inputs, reals[at.INPUT_NOW], phi)
-    bk.nuisance_entries(bank, n, T, inputs, ints[at.CONSTANT], ints[at.REFINED], fixed, phi)
+    bk.nuisance_entries(bank, n, T, inputs, ints[at.CONSTANT] == 1, ints[at.REFINED] == 1, fixed, phi)
     if ints[at.INSTRUMENTS] == 1:
         zeta = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + T]
         for i in range(n, T):
@@ -221,39 +220,37 @@ def fill_regressor(ints, reals, bank, y, fixed):
     return bk.highest_derivative(bank, n, T, y) / reals[at.OUTPUT_SCALE]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@rare
 def observe(ints, reals, banks, u, y, interval):
     """Take an accepted sample through dead time, filters and auxiliary model; return the scaled target.
 
     Fills phi, and zeta if there are instruments.
     """
-    first = ints[at.STARTED] == 0
-    instruments = ints[at.INSTRUMENTS] == 1
-    T = ints[at.ENTRIES]
+    first, refined, instruments = ints[at.STARTED] == 0, ints[at.REFINED] == 1, ints[at.INSTRUMENTS] == 1
     if first:
         begin(ints, reals, banks, u, y)
     else:
         remember_input(ints, reals, u, interval)
     if ints[at.SAMPLES] > 0:
         reals[at.ELAPSED] += interval
-    if instruments:
+    entries = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + ints[at.ENTRIES]]
+    serving = 0.0
+    for b in range(2, -1, -1):  # the models first: the fixed filter needs the serving one's output
+        if (b > 0 and not instruments) or (b == 0 and refined):
+            continue
+        if b == 3 - ints[at.ACTIVE] and ints[at.WARMING] == 0:
+            continue
+        bank = banks[b]
         if not first:
-            advance_bank(ints, reals, banks[ints[at.ACTIVE]], interval, y, True)
-            if ints[at.WARMING] == 1:
-                advance_bank(ints, reals, banks[3 - ints[at.ACTIVE]], interval, y, True)
-        entries = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + T]
-        if ints[at.WARMING] == 1:
-            simulate_model(ints, reals, banks[3 - ints[at.ACTIVE]], interval, first, entries)
-        output = simulate_model(ints, reals, banks[ints[at.ACTIVE]], interval, first, entries)
-    if ints[at.REFINED] == 1:
-        target = fill_regressor(ints, reals, banks[ints[at.ACTIVE]], y, False)
-    else:
-        if not first:
-            advance_bank(ints, reals, banks[0], interval, y, False)
-            if instruments:
-                advance_model_channel(ints, reals, banks[0], interval, output)
-        elif instruments:
-            banks[0, bk.MODEL_OUTPUT] = output
-        target = fill_regressor(ints, reals, banks[0], y, True)
+            advance_bank(ints, reals, bank, interval, y, bk.CHANNELS if b > 0 else 1)
+        if b > 0:
+            output = simulate_model(ints, reals, bank, entries)
+            if b == ints[at.ACTIVE]:
+                serving = output
+        else:
+            output = serving
+        if refined or (b == 0 and instruments):
+            follow_model(ints, reals, bank, interval, output, first)
+    target = fill_regressor(ints, reals, banks[ints[at.ACTIVE] if refined else 0], y, not refined)
     reals[at.LAST_OUTPUT] = y
     return target

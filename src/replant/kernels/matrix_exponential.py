@@ -4,12 +4,12 @@ Here because the kernels need it while samples come in: when the filter follows 
 of an irregular clock.  At the norm of 1/4 that scaling leaves, twelve terms reach 1e-17.
 """
 
-from numba import njit
+from replant.kernels.compiled import rare
 
 _TERMS = 12
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@rare
 def _product(a, b, result, size):
     for i in range(size):
         for j in range(size):
@@ -19,7 +19,7 @@ def _product(a, b, result, size):
             result[i * size + j] = total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@rare
 def exponential(matrix, result, work, size):
     """Write exp(matrix) into ``result``; all are flat (size^2,), ``matrix`` is used up, ``work`` is work."""
     norm = 0.0

@@ -8,8 +8,7 @@ autoregression, e = w / D(q), the covariance of the instrumental-variable estima
 Source: Soderstrom and Stoica, "Instrumental Variable Methods for System Identification", 1983, chapter 4.
 """
 
-import numpy as np
-from numba import njit
+from replant.kernels.compiled import rare
 
 LAGS = 4  # order of the autoregression
 COUNT, POWER = 0, 1  # samples, and the sum of e^2 / alpha: unbiased by the parameters' own error
@@ -25,13 +24,12 @@ def size(entries: int) -> int:
     return FILTERED + LAGS * entries + entries * entries
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def autoregression(covariances, model):
+@rare
+def autoregression(covariances, model, previous):
     """Fill ``model`` (LAGS + 1,) with the autoregression of these autocovariances; return its innovation's power.
 
-    Levinson and Durbin's recursion.
+    Levinson and Durbin's recursion; ``previous`` (LAGS + 1,) is work.
     """
-    previous = np.empty(LAGS + 1)
     model[0] = 1.0
     for i in range(1, LAGS + 1):
         model[i] = 0.0
@@ -52,7 +50,7 @@ def autoregression(covariances, model):
     return max(power, 0.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@rare
 def record(colour, error, alpha, forgetting, zeta):
     """Take one residual (before its update; alpha as in `second_order.measurement_update`) and its regressor.
 

@@ -9,10 +9,11 @@ update is Thornton's); Young, "Recursive Estimation and Time-Series Analysis", 2
 """
 
 import numpy as np
-from numba import njit
+
+from replant.kernels.compiled import rare
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@rare
 def measurement_update(U, D, zeta, noise, projected, gain):
     """Bierman's update of U (P^2,) and D (P,) for a scalar observation zeta' theta of variance ``noise``.
 
@@ -40,7 +41,7 @@ def measurement_update(U, D, zeta, noise, projected, gain):
     return alpha
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@rare
 def time_update(U, D, increase, work):
     """Thornton's update of U and D for P + diag(increase): weighted Gram-Schmidt; ``work`` holds 2 P^2 + 2 P."""
     P = D.size
@@ -66,7 +67,7 @@ def time_update(U, D, increase, work):
                 rows[j * 2 * P + k] -= cross * rows[i * 2 * P + k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@rare
 def expand(U, D, covariance):
     """Write P = U D U' into ``covariance`` (P, P)."""
     P = D.size
@@ -79,7 +80,7 @@ def expand(U, D, covariance):
             covariance[j, i] = total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@rare
 def recursive_least_squares(theta, memory, settings, buffer, rows, direction):
     """Settings [forgetting factor], memory [U (P^2), D (P), cap of D (P), work (2 P), alpha].
 
@@ -103,7 +104,7 @@ def recursive_least_squares(theta, memory, settings, buffer, rows, direction):
         memory[P * P + 4 * P] = alpha
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@rare
 def kalman_tracking(theta, memory, settings, buffer, rows, direction, interval):
     """Random walk of the parameters; settings [1 / time constant of the noise estimate, q (P)].
 

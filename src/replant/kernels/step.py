@@ -3,13 +3,13 @@
 import math
 
 import numpy as np
-from numba import njit
 
 from replant.kernels import bank as bk
 from replant.kernels import chain, residuals
 from replant.kernels import first_order as first
 from replant.kernels import layout as at
 from replant.kernels import second_order as second
+from replant.kernels.compiled import kernel, part, rare
 from replant.kernels.random_stream import draw_below
 from replant.kernels.stability import slowest_decay
 
@@ -21,14 +21,11 @@ AT_REST = 1e-6  # moving variance of the input, relative to its largest, below w
 SETTLE = 5.0  # of the slowest time constant, to wait after a gap
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def learn(ints, reals, buffer, rows, interval):
+@rare
+def learn(ints, reals, theta, memory, buffer, rows, interval):
     """Let the optimizer consume the drawn rows."""
-    T, M, S = ints[at.ENTRIES], ints[at.MEMORY_SIZE], ints[at.SETTINGS_SIZE]
-    theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]
-    memory = reals[ints[at.AT_MEMORY] : ints[at.AT_MEMORY] + M]
-    settings = reals[ints[at.AT_SETTINGS] : ints[at.AT_SETTINGS] + S]
-    direction = T + 2 if ints[at.INSTRUMENTS] == 1 else 0
+    settings = reals[ints[at.AT_SETTINGS] : ints[at.AT_SETTINGS] + ints[at.SETTINGS_SIZE]]
+    direction = theta.size + 2 if ints[at.INSTRUMENTS] == 1 else 0
     algorithm = ints[at.ALGORITHM]
     if algorithm == GRADIENT:
         first.gradient(theta, memory, settings, buffer, rows, direction)
@@ -52,53 +49,51 @@ def learn(ints, reals, buffer, rows, interval):
         second.kalman_tracking(theta, memory, settings, buffer, rows, direction, interval)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def remember(ints, reals, buffer, target):
     """Store the sample in the buffer (over the oldest once it is full) and draw the rows of this sample's batch.
 
     Algorithm 3 of the article, mended: as printed it takes the buffer for empty again each time the index wraps.
     """
-    T = ints[at.ENTRIES]
-    phi, zeta = ints[at.AT_PHI], ints[at.AT_ZETA]
-    row = ints[at.HEAD]
+    T, head, capacity = ints[at.ENTRIES], ints[at.HEAD], ints[at.CAPACITY]
+    phi, rows, row = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + T], ints[at.ROWS :], buffer[head]
     squares = 0.0
-    for i in range(T):
-        buffer[row, i] = reals[phi + i]
+    for i in range(phi.size):
+        row[i] = phi[i]
+        squares += phi[i] * phi[i]
     if ints[at.INSTRUMENTS] == 1:
-        for i in range(T):
-            buffer[row, T + 2 + i] = reals[zeta + i]
-            squares += reals[zeta + i] * reals[zeta + i]
-    else:
-        for i in range(T):
-            squares += reals[phi + i] * reals[phi + i]
-    buffer[row, T] = target
-    buffer[row, T + 1] = 1.0 / (1.0 + squares) if ints[at.NORMALIZE] == 1 else 1.0
-    ints[at.HEAD] = row + 1 if row + 1 < ints[at.CAPACITY] else 0
-    if ints[at.FILLED] < ints[at.CAPACITY]:
-        ints[at.FILLED] += 1
-    filled, batch = ints[at.FILLED], ints[at.BATCH]
-    if filled <= ints[at.WARMUP]:
-        batch = 1
+        zeta, companion = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + T], row[T + 2 :]
+        squares = 0.0
+        for i in range(zeta.size):
+            companion[i] = zeta[i]
+            squares += zeta[i] * zeta[i]
+    row[T] = target
+    row[T + 1] = 1.0 / (1.0 + squares) if ints[at.NORMALIZE] == 1 else 1.0
+    ints[at.HEAD] = head + 1 if head + 1 < capacity else 0
+    filled = min(ints[at.FILLED] + 1, capacity)
+    ints[at.FILLED] = filled
+    batch = ints[at.BATCH] if filled > ints[at.WARMUP] else 1
+    seed, drawn = ints[at.SEED], ints[at.DRAWN]
     for i in range(batch - 1):
-        ints[at.ROWS + i] = draw_below(ints[at.SEED], ints[at.DRAWN] + i, filled)
-    ints[at.DRAWN] += batch - 1
-    ints[at.ROWS + batch - 1] = row
+        rows[i] = draw_below(seed, drawn + i, filled)
+    rows[batch - 1] = head
+    ints[at.DRAWN] = drawn + batch - 1
     return batch
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def acceptable(ints, u, y):
     """Count and turn away a sample that no filter may see; all else stays as it was, to the bit."""
-    if not (math.isfinite(u) and math.isfinite(y)):
-        ints[at.NOT_FINITE] += 1
-        return False
-    if abs(u) > at.LARGEST or abs(y) > at.LARGEST:
+    if abs(u) <= at.LARGEST and abs(y) <= at.LARGEST:
+        return True
+    if math.isfinite(u) and math.isfinite(y):
         ints[at.TOO_LARGE] += 1
-        return False
-    return True
+    else:
+        ints[at.NOT_FINITE] += 1
+    return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def input_rests(ints, reals, u):
     """Follow the input's moving variance; return whether it has come to rest."""
     if ints[at.SAMPLES] == 0:
@@ -111,7 +106,7 @@ def input_rests(ints, reals, u):
     return reals[at.INPUT_POWER] < AT_REST * reals[at.LARGEST_POWER]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@rare
 def interrupt(ints, reals, banks):
     """Begin the filters anew after a gap: parameters stay, learning waits until what is unknown has died out."""
     n = ints[at.ORDER]
@@ -119,37 +114,46 @@ def interrupt(ints, reals, banks):
     ints[at.STARTED] = 0
     ints[at.WARMING] = 0
     bank = banks[ints[at.ACTIVE]] if ints[at.INSTRUMENTS] == 1 else banks[0]
-    work = reals[ints[at.AT_WORK] : ints[at.AT_WORK] + 4 * (n + 2) * (n + 2)]
+    work = reals[ints[at.AT_WORK] :]
     decay = slowest_decay(bank[bk.DENOMINATOR : bk.DENOMINATOR + n], work)
     reals[at.LEARN_FROM] = reals[at.ELAPSED] + (SETTLE / decay if decay > 0.0 else 0.0)
     reals[at.READY] = reals[at.LEARN_FROM]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
+def left_float64(theta, unit, memory):
+    """Say whether a physical parameter, or a number of the optimizer's memory, is not finite."""
+    finite = True
+    for i in range(theta.size):
+        finite &= math.isfinite(theta[i] * unit[i])
+    for i in range(memory.size):
+        finite &= math.isfinite(memory[i])
+    return not finite
+
+
+@rare
 def update_estimate(ints, reals, buffer, target, interval):
     """Learn the newest sample and its batch; undo what leaves float64."""
-    T, M = ints[at.ENTRIES], ints[at.MEMORY_SIZE]
-    theta, memory, backup = ints[at.AT_THETA], ints[at.AT_MEMORY], ints[at.AT_BACKUP]
-    for i in range(T):
-        reals[backup + i] = reals[theta + i]
-    for i in range(M):
-        reals[backup + T + i] = reals[memory + i]
+    T, M, kept = ints[at.ENTRIES], ints[at.MEMORY_SIZE], ints[at.AT_BACKUP]
+    theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]
+    memory = reals[ints[at.AT_MEMORY] : ints[at.AT_MEMORY] + M]
+    unit = reals[ints[at.AT_UNIT] : ints[at.AT_UNIT] + T]
+    kept_theta, kept_memory = reals[kept : kept + T], reals[kept + T : kept + T + M]
+    for i in range(theta.size):
+        kept_theta[i] = theta[i]
+    for i in range(memory.size):
+        kept_memory[i] = memory[i]
     batch = remember(ints, reals, buffer, target)
-    learn(ints, reals, buffer, ints[at.ROWS : at.ROWS + batch], interval)
-    finite = True
-    for i in range(T):
-        finite &= math.isfinite(reals[theta + i] * reals[ints[at.AT_UNIT] + i])
-    for i in range(M):
-        finite &= math.isfinite(reals[memory + i])
-    if not finite:
+    learn(ints, reals, theta, memory, buffer, ints[at.ROWS : at.ROWS + batch], interval)
+    if left_float64(theta, unit, memory):
         ints[at.REFUSED] += 1
-        for i in range(T):
-            reals[theta + i] = reals[backup + i]
-        for i in range(M):
-            reals[memory + i] = reals[backup + T + i]
+        for i in range(theta.size):
+            theta[i] = kept_theta[i]
+        for i in range(memory.size):
+            memory[i] = kept_memory[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@rare
 def record_residual(ints, reals, error):
     """Keep power and colour of the residual, where the optimizer keeps a covariance."""
     T = ints[at.ENTRIES]
@@ -164,7 +168,7 @@ def record_residual(ints, reals, error):
     residuals.record(colour, error, alpha, forgetting, zeta)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def step(ints, reals, banks, buffer, recent, u, y, t):
     """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected.
 
@@ -199,12 +203,14 @@ def step(ints, reals, banks, buffer, recent, u, y, t):
             residuals.autoregression(
                 reals[colour + residuals.COVARIANCES : colour + residuals.COVARIANCES + residuals.LAGS + 1],
                 reals[colour + residuals.MODEL : colour + residuals.MODEL + residuals.LAGS + 1],
+                reals[ints[at.AT_WORK] :],
             )
     target = chain.observe(ints, reals, banks, u, y, interval)
-    T = ints[at.ENTRIES]
+    theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + ints[at.ENTRIES]]
+    phi = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + ints[at.ENTRIES]]
     error = target
-    for i in range(T):
-        error -= reals[ints[at.AT_THETA] + i] * reals[ints[at.AT_PHI] + i]
+    for i in range(theta.size):
+        error -= theta[i] * phi[i]
     ints[at.SAMPLES] += 1
     if at_rest or ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM]:
         ints[at.RESTED] += 1
@@ -215,7 +221,7 @@ def step(ints, reals, banks, buffer, recent, u, y, t):
     return error * reals[at.OUTPUT_SCALE]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
     """Take many samples; write the error and the estimate (physical units) after each.
 
@@ -229,7 +235,7 @@ def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
             parameters[k, i] = reals[theta + i] * reals[unit + i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def regressors(ints, reals, banks, u, y, intervals, phi, zeta, target, output):
     """Run the chain alone over a record, for offline use: regressors, instruments, target, auxiliary output.
 
