@@ -119,7 +119,7 @@ def set_denominator(bank, n, T, inputs, constant, nuisances, fixed, denominator,
         bank[kept + slot * size] = -1.0
 
 
-@part
+@cut
 def discretization(bank, n, T, interval, work):
     """Return where the exact solution over ``interval`` lies in the bank, computing it if it is not there."""
     kept, size = at_kept(n, T), 1 + n * n + 2 * n
@@ -238,7 +238,7 @@ def output_entries(bank, n, T, channel, entries):
         entries[i] = gains[i] * w[i]
 
 
-@part
+@cut
 def highest_derivative(bank, n, T, y):
     """Return s^n/D y, from y and its filtered derivatives."""
     characteristic, w = characteristic_of(bank, n), states_of(bank, n, T, OUTPUT)
@@ -248,7 +248,7 @@ def highest_derivative(bank, n, T, y):
     return total
 
 
-@part
+@cut
 def model_output(bank, n, T, phi):
     """Return the auxiliary model's output: its weights on the regressor's entries that the output does not enter."""
     at = at_weights(n, T)

@@ -6,7 +6,7 @@ serves while the other warms up.  With the refined filter the serving bank makes
 
 from replant.kernels import bank as bk
 from replant.kernels import layout as at
-from replant.kernels.compiled import part, rare
+from replant.kernels.compiled import cut, rare
 from replant.kernels.stability import all_left_of, bandwidth, slowest_decay
 
 WARM_TIME_CONSTANTS = 10.0  # of the new model's slowest pole, before a warming bank takes over
@@ -30,7 +30,7 @@ def begin(ints, reals, banks, u, y):
     ints[at.STARTED] = 1
 
 
-@part
+@cut
 def remember_input(ints, reals, u, interval):
     """Put the newest input into the ring that the dead time looks back on.
 
@@ -48,7 +48,7 @@ def remember_input(ints, reals, u, interval):
     reals[ints[at.AT_INTERVALS] + newest] = interval
 
 
-@part
+@cut
 def advance_input(ints, reals, bank, interval, slot, work):
     """Carry the INPUT channel over the newest interval; ``slot``: the discretisation of the whole of it."""
     n, T, newest, straight = ints[at.ORDER], ints[at.ENTRIES], ints[at.NEWEST], ints[at.STRAIGHT_INPUT] == 1
@@ -115,7 +115,7 @@ def advance_delayed_input(ints, reals, bank, interval, slot, work):
         reals[at.INPUT_NOW] = inputs[newer]
 
 
-@part
+@cut
 def advance_bank(ints, reals, bank, interval, y, channels):
     """Carry the channels of a bank but MODEL, whose newest value is not known yet, over the newest interval."""
     n, T = ints[at.ORDER], ints[at.ENTRIES]
@@ -130,7 +130,7 @@ def advance_bank(ints, reals, bank, interval, y, channels):
             bk.advance_channel(bank, n, T, channel, slot, constant, constant, work)
 
 
-@part
+@cut
 def follow_model(ints, reals, bank, interval, output, first):
     """Carry the MODEL channel to the auxiliary model's newest output."""
     if not first:
@@ -141,7 +141,7 @@ def follow_model(ints, reals, bank, interval, output, first):
     bank[bk.MODEL_OUTPUT] = output
 
 
-@part
+@cut
 def simulate_model(ints, reals, bank, entries):
     """Return the auxiliary model's output now; ``entries`` (T,) is work."""
     n, T, inputs = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES]
@@ -200,7 +200,7 @@ def renew_model(ints, reals, banks):
     return taken_over
 
 
-@part
+@cut
 def fill_regressor(ints, reals, bank, y, fixed):
     """Fill phi and zeta from a bank and return the scaled target s^n/D y.
 

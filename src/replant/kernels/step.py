@@ -9,7 +9,7 @@ from replant.kernels import chain, residuals
 from replant.kernels import first_order as first
 from replant.kernels import layout as at
 from replant.kernels import second_order as second
-from replant.kernels.compiled import kernel, part, rare
+from replant.kernels.compiled import cut, kernel, rare
 from replant.kernels.random_stream import draw_below
 from replant.kernels.stability import slowest_decay
 
@@ -49,7 +49,7 @@ def learn(ints, reals, theta, memory, buffer, rows, interval):
         second.kalman_tracking(theta, memory, settings, buffer, rows, direction, interval)
 
 
-@part
+@cut
 def remember(ints, reals, buffer, target):
     """Store the sample in the buffer (over the oldest once it is full) and draw the rows of this sample's batch.
 
@@ -81,7 +81,7 @@ def remember(ints, reals, buffer, target):
     return batch
 
 
-@part
+@cut
 def acceptable(ints, u, y):
     """Count and turn away a sample that no filter may see; all else stays as it was, to the bit."""
     if abs(u) <= at.LARGEST and abs(y) <= at.LARGEST:
@@ -93,7 +93,7 @@ def acceptable(ints, u, y):
     return False
 
 
-@part
+@cut
 def input_rests(ints, reals, u):
     """Follow the input's moving variance; return whether it has come to rest."""
     if ints[at.SAMPLES] == 0:
@@ -120,7 +120,7 @@ def interrupt(ints, reals, banks):
     reals[at.READY] = reals[at.LEARN_FROM]
 
 
-@part
+@cut
 def left_float64(theta, unit, memory):
     """Say whether a physical parameter, or a number of the optimizer's memory, is not finite."""
     finite = True
@@ -131,7 +131,7 @@ def left_float64(theta, unit, memory):
     return not finite
 
 
-@rare
+@cut
 def update_estimate(ints, reals, buffer, target, interval):
     """Learn the newest sample and its batch; undo what leaves float64."""
     T, M, kept = ints[at.ENTRIES], ints[at.MEMORY_SIZE], ints[at.AT_BACKUP]
@@ -153,7 +153,7 @@ def update_estimate(ints, reals, buffer, target, interval):
             memory[i] = kept_memory[i]
 
 
-@rare
+@cut
 def record_residual(ints, reals, error):
     """Keep power and colour of the residual, where the optimizer keeps a covariance."""
     T = ints[at.ENTRIES]
