@@ -11,10 +11,10 @@ order that its class in `replant.optimizers` gives them.
 
 import math
 
-from numba import njit
+from replant.kernels.compiled import part
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@part
 def normalized_error(theta, buffer, row):
     """Return epsilon_I of (13): (y - theta' phi) / m^2."""
     P = theta.size
@@ -24,7 +24,7 @@ def normalized_error(theta, buffer, row):
     return (buffer[row, P] - prediction) * buffer[row, P + 1]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def gradient(theta, memory, settings, buffer, rows):
     """(17): theta += Tp gamma epsilon_I phi; settings [Tp gamma]."""
     gain = settings[0]
@@ -34,7 +34,7 @@ def gradient(theta, memory, settings, buffer, rows):
             theta[i] += step * buffer[row, i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def adam(theta, memory, settings, buffer, rows):
     """Algorithm 1; settings [alpha, beta1, beta2, epsilon], memory [beta1^t, beta2^t, (m_i, v_i) ...]."""
     alpha, beta1, beta2, epsilon = settings[0], settings[1], settings[2], settings[3]
@@ -53,7 +53,7 @@ def adam(theta, memory, settings, buffer, rows):
             theta[i] -= alpha * (m / correction1) / (math.sqrt(v / correction2) + epsilon)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def amsgrad(theta, memory, settings, buffer, rows):
     """Algorithm 2, no bias correction; settings [alpha, beta1, beta2, epsilon], memory [(m_i, v_i, max v_i) ...]."""
     alpha, beta1, beta2, epsilon = settings[0], settings[1], settings[2], settings[3]
@@ -70,7 +70,7 @@ def amsgrad(theta, memory, settings, buffer, rows):
             theta[i] -= alpha * m / (math.sqrt(largest) + epsilon)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def adagrad(theta, memory, settings, buffer, rows):
     """Sum of squared gradients; settings [alpha, epsilon], memory [sum g_i^2 ...]."""
     alpha, epsilon = settings[0], settings[1]
@@ -82,7 +82,7 @@ def adagrad(theta, memory, settings, buffer, rows):
             theta[i] -= alpha * g / (math.sqrt(memory[i]) + epsilon)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def rmsprop(theta, memory, settings, buffer, rows):
     """Moving mean of squared gradients; settings [alpha, rho, epsilon], memory [v_i ...]."""
     alpha, rho, epsilon = settings[0], settings[1], settings[2]
@@ -94,7 +94,7 @@ def rmsprop(theta, memory, settings, buffer, rows):
             theta[i] -= alpha * g / (math.sqrt(memory[i]) + epsilon)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def nadam(theta, memory, settings, buffer, rows):
     """Adam with Nesterov's look-ahead; settings and memory as `adam`."""
     alpha, beta1, beta2, epsilon = settings[0], settings[1], settings[2], settings[3]
@@ -115,7 +115,7 @@ def nadam(theta, memory, settings, buffer, rows):
             theta[i] -= alpha * ahead / (math.sqrt(v / correction2) + epsilon)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def adadelta(theta, memory, settings, buffer, rows):
     """Steps in the unit of theta; settings [alpha, rho, epsilon], memory [(mean g_i^2, mean step_i^2) ...]."""
     alpha, rho, epsilon = settings[0], settings[1], settings[2]
@@ -130,7 +130,7 @@ def adadelta(theta, memory, settings, buffer, rows):
             theta[i] -= alpha * step
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def integral_cost(theta, memory, settings, buffer, rows):
     """(19); settings [Tp, Gamma, beta], memory [R (P, P), Q (P,)].
 

@@ -1,0 +1,30 @@
+"""How the kernels are compiled, and what makes them as fast as C.
+
+* No reference counts (``_nrt=False``).  Numba counts the owners of an array in atomic instructions, at every slice and
+  every call; in the kernel of one sample they took most of the time.  A kernel without them may look only into arrays
+  that its caller keeps, may not return one, and cannot allocate: the compiler refuses, which is as it should be.
+* Parts melt into their caller (``forceinline``), so that arrays travel in registers.
+* Every quantity is an array of its own, cut once a call from ``reals`` and indexed by the variable of a ``range``.
+  For ``reals[offset + i]`` Numba, unsure of the sign, provides for an index that counts from the end, and the loop
+  cannot be vectorised.
+* No check before a division (``error_model="numpy"``); the interpreter is free meanwhile (``nogil``).  Never
+  ``fastmath``: NaN must stay visible, results must repeat.
+"""
+
+from numba import njit
+
+
+def compiled(**how):
+    """Return the decorator that compiles a kernel so, and as ``how`` says."""
+    # Numba's own parts use _nrt; its type hints leave it out
+    return njit(cache=True, nogil=True, error_model="numpy", _nrt=False, **how)  # type: ignore[call-overload]
+
+
+#: What Python calls.
+kernel = compiled()
+
+#: What a kernel is made of; Python can call it too.
+part = compiled(forceinline=True)
+
+#: A part that returns arrays: its source is copied into the caller, so that nothing is returned in truth.
+cut = compiled(inline="always")
