@@ -76,24 +76,24 @@ def cut_estimate(ints, reals):
 
 
 @part
-def learn(algorithm, theta, memory, settings, buffer, rows):
-    """Let the optimizer consume the drawn rows."""
+def learn(algorithm, theta, memory, settings, buffer, rows, batch):
+    """Let the optimizer consume the first ``batch`` of the drawn rows."""
     if algorithm == GRADIENT:
-        first.gradient(theta, memory, settings, buffer, rows)
+        first.gradient(theta, memory, settings, buffer, rows, batch)
     elif algorithm == ADAM:
-        first.adam(theta, memory, settings, buffer, rows)
+        first.adam(theta, memory, settings, buffer, rows, batch)
     elif algorithm == AMSGRAD:
-        first.amsgrad(theta, memory, settings, buffer, rows)
+        first.amsgrad(theta, memory, settings, buffer, rows, batch)
     elif algorithm == ADAGRAD:
-        first.adagrad(theta, memory, settings, buffer, rows)
+        first.adagrad(theta, memory, settings, buffer, rows, batch)
     elif algorithm == RMSPROP:
-        first.rmsprop(theta, memory, settings, buffer, rows)
+        first.rmsprop(theta, memory, settings, buffer, rows, batch)
     elif algorithm == NADAM:
-        first.nadam(theta, memory, settings, buffer, rows)
+        first.nadam(theta, memory, settings, buffer, rows, batch)
     elif algorithm == ADADELTA:
-        first.adadelta(theta, memory, settings, buffer, rows)
+        first.adadelta(theta, memory, settings, buffer, rows, batch)
     elif algorithm == INTEGRAL_COST:
-        first.integral_cost(theta, memory, settings, buffer, rows)
+        first.integral_cost(theta, memory, settings, buffer, rows, batch)
 
 
 @part
@@ -126,7 +126,7 @@ def take(ints, reals, buffer, filters, regressor, estimate, u, y):
     for i in range(memory.size):
         kept_memory[i] = memory[i]
     batch = remember(ints, reals, buffer, target)
-    learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows[:batch])
+    learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch)
     if left_float64(theta, unit, memory):
         ints[at.REFUSED] += 1
         for i in range(theta.size):
