@@ -16,10 +16,12 @@ import numpy as np
 from replant.assessment import simulate
 from replant.filters import StateVariableFilter
 from replant.identifier import Identifier
+from replant.least_squares import least_squares
 from replant.offline import FitResult, fit
 from replant.optimizers import Adam, AMSGrad, Gradient, IntegralCost, Optimizer
 from replant.paper.curves import Curve, transients
 from replant.paper.measures import Course, Measures, measure
+from replant.regression import regressors
 from replant.replay import Replay
 from replant.rigs import Rig, deap_rig, deap_voltage
 from replant.runs import run_online
@@ -54,7 +56,7 @@ OPTIMIZERS: Mapping[str, Callable[[float], Optimizer]] = {
     "AMSGrad": lambda gain: AMSGrad(5e-5 * gain),
     "Adam": lambda gain: Adam(5e-5 * gain),
 }
-OFFLINE, DEFAULT = "least squares", "replant"
+OFFLINE, NORMALISED, DEFAULT = "least squares", "normalised", "replant"
 RUNS = len(FILTERS) * (len(OPTIMIZERS) * len(GAINS) + 1) + 1
 
 NOTES = (
@@ -130,10 +132,22 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Actuator:
-    """The experiment with its results; ``offline`` holds the least-squares fits by filters."""
+    """The experiment with its results.
+
+    Attributes
+    ----------
+    record : Record
+    offline : dict
+        `fit_offline` by filters.
+    goals : dict
+        `fit_normalised` by filters.
+    rows : tuple of Row
+        The twelve runs with either filters, least squares plain and normalised, and the default.
+    """
 
     record: Record
     offline: Mapping[str, FitResult]
+    goals: Mapping[str, FloatArray]
     rows: tuple[Row, ...]
 
     def row(self, method: str, variant: str = "", filters: str = "gbt") -> Row:
@@ -170,6 +184,17 @@ def fit_offline(record: Record, on_run: Callable[[], None] = lambda: None) -> di
     return fits
 
 
+def fit_normalised(record: Record, filters: str) -> FloatArray:
+    """Return least squares with each row divided by the m of (13): where every optimizer, which normalises, ends.
+
+    m grows with the regressor, so that quiet stretches count for more than in `fit_offline`.
+    """
+    rig = record.rig
+    phi, target = regressors(STRUCTURE, rig.dt, FILTERS[filters], rig.preprocess, record.u, record.y)
+    m = np.sqrt(1.0 + ((phi / SCALING.sigmas(STRUCTURE)) ** 2).sum(axis=1))
+    return least_squares(phi / m[:, None], target / m).parameters
+
+
 def identifier(record: Record, method: str, variant: str, filters: str) -> Identifier:
     """Return the identifier of one run before its first sample."""
     return Identifier(
@@ -195,16 +220,18 @@ def reproduce_actuator(record: Record | None = None, on_run: Callable[[], None] 
     """
     record = measure_rig() if record is None else record
     offline = fit_offline(record, on_run)
+    goals = {filters: fit_normalised(record, filters) for filters in FILTERS}
     rows = []
     for method in OPTIMIZERS:
         for variant in GAINS:
             for filters in FILTERS:
                 rows.append(_run(record, method, variant, filters))
                 on_run()
-    rows += [_offline_row(record, filters, fitted) for filters, fitted in offline.items()]
+    rows += [_offline_row(record, "", filters, fitted.parameters) for filters, fitted in offline.items()]
+    rows += [_offline_row(record, NORMALISED, filters, goal) for filters, goal in goals.items()]
     rows.append(_default_row(record))
     on_run()
-    return Actuator(record, offline, tuple(rows))
+    return Actuator(record, offline, goals, tuple(rows))
 
 
 def _run(record: Record, method: str, variant: str, filters: str) -> Row:
@@ -222,14 +249,12 @@ def _run(record: Record, method: str, variant: str, filters: str) -> Row:
     )
 
 
-def _offline_row(record: Record, filters: str, fitted: FitResult) -> Row:
-    true = record.true
+def _offline_row(record: Record, variant: str, filters: str, parameters: FloatArray) -> Row:
     errors = {
-        name: 100.0 * (value - true[name]) / abs(true[name])
-        for name, value in zip(fitted.names, fitted.parameters.tolist(), strict=True)
-        if name in true
+        name: 100.0 * (value - true) / abs(true)
+        for (name, true), value in zip(record.true.items(), parameters.tolist(), strict=False)
     }
-    return Row(OFFLINE, "", filters, errors, record.free_run(fitted.transfer_function))
+    return Row(OFFLINE, variant, filters, errors, record.free_run(STRUCTURE.transfer_function(parameters)))
 
 
 def _default_row(record: Record) -> Row:

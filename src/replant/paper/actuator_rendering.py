@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from replant.paper.actuator import DEFAULT, NOTES, OFFLINE, Actuator, Row
+from replant.paper.actuator import DEFAULT, NORMALISED, NOTES, OFFLINE, Actuator, Row
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
@@ -16,6 +16,7 @@ TITLE = "The actuator: twelve online runs, least squares, and replant's default"
 LEGEND = (
     "a2 to b0: error of the last estimate, in percent of the true value.",
     "filter: gbt is the article's, Tustin and one sample late; exact has no discretisation error; own, the default's.",
+    "normalised: each row of the regression divided by m, (13), as in the online runs.",
     "J_sum: the article's index (21), summed over the coefficients; a1, the largest, outweighs the others.",
     "in 10%: time in s from which on every coefficient stays within 10 % of its true value.",
     "rough: standard deviation over the last tenth about its own straight line, in percent of the true value; that of "
@@ -73,7 +74,7 @@ def as_rich(actuator: Actuator) -> RichTable:
         rows = list(group)
         columns = zip(*((row.filters, *_fields(row)) for row in rows), strict=True)
         style = "bold" if method == DEFAULT else ""
-        name = f"{method}\n{variant}" if variant else method.replace(" ", "\n")
+        name = f"{method}\n{variant}" if variant else method
         table.add_row(Text(name, style), *(Text("\n".join(column), style) for column in columns))
     return table
 
@@ -85,10 +86,10 @@ def summary(actuator: Actuator) -> list[str]:
         for name in actuator.record.true
     }
     default = actuator.row(DEFAULT, "default", "own").errors
-    gbt, exact = (actuator.row(OFFLINE, filters=filters).errors for filters in ("gbt", "exact"))
+    gbt, exact = (actuator.row(OFFLINE, NORMALISED, filters).errors for filters in ("gbt", "exact"))
     return [
-        f"Least squares, which every optimizer goes for, ends off by {_listed(gbt)} with the article's filters, by "
-        f"{_listed(exact)} with exact ones.",
+        f"Normalised least squares, which every optimizer goes for, ends off by {_listed(gbt)} with the article's "
+        f"filters, by {_listed(exact)} with exact ones.",
         f"Smallest final error of the article's twelve runs, coefficient by coefficient: "
         f"{_listed({name: error for name, (error, _) in best.items()})}.",
         f"Final error of replant's default: {_listed(default)}.",
