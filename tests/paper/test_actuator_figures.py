@@ -48,6 +48,14 @@ def test_figures_7_and_8_hold_the_tables_runs(actuator, name, filters):
 def test_figures_7_and_8_show_truth_goal_and_units(actuator):
     for name in COLUMNS:
         canvas = draw_transients(name, actuator)
+        named = [text.get_text() for text in canvas.legends[0].get_texts() if text.get_text()]
+        assert named == [
+            "no buffer",
+            "buffer, small gain",
+            "buffer, very small gain",
+            "true value",
+            "least squares, normalised",
+        ]
         for i, axis in enumerate(canvas.axes):
             coefficient = list(TRUE)[i // 2]
             assert set(points(lines(axis)["true value"])[1]) == {TRUE[coefficient]}

@@ -51,7 +51,7 @@ def draw_record(record: Record, offline: Mapping[str, FitResult]) -> Any:
         open_frame(axis)
     axes[-1].set_xlabel("time [s]")
     canvas.align_ylabels()
-    legend_above(canvas, axes[1], "Figure 6: the actuator's record and its model by least squares, offline", 3)
+    legend_above(canvas, "Figure 6: the actuator's record and its model by least squares, offline", 3)
     return canvas
 
 
@@ -80,7 +80,7 @@ def draw_transients(name: str, actuator: Actuator, filters: str = "gbt") -> Any:
     axes[0, 0].set_xlim(0.0, actuator.record.u.size * actuator.record.rig.dt)
     canvas.align_ylabels()
     title = f"Figure {name[3:]}: transients on the actuator, {_NAMES[filters]} (what shoots further leaves the panel)"
-    legend_above(canvas, axes[0, 0], title, 2)
+    legend_above(canvas, title, 2)
     return canvas
 
 

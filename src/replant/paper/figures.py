@@ -90,7 +90,7 @@ def draw(figure: Figure, curves: Transients) -> Any:
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
     canvas.align_ylabels()
-    legend_above(canvas, axes.flat[0], figure.title, figure.legend_columns)
+    legend_above(canvas, figure.title, figure.legend_columns)
     return canvas
 
 

@@ -27,14 +27,18 @@ def limit(axis: Any, curves: Sequence[Curve], true: float, begin: float) -> None
     axis.set_ylim(low - margin, high + margin)
 
 
-def legend_above(canvas: Any, axis: Any, title: str, columns: int) -> None:
-    """Write the title, and below it one legend for all panels, that of ``axis``, outside of them.
+def legend_above(canvas: Any, title: str, columns: int) -> None:
+    """Write the title, and below it one legend of what any panel shows, outside of all.
 
     It is filled column by column; blanks at its end keep matplotlib from spreading the entries evenly.
     """
     from matplotlib.lines import Line2D
 
-    handles, labels = axis.get_legend_handles_labels()
+    entries: dict[str, Any] = {}
+    for axis in canvas.axes:
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    handles, labels = list(entries.values()), list(entries)
     blanks = -len(handles) % columns
     handles += [Line2D([], [], ls="none")] * blanks
     labels += [""] * blanks
