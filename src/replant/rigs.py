@@ -1,4 +1,4 @@
-"""Simulated rigs: a true plant behind a nonlinear input, a working point and a noisy sensor."""
+"""Simulated rigs: a true plant behind a nonlinear input, a working point, slow creep and a noisy sensor."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DEAP = TransferFunction([51.47, 7.722], [1.0, 3.292, 5891.0, 595.7])
 
 @dataclass(frozen=True)
 class Rig:
-    """A plant as a control engineer meets it: y = y_R + G (map(u) - map(u_R)) + noise.
+    """A plant as a control engineer meets it: y = y_R + G (map(u) - map(u_R)) + creep + noise.
 
     Attributes
     ----------
@@ -34,6 +34,8 @@ class Rig:
         Working point: the input at rest, before the map, and the output that it makes.
     noise : float
         Standard deviation of the sensor's white noise, in the unit of y.
+    creep : float
+        How far the output creeps off in every tenfold of time, in the unit of y: creep * log10(1 + t / 1 s).
     """
 
     plant: TransferFunction
@@ -42,6 +44,7 @@ class Rig:
     input_rest: float = 0.0
     output_rest: float = 0.0
     noise: float = 0.0
+    creep: float = 0.0
 
     @property
     def preprocess(self) -> Preprocess:
@@ -59,10 +62,21 @@ class Rig:
         """
         preprocess = self.preprocess
         moved = preprocess.map_input(u) - float(preprocess.input_offset)
-        return self.output_rest + self.plant.simulate(moved, self.dt) + white_noise(u.size, self.noise, seed)
+        still = self.output_rest + self.plant.simulate(moved, self.dt) + white_noise(u.size, self.noise, seed)
+        return still + self.crept(u.size) if self.creep else still
+
+    def crept(self, samples: int) -> FloatArray:
+        """Return what the creep adds to the output (K,).
+
+        Examples
+        --------
+        >>> Rig(G1, dt=9.0, creep=0.5).crept(2)
+        array([0. , 0.5])
+        """
+        return np.asarray(self.creep * np.log10(1.0 + self.dt * np.arange(samples)))
 
 
-def deap_rig(noise: float = 1e-3) -> Rig:
+def deap_rig(noise: float = 1e-3, creep: float = 0.0) -> Rig:
     """Return the dielectric elastomer actuator of the article's section 4, simulated.
 
     A pre-stretched VHB membrane (1 mm before, 200 um after stretching; plate 120 mm, disc 20 mm, Table 5) carries a
@@ -73,13 +87,15 @@ def deap_rig(noise: float = 1e-3) -> Rig:
     ----------
     noise : float
         Standard deviation of the laser's noise in mm.
+    creep : float
+        Of the membrane under its mass, in mm in every tenfold of time.
 
     Examples
     --------
     >>> [round(mode.frequency, 3) for mode in deap_rig().plant.modes]
     [0.016, 12.215]
     """
-    return Rig(DEAP, dt=1e-3, input_map="square", input_rest=4.0, output_rest=1.5, noise=noise)
+    return Rig(DEAP, dt=1e-3, input_map="square", input_rest=4.0, output_rest=1.5, noise=noise, creep=creep)
 
 
 def deap_voltage(samples: int, seed: int = 0) -> FloatArray:

@@ -90,10 +90,10 @@ def test_settings_printed_by_run_repeat_it(capsys, log: Path) -> None:
 def test_out_writes_plots(capsys, log: Path, tmp_path: Path, command: str) -> None:
     code, out, _ = call(capsys, command, log, *COLUMNS, "--out", tmp_path / "plots")
     assert code == 0
-    names = {"run": {"fit.png", "parameters.png"}, "fit": {"fit.png"}}[command]
-    assert {path.name for path in (tmp_path / "plots").iterdir()} == names
-    assert all((tmp_path / "plots" / name).read_bytes().startswith(b"\x89PNG") for name in names)
-    assert all(name in out.replace("\n", "") for name in names)
+    plots = {"run": {"fit.png", "parameters.png"}, "fit": {"fit.png"}}[command]
+    assert {path.name for path in (tmp_path / "plots").iterdir()} == {*plots, "report.html"}
+    assert all((tmp_path / "plots" / name).read_bytes().startswith(b"\x89PNG") for name in plots)
+    assert all(name in out.replace("\n", "") for name in (*plots, "report.html"))
 
 
 def test_options_reach_the_identifier(capsys, tmp_path: Path) -> None:

@@ -1,10 +1,22 @@
 """``replant reproduce`` as a person and a script call it."""
 
 import json
+import sys
 
 import pytest
 
 from replant.cli import main
+from replant.paper import actuator
+from replant.paper.everything import NAMES
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Let the actuator's record be 3 s long."""
+    whole = actuator.measure_rig
+    monkeypatch.setattr(actuator, "measure_rig", lambda: whole(3000))
 
 
 def fails(capsys, *arguments):
@@ -19,8 +31,20 @@ def fails(capsys, *arguments):
     return captured.err
 
 
-def test_json_is_one_object_and_nothing_else(capsys):
-    main(["reproduce", "--json"])
+def assert_pictures(folder, *names):
+    """Check that these pictures, and no others, are in the folder, as PNG and SVG that can be opened."""
+    for name in names:
+        assert (folder / f"{name}.png").read_bytes().startswith(PNG)
+        svg = (folder / f"{name}.svg").read_text(encoding="utf-8")
+        assert svg.startswith("<?xml")
+        assert svg.rstrip().endswith("</svg>")
+    assert {path.name for path in folder.iterdir() if path.suffix != ".json" and path.suffix != ".md"} == {
+        f"{name}.{kind}" for name in names for kind in ("png", "svg")
+    }
+
+
+def test_json_of_the_tables_is_one_object_and_nothing_else(capsys):
+    main(["reproduce", "table1", "table2", "table3", "table4", "--json"])
     captured = capsys.readouterr()
     tables = json.loads(captured.out)
     assert captured.err == ""
@@ -32,9 +56,25 @@ def test_json_is_one_object_and_nothing_else(capsys):
     assert buffered["seeds"] == 20
 
 
-def test_named_tables_run_alone_and_once(capsys):
+def test_without_names_everything_is_reproduced(capsys, tmp_path, monkeypatch, short):
+    monkeypatch.chdir(tmp_path)
+    main(["reproduce", "--json"])
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    tables = json.loads(captured.out)
+    assert list(tables) == ["table1", "table2", "table3", "table4", "actuator"]
+    out = tmp_path / "out" / "reproduce"
+    assert json.loads((out / "tables.json").read_text()) == tables
+    assert_pictures(out, "fig1", "fig2", "fig3", "fig4", "fig6", "fig7", "fig7-exact", "fig8", "fig8-exact")
+    page = (out / "tables.md").read_text()
+    assert page.count("\n## ") == 4 + 1 + 1  # the tables, their summary, the actuator
+
+
+def test_named_tables_run_alone_and_once(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     main(["reproduce", "table4", "table2", "table4", "--json"])
     assert list(json.loads(capsys.readouterr().out)) == ["table4", "table2"]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_person_reads_tables_and_a_summary(capsys):
@@ -45,6 +85,42 @@ def test_a_person_reads_tables_and_a_summary(capsys):
     assert "12 of 12 figures and 6 of 6 sums equal in all printed digits." in out
 
 
+def test_a_person_reads_the_actuators_table(capsys, tmp_path, monkeypatch, short):
+    monkeypatch.chdir(tmp_path)
+    main(["reproduce", "actuator"])
+    out = capsys.readouterr().out
+    assert "The actuator: twelve online runs" in out
+    assert "very small gain" in out
+    assert "Figures" not in out
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_figures_are_written_where_one_says(capsys, tmp_path):
+    out = tmp_path / "pictures"
+    main(["reproduce", "fig4", "--out", str(out)])
+    assert_pictures(out, "fig4")
+    assert capsys.readouterr().out == f"wrote {out / 'fig4.png'} and .svg\n"
+
+
+def test_figure_6_needs_no_online_run(capsys, tmp_path, monkeypatch, short):
+    monkeypatch.setattr(actuator, "reproduce_actuator", None)
+    main(["reproduce", "fig6", "--out", str(tmp_path)])
+    assert_pictures(tmp_path, "fig6")
+
+
+def test_figures_7_and_8_bring_the_table_and_both_filters(capsys, tmp_path, short):
+    main(["reproduce", "fig8", "--out", str(tmp_path)])
+    assert "The actuator: twelve online runs" in capsys.readouterr().out
+    assert_pictures(tmp_path, "fig8", "fig8-exact")
+    assert list(json.loads((tmp_path / "tables.json").read_text())) == ["actuator"]
+
+
+def test_the_demo_in_full_is_the_actuator_experiment(capsys, tmp_path, short):
+    main(["demo", "--full", "--out", str(tmp_path)])
+    assert "The actuator: twelve online runs" in capsys.readouterr().out
+    assert_pictures(tmp_path, "fig6", "fig7", "fig7-exact", "fig8", "fig8-exact")
+
+
 def test_out_writes_both_files(capsys, tmp_path):
     out = tmp_path / "deep" / "folder"
     main(["reproduce", "table2", "--json", "--out", str(out)])
@@ -52,10 +128,11 @@ def test_out_writes_both_files(capsys, tmp_path):
     assert "| AMSGrad, amplitude 10 | J_a0 | 4.05e+03 | 4.05e+03 | equal |" in (out / "tables.md").read_text()
 
 
-def test_an_unknown_name_lists_the_names(capsys):
-    line = fails(capsys, "table1", "tabel2")
-    assert "'tabel2'" in line
-    assert "table1, table2, table3, table4" in line
+@pytest.mark.parametrize("unknown", ["tabel2", "fig5", "FIG1", "report"])
+def test_an_unknown_name_lists_the_names(capsys, unknown):
+    line = fails(capsys, "table1", unknown)
+    assert f"'{unknown}'" in line
+    assert ", ".join(NAMES) in line
 
 
 def test_a_file_where_the_folder_should_be_is_named(capsys, tmp_path):
@@ -64,6 +141,14 @@ def test_a_file_where_the_folder_should_be_is_named(capsys, tmp_path):
     assert str(file) in fails(capsys, "table2", "--out", str(file))
 
 
-def test_a_page_that_cannot_be_written_is_named(capsys, tmp_path):
-    (tmp_path / "tables.md").mkdir()
-    assert "tables.md" in fails(capsys, "table2", "--out", str(tmp_path))
+@pytest.mark.parametrize(("name", "path"), [("table2", "tables.md"), ("fig4", "fig4.svg")])
+def test_a_page_that_cannot_be_written_is_named(capsys, tmp_path, name, path):
+    (tmp_path / path).mkdir()
+    assert path in fails(capsys, name, "--out", str(tmp_path))
+
+
+def test_without_matplotlib_figures_say_what_to_install_and_tables_run(capsys, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    assert "pip install 'replant[report]'" in fails(capsys, "fig1", "--out", str(tmp_path))
+    main(["reproduce", "table2", "--json"])
+    assert list(json.loads(capsys.readouterr().out)) == ["table2"]

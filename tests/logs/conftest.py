@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+
 @pytest.fixture
 def write(tmp_path: Path) -> Callable[..., Path]:
     def write(content: str | bytes, name: str = "log.csv") -> Path:

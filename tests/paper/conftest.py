@@ -1,10 +1,17 @@
-"""The four tables, run once a session."""
+"""The four tables, and the actuator experiment on a short record, each run once a session."""
 
 import pytest
 
 from replant.paper import TABLES, TableResult, reproduce
+from replant.paper.actuator import Actuator, measure_rig, reproduce_actuator
 
 
 @pytest.fixture(scope="session")
 def results() -> dict[str, TableResult]:
     return {name: reproduce(table) for name, table in TABLES.items()}
+
+
+@pytest.fixture(scope="session")
+def actuator() -> Actuator:
+    """Return the experiment on the first 20 s of the rig."""
+    return reproduce_actuator(measure_rig(20_000))

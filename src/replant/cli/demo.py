@@ -6,8 +6,10 @@ from pathlib import Path
 
 import click
 
+from replant.cli.reproduce import deliver
 from replant.filters import StateVariableFilter
 from replant.optimizers import AMSGrad
+from replant.paper.everything import ACTUATOR, ACTUATOR_FIGURES
 from replant.replay import Replay
 from replant.report.figures import save_figures
 from replant.report.summary import print_result, true_parameters
@@ -21,11 +23,15 @@ SAMPLES = 240_000  # 240 s at 1 kHz
 
 @click.command(name="demo")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out/demo"), show_default=True, metavar="DIR")
-def command(out: Path) -> None:
+@click.option("--full", is_flag=True, help="Instead, the article's whole experiment: 12 methods compared, Figures 6-8.")
+def command(out: Path, full: bool) -> None:
     """Identify a simulated dielectric elastomer actuator while it runs: 240 s at 1 kHz, 1 um of laser noise.
 
     The article's method throughout: state-variable filters, normalisation, AMSGrad, a replay buffer of 240000.
     """
+    if full:
+        deliver((*ACTUATOR_FIGURES, ACTUATOR), out)
+        return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 

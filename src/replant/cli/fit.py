@@ -11,6 +11,7 @@ import click
 from replant.cli.options import log_options, open_log
 from replant.cli.output import deliver
 from replant.offline import fit
+from replant.report.recipe import fit_as_python
 from replant.runs import result_of_fit
 
 
@@ -21,4 +22,6 @@ def command(as_json: bool, out: Path | None, **options: Any) -> None:
     log, request = open_log(options)
     begun = time.perf_counter()
     fitted = fit(log.input, log.output, log.dt, request.structure, preprocess=request.preprocess)
-    deliver(result_of_fit(fitted, begun), log, as_json=as_json, out=out)
+    python = fit_as_python(fitted.structure, fitted.filter, fitted.preprocess, log)
+    report = {"filter": fitted.filter, "preprocess": fitted.preprocess, "python": python}
+    deliver(result_of_fit(fitted, begun), log, as_json=as_json, out=out, **report)

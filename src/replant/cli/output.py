@@ -1,71 +1,57 @@
-"""How a command hands over its result: a table or JSON on stdout, plots in a folder."""
+"""How a command hands over its result: a table or JSON on stdout, plots and a report in a folder."""
 
 from __future__ import annotations
 
-import dataclasses
 import json
+import shlex
 from pathlib import Path
 from typing import Any
 
 import click
 
 from replant.logs import Log
+from replant.report.recipe import identifier_as_python
 from replant.report.summary import as_json as result_as_json
 from replant.report.summary import print_result
 from replant.runs import Result
 
 
-def deliver(result: Result, log: Log, *, as_json: bool, out: Path | None) -> None:
-    """Print ``result`` and, with ``out``, write its plots."""
+def deliver(result: Result, log: Log, *, as_json: bool, out: Path | None, **report: Any) -> None:
+    """Print ``result`` and, with ``out``, write its plots and its report; ``report`` is for `write_report`."""
     from rich.console import Console
 
     paths = []
     if out is not None:
         from replant.report.figures import save_figures
+        from replant.report.html import write_report
 
-        paths = save_figures(
-            out, result, log.input, log.output, log.dt, input_label=log.input_name, output_label=log.output_name
-        )
+        names: Any = {"input_label": log.input_name, "output_label": log.output_name}
+        paths = save_figures(out, result, log.input, log.output, log.dt, **names)
+        paths.append(write_report(out / "report.html", result, log, command=command_line(), **report))
     if as_json:
         click.echo(json.dumps(result_as_json(result), allow_nan=False))
         return
     console = Console()
     print_result(console, result)
     if result.settings is not None:
-        click.echo(f"\nChosen from the data; to repeat by hand:\n{settings_as_python(result)}")
+        click.echo(f"\nChosen from the data; to repeat by hand:\n{identifier_as_python(result.settings)}")
     for path in paths:
         click.echo(f"wrote {path}")
 
 
-def settings_as_python(result: Result) -> str:
-    """Return the Python that makes the same identifier."""
-    settings = result.settings
-    assert settings is not None
-    parts = [
-        f"    rp.{settings.structure!r}, dt={settings.dt!r},",
-        f"    filter=rp.{_short(settings.filter)},",
-        f"    scaling=rp.{_short(settings.scaling)},",
-        f"    optimizer=rp.{_short(settings.optimizer)},",
-        f"    replay={'rp.' + _short(settings.replay) if settings.replay else None},",
-        f"    preprocess=rp.{_short(settings.preprocess)},",
-    ]
-    return "\n".join(["ident = rp.Identifier(", *parts, ")"])
-
-
-def _short(value: Any) -> str:
-    """Write a frozen dataclass as the call that makes it, defaults left out."""
-    given = [
-        f"{field.name}={_number(getattr(value, field.name))}"
-        for field in dataclasses.fields(value)
-        if getattr(value, field.name) != field.default
-    ]
-    return f"{type(value).__name__}({', '.join(given)})"
-
-
-def _number(value: Any) -> str:
-    """Write numbers with the digits that matter, so that a line can be read."""
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, tuple):
-        return "[" + ", ".join(_number(entry) for entry in value) + "]"
-    return repr(value)
+def command_line() -> str:
+    """Return the command that is running, as it would be typed; where its output goes is left out."""
+    context = click.get_current_context()
+    words = ["replant", context.info_name or ""]
+    for parameter in context.command.params:
+        value = context.params.get(parameter.name or "")
+        if parameter.name in ("as_json", "out") or value is None or value == parameter.get_default(context):
+            continue
+        if isinstance(parameter, click.Argument):
+            words.append(str(value))
+        elif value is True:
+            words.append(parameter.opts[-1])
+        else:
+            for entry in value if isinstance(value, tuple) else (value,):
+                words += [parameter.opts[-1], str(entry)]
+    return shlex.join(words)

@@ -1,4 +1,4 @@
-"""``replant reproduce``: the article's tables, ours beside the published figures."""
+"""``replant reproduce``: the article's tables and figures, and the actuator's table that it lacks."""
 
 from __future__ import annotations
 
@@ -7,45 +7,90 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import click
 
-from replant.paper import TABLES, TableResult, reproduce
+from replant.paper import actuator_rendering
+from replant.paper.actuator import NOTES, Actuator
+from replant.paper.everything import ACTUATOR, NAMES, Outcome, is_figure, run, save, steps
 from replant.paper.rendering import SOURCE, as_json, as_markdown, as_rich, notes, summary
-from replant.paper.reproduction import runs
+
+DEFAULT_FOLDER = Path("out/reproduce")
 
 
 def _known(ctx: click.Context, parameter: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names without repetition, all of them for none."""
     for name in names:
-        if name not in TABLES:
-            raise click.UsageError(f"there is no {name!r} to reproduce: choose from {', '.join(TABLES)}", ctx)
-    return tuple(dict.fromkeys(names)) or tuple(TABLES)
+        if name not in NAMES:
+            raise click.UsageError(f"there is no {name!r} to reproduce: choose from {', '.join(NAMES)}", ctx)
+    return tuple(dict.fromkeys(names)) or NAMES
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
-@click.argument("names", nargs=-1, metavar=f"[{'|'.join(TABLES)}]...", callback=_known)
+@click.argument("names", nargs=-1, metavar="[NAME]...", callback=_known)
 @click.option("--json", "json_only", is_flag=True, help="Print one JSON object and nothing else.")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Also write tables.md and tables.json.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help=f"Where figures (PNG, SVG), tables.md and tables.json go; with figures {DEFAULT_FOLDER} if left out.",
+)
 def command(names: tuple[str, ...], json_only: bool, out: Path | None) -> None:
-    """Reproduce the article's tables, beside the published figures.
+    """Reproduce the article's tables and figures, beside the published numbers.
 
-    Without a name, all four.  Rows without a buffer are exact and compared by the printed three digits; rows with one
-    are run over 20 seeds, and compared by their mean and standard deviation.
+    NAME is table1 to table4, fig1 to fig4, fig6 to fig8, or actuator: the table that compares the runs of Figures 7
+    and 8, on a simulated rig.  Without a name, everything.
+
+    In the tables, rows without a buffer are exact and compared by the printed three digits; rows with one are run over
+    20 seeds, and compared by their mean and standard deviation.
     """
+    if out is None and any(is_figure(name) for name in names):
+        out = DEFAULT_FOLDER
+    deliver(names, out, json_only=json_only)
+
+
+def deliver(names: Sequence[str], out: Path | None, *, json_only: bool = False) -> None:
+    """Reproduce ``names``, print the tables and write all there is into ``out``."""
     if out is not None:
         with _writable(out):  # before the work, not after it
             out.mkdir(parents=True, exist_ok=True)
-    results = _run(names)
-    text = json.dumps(as_json(results), indent=2)
-    if out is not None:
-        with _writable(out):
-            (out / "tables.json").write_text(text + "\n", encoding="utf-8")
-            (out / "tables.md").write_text(as_markdown(results), encoding="utf-8")
+    outcome, written = _run(names, out)
+    text = json.dumps(results_as_json(outcome), indent=2, allow_nan=False)
+    if out is not None and (outcome.tables or outcome.actuator):
+        written += _write_tables(out, text, outcome)
     if json_only:
         click.echo(text)
     else:
-        _show(results, out)
+        _show(outcome, written)
+
+
+def results_as_json(outcome: Outcome) -> dict[str, Any]:
+    """Return {table: {row: {index: {ours, published}}}}, the actuator's table among them."""
+    tables: dict[str, Any] = as_json(list(outcome.tables.values()))
+    return tables | ({ACTUATOR: actuator_rendering.as_json(outcome.actuator)} if outcome.actuator else {})
+
+
+def print_actuator(console: Any, actuator: Actuator) -> None:
+    """Print the actuator's table with what a reader must know of it."""
+    from rich.padding import Padding
+
+    console.print(actuator_rendering.TITLE, style="bold")
+    console.print(actuator_rendering.as_rich(actuator))
+    for line in (*actuator_rendering.LEGEND, *NOTES):
+        console.print(Padding(line, (0, 0, 0, 2), expand=False), style="dim")
+    console.print()
+    for line in actuator_rendering.summary(actuator):
+        console.print(line)
+
+
+def progress_bar() -> Any:
+    """Return a progress bar on stderr, shown if a person sees it."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description:8}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    return Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty())
 
 
 @contextmanager
@@ -58,35 +103,56 @@ def _writable(out: Path) -> Iterator[None]:
         raise click.BadParameter(f"cannot write {where}: {cause.strerror}", param_hint="--out") from cause
 
 
-def _run(names: Sequence[str]) -> list[TableResult]:
-    """Run the tables, with a progress bar if a person sees stderr."""
-    from rich.console import Console
-    from rich.progress import Progress
+def _run(names: Sequence[str], out: Path | None) -> tuple[Outcome, list[Path]]:
+    """Run and draw what is asked for; return the outcome and the paths of the figures."""
+    drawn = [name for name in names if is_figure(name)]
+    if drawn:
+        from replant.report.style import blank_figure
 
-    tables = [TABLES[name] for name in names]
-    results = []
-    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
-        task = progress.add_task("", total=sum(runs(table) for table in tables))
-        for table in tables:
-            progress.update(task, description=table.title.partition(":")[0])
-            results.append(reproduce(table, on_run=lambda: progress.advance(task)))
-    return results
+        blank_figure(1.0, 1.0)  # is matplotlib there?
+    written: list[Path] = []
+    with progress_bar() as progress:
+        task = progress.add_task("", total=steps(names) + len(drawn))
+        outcome = run(names, lambda name: progress.update(task, description=name, advance=1))
+        if out is not None and drawn:
+            with _writable(out):
+                for paths in save(outcome, drawn, out):
+                    written += paths
+                    progress.update(task, description=paths[0].stem, advance=1)
+    return outcome, written
 
 
-def _show(results: Sequence[TableResult], out: Path | None) -> None:
+def _write_tables(out: Path, text: str, outcome: Outcome) -> list[Path]:
+    pages = [as_markdown(list(outcome.tables.values()))] if outcome.tables else []
+    pages += [actuator_rendering.as_markdown(outcome.actuator)] if outcome.actuator else []
+    contents = {out / "tables.md": "\n".join(pages), out / "tables.json": text + "\n"}
+    with _writable(out):
+        for path, content in contents.items():
+            path.write_text(content, encoding="utf-8")
+    return list(contents)
+
+
+def _show(outcome: Outcome, written: Sequence[Path]) -> None:
     from rich.console import Console
     from rich.padding import Padding
 
     console = Console(highlight=False, markup=False)
-    console.print(SOURCE)
+    results = list(outcome.tables.values())
+    if results:
+        console.print(SOURCE)
     for result in results:
         console.print()
         console.print(result.table.title, style="bold")
         console.print(as_rich(result))
         for note in notes(result):
             console.print(Padding(note, (0, 0, 0, 2), expand=False), style="dim")
-    console.print()
+    if results:
+        console.print()
     for line in summary(results):
         console.print(line)
-    if out is not None:
-        console.print(f"Written: {out / 'tables.md'}, {out / 'tables.json'}", soft_wrap=True)
+    if outcome.actuator is not None:
+        console.print()
+        print_actuator(console, outcome.actuator)
+    for path in written:
+        if path.suffix != ".svg":
+            console.print(f"wrote {path}" + (" and .svg" if path.suffix == ".png" else ""), soft_wrap=True)

@@ -13,14 +13,21 @@
 
 from numba import njit
 
+
+def compiled(**how):
+    """Return the decorator that compiles a kernel so, and as ``how`` says."""
+    # Numba's own parts use _nrt; its type hints leave it out
+    return njit(cache=True, nogil=True, error_model="numpy", _nrt=False, **how)  # type: ignore[call-overload]
+
+
 #: What Python calls.
-kernel = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+kernel = compiled()
 
-#: What a kernel is made of; Python can call it too.
-part = njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+#: What many parts need in their innermost loops: melts into its caller.
+part = compiled(forceinline=True)
 
-#: What a kernel needs now and then only: compiled once, called as a function.
-rare = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+#: A part that returns an array, or that one place alone needs: its source is copied into the caller and compiled once.
+cut = compiled(inline="always")
 
-#: A part that returns an array: its source is copied into the caller, so that nothing is returned in truth.
-cut = njit(cache=True, nogil=True, error_model="numpy", _nrt=False, inline="always")
+#: What a kernel needs now and then, or as a whole: compiled by itself, called as a function.
+rare = compiled()

@@ -81,7 +81,7 @@ def expand(U, D, covariance):
 
 
 @rare
-def recursive_least_squares(theta, memory, settings, buffer, rows, direction):
+def recursive_least_squares(theta, memory, settings, buffer, rows, batch, direction):
     """Settings [forgetting factor], memory [U (P^2), D (P), cap of D (P), work (2 P), alpha].
 
     Forgetting divides P by the factor.  Where nothing comes in to make up for it D would grow without bound: it
@@ -92,11 +92,12 @@ def recursive_least_squares(theta, memory, settings, buffer, rows, direction):
     caps = memory[P * P + P : P * P + 2 * P]
     projected, gain = memory[P * P + 2 * P : P * P + 3 * P], memory[P * P + 3 * P : P * P + 4 * P]
     forgetting = settings[0]
-    for row in rows:
-        error = buffer[row, P]
+    for k in range(batch):
+        row = buffer[rows[k]]
+        error = row[P]
         for i in range(P):
-            error -= theta[i] * buffer[row, i]
-        alpha = measurement_update(U, D, buffer[row, direction : direction + P], forgetting, projected, gain)
+            error -= theta[i] * row[i]
+        alpha = measurement_update(U, D, row[direction : direction + P], forgetting, projected, gain)
         for i in range(P):
             theta[i] += gain[i] * error / alpha
             if forgetting < 1.0:
@@ -105,7 +106,7 @@ def recursive_least_squares(theta, memory, settings, buffer, rows, direction):
 
 
 @rare
-def kalman_tracking(theta, memory, settings, buffer, rows, direction, interval):
+def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, interval):
     """Random walk of the parameters; settings [1 / time constant of the noise estimate, q (P)].
 
     Memory [U (P^2), D (P), noise variance, work (2 P^2 + 4 P)].  The noise variance is tracked as
@@ -117,15 +118,16 @@ def kalman_tracking(theta, memory, settings, buffer, rows, direction, interval):
     increase, projected = memory[at + 1 : at + 1 + P], memory[at + 1 + P : at + 1 + 2 * P]
     gain = memory[at + 1 + 2 * P : at + 1 + 3 * P]
     work = memory[at + 1 + 3 * P :]
-    for row in rows:
+    for k in range(batch):
+        row = buffer[rows[k]]
         for i in range(P):
             increase[i] = settings[1 + i] * interval
         time_update(U, D, increase, work)
-        error = buffer[row, P]
+        error = row[P]
         for i in range(P):
-            error -= theta[i] * buffer[row, i]
+            error -= theta[i] * row[i]
         noise = memory[at]
-        alpha = measurement_update(U, D, buffer[row, direction : direction + P], noise, projected, gain)
+        alpha = measurement_update(U, D, row[direction : direction + P], noise, projected, gain)
         for i in range(P):
             theta[i] += gain[i] * error / alpha
         share = min(settings[0] * interval, 1.0)

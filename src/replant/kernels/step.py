@@ -22,31 +22,31 @@ SETTLE = 5.0  # of the slowest time constant, to wait after a gap
 
 
 @rare
-def learn(ints, reals, theta, memory, buffer, rows, interval):
+def learn(ints, reals, theta, memory, buffer, batch, interval):
     """Let the optimizer consume the drawn rows."""
-    settings = reals[ints[at.AT_SETTINGS] : ints[at.AT_SETTINGS] + ints[at.SETTINGS_SIZE]]
+    settings, rows = reals[ints[at.AT_SETTINGS] : ints[at.AT_SETTINGS] + ints[at.SETTINGS_SIZE]], ints[at.ROWS :]
     direction = theta.size + 2 if ints[at.INSTRUMENTS] == 1 else 0
     algorithm = ints[at.ALGORITHM]
     if algorithm == GRADIENT:
-        first.gradient(theta, memory, settings, buffer, rows, direction)
+        first.gradient(theta, memory, settings, buffer, rows, batch, direction)
     elif algorithm == ADAM:
-        first.adam(theta, memory, settings, buffer, rows, direction)
+        first.adam(theta, memory, settings, buffer, rows, batch, direction)
     elif algorithm == AMSGRAD:
-        first.amsgrad(theta, memory, settings, buffer, rows, direction)
+        first.amsgrad(theta, memory, settings, buffer, rows, batch, direction)
     elif algorithm == ADAGRAD:
-        first.adagrad(theta, memory, settings, buffer, rows, direction)
+        first.adagrad(theta, memory, settings, buffer, rows, batch, direction)
     elif algorithm == RMSPROP:
-        first.rmsprop(theta, memory, settings, buffer, rows, direction)
+        first.rmsprop(theta, memory, settings, buffer, rows, batch, direction)
     elif algorithm == NADAM:
-        first.nadam(theta, memory, settings, buffer, rows, direction)
+        first.nadam(theta, memory, settings, buffer, rows, batch, direction)
     elif algorithm == ADADELTA:
-        first.adadelta(theta, memory, settings, buffer, rows, direction)
+        first.adadelta(theta, memory, settings, buffer, rows, batch, direction)
     elif algorithm == INTEGRAL_COST:
-        first.integral_cost(theta, memory, settings, buffer, rows, direction)
+        first.integral_cost(theta, memory, settings, buffer, rows, batch, direction)
     elif algorithm == RECURSIVE_LEAST_SQUARES:
-        second.recursive_least_squares(theta, memory, settings, buffer, rows, direction)
+        second.recursive_least_squares(theta, memory, settings, buffer, rows, batch, direction)
     elif algorithm == KALMAN_TRACKING:
-        second.kalman_tracking(theta, memory, settings, buffer, rows, direction, interval)
+        second.kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, interval)
 
 
 @cut
@@ -144,7 +144,7 @@ def update_estimate(ints, reals, buffer, target, interval):
     for i in range(memory.size):
         kept_memory[i] = memory[i]
     batch = remember(ints, reals, buffer, target)
-    learn(ints, reals, theta, memory, buffer, ints[at.ROWS : at.ROWS + batch], interval)
+    learn(ints, reals, theta, memory, buffer, batch, interval)
     if left_float64(theta, unit, memory):
         ints[at.REFUSED] += 1
         for i in range(theta.size):

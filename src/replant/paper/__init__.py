@@ -1,22 +1,29 @@
-"""The article's experiments: its tables as data, run by this package and put beside the published figures.
+"""The article's experiments: its tables and figures as data, run by this package and put beside the published ones.
 
 Bernat and Kolota (2023), "The buffered optimization methods for online transfer function identification employed on
 DEAP actuator", Archives of Control Sciences 33(3), 565-587, doi 10.24425/acs.2023.146960.
 
 The article leaves out some of the settings that its tables need; `replant.paper.tables` holds those with which its
-figures come out, and says where they are not the printed ones.
+figures come out, and says where they are not the printed ones.  `replant.paper.actuator` is the experiment of section
+4 on a simulated rig, with the table that the article lacks.
 
->>> sorted(TABLES)
-['table1', 'table2', 'table3', 'table4']
+>>> NAMES
+('table1', 'table2', 'table3', 'table4', 'fig1', 'fig2', 'fig3', 'fig4', 'fig6', 'fig7', 'fig8', 'actuator')
 """
 
+from replant.paper.actuator import Actuator, reproduce_actuator
+from replant.paper.everything import NAMES
 from replant.paper.experiment import Experiment, Plant, run
+from replant.paper.figures import FIGURES
 from replant.paper.reproduction import SEEDS, Cell, RowResult, TableResult, reproduce
 from replant.paper.tables import TABLES, Improvement, Row, Table
 
 __all__ = [
+    "FIGURES",
+    "NAMES",
     "SEEDS",
     "TABLES",
+    "Actuator",
     "Cell",
     "Experiment",
     "Improvement",
@@ -26,5 +33,6 @@ __all__ = [
     "Table",
     "TableResult",
     "reproduce",
+    "reproduce_actuator",
     "run",
 ]

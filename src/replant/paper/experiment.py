@@ -129,6 +129,12 @@ class Experiment:
         return indices | {"J_sum": sum(indices.values())}
 
 
+def trace(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, FloatArray] | None = None) -> Trace:
+    """Run an experiment; return the history of its estimate.  Parameters as of `run`."""
+    u, y = experiment.plant.record() if record is None else record
+    return experiment.identifier(seed).update_many(u, y)
+
+
 def run(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, FloatArray] | None = None) -> dict[str, float]:
     """Run an experiment; return its performance indices by name: "J_a0", ..., "J_sum".
 
@@ -151,5 +157,4 @@ def run(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, FloatAr
     ----------
     Bernat and Kolota (2023), (21).
     """
-    u, y = experiment.plant.record() if record is None else record
-    return experiment.indices(experiment.identifier(seed).update_many(u, y))
+    return experiment.indices(trace(experiment, seed, record))

@@ -12,6 +12,7 @@ from replant.errors import MissingDependencyError
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#e69f00", "#56b4e9", "#009e73"
 BLUE, VERMILION, PURPLE, GREY = "#0072b2", "#d55e00", "#cc79a7", "#7f8c95"
+NAVY = "#00436b"  # blue, darkened: beside vermilion, which is as light as blue in grey
 
 #: How a true value is drawn, in every figure.
 TRUE = {"color": BLACK, "ls": (0, (5, 3)), "lw": 0.9, "zorder": 2.5}

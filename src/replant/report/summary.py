@@ -8,6 +8,7 @@ from typing import Any
 
 from replant.runs import Result
 from replant.transfer_function import Mode, TransferFunction
+from replant.uncertainty import Uncertainty
 
 
 def as_json(result: Result) -> dict[str, Any]:
@@ -18,8 +19,8 @@ def as_json(result: Result) -> dict[str, Any]:
         "den": model.den.tolist(),
         "delay": model.delay,
         "parameters": {
-            name: {"value": _finite(value), "std": None}
-            for name, value in zip(result.structure.names, result.parameters.tolist(), strict=True)
+            name: {"value": _finite(value), "std": std}
+            for name, value, std in zip(result.structure.names, result.parameters.tolist(), _stds(result), strict=True)
         },
         "poles": [_pole(pole) for pole in model.poles.tolist()],
         "zeros": [{"real": zero.real, "imag": zero.imag} for zero in model.zeros.tolist()],
@@ -114,6 +115,14 @@ def _pole(pole: complex) -> dict[str, Any]:
         "damping": -pole.real / magnitude if magnitude else None,
         "time_constant": -1 / pole.real if pole.real else None,
     }
+
+
+def _stds(result: Result) -> list[float | None]:
+    """Return the standard deviation of each parameter, None where it is not known."""
+    if result.covariance is None:
+        return [None] * result.structure.size
+    known = Uncertainty(result.structure, result.parameters, result.covariance)
+    return [_finite(std) for std in known.std.tolist()]
 
 
 def _percent(value: float) -> str:

@@ -1,0 +1,103 @@
+"""Figures 6-8 of the article: the actuator's record with offline least squares, and the online transients."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from replant.offline import FitResult
+from replant.paper.actuator import GAINS, Actuator, Record
+from replant.paper.curves import curve
+from replant.paper.panels import draw_panel, legend_above
+from replant.report.style import BLUE, GREY, NAVY, SKY, VERMILION, blank_figure, open_frame, symbol
+
+UNITS = {"a2": "1/s", "a1": "1/s²", "a0": "1/s³", "b1": "mm/(kV² s²)", "b0": "mm/(kV² s³)"}
+#: Windows of Figure 6c and 6d, in parts of the record: a few steps, and the ringing after one of them.
+WINDOWS = {"c": (151.7 / 240.0, 157.7 / 240.0), "d": (155.1 / 240.0, 156.6 / 240.0)}
+#: The two columns of Figures 7 and 8.
+COLUMNS = {"fig7": ("Gradient", "IntegralCost"), "fig8": ("AMSGrad", "Adam")}
+
+TOLD_APART = 0.01  # of the true value
+
+_MEASURED = {"color": GREY, "lw": 2.6, "alpha": 0.5}
+_MODEL = {"exact": {"color": VERMILION, "lw": 0.9}, "gbt": {"color": BLUE, "lw": 0.9, "ls": (0, (3, 1.5))}}
+_NAMES = {"gbt": "the article's filters", "exact": "exact filters"}
+_VARIANTS: Mapping[str, Mapping[str, Any]] = {
+    "no buffer": {"color": SKY, "lw": 0.9},
+    "small gain": {"color": VERMILION, "lw": 1.0, "ls": (0, (6, 1.5, 1, 1.5))},
+    "very small gain": {"color": NAVY, "lw": 1.2},
+}
+_LIMIT = {"color": "#555555", "ls": (0, (1, 1.5)), "lw": 1.0}
+
+
+def draw_record(record: Record, offline: Mapping[str, FitResult]) -> Any:
+    """Return Figure 6: (a) the input, (b) measured output and its offline estimates, (c, d) two windows of (b)."""
+    canvas = blank_figure(7.0, 8.4)
+    axes = canvas.subplots(4, 1, height_ratios=(1, 1.5, 1.5, 1.5))
+    duration = record.u.size * record.rig.dt
+    _draw(axes[0], record.u, record, (0.0, 1.0), color="black", lw=0.8)
+    axes[0].set_ylabel("input [kV]")
+    for axis, window in zip(axes[1:], ((0.0, 1.0), *WINDOWS.values()), strict=True):
+        _draw(axis, record.y, record, window, label="measured", **_MEASURED)
+        for filters, words in _NAMES.items():
+            label = f"{words}: free run {offline[filters].simulation.fit:.1f} %"
+            _draw(axis, offline[filters].simulation.output, record, window, label=label, **_MODEL[filters])
+        axis.set_ylabel("displacement [mm]")
+    for axis, letter, window in zip(axes, "abcd", ((0.0, 1.0), (0.0, 1.0), *WINDOWS.values()), strict=True):
+        axis.set_title(f"({letter})", loc="left")
+        axis.set_xlim(window[0] * duration, window[1] * duration)
+        open_frame(axis)
+    axes[-1].set_xlabel("time [s]")
+    canvas.align_ylabels()
+    legend_above(canvas, "Figure 6: the actuator's record and its model by least squares, offline", 3)
+    return canvas
+
+
+def draw_transients(name: str, actuator: Actuator, filters: str = "gbt") -> Any:
+    """Return Figure 7 or 8: each coefficient's estimate over time, one column an optimizer, true values dashed.
+
+    Where normalised least squares with the same filters ends is dotted: what each of these optimizers goes for.  It is
+    left out where it lies on the true value: dots between dashes would look like a third line.
+    """
+    true = actuator.record.true
+    canvas = blank_figure(7.0, 9.2)
+    axes = canvas.subplots(len(true), 2, sharex=True, sharey="row")
+    for column, method in zip(axes.T, COLUMNS[name], strict=True):
+        column[0].set_title(method, loc="left", fontweight="bold")
+        column[-1].set_xlabel("time [s]")
+        for i, (axis, coefficient) in enumerate(zip(column, true, strict=True)):
+            runs = [(variant, actuator.row(method, variant, filters)) for variant in GAINS]
+            goal = float(actuator.goals[filters][i])
+            drawn = [(_words(variant), (row.curves or {})[coefficient], _VARIANTS[variant]) for variant, row in runs]
+            draw_panel(axis, drawn, true[coefficient])
+            if abs(goal / true[coefficient] - 1.0) > TOLD_APART:
+                axis.axhline(goal, label="least squares, normalised", **_LIMIT)
+    for axis, coefficient in zip(axes[:, 0], true, strict=True):
+        axis.set_ylabel(f"{symbol(coefficient)} [{UNITS[coefficient]}]")
+        _limit(axes[list(true).index(coefficient)], true[coefficient])
+    axes[0, 0].set_xlim(0.0, actuator.record.u.size * actuator.record.rig.dt)
+    canvas.align_ylabels()
+    title = f"Figure {name[3:]}: transients on the actuator, {_NAMES[filters]} (what shoots further leaves the panel)"
+    legend_above(canvas, title, 2)
+    return canvas
+
+
+def _words(variant: str) -> str:
+    return variant if variant == "no buffer" else f"buffer, {variant}"
+
+
+def _limit(panels: Any, true: float) -> None:
+    """Show, in a row of panels, where every run begins and all it shows later, unless that is far from the truth."""
+    shown = [line.get_ydata()[len(line.get_ydata()) // 20 :] for axis in panels for line in axis.get_lines()]
+    low, high = min(0.0, *(float(np.min(part)) for part in shown)), max(float(np.max(part)) for part in shown)
+    low, high = max(low, -0.4 * true), min(high, 1.8 * true)
+    panels[0].set_ylim(low - 0.06 * (high - low), high + 0.06 * (high - low))
+
+
+def _draw(axis: Any, signal: Any, record: Record, window: tuple[float, float], **style: Any) -> None:
+    """Draw a window, in parts of the record, of a signal (K,)."""
+    begin, end = (round(part * signal.size) for part in window)
+    shown = curve(np.asarray(signal[begin:end]), record.rig.dt)
+    axis.plot(begin * record.rig.dt + shown.t, shown.values, **style)

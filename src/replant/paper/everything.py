@@ -1,0 +1,100 @@
+"""Everything of the article that can be reproduced, by name: run what is asked for, then draw it.
+
+Runs that two names share are made once: Figures 7 and 8 and the actuator's table come from one experiment.  Figures
+1-4 repeat the tables' own runs, which no chance can change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from replant.offline import FitResult
+from replant.paper import actuator as rig
+from replant.paper.figures import FIGURES, Transients, compute, draw
+from replant.paper.reproduction import TableResult, reproduce, runs
+from replant.paper.tables import TABLES
+
+ACTUATOR = "actuator"
+ACTUATOR_FIGURES = ("fig6", "fig7", "fig8")
+#: What `replant reproduce` knows, in the article's order; "actuator" is the table that the article lacks.
+NAMES = (*TABLES, *FIGURES, *ACTUATOR_FIGURES, ACTUATOR)
+DOTS = 150  # an inch, of the PNG
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What came out, by name; ``offline`` alone where Figure 6 is all that is asked of the actuator."""
+
+    tables: dict[str, TableResult] = field(default_factory=dict)
+    transients: dict[str, Transients] = field(default_factory=dict)
+    record: rig.Record | None = None
+    offline: Mapping[str, FitResult] = field(default_factory=dict)
+    actuator: rig.Actuator | None = None
+
+
+def is_figure(name: str) -> bool:
+    """Return whether ``name`` is drawn."""
+    return name in FIGURES or name in ACTUATOR_FIGURES
+
+
+def steps(names: Sequence[str]) -> int:
+    """Return how often `run` will call ``on_run``."""
+    count = sum(runs(TABLES[name]) for name in names if name in TABLES)
+    count += sum(len(FIGURES[name].lines) for name in names if name in FIGURES)
+    return count + (rig.RUNS if _needs_runs(names) else len(rig.FILTERS) if "fig6" in names else 0)
+
+
+def run(names: Sequence[str], on_run: Callable[[str], None] = lambda name: None) -> Outcome:
+    """Run what ``names`` need; ``on_run`` is called after each run with the name it was for.
+
+    Examples
+    --------
+    >>> run(["table2"]).tables["table2"]["Gradient, amplitude 10"]["J_a0"].verdict
+    'equal'
+    """
+    tables = {name: reproduce(TABLES[name], on_run=partial(on_run, name)) for name in names if name in TABLES}
+    curves = {name: compute(FIGURES[name], partial(on_run, name)) for name in names if name in FIGURES}
+    if _needs_runs(names):
+        actuator = rig.reproduce_actuator(on_run=partial(on_run, ACTUATOR))
+        return Outcome(tables, curves, actuator.record, actuator.offline, actuator)
+    if "fig6" in names:
+        record = rig.measure_rig()
+        return Outcome(tables, curves, record, rig.fit_offline(record, partial(on_run, ACTUATOR)))
+    return Outcome(tables, curves)
+
+
+def drawings(outcome: Outcome, names: Sequence[str]) -> Iterator[tuple[str, Any]]:
+    """Draw the figures among ``names`` one by one; yield file name, without ending, and matplotlib figure.
+
+    Figures 7 and 8 come twice: with the article's filters, and with exact ones.
+    """
+    from replant.paper.actuator_figures import draw_record, draw_transients
+
+    for name in names:
+        if name in FIGURES:
+            yield name, draw(FIGURES[name], outcome.transients[name])
+        elif name == "fig6" and outcome.record is not None:
+            yield name, draw_record(outcome.record, outcome.offline)
+        elif name in ACTUATOR_FIGURES and outcome.actuator is not None:
+            yield name, draw_transients(name, outcome.actuator, "gbt")
+            yield f"{name}-exact", draw_transients(name, outcome.actuator, "exact")
+
+
+def save(outcome: Outcome, names: Sequence[str], folder: Path) -> Iterator[list[Path]]:
+    """Draw the figures among ``names`` into ``folder``, PNG and SVG; yield the paths of each as it is written."""
+    from replant.report.style import font
+
+    with font():
+        for name, canvas in drawings(outcome, names):
+            paths = [folder / f"{name}.png", folder / f"{name}.svg"]
+            canvas.savefig(paths[0], dpi=DOTS)
+            canvas.savefig(paths[1], metadata={"Date": None})
+            yield paths
+
+
+def _needs_runs(names: Sequence[str]) -> bool:
+    return any(name in names for name in ("fig7", "fig8", ACTUATOR))

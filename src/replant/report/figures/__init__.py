@@ -1,0 +1,55 @@
+"""Figures of a result, drawn with matplotlib into axes of yours or into a figure of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from replant.report.figures.bode import draw_bode
+from replant.report.figures.correlation import draw_correlations
+from replant.report.figures.poles import draw_poles_and_zeros
+from replant.report.figures.style import INK, MEASURED, MODEL, MUTED, RESIDUAL, TRUTH
+from replant.report.figures.time import draw_excitation, draw_fit, draw_transients
+from replant.runs import Result
+from replant.validation import FloatArray
+
+__all__ = [
+    "INK",
+    "MEASURED",
+    "MODEL",
+    "MUTED",
+    "RESIDUAL",
+    "TRUTH",
+    "draw_bode",
+    "draw_correlations",
+    "draw_excitation",
+    "draw_fit",
+    "draw_poles_and_zeros",
+    "draw_transients",
+    "save_figures",
+]
+
+
+def save_figures(
+    folder: Path,
+    result: Result,
+    u: FloatArray,
+    y: FloatArray,
+    dt: float,
+    *,
+    input_label: str = "input",
+    output_label: str = "output",
+    truth: Sequence[float] | None = None,
+) -> list[Path]:
+    """Draw fit and transients of ``result`` into ``folder`` as PNG and return their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    labels = {"input_label": input_label, "output_label": output_label}
+    drawn = {"fit": draw_fit(result, u, y, dt, **labels)}
+    drawn["fit"][1].set_title(f"simulated fit {result.simulation.fit:.1f} %", loc="left", fontsize="medium")
+    if result.history is not None and len(result.history.samples):
+        drawn["parameters"] = draw_transients(result, dt, truth=truth, **labels)
+    paths = []
+    for name, axes in drawn.items():
+        paths.append(folder / f"{name}.png")
+        axes[0].figure.savefig(paths[-1], dpi=130)
+    return paths

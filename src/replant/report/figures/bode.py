@@ -1,0 +1,99 @@
+"""The Bode diagram, with a band of +-2 sigma."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from replant.report.figures import style
+from replant.runs import Result
+from replant.uncertainty import Uncertainty
+from replant.validation import FloatArray
+
+POINTS = 400
+WIDEST_DB, WIDEST_DEGREES = 60.0, 180.0  # half-width at which a band is cut: beyond it nothing is known anyway
+
+
+def draw_bode(
+    result: Result, dt: float, *, axes: Any = None, input_label: str = "input", output_label: str = "output"
+) -> Any:
+    """Draw magnitude and phase over the angular frequency, up to Nyquist's, with +-2 sigma where it is known.
+
+    Parameters
+    ----------
+    result : Result
+    dt : float
+        Sampling time in s.
+    axes : two matplotlib axes, optional
+        Drawn into; without them a figure is made.
+    input_label, output_label : str
+        With the unit in brackets at the end, where it is known.
+
+    Returns
+    -------
+    array of two axes
+    """
+    if axes is None:
+        axes = style.new_axes(2, 1, (6.2, 4.8), sharex=True, height_ratios=(3, 2))
+    top, bottom = style.given(axes, 2)
+    unit = style.gain_unit(style.plant_input(result, input_label), output_label)
+    top.set_ylabel(f"magnitude [dB re {unit}]" if unit else "magnitude [dB]")
+    bottom.set_ylabel("phase [°]")
+    bottom.set_xlabel("frequency [rad/s]")
+    omega = frequencies(result, dt)
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        response = result.transfer_function.response(omega)
+        magnitude = 20.0 * np.log10(np.abs(response))
+    for axis in (top, bottom):
+        style.tidy(axis)
+    if not np.isfinite(magnitude).all():
+        for axis in (top, bottom):
+            style.say(axis, "G(s) has no response to show")
+        return np.array([top, bottom], dtype=object)
+    phase = np.degrees(np.unwrap(np.angle(response)))
+    phase -= 360.0 * round(float(phase[0]) / 360.0)
+    _band(result, omega, magnitude, phase, top, bottom)
+    top.semilogx(omega, magnitude, color=style.MODEL, lw=1.8, label="model")
+    bottom.semilogx(omega, phase, color=style.MODEL, lw=1.8)
+    _finish(top, bottom, omega, magnitude, phase)
+    return np.array([top, bottom], dtype=object)
+
+
+def frequencies(result: Result, dt: float) -> FloatArray:
+    """Return angular frequencies (F,) from well below the slowest root to well above the fastest, or to Nyquist's."""
+    model = result.transfer_function
+    sizes = np.abs(np.concatenate([model.poles, model.zeros]))
+    nyquist = math.pi / dt
+    sizes = sizes[np.isfinite(sizes) & (sizes > 1e-9 * nyquist) & (sizes < 1e3 * nyquist)]
+    low, high = (nyquist / 1e4, nyquist) if sizes.size == 0 else (float(sizes.min()) / 30, float(sizes.max()) * 30)
+    high = max(min(high, nyquist), 10 * low)
+    return np.asarray(np.geomspace(low, high, POINTS))
+
+
+def _band(result: Result, omega: FloatArray, magnitude: FloatArray, phase: FloatArray, top: Any, bottom: Any) -> None:
+    if result.covariance is None:
+        return
+    relative, angle = Uncertainty(result.structure, result.parameters, result.covariance).response(omega)
+    if not (np.isfinite(relative).all() and np.isfinite(angle).all()):
+        return
+    decibels = np.minimum(style.SIGMAS * 20.0 / math.log(10.0) * relative, WIDEST_DB)
+    degrees = np.minimum(style.SIGMAS * np.degrees(angle), WIDEST_DEGREES)
+    look = {"color": style.MODEL, "alpha": 0.22, "lw": 0}
+    top.fill_between(omega, magnitude - decibels, magnitude + decibels, label="± 2σ", **look)
+    bottom.fill_between(omega, phase - degrees, phase + degrees, **look)
+
+
+def _finish(top: Any, bottom: Any, omega: FloatArray, magnitude: FloatArray, phase: FloatArray) -> None:
+    from matplotlib.ticker import MaxNLocator, MultipleLocator
+
+    style.legend(top, 2)
+    span = float(np.ptp(phase))
+    bottom.yaxis.set_major_locator(MultipleLocator(45 if span < 200 else 90) if span < 700 else MaxNLocator(5))
+    bottom.set_ylim(min(float(phase.min()), 0.0) - 25.0, max(float(phase.max()), 0.0) + 25.0)
+    room = max(0.1 * float(np.ptp(magnitude)), 3.0)
+    top.set_ylim(float(magnitude.min()) - room, float(magnitude.max()) + room)
+    for axis in (top, bottom):
+        axis.set_xlim(float(omega[0]), float(omega[-1]))
+        style.logarithmic(axis.xaxis)

@@ -1,0 +1,66 @@
+"""What is left unexplained: the residual's correlation with itself and with the input."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from replant.report.diagnostics import BAND_95, BAND_99, Correlations
+from replant.report.downsample import thin
+from replant.report.figures import style
+from replant.validation import FloatArray
+
+FEW = 60  # lags that can be told apart as stems
+
+
+def draw_correlations(found: Correlations | None, dt: float, *, axes: Any = None) -> Any:
+    """Draw the residual's autocorrelation and its cross-correlation with the input, with 95 and 99 % limits.
+
+    A model that explains the record leaves 95 % of the lags within the inner limits.  Cross-correlation at negative
+    lags, input after residual, tells of feedback.
+
+    Parameters
+    ----------
+    found : Correlations or None
+        From `replant.report.diagnostics.correlations`.
+    dt : float
+        Sampling time in s.
+    axes : two matplotlib axes, optional
+        Drawn into; without them a figure is made.
+
+    Returns
+    -------
+    array of two axes
+    """
+    if axes is None:
+        axes = style.new_axes(1, 2, (9.6, 3.4))
+    left, right = style.given(axes, 2)
+    left.set_title("residual with itself", loc="left", color=style.INK, fontsize="medium")
+    right.set_title("input with later residual", loc="left", color=style.INK, fontsize="medium")
+    for axis in (left, right):
+        style.tidy(axis)
+        axis.set_xlabel("lag [s]")
+        axis.set_ylabel("correlation")
+        if found is None:
+            style.say(axis, "nothing to correlate")
+    if found is not None:
+        lags = found.auto.size - 1
+        _correlation(left, found.auto, 0, found.auto_std, dt)
+        _correlation(right, found.cross, -lags, found.cross_std, dt)
+    return np.array([left, right], dtype=object)
+
+
+def _correlation(axis: Any, values: FloatArray, first: int, std: float, dt: float) -> None:
+    axis.axhspan(-BAND_99 * std, BAND_99 * std, color=style.MEASURED, alpha=0.22, lw=0, label="99 %")
+    axis.axhspan(-BAND_95 * std, BAND_95 * std, color=style.MEASURED, alpha=0.35, lw=0, label="95 %")
+    axis.axhline(0.0, color=style.MUTED, lw=0.8)
+    if values.size <= FEW:
+        lags = dt * (first + np.arange(values.size))
+        axis.vlines(lags, 0.0, values, color=style.RESIDUAL, lw=1.6)
+        axis.plot(lags, values, "o", color=style.RESIDUAL, ms=3.5)
+    else:
+        drawn = thin(values, 1200)
+        axis.plot(dt * first + drawn.times(dt), drawn.values, color=style.RESIDUAL, lw=1.2)
+    axis.set_xlim(dt * (first - 0.5), dt * (first + values.size - 0.5))
+    style.legend(axis, 2)

@@ -1,0 +1,224 @@
+"""What the figures share: colours, axes without clutter, tick labels, and symbols of parameters and their units."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from replant.report.numbers import number
+from replant.report.style import BLUE, VERMILION, blank_figure
+from replant.runs import Result
+from replant.structure import Structure
+from replant.validation import FloatArray
+
+# what was measured is wide and pale, the model thin and dark: told apart in grey as well
+MEASURED, MODEL, RESIDUAL, INPUT, TRUTH = "#8d99a3", VERMILION, BLUE, "#00785a", "#000000"
+INK, MUTED, GRID = "#20262b", "#56616b", "#dfe4e7"
+SIGMAS = 2.0  # half-width of every band, in standard deviations
+NO_EXCITATION, NO_CONDITION = 1e-12, 1e10  # beyond which eigenvalue and condition number are round-off
+SHOWN = 3_000  # points a curve; beyond it min and max of each stretch stand for the stretch
+SHOWN_SMALL = 1_000  # in a panel of half the width
+FARTHEST = 1e30  # that an axis reaches: what diverged is not worth more
+
+_UNIT = r"\s*[\[(]([^\[\]()]+)[\])]\s*$"
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+
+
+def new_axes(rows: int, columns: int, size: tuple[float, float], **options: Any) -> Any:
+    """Return an array (rows, columns) of axes on a new figure of ``size`` inches."""
+    return blank_figure(*size).subplots(rows, columns, squeeze=False, **options)
+
+
+def given(axes: Any, count: int) -> list[Any]:
+    """Return ``axes``, one or any nesting of several, as a list of ``count``."""
+    found = list(np.asarray(axes, dtype=object).ravel())
+    if len(found) != count:
+        raise ValueError(f"axes must be {count} axes, got {len(found)}")
+    return found
+
+
+def tidy(axis: Any, *, grid: bool = True) -> None:
+    """Leave an axis with what is needed to read it."""
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.spines[["left", "bottom"]].set_color(MUTED)
+    axis.tick_params(colors=MUTED, which="both")
+    for each in (axis.xaxis, axis.yaxis):
+        if each.get_scale() == "linear":
+            _plain(each)
+    axis.xaxis.label.set_color(INK)
+    axis.yaxis.label.set_color(INK)
+    if grid:
+        axis.grid(color=GRID, linewidth=0.8)
+        axis.set_axisbelow(True)
+
+
+def _plain(axis: Any) -> None:
+    """Label a linear axis with whole numbers, not with what is left of them beside an offset."""
+    from matplotlib.ticker import FuncFormatter
+
+    axis.set_major_formatter(FuncFormatter(lambda value, _: number(value, 8)))
+
+
+def legend(axis: Any, columns: int) -> None:
+    """Put the legend above the axis, where it hides nothing."""
+    axis.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, frameon=False, borderaxespad=0.1, labelcolor=INK,
+        handlelength=1.6, columnspacing=1.4,
+    )  # fmt: skip
+
+
+def say(axis: Any, words: str) -> None:
+    """Write ``words`` where a curve would be, had it anything to show."""
+    axis.text(0.5, 0.5, words, transform=axis.transAxes, ha="center", va="center", color=MUTED)
+    axis.set_xticks([])
+    axis.set_yticks([])
+
+
+def logarithmic(axis: Any) -> None:
+    """Label a logarithmic axis (an x- or y-axis of matplotlib) in plain figures."""
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    axis.set_major_formatter(FuncFormatter(lambda value, _: power_of_ten(value)))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def power_of_ten(value: float) -> str:
+    """Return a short label of a decade.
+
+    Examples
+    --------
+    >>> power_of_ten(0.01), power_of_ten(1e5)
+    ('0.01', '10⁵')
+    """
+    if value <= 0:
+        return ""
+    exponent = round(math.log10(value))
+    return f"{value:g}" if -3 < exponent < 4 else "10" + str(exponent).translate(_SUPERSCRIPT)
+
+
+def symbol(name: str) -> str:
+    """Return a parameter's name as it is written by hand.
+
+    Examples
+    --------
+    >>> symbol("a10"), symbol("bias")
+    ('a₁₀', 'bias')
+    """
+    return name if name == "bias" else name[0] + name[1:].translate(_SUBSCRIPT)
+
+
+def symbols(structure: Structure, input_label: str, output_label: str) -> list[str]:
+    """Return each parameter's symbol with its unit, in the order of the names.
+
+    Examples
+    --------
+    >>> symbols(Structure(poles=2), "voltage [V]", "speed [rpm]")
+    ['a₁ [1/s]', 'a₀ [1/s²]', 'b₀ [rpm/V/s²]']
+    """
+    per = gain_unit(input_label, output_label)
+    labels = []
+    for name in structure.names:
+        if name == "bias":
+            unit = unit_of(output_label)
+        else:
+            order = structure.poles - int(name[1:])
+            seconds = "s" + (str(order).translate(_SUPERSCRIPT) if order > 1 else "")
+            unit = f"1/{seconds}" if name[0] == "a" or not per else f"{per}/{seconds}"
+        labels.append(f"{symbol(name)} [{unit}]" if unit else symbol(name))
+    return labels
+
+
+def unit_of(label: str) -> str:
+    """Return the unit that a label ends with, in brackets; empty where there is none.
+
+    Examples
+    --------
+    >>> unit_of("speed [rpm]"), unit_of("force (N)"), unit_of("u")
+    ('rpm', 'N', '')
+    """
+    found = re.search(_UNIT, label)
+    return found[1].strip() if found else ""
+
+
+def gain_unit(input_label: str, output_label: str) -> str:
+    """Return the unit of output per input; empty where either is unknown."""
+    numerator, denominator = unit_of(output_label), unit_of(input_label)
+    if not (numerator and denominator):
+        return ""
+    compound = any(sign in denominator for sign in "/* ·")
+    return f"{numerator}/({denominator})" if compound else f"{numerator}/{denominator}"
+
+
+def plant_input(result: Result, label: str) -> str:
+    """Return the label of the input behind the input map, which the gain of G(s) refers to.
+
+    Where the map is not known, of an offline fit, the label is taken to be that of the mapped input.
+    """
+    return mapped_label(label, result.settings.preprocess.input_map if result.settings else "identity")
+
+
+def mapped_label(label: str, input_map: object) -> str:
+    """Return an input's label behind its map; a map of the user's own leaves no unit.
+
+    Examples
+    --------
+    >>> mapped_label("voltage [kV]", "square"), mapped_label("u", "identity")
+    ('voltage² [kV²]', 'u')
+    """
+    if input_map == "identity":
+        return label
+    unit = unit_of(label)
+    name = re.sub(_UNIT, "", label)
+    return f"{name}² [{unit}²]" if input_map == "square" and unit else f"{name}²" if input_map == "square" else name
+
+
+def settled_limits(values: FloatArray, extra: Sequence[float] = ()) -> tuple[float, float]:
+    """Return limits that show where an estimate goes, not how far it first shot: its last nine tenths and ``extra``."""
+    shown = np.concatenate([values[values.size // 10 :], np.asarray(extra, np.float64)])
+    shown = np.clip(shown[np.isfinite(shown)], -FARTHEST, FARTHEST)
+    if shown.size == 0:
+        return -1.0, 1.0
+    low, high = float(shown.min()), float(shown.max())
+    margin = max(0.25 * (high - low), 0.05 * abs(high)) or 1.0
+    return low - margin, high + margin
+
+
+def near_the_end(values: FloatArray, std: FloatArray | None, true: float | None) -> list[float]:
+    """Return what limits must show beside the estimate: the last band, and the true value."""
+    shown = [] if true is None else [true]
+    if std is not None and values.size and math.isfinite(std[-1]):
+        shown += [float(values[-1] - SIGMAS * std[-1]), float(values[-1] + SIGMAS * std[-1])]
+    return shown
+
+
+def residual_limits(residual: FloatArray, measured: FloatArray) -> tuple[float, float]:
+    """Return limits about zero that show the residual, as far as it stays within reason of the measured signal."""
+    finite, known = (np.clip(each[np.isfinite(each)], -FARTHEST, FARTHEST) for each in (residual, measured))
+    span = float(np.abs(finite).max()) if finite.size else 0.0
+    if span == 0.0:
+        return -1.0, 1.0
+    reach = min(1.05 * span, 2.0 * ((float(np.ptp(known)) if known.size else 0.0) or span))
+    return -reach, reach
+
+
+def output_limits(measured: FloatArray, *others: FloatArray) -> tuple[float, float]:
+    """Return limits that show the measured signal whole, and others as far as they stay within reason of it."""
+    finite = np.clip(measured[np.isfinite(measured)], -FARTHEST, FARTHEST)
+    if finite.size == 0:
+        return -1.0, 1.0
+    low, high = float(finite.min()), float(finite.max())
+    span = (high - low) or abs(high) or 1.0
+    bottom, top = low, high
+    for other in others:
+        known = np.clip(other[np.isfinite(other)], -FARTHEST, FARTHEST)
+        if known.size:
+            bottom, top = min(bottom, float(known.min())), max(top, float(known.max()))
+    bottom, top = max(bottom, low - span), min(top, high + span)
+    if bottom == top:
+        bottom, top = bottom - 0.5 * span, top + 0.5 * span
+    return bottom - 0.05 * (top - bottom), top + 0.05 * (top - bottom)

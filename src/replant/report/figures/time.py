@@ -1,0 +1,206 @@
+"""Figures over time: the fit with its residual, the parameters' transients, the excitation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from replant.assessment import WORST_CONDITION
+from replant.report.diagnostics import Excitation
+from replant.report.downsample import thin
+from replant.report.figures import style
+from replant.runs import Result
+from replant.validation import FloatArray
+
+
+def draw_fit(
+    result: Result,
+    u: FloatArray,
+    y: FloatArray,
+    dt: float,
+    *,
+    axes: Any = None,
+    input_label: str = "input",
+    output_label: str = "output",
+) -> Any:
+    """Draw input, measured and simulated output, and their difference, over time.
+
+    Parameters
+    ----------
+    result : Result
+    u, y : (K,) arrays
+        Raw input and output.
+    dt : float
+        Sampling time in s.
+    axes : three matplotlib axes, optional
+        Drawn into; without them a figure is made.
+    input_label, output_label : str
+        With the unit in brackets at the end, where it is known.
+
+    Returns
+    -------
+    array of three axes
+    """
+    if axes is None:
+        axes = style.new_axes(3, 1, (9, 6.6), sharex=True, height_ratios=(1, 2, 1))
+    top, middle, bottom = style.given(axes, 3)
+    model = result.simulation.output
+    _curve(top, u, dt, color=style.INPUT, lw=0.9)
+    _curve(middle, y, dt, color=style.MEASURED, lw=2.2, label="measured")
+    _curve(middle, model, dt, color=style.MODEL, lw=1.0, label="model, from the input alone")
+    middle.set_ylim(*style.output_limits(y, model))
+    style.legend(middle, 2)
+    residual = _difference(y, model)
+    _curve(bottom, residual, dt, color=style.RESIDUAL, lw=0.8)
+    bottom.set_ylim(*style.residual_limits(residual, y))
+    unit = style.unit_of(output_label)
+    bottom.axhline(0, color=style.MUTED, lw=0.8)
+    for axis, label in (
+        (top, input_label),
+        (middle, output_label),
+        (bottom, "residual" + (f" [{unit}]" if unit else "")),
+    ):
+        axis.set_ylabel(label)
+        style.tidy(axis)
+        axis.set_xlim(0.0, dt * max(1, y.size - 1))
+    bottom.set_xlabel("time [s]")
+    return np.array([top, middle, bottom], dtype=object)
+
+
+def draw_transients(
+    result: Result,
+    dt: float,
+    *,
+    truth: Sequence[float] | None = None,
+    axes: Any = None,
+    input_label: str = "input",
+    output_label: str = "output",
+) -> Any:
+    """Draw each parameter's estimate over time, its band of +-2 sigma, and the true value where it is known.
+
+    Parameters
+    ----------
+    result : Result
+        Of an online run.
+    dt : float
+        Sampling time in s.
+    truth : (P,) sequence, optional
+        True parameters.
+    axes : P matplotlib axes, optional
+        Drawn into; without them a figure is made.
+
+    Returns
+    -------
+    array of P axes
+    """
+    history, count = result.history, result.structure.size
+    if axes is None:
+        columns = 2 if count > 1 else 1
+        rows = -(-count // columns)
+        grid = style.new_axes(rows, columns, (9, 1.3 + 1.9 * rows), sharex=True)
+        for axis in grid.flat[count:]:
+            axis.set_axis_off()
+        for axis in grid.flat[:count][-columns:]:
+            axis.tick_params(labelbottom=True)
+        axes = grid.flat[:count]
+    axes = style.given(axes, count)
+    for i, (axis, label) in enumerate(
+        zip(axes, style.symbols(result.structure, style.plant_input(result, input_label), output_label), strict=True)
+    ):
+        axis.set_title(label, loc="left", color=style.INK, fontsize="medium")
+        style.tidy(axis)
+        if history is None or not history.samples.size:
+            style.say(axis, "no history")
+            continue
+        values, std = history.parameters[:, i], None if history.std is None else history.std[:, i]
+        _transient(
+            axis, np.asarray(history.samples * dt, np.float64), values, std, None if truth is None else float(truth[i])
+        )
+    _label_time(axes)
+    if axes[0].get_legend_handles_labels()[0]:
+        style.legend(axes[0], 3)
+    return np.array(axes, dtype=object)
+
+
+def _label_time(axes: list[Any]) -> None:
+    """Name the time below every axis that has none beneath it."""
+    for axis in axes:
+        place = axis.get_subplotspec()
+        if place is None or place.is_last_row() or axis is axes[-1]:
+            axis.set_xlabel("time [s]")
+
+
+def _transient(axis: Any, t: FloatArray, values: FloatArray, std: FloatArray | None, true: float | None) -> None:
+    axis.set_xlim(0.0, float(t[-1]))
+    if abs(float(values[-1])) > style.FARTHEST:
+        style.say(axis, "beyond every scale")
+        return
+    step = float(t[1] - t[0]) if t.size > 1 else 0.0
+    drawn = thin(values, style.SHOWN_SMALL)
+    if std is not None and np.isfinite(std).any():
+        low, high = (thin(values + sign * style.SIGMAS * std, style.SHOWN_SMALL // 2) for sign in (-1.0, 1.0))
+        look: Any = {"color": style.MODEL, "alpha": 0.22, "lw": 0, "label": "± 2σ"}
+        axis.fill_between(t[0] + low.times(step), low.values, high.values, **look)
+    axis.plot(t[0] + drawn.times(step), drawn.values, color=style.MODEL, lw=1.4, label="estimate")
+    if true is not None:
+        axis.axhline(true, color=style.TRUTH, lw=1.1, ls=(0, (5, 3)), label="true")
+    axis.set_ylim(*style.settled_limits(values, style.near_the_end(values, std, true)))
+
+
+def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None) -> Any:
+    """Draw how well each window of the record tells the parameters apart.
+
+    What cannot be told from none is drawn at the edge: an eigenvalue below 1e-12, a condition number above 1e10.
+
+    Parameters
+    ----------
+    found : Excitation or None
+        From `replant.report.diagnostics.excitation`.
+    dt : float
+        Sampling time in s.
+    axes : two matplotlib axes, optional
+        For the smallest eigenvalue of the scaled information matrix, and for the condition number.
+
+    Returns
+    -------
+    array of two axes
+    """
+    if axes is None:
+        axes = style.new_axes(2, 1, (9, 4.2), sharex=True)
+    top, bottom = style.given(axes, 2)
+    top.set_ylabel("smallest eigenvalue")
+    bottom.set_ylabel("condition number")
+    bottom.set_xlabel("time [s]")
+    for axis in (top, bottom):
+        style.tidy(axis)
+        if found is None:
+            style.say(axis, "no regressors to judge")
+    if found is None:
+        return np.array([top, bottom], dtype=object)
+    t = np.asarray(found.samples * dt, np.float64)
+    _decades(top, t, np.clip(found.smallest, style.NO_EXCITATION, None), style.INPUT)
+    _decades(bottom, t, np.clip(found.condition, None, style.NO_CONDITION), style.RESIDUAL)
+    if found.condition.max() > WORST_CONDITION / 100:
+        bottom.axhline(WORST_CONDITION, color=style.MODEL, lw=1.1, ls=(0, (5, 3)), label="too poor to identify from")
+        style.legend(bottom, 1)
+    return np.array([top, bottom], dtype=object)
+
+
+def _decades(axis: Any, t: FloatArray, values: FloatArray, colour: str) -> None:
+    axis.semilogy(t, values, color=colour, lw=1.4, marker="o" if t.size == 1 else None)
+    low, high = np.floor(np.log10(values.min()) - 0.05), np.ceil(np.log10(values.max()) + 0.05)
+    axis.set_ylim(10.0**low, 10.0**high)
+    axis.set_xlim(0.0, float(t[-1]))
+    style.logarithmic(axis.yaxis)
+
+
+def _curve(axis: Any, signal: FloatArray, dt: float, **look: Any) -> None:
+    drawn = thin(signal, style.SHOWN)
+    axis.plot(drawn.times(dt), drawn.values, **look)
+
+
+def _difference(y: FloatArray, model: FloatArray) -> FloatArray:
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(y - model)

@@ -1,0 +1,84 @@
+"""What a reader must know first: the verdict in words, and whatever else speaks against the model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from replant.report.numbers import complex_number, number
+from replant.runs import Result
+
+GOOD, WARN, BAD = "good", "warn", "bad"
+FEW_SAMPLES = 10  # a parameter
+MANY_REJECTED = 0.01  # part of the record
+
+# status: gravity, headline, what it means
+_VERDICTS = {
+    "trusted": (GOOD, "Trusted", "Run from the input alone, the model follows the measured output."),
+    "converging": (WARN, "Still converging", "The estimate had not come to rest when the record ended."),
+    "not excited": (BAD, "Not excited", "The record does not tell the parameters apart: do not use this model."),
+    "inconsistent": (BAD, "Inconsistent", "The model does not explain the record: do not use it as it is."),
+    "diverged": (BAD, "Diverged", "What is shown is the last finite estimate: do not use it."),
+}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One piece of news.
+
+    Attributes
+    ----------
+    gravity : {"good", "warn", "bad"}
+    headline : str
+        In a word or two.
+    text : str
+        In whole sentences.
+    """
+
+    gravity: str
+    headline: str
+    text: str
+
+
+def findings(result: Result, total: int) -> list[Finding]:
+    """Return what is to be said of ``result`` from a record of ``total`` samples, the bad news first."""
+    found = [*_of_verdict(result), *_of_samples(result, total), *_of_model(result)]
+    return sorted(found, key=lambda finding: (BAD, WARN, GOOD).index(finding.gravity))
+
+
+def _of_verdict(result: Result) -> list[Finding]:
+    status, reasons = result.verdict.status, result.verdict.reasons
+    gravity, headline, meaning = _VERDICTS.get(status, (WARN, status.capitalize(), ""))
+    if result.samples == 0:
+        why = "Every sample was rejected" if any(result.rejected.values()) else "The record is empty"
+        return [Finding(BAD, "No sample used", f"{why}: nothing here tells of the plant.")]
+    if gravity != BAD and result.samples < FEW_SAMPLES * result.structure.size:
+        return []  # of a handful of samples no verdict means a thing
+    return [Finding(gravity, headline, " ".join([meaning, *map(_sentence, reasons)]).strip())]
+
+
+def _of_samples(result: Result, total: int) -> list[Finding]:
+    found = []
+    size, rejected = result.structure.size, sum(result.rejected.values())
+    if 0 < result.samples < FEW_SAMPLES * size:
+        count = f"{result.samples} sample{'s' if result.samples > 1 else ''}"
+        text = f"{count} cannot settle {size} parameters: record at least {FEW_SAMPLES * size}."
+        found.append(Finding(BAD, "Too short", text))
+    if rejected > MANY_REJECTED * max(total, 1):
+        reasons = ", ".join(f"{count:,} {reason}" for reason, count in result.rejected.items() if count)
+        share = number(100.0 * rejected / total, 3)
+        found.append(Finding(WARN, "Rejected samples", f"{share} % of the record could not be used: {reasons}."))
+    return found
+
+
+def _of_model(result: Result) -> list[Finding]:
+    unstable = [pole for pole in result.transfer_function.poles.tolist() if pole.real > 0 and pole.imag >= 0]
+    if not unstable or result.samples == 0:
+        return []
+    poles = ", ".join(complex_number(pole) for pole in unstable)
+    text = f"The model has {'a pole' if len(unstable) == 1 else 'poles'} in the right half-plane: {poles} rad/s."
+    return [Finding(WARN, "Unstable", text)]
+
+
+def _sentence(reason: str) -> str:
+    """Return a verdict's reason as a sentence."""
+    return reason[:1].upper() + reason[1:].rstrip(".") + "."

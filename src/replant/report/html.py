@@ -1,0 +1,225 @@
+"""The report: one HTML file that holds everything, opens without a network, zooms and prints."""
+
+from __future__ import annotations
+
+import html
+import importlib.util
+import json
+from collections.abc import Sequence
+from datetime import datetime
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from replant.errors import MissingDependencyError
+from replant.filters import StateVariableFilter
+from replant.logs import Log
+from replant.preprocess import Preprocess
+from replant.report import pictures, recipe, tables, words
+from replant.report.figures import style
+from replant.report.findings import BAD, Finding, findings
+from replant.report.material import Material
+from replant.report.numbers import mathml, number, percent, uncertain
+from replant.report.series import charts
+from replant.runs import Result
+
+_ICONS = {  # told apart by shape as well as by colour
+    "good": '<circle cx="12" cy="12" r="11"/><path class="mark" d="M6.5 12.5l3.7 3.7 7.3-8"/>',
+    "warn": '<path d="M12 1.5L23.5 22H.5z"/><path class="mark" d="M12 9v6M12 18v.6"/>',
+    "bad": '<path d="M7.4 1h9.2L23 7.4v9.2L16.6 23H7.4L1 16.6V7.4z"/><path class="mark" d="M8 8l8 8M16 8l-8 8"/>',
+}
+
+
+def write_report(
+    path: Path,
+    result: Result,
+    log: Log,
+    *,
+    filter: StateVariableFilter | None = None,  # noqa: A002 - the field's word
+    preprocess: Preprocess | None = None,
+    truth: Sequence[float] | None = None,
+    command: str = "",
+    python: str = "",
+    title: str = "",
+) -> Path:
+    """Write everything needed to trust or distrust ``result`` into one HTML file, and return its path.
+
+    Parameters
+    ----------
+    path : Path
+        The file to write; its folder is made where it is missing.
+    result : Result
+    log : Log
+        The record that the result came from; ``log.path`` need not exist, of a simulated record.
+    filter, preprocess : optional
+        Of an offline fit; those of an online run are in its settings.
+    truth : (P,) sequence, optional
+        True parameters, of a simulated plant.
+    command, python : str
+        A command line and a Python program that repeat the result; the latter is written from the settings of an
+        online run where it is empty.
+    title : str
+        By default the file's name.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib or uplot-python, which the extra ``report`` brings.
+    """
+    settings = result.settings
+    if settings is not None:
+        filter, preprocess = filter or settings.filter, preprocess or settings.preprocess  # noqa: A001
+        python = python or recipe.run_as_python(result, log)
+    material = Material(result, log, filter, preprocess or Preprocess(), truth)
+    fields = _fields(material, title or log.path.name or "Simulated record", command, python)
+    page = Template(_asset("report.html")).substitute(fields)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+def _fields(material: Material, title: str, command: str, python: str) -> dict[str, str]:
+    found = findings(material.result, len(material.log))
+    script, style_sheet = _uplot()
+    plots = charts(material)
+    return {
+        "title": html.escape(title),
+        "heading": html.escape(title).replace("_", "_<wbr>"),
+        "lede": html.escape(_lede(material)),
+        "date": datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"),
+        "verdict": _verdict(found),
+        "model_note": '<p class="note">Not to be used: see above.</p>' if found[0].gravity == BAD else "",
+        "math": mathml(material.result.transfer_function),
+        "figures": _figures(material),
+        **_sections(material, plots),
+        "coefficients": tables.coefficients(material),
+        "pole_table": tables.poles(material),
+        "reproduce": _reproduce(command, python),
+        "origin": tables.origin(material),
+        "uplot_css": style_sheet,
+        "css": _asset("report.css"),
+        "uplot_js": script,
+        "js": _asset("report.js"),
+        "data": json.dumps(plots).replace("<", "\\u003c"),
+    }
+
+
+def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dict[str, str]:
+    """Return the figures, each with the words that stand for it."""
+    with pictures.look():
+        fit = _figure(words.of_fit(material), pictures.fit_picture(material), plots["fit"])
+        transients = ""
+        history = material.result.history
+        if history is not None and history.samples.size:
+            said, drawn = words.of_transients(material), pictures.transient_pictures(material)
+            transients = f"<h3>Parameters</h3>{_figure(said, ''.join(drawn), plots['parameters'])}"
+        said = words.of_excitation(material)
+        excitation = f"<h3>Excitation</h3>{_figure(said, pictures.excitation_picture(material), plots['excitation'])}"
+        auto, cross = pictures.correlation_pictures(material)
+        return {
+            "fit": fit,
+            "transients": transients,
+            "excitation": excitation,
+            "poles": _figure(words.of_poles(material), pictures.poles_picture(material)),
+            "bode": _figure(words.of_bode(material), pictures.bode_picture(material)),
+            "auto": _figure(words.of_auto(material), auto),
+            "cross": _figure(words.of_cross(material), cross),
+        }
+
+
+def _figure(said: str, picture: str, plots: Sequence[dict[str, Any]] = ()) -> str:
+    """Return a figure: pictures that stand still and, where there are plots, room for those that zoom."""
+    drawn = picture.replace("<svg", f'<svg role="img" aria-label="{html.escape(said)}"')
+    rooms = "".join(_room(plot) for plot in plots)
+    live = f'<div class="live count-{min(len(plots), 4)}">{rooms}</div>' if plots else ""
+    kind = ' class="both"' if plots else ""
+    return f'<figure{kind}>{live}<div class="still">{drawn}</div><figcaption>{html.escape(said)}</figcaption></figure>'
+
+
+def _room(plot: dict[str, Any]) -> str:
+    name, label = html.escape(plot["name"]), html.escape(plot["label"])
+    nothing = '<p class="nothing">no finite values</p>' if plot["empty"] else ""
+    keys = "Arrow keys move, plus and minus zoom, Escape shows everything."
+    return (
+        f'<div class="chart"><div class="head"><span class="name">{label}</span><span class="legend"></span></div>'
+        f'<div class="plot" id="{name}" tabindex="0" role="group" aria-label="{label} over time. {keys}" '
+        f'style="height:{plot["height"]}px">{nothing}</div></div>'
+    )
+
+
+def _lede(material: Material) -> str:
+    result, log = material.result, material.log
+    how = "fitted to the whole record"
+    if result.settings is not None:
+        how = f"identified online by {type(result.settings.optimizer).__name__}"
+    return (
+        f"{log.input_name} → {log.output_name}, {how}; {len(log):,} samples, "
+        f"{number(len(log) * log.dt, 4)} s at {number(log.dt, 6)} s"
+    )
+
+
+def _verdict(found: Sequence[Finding]) -> str:
+    first, *others = found
+    more = "".join(
+        f'<li class="{other.gravity}">{_icon(other.gravity)}<span><b>{html.escape(other.headline)}.</b> '
+        f"{html.escape(other.text)}</span></li>"
+        for other in others
+    )
+    return (
+        f'<section class="verdict {first.gravity}" aria-label="Verdict">{_icon(first.gravity)}<div>'
+        f"<h2>{html.escape(first.headline)}</h2><p>{html.escape(first.text)}</p>"
+        + (f"<ul>{more}</ul>" if more else "")
+        + "</div></section>"
+    )
+
+
+def _icon(gravity: str) -> str:
+    return f'<svg class="icon {gravity}" viewBox="0 0 24 24" aria-hidden="true">{_ICONS[gravity]}</svg>'
+
+
+def _figures(material: Material) -> str:
+    """Return the numbers that come first."""
+    result, known = material.result, tables.known_uncertainty(material.result)
+    unit = style.gain_unit(material.plant_label, material.output_label)
+    gain = uncertain(result.transfer_function.dc_gain, None if known is None else known.dc_gain_std)
+    entries = [
+        (percent(result.simulation.fit), "fit, simulated from the input alone"),
+        (percent(result.one_step), "fit, one step ahead"),
+        (gain, f"gain at rest [{unit}]" if unit else "gain at rest"),
+        (f"{result.samples:,}", "samples used"),
+    ]
+    return "".join(f"<div><dd>{_in_small(text)}</dd><dt>{html.escape(name)}</dt></div>" for text, name in entries)
+
+
+def _in_small(text: str) -> str:
+    """Return a number with what follows its plus-minus sign in small print."""
+    value, sign, std = html.escape(text).partition(" ± ")
+    return f"{value} <small>± {std}</small>" if sign and "(" not in value else html.escape(text)
+
+
+def _reproduce(command: str, python: str) -> str:
+    parts = [("In a shell", "shell", command), ("In Python", "python", python)]
+    return "".join(
+        f'<h3>{name}</h3><pre class="{kind}" tabindex="0"><code>{html.escape(text)}</code></pre>'
+        for name, kind, text in parts
+        if text
+    )
+
+
+@cache
+def _asset(name: str) -> str:
+    return resources.files("replant.report").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+@cache
+def _uplot() -> tuple[str, str]:
+    """Return uPlot's script and style sheet from the installed package, which need not be imported for that."""
+    spec = importlib.util.find_spec("uplot")
+    for folder in (spec and spec.submodule_search_locations) or ():
+        static = Path(folder, "static")
+        if (static / "uPlot.iife.js").is_file():
+            script = (static / "uPlot.iife.js").read_text(encoding="utf-8").replace("</script", "<\\/script")
+            return script, (static / "uPlot.min.css").read_text(encoding="utf-8")
+    raise MissingDependencyError("the report needs uplot-python: pip install 'replant[report]'")

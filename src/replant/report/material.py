@@ -1,0 +1,104 @@
+"""Material: a result with its record, and what both reports and figures make of them, computed once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from replant.errors import ReplantError
+from replant.filters import StateVariableFilter
+from replant.logs import Log
+from replant.preprocess import Preprocess
+from replant.report.diagnostics import (
+    Correlations,
+    Excitation,
+    correlation_lags,
+    correlations,
+    excitation,
+    regressors_of,
+)
+from replant.report.figures import style
+from replant.runs import Result
+from replant.validation import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """What a report is made of.
+
+    Attributes
+    ----------
+    result : Result
+    log : Log
+    filter : StateVariableFilter or None
+        Behind the regressors; without it the excitation is not known.
+    preprocess : Preprocess
+    truth : (P,) sequence or None
+        True parameters, of a simulated plant.
+    """
+
+    result: Result
+    log: Log
+    filter: StateVariableFilter | None
+    preprocess: Preprocess
+    truth: Sequence[float] | None = None
+
+    @property
+    def u(self) -> FloatArray:
+        """Raw input (K,)."""
+        return self.log.input
+
+    @property
+    def y(self) -> FloatArray:
+        """Raw output (K,)."""
+        return self.log.output
+
+    @property
+    def dt(self) -> float:
+        """Sampling time in s."""
+        return self.log.dt
+
+    @property
+    def input_label(self) -> str:
+        """The input's name."""
+        return self.log.input_name
+
+    @property
+    def output_label(self) -> str:
+        """The output's name."""
+        return self.log.output_name
+
+    @property
+    def plant_label(self) -> str:
+        """The name of the input behind its map."""
+        return style.mapped_label(self.log.input_name, self.preprocess.input_map)
+
+    @property
+    def figure_label(self) -> str:
+        """The name of the input for figures, which look for the map in the settings of an online run."""
+        return self.input_label if self.result.settings is not None else self.plant_label
+
+    @cached_property
+    def residual(self) -> FloatArray:
+        """Measured less simulated output, (K,)."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(self.y - self.result.simulation.output)
+
+    @cached_property
+    def correlations(self) -> Correlations | None:
+        """Of the residual with itself and with the mapped input."""
+        lags = correlation_lags(self.result, self.y.size, self.dt)
+        return correlations(self.residual, self.preprocess.map_input(self.u), lags)
+
+    @cached_property
+    def excitation(self) -> Excitation | None:
+        """Of the regressors, along the record."""
+        if self.filter is None or not self.y.size:
+            return None
+        try:
+            return excitation(regressors_of(self.result, self.filter, self.preprocess, self.u, self.y, self.dt))
+        except ReplantError:  # a working point that no sample could settle
+            return None

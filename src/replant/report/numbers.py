@@ -1,0 +1,142 @@
+"""Numbers and formulas as a person writes them, in text and in MathML."""
+
+from __future__ import annotations
+
+import math
+
+from replant.transfer_function import TransferFunction
+from replant.validation import FloatArray
+
+MINUS, TIMES, PLUS_MINUS = "−", "×", "±"
+LINE = 42  # digits that a line of a polynomial may be wide
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def number(value: float, digits: int = 4) -> str:
+    """Return ``value`` with that many significant digits.
+
+    Examples
+    --------
+    >>> number(-0.5), number(123456.0), number(2.5e-7), number(float("nan"))
+    ('−0.5', '1.235×10⁵', '2.5×10⁻⁷', 'no figure')
+    """
+    if math.isnan(value):
+        return "no figure"
+    if math.isinf(value):
+        return "∞" if value > 0 else MINUS + "∞"
+    mantissa, exponent = _parts(value, digits)
+    sign = MINUS if value < 0 else ""
+    return sign + mantissa + (f"{TIMES}10{str(exponent).translate(_SUPERSCRIPT)}" if exponent else "")
+
+
+def uncertain(value: float, std: float | None, digits: int = 4) -> str:
+    """Return value and standard deviation, the latter with two digits and the value to the same place.
+
+    Examples
+    --------
+    >>> uncertain(2.05821, 0.0123), uncertain(35812.0, 120.0), uncertain(1.0, None)
+    ('2.058 ± 0.012', '35810 ± 120', '1')
+    """
+    if not std or not (math.isfinite(value) and math.isfinite(std)):  # a std of 0: a real pole's damping is just 1
+        return number(value, digits)
+    largest = max(abs(value), std)
+    power = math.floor(math.log10(largest))
+    shift = power if not -3 <= power < 6 else 0
+    place = 1 - math.floor(math.log10(std)) + shift
+    scaled, spread = (f"{round(x / 10.0**shift, place):.{max(place, 0)}f}" for x in (abs(value), std))
+    sign = MINUS if value < 0 else ""
+    if not shift:
+        return f"{sign}{scaled} {PLUS_MINUS} {spread}"
+    return f"{sign}({scaled} {PLUS_MINUS} {spread}){TIMES}10{str(shift).translate(_SUPERSCRIPT)}"
+
+
+def percent(value: float) -> str:
+    """Return a fit in percent.
+
+    Examples
+    --------
+    >>> percent(97.94), percent(-250.04), percent(float("-inf"))
+    ('97.9 %', '−250 %', 'no figure')
+    """
+    if not math.isfinite(value):
+        return "no figure"
+    return (f"{value:.1f}" if abs(value) < 100 else f"{value:.4g}").replace("-", MINUS) + " %"
+
+
+def complex_number(value: complex, digits: int = 4) -> str:
+    """Return a root; of a conjugate pair, given with positive imaginary part, both.
+
+    Examples
+    --------
+    >>> complex_number(-2 + 0j), complex_number(-1.5 + 76.7j)
+    ('−2', '−1.5 ± 76.7i')
+    """
+    real = number(value.real, digits)
+    return f"{real} {PLUS_MINUS} {number(abs(value.imag), digits)}i" if value.imag else real
+
+
+def mathml(model: TransferFunction) -> str:
+    """Return G(s) as MathML, long polynomials in several lines."""
+    dead_time = ""
+    if model.delay:
+        dead_time = f"<msup><mi>e</mi><mrow><mo>{MINUS}</mo>{_math_number(model.delay)}<mi>s</mi></mrow></msup>"
+    lines = [*_lines(model.num), *_lines(model.den)]
+    longest = max(map(_width, lines)) + 7 + (7 if model.delay else 0)
+    name = '<mi>G</mi><mo stretchy="false">(</mo><mi>s</mi><mo stretchy="false">)</mo><mo>=</mo>'
+    fraction = f"<mfrac>{_polynomial(model.num)}{_polynomial(model.den)}</mfrac>"
+    opening = f'<math display="block" style="--longest:{longest}" alttext="G(s) = {model}">'
+    return f"{opening}<mrow>{name}{fraction}{dead_time}</mrow></math>"
+
+
+def _parts(value: float, digits: int) -> tuple[str, int]:
+    """Return the digits of abs(value) and a power of ten, 0 where none is needed."""
+    text = f"{abs(value):.{digits}g}"
+    if "e" not in text:
+        return text, 0
+    mantissa, _, exponent = f"{abs(value):.{digits - 1}e}".partition("e")
+    return mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa, int(exponent)
+
+
+def _math_number(value: float) -> str:
+    mantissa, exponent = _parts(value, 4)
+    if not exponent:
+        return f"<mn>{mantissa}</mn>"
+    power = f"<mn>{exponent}</mn>" if exponent > 0 else f"<mrow><mo>{MINUS}</mo><mn>{-exponent}</mn></mrow>"
+    return f"<mn>{mantissa}</mn><mo>{TIMES}</mo><msup><mn>10</mn>{power}</msup>"
+
+
+def _polynomial(coefficients: FloatArray) -> str:
+    """Return a polynomial in s, broken into lines of about ``LINE`` digits."""
+    lines = [f"<mrow>{''.join(term for term, _ in line)}</mrow>" for line in _lines(coefficients)]
+    if len(lines) == 1:
+        return lines[0]
+    return "<mtable>" + "".join(f"<mtr><mtd>{line}</mtd></mtr>" for line in lines) + "</mtable>"
+
+
+def _lines(coefficients: FloatArray) -> list[list[tuple[str, int]]]:
+    """Return the terms of a polynomial line by line, each with its width in digits."""
+    order = coefficients.size - 1
+    lines: list[list[tuple[str, int]]] = [[]]
+    for i, value in enumerate(coefficients.tolist()):
+        if value == 0.0:
+            continue
+        term = _term(value, order - i, first=lines == [[]])
+        if lines[-1] and _width(lines[-1]) + term[1] > LINE:
+            lines.append([])
+        lines[-1].append(term)
+    return lines if lines[0] else [[("<mn>0</mn>", 1)]]
+
+
+def _width(line: list[tuple[str, int]]) -> int:
+    return sum(width for _, width in line)
+
+
+def _term(value: float, power: int, *, first: bool) -> tuple[str, int]:
+    """Return a term with its sign, and its width in digits."""
+    sign = f"<mo>{MINUS}</mo>" if value < 0 else "" if first else "<mo>+</mo>"
+    symbol = "" if power == 0 else "<mi>s</mi>" if power == 1 else f"<msup><mi>s</mi><mn>{power}</mn></msup>"
+    factor = "" if symbol and f"{abs(value):.4g}" == "1" else _math_number(value)
+    space = '<mspace width="0.15em"></mspace>' if factor and symbol else ""
+    mantissa, exponent = _parts(value, 4)
+    width = 4 + (len(mantissa) if factor else 0) + (4 if exponent else 0)
+    return sign + factor + space + symbol, width

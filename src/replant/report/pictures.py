@@ -1,0 +1,116 @@
+"""Static figures for a page: SVG whose text is text and whose colours follow the page's, light or dark."""
+
+from __future__ import annotations
+
+import html
+import io
+import re
+from typing import Any
+
+from replant.report.figures import draw_bode, draw_correlations, draw_excitation, draw_fit, draw_poles_and_zeros, style
+from replant.report.figures.time import draw_transients
+from replant.report.material import Material
+from replant.report.style import blank_figure
+
+HALF, WHOLE = 4.5, 7.4  # inches: half and whole width of the page
+MOST_TRANSIENTS = 6  # a picture, so that each fits on a sheet of paper
+
+# what the page's style sheet calls the figures' colours
+_VARIABLES = {
+    style.MEASURED: "measured",
+    style.MODEL: "model",
+    style.RESIDUAL: "residual",
+    style.INPUT: "input",
+    style.TRUTH: "truth",
+    style.INK: "ink",
+    style.MUTED: "muted",
+    style.GRID: "grid",
+}
+_SETTINGS: Any = {"svg.fonttype": "none", "font.size": 10.0, "axes.titlesize": 10.0, "legend.fontsize": 9.5}
+
+
+def look() -> Any:
+    """Return a context within which the pictures below are to be made."""
+    import matplotlib as mpl
+
+    return mpl.rc_context(_SETTINGS)
+
+
+def fit_picture(material: Material) -> str:
+    """Return input, output and residual over time."""
+    axes = blank_figure(WHOLE, 4.7).subplots(3, 1, sharex=True, height_ratios=(1, 2.2, 1))
+    labels = {"input_label": material.input_label, "output_label": material.output_label}
+    draw_fit(material.result, material.u, material.y, material.dt, axes=axes, **labels)
+    return svg(axes[0].figure, "fit")
+
+
+def transient_pictures(material: Material) -> list[str]:
+    """Return the parameters over time, a few in each picture."""
+    count = material.result.structure.size
+    labels = {"input_label": material.figure_label, "output_label": material.output_label}
+    pictures = []
+    for first in range(0, count, MOST_TRANSIENTS):
+        shown = min(MOST_TRANSIENTS, count - first)
+        rows = -(-shown // 2)
+        grid = blank_figure(WHOLE, 0.5 + 1.6 * rows).subplots(rows, 2, squeeze=False)
+        spare = blank_figure(1, 1).subplots(count, 1, squeeze=False).ravel()
+        axes = [*spare[:first], *grid.flat[:shown], *spare[first + shown :]]
+        draw_transients(material.result, material.dt, truth=material.truth, axes=axes, **labels)
+        for axis in grid.flat[shown:]:
+            axis.set_axis_off()
+        pictures.append(svg(grid[0, 0].figure, f"parameters{first}"))
+    return pictures
+
+
+def excitation_picture(material: Material) -> str:
+    """Return smallest eigenvalue and condition number over time."""
+    axes = blank_figure(WHOLE, 3.4).subplots(2, 1, sharex=True)
+    draw_excitation(material.excitation, material.dt, axes=axes)
+    return svg(axes[0].figure, "excitation")
+
+
+def poles_picture(material: Material) -> str:
+    """Return poles and zeros."""
+    axis = blank_figure(HALF, 4.2).subplots()
+    draw_poles_and_zeros(material.result, ax=axis)
+    return svg(axis.figure, "poles")
+
+
+def bode_picture(material: Material) -> str:
+    """Return the Bode diagram."""
+    axes = blank_figure(HALF, 4.2).subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    labels = {"input_label": material.figure_label, "output_label": material.output_label}
+    draw_bode(material.result, material.dt, axes=axes, **labels)
+    return svg(axes[0].figure, "bode")
+
+
+def correlation_pictures(material: Material) -> tuple[str, str]:
+    """Return the residual's autocorrelation, and its cross-correlation with the input."""
+    left, right = (blank_figure(HALF, 2.9).subplots() for _ in range(2))
+    draw_correlations(material.correlations, material.dt, axes=(left, right))
+    return svg(left.figure, "auto"), svg(right.figure, "cross")
+
+
+def svg(figure: Any, name: str) -> str:
+    """Return a figure as an ``svg`` element; ``name`` keeps its ids apart from other figures'."""
+    import matplotlib as mpl
+
+    buffer = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": name}):
+        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
+    text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
+    text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = re.sub(r'(href="#|url\(#)', rf"\1{name}-", text)
+    text = re.sub(r'(?<= d=")[^"]*', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), text)
+    for colour, variable in _VARIABLES.items():
+        text = re.sub(rf"{colour}\b", f"var(--{variable})", text, flags=re.IGNORECASE)
+    return text
+
+
+def described(picture: str, words: str) -> str:
+    """Return an ``svg`` element as an image with a text that stands for it."""
+    return picture.replace("<svg", f'<svg role="img" aria-label="{html.escape(words)}"', 1)

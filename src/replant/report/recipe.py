@@ -1,0 +1,82 @@
+"""How to get the same model again: the Python, and the command line, that repeat a run."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from replant.filters import StateVariableFilter
+from replant.logs import Log
+from replant.preprocess import Preprocess
+from replant.runs import Result
+from replant.settings import Settings
+from replant.structure import Structure
+
+
+def identifier_as_python(settings: Settings) -> str:
+    """Return the Python that makes the same identifier."""
+    parts = [
+        f"    rp.{settings.structure!r}, dt={settings.dt!r},",
+        f"    filter=rp.{_call(settings.filter)},",
+        f"    scaling=rp.{_call(settings.scaling)},",
+        f"    optimizer=rp.{_call(settings.optimizer)},",
+        f"    replay={'rp.' + _call(settings.replay) if settings.replay else None},",
+        *([] if settings.normalize else ["    normalize=False,"]),
+        f"    preprocess=rp.{_call(settings.preprocess)},",
+    ]
+    return "\n".join(["ident = rp.Identifier(", *parts, ")"])
+
+
+def run_as_python(result: Result, log: Log) -> str:
+    """Return the Python that repeats an online run over ``log``."""
+    assert result.settings is not None
+    lines = [
+        identifier_as_python(result.settings),
+        f"trace = ident.update_many({_signals(log)})",
+        "print(ident.transfer_function)",
+    ]
+    return "\n".join([_open(log), *lines])
+
+
+def fit_as_python(structure: Structure, state_filter: StateVariableFilter, preprocess: Preprocess, log: Log) -> str:
+    """Return the Python that repeats an offline fit of ``log``."""
+    lines = [
+        "fitted = rp.fit(",
+        f"    {_signals(log)}, dt={log.dt!r}, structure=rp.{structure!r},",
+        f"    filter=rp.{_call(state_filter)},",
+        f"    preprocess=rp.{_call(preprocess)},",
+        ")",
+        "print(fitted.transfer_function)",
+    ]
+    return "\n".join([_open(log), *lines])
+
+
+def _signals(log: Log) -> str:
+    return "log.input, log.output" if log.path.name else "u, y"
+
+
+def _open(log: Log) -> str:
+    if not log.path.name:
+        return "import replant as rp\n\n# u, y: the record, two arrays"
+    sampling = "" if log.time is not None else f", dt={log.dt!r}"
+    names = f"input={log.input_name!r}, output={log.output_name!r}"
+    return f"import replant as rp\n\nlog = rp.read_log({str(log.path)!r}, {names}{sampling})"
+
+
+def _call(value: Any) -> str:
+    """Write a frozen dataclass as the call that makes it, defaults left out."""
+    given = [
+        f"{field.name}={_argument(getattr(value, field.name))}"
+        for field in dataclasses.fields(value)
+        if getattr(value, field.name) != field.default
+    ]
+    return f"{type(value).__name__}({', '.join(given)})"
+
+
+def _argument(value: Any) -> str:
+    """Write numbers with the digits that matter, so that a line can be read."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_argument(entry) for entry in value) + "]"
+    return getattr(value, "__name__", "") or repr(value) if callable(value) else repr(value)

@@ -1,0 +1,149 @@
+"""The time plots as data for the script of the report: thinned, packed as base64 of float32."""
+
+from __future__ import annotations
+
+import base64
+import math
+from typing import Any
+
+import numpy as np
+
+from replant.report import words
+from replant.report.diagnostics import Excitation
+from replant.report.downsample import thin
+from replant.report.figures import style
+from replant.report.material import Material
+from replant.validation import FloatArray
+
+POINTS = 36_000  # of each signal at most: a screen is 2,000 columns wide, so nine-fold zoom loses nothing
+PARAMETER_POINTS = 120_000  # of all transients together
+LARGEST = 3e38  # what float32 holds
+
+
+def charts(material: Material) -> dict[str, list[dict[str, Any]]]:
+    """Return the time plots of a report by section: "fit", "parameters", "excitation"."""
+    return {
+        "fit": _fit_charts(material),
+        "parameters": _parameter_charts(material),
+        "excitation": _excitation_charts(material.excitation, material.dt),
+    }
+
+
+def _fit_charts(material: Material) -> list[dict[str, Any]]:
+    model, dt, unit = material.result.simulation.output, material.dt, style.unit_of(material.output_label)
+    hold = "line" if material.filter is not None and material.filter.input_hold == "foh" else "step"
+    charts = [
+        _chart(
+            "input", material.input_label, 130, dt, [_curve(material.u, "input", "input", hold)],
+            style.output_limits(material.u),
+        ),
+        _chart(
+            "output", material.output_label, 280, dt,
+            [_curve(material.y, "measured", "measured"), _curve(model, "model", "model, from the input alone")],
+            style.output_limits(material.y, model),
+        ),
+    ]  # fmt: skip
+    name = f"residual [{unit}]" if unit else "residual"
+    residual = material.residual
+    limits = style.residual_limits(residual, material.y)
+    charts.append(_chart("residual", name, 140, dt, [_curve(residual, "residual", "measured − model")], limits))
+    return charts
+
+
+def _parameter_charts(material: Material) -> list[dict[str, Any]]:
+    history, structure = material.result.history, material.result.structure
+    if history is None or not history.samples.size or words.beyond_scale(material):
+        return []
+    labels = style.symbols(structure, material.plant_label, material.output_label)
+    first, stride = float(history.samples[0]), _stride(history.samples)
+    points = max(200, PARAMETER_POINTS // (structure.size * (1 if history.std is None else 2)))
+    charts = []
+    for i, (name, label) in enumerate(zip(structure.names, labels, strict=True)):
+        true = None if material.truth is None else float(material.truth[i])
+        values, std = history.parameters[:, i], None if history.std is None else history.std[:, i]
+        curves = [_curve(values, "model", "estimate", points=points)]
+        if std is not None and np.isfinite(std).any():
+            curves.append(_curve(std, "model", "± 2σ", "band", points=points))
+        if true is not None and math.isfinite(true):
+            curves.append({"label": "true", "role": "truth", "kind": "constant", "value": true})
+        limits = style.settled_limits(values, style.near_the_end(values, std, true))
+        charts.append(
+            _chart(f"parameter-{name}", label, 170, material.dt * stride, curves, limits, first * material.dt)
+        )
+    for chart in charts[1:]:
+        chart["quiet"] = True  # one legend serves all
+    return charts
+
+
+def _excitation_charts(found: Excitation | None, dt: float) -> list[dict[str, Any]]:
+    if found is None or found.samples.size < 2:
+        return []
+    smallest = np.log10(np.clip(found.smallest, style.NO_EXCITATION, None))
+    condition = np.log10(np.clip(found.condition, None, style.NO_CONDITION))
+    first, stride = float(found.samples[0]) * dt, _stride(found.samples) * dt
+    eigenvalue = [_curve(smallest, "input", "1 at best", "decades")]
+    number = [_curve(condition, "residual", "1 at best", "decades")]
+    return [
+        _chart("eigenvalue", "smallest eigenvalue", 140, stride, eigenvalue, _decades(smallest), first),
+        _chart("condition", "condition number", 140, stride, number, _decades(condition), first),
+    ]
+
+
+def _chart(
+    name: str,
+    label: str,
+    height: int,
+    step: float,
+    curves: list[dict[str, Any]],
+    limits: tuple[float, float] | None = None,
+    start: float = 0.0,
+) -> dict[str, Any]:
+    """Return one chart: points of its curves are ``step`` s apart, before thinning."""
+    thinned = next(curve for curve in curves if "data" in curve)
+    return {
+        "name": name,
+        "label": label,
+        "height": height,
+        "start": start + step * thinned["first"],
+        "step": step * thinned["every"],
+        "count": thinned["count"],
+        "empty": not any(curve.get("finite", True) for curve in curves),
+        "curves": curves,
+        "limits": limits if limits and all(map(math.isfinite, limits)) else None,
+    }
+
+
+def _curve(signal: FloatArray, role: str, label: str, kind: str = "line", points: int = POINTS) -> dict[str, Any]:
+    drawn = thin(signal, points)
+    data, offset = packed(drawn.values)
+    return {
+        "label": label, "role": role, "kind": kind, "data": data, "offset": offset,
+        "first": drawn.first, "every": drawn.step, "count": drawn.values.size,
+        "finite": bool(np.isfinite(drawn.values).any()),
+    }  # fmt: skip
+
+
+def packed(values: FloatArray) -> tuple[str, float]:
+    """Return values (V,) as base64 of little-endian float32, and the offset that was taken off to keep their digits.
+
+    Examples
+    --------
+    >>> text, offset = packed(np.array([101325.25, 101325.5]))
+    >>> (np.frombuffer(base64.b64decode(text), "<f4") + offset).tolist()
+    [101325.25, 101325.5]
+    """
+    finite = values[np.isfinite(values)]
+    offset = float(0.5 * finite.min() + 0.5 * finite.max()) if finite.size else 0.0
+    if not abs(offset) < LARGEST:
+        offset = 0.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        moved = np.clip(values - offset, -LARGEST, LARGEST)
+    return base64.b64encode(moved.astype("<f4").tobytes()).decode("ascii"), offset
+
+
+def _stride(samples: Any) -> float:
+    return float(samples[1] - samples[0]) if samples.size > 1 else 1.0
+
+
+def _decades(logarithms: FloatArray) -> tuple[float, float]:
+    return math.floor(float(logarithms.min()) - 0.05), math.ceil(float(logarithms.max()) + 0.05)

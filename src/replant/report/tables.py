@@ -1,0 +1,129 @@
+"""The tables of the report: coefficients, poles and zeros, and where the record came from."""
+
+from __future__ import annotations
+
+import hashlib
+import html
+import math
+import platform
+from collections.abc import Iterable, Sequence
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from replant import __version__
+from replant.report.figures import style
+from replant.report.figures.poles import regions
+from replant.report.material import Material
+from replant.report.numbers import complex_number, number, uncertain
+from replant.runs import Result
+from replant.uncertainty import Uncertainty
+
+UNCERTAIN = "Estimate ± standard deviation."
+NO_STD = "This estimator gives no standard deviations."
+PACKAGES = ("numpy", "scipy", "numba", "matplotlib")
+
+
+def table(headings: Sequence[str], rows: Iterable[Sequence[str]], name: str) -> str:
+    """Return a table with its first column as row headings; cells are escaped."""
+    head = "".join(f'<th scope="col">{html.escape(heading)}</th>' for heading in headings)
+    body = "".join(
+        f'<tr><th scope="row">{html.escape(first)}</th>'
+        + "".join(f"<td>{html.escape(cell)}</td>" for cell in rest)
+        + "</tr>"
+        for first, *rest in rows
+    )
+    inner = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return f'<div class="table" role="region" tabindex="0" aria-label="{html.escape(name)}">{inner}</div>'
+
+
+def known_uncertainty(result: Result) -> Uncertainty | None:
+    """Return the uncertainty of a result that has a usable covariance."""
+    if result.covariance is None or not np.isfinite(result.covariance).all():
+        return None
+    return Uncertainty(result.structure, result.parameters, result.covariance)
+
+
+def coefficients(material: Material) -> str:
+    """Return each coefficient with its unit and standard deviation, beside the true value where that is known."""
+    result, known = material.result, known_uncertainty(material.result)
+    stds: Sequence[float | None] = [None] * result.structure.size if known is None else known.std.tolist()
+    labels = style.symbols(result.structure, material.plant_label, material.output_label)
+    headings = ["coefficient", "estimate" if known is None else "estimate ± std"]
+    rows = [
+        [label, uncertain(value, std)]
+        for label, value, std in zip(labels, result.parameters.tolist(), stds, strict=True)
+    ]
+    if material.truth is not None:
+        headings += ["true", "off by"]
+        for row, value, true in zip(rows, result.parameters.tolist(), material.truth, strict=True):
+            row += [number(float(true)), f"{number(100.0 * (value / true - 1.0), 3)} %" if true else "–"]
+    note = NO_STD if known is None else UNCERTAIN
+    return table(headings, rows, "Coefficients") + f'<p class="note">{note}</p>'
+
+
+def poles(material: Material) -> str:
+    """Return the poles as an engineer reads them, and the zeros."""
+    result, known = material.result, known_uncertainty(material.result)
+    rows = []
+    modes = result.transfer_function.modes if known is None else known.modes
+    for entry in modes:
+        mode = entry if known is None else entry.mode  # type: ignore[union-attr]
+        spread = [None] * 3 if known is None else [entry.frequency_std, entry.damping_std, entry.time_constant_std]  # type: ignore[union-attr]
+        figures = (mode.frequency, mode.damping, mode.time_constant)  # type: ignore[union-attr]
+        rows.append([complex_number(mode.pole), *map(uncertain, figures, spread)])  # type: ignore[union-attr]
+    headings = ("pole [rad/s]", "frequency [Hz]", "damping", "time constant [s]")
+    return table(headings, rows, "Poles") + _zeros(result)
+
+
+def _zeros(result: Result) -> str:
+    zeros = [zero for zero in result.transfer_function.zeros.tolist() if zero.imag >= 0]
+    if not zeros:
+        return '<p class="note">No zeros.</p>' if result.structure.zeros == 0 else ""
+    spread = {root: covariance for root, covariance in regions(result) if np.isfinite(covariance).all()}
+    rows = []
+    for zero in sorted(zeros, key=abs):
+        known = spread.get(zero)
+        std = None if known is None else math.sqrt(max(float(np.trace(known)), 0.0))
+        frequency = abs(zero) / math.tau
+        rows.append([complex_number(zero), number(frequency) if std is None else uncertain(abs(zero), std)])
+    return table(("zero [rad/s]", "frequency [Hz]" if not spread else "distance from 0 ± std [rad/s]"), rows, "Zeros")
+
+
+def origin(material: Material) -> str:
+    """Return where the record came from and what became of its samples."""
+    log, result = material.log, material.result
+    total, seconds = len(log), len(log) * log.dt
+    rejected = ", ".join(f"{count:,} {reason}" for reason, count in result.rejected.items() if count) or "none"
+    rows = [
+        ("file", log.path.name or "none: simulated"),
+        ("SHA-256", fingerprint(log.path)),
+        ("input, output", f"{log.input_name}, {log.output_name}"),
+        ("record", f"{total:,} samples, {number(seconds)} s at {number(log.dt, 6)} s"),
+        ("used", f"{result.samples:,} samples"),
+        ("rejected", rejected),
+        ("computed in", f"{number(result.elapsed, 3)} s"),
+        ("versions", versions()),
+    ]
+    return "<dl>" + "".join(f"<dt>{html.escape(key)}</dt><dd>{html.escape(text)}</dd>" for key, text in rows) + "</dl>"
+
+
+def fingerprint(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal; words where there is no file."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return "no file to compute it from"
+
+
+def versions() -> str:
+    """Return what computed this."""
+    found = [f"replant {__version__}", f"Python {platform.python_version()}"]
+    for package in PACKAGES:
+        try:
+            found.append(f"{package} {metadata.version(package)}")
+        except metadata.PackageNotFoundError:
+            continue
+    return ", ".join(found)

@@ -1,0 +1,91 @@
+"""The pictures in words: for those who do not see them, and as captions for those who do."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from replant.report.figures import style
+from replant.report.material import Material
+from replant.report.numbers import complex_number, number, percent
+
+
+def of_fit(material: Material) -> str:
+    """Return what the plots of input, output and residual show."""
+    residual = material.residual[np.isfinite(material.residual)]
+    fit = percent(material.result.simulation.fit)
+    if residual.size == 0:
+        return "Input and measured output over time; the model gives no finite output to compare with."
+    size = number(float(np.sqrt(np.mean(np.square(residual, dtype=np.longdouble)))), 3)
+    return (
+        f"Input, output and residual over time: the model, run from the input alone, fits the measured output "
+        f"to {fit}; the residual is {size} in the root mean square."
+    )
+
+
+def of_transients(material: Material) -> str:
+    """Return what the plots of the parameters show."""
+    if beyond_scale(material):
+        return "Each parameter's estimate over time; what left every scale is not drawn."
+    banded = material.result.history is not None and material.result.history.std is not None
+    band = ", with bands of two standard deviations" if banded else ""
+    true = ", beside the true values" if material.truth is not None else ""
+    return f"Each parameter's estimate over time{band}{true}. The scale follows the last nine tenths of the record."
+
+
+def beyond_scale(material: Material) -> bool:
+    """Return whether a parameter ends where no plot can show it."""
+    return bool((np.abs(material.result.parameters) > style.FARTHEST).any())
+
+
+def of_excitation(material: Material) -> str:
+    """Return what the plots of the excitation show."""
+    found = material.excitation
+    if found is None:
+        return "Excitation over time: no regressors to judge."
+    window = number(found.window * material.dt, 3)
+    poorest = int(np.argmin(found.smallest))
+    when = number(float(found.samples[poorest]) * material.dt, 3)
+    return (
+        f"How well windows of {window} s tell the parameters apart: the smallest eigenvalue of the scaled information "
+        f"matrix is {number(float(found.smallest.max()), 2)} at best and {number(float(found.smallest[poorest]), 2)} "
+        f"in the window up to {when} s. Where it falls, the plant was not moved enough to learn from."
+    )
+
+
+def of_poles(material: Material) -> str:
+    """Return what the plot of poles and zeros shows."""
+    model = material.result.transfer_function
+    poles = ", ".join(complex_number(mode.pole) for mode in model.modes)
+    zeros = ", ".join(complex_number(zero) for zero in model.zeros.tolist() if zero.imag >= 0)
+    tail = f"; zeros at {zeros} rad/s" if zeros else ""
+    region = " Coloured: 95 % regions." if material.result.covariance is not None else ""
+    return f"Poles at {poles} rad/s{tail}. Grey: the right half-plane, where a pole is unstable.{region}"
+
+
+def of_bode(material: Material) -> str:
+    """Return what the Bode diagram shows."""
+    band = " with bands of two standard deviations" if material.result.covariance is not None else ""
+    gain = number(material.result.transfer_function.dc_gain)
+    return f"Magnitude and phase of G(s){band}; the gain at rest is {gain}."
+
+
+def of_auto(material: Material) -> str:
+    """Return what the residual's autocorrelation shows."""
+    found = material.correlations
+    if found is None:
+        return "Autocorrelation of the residual: there is nothing to correlate."
+    return (
+        f"Autocorrelation of the residual: {number(100 * found.outside[0], 2)} % of the lags lie outside the 95 % "
+        "limits of white noise. Much more than 5 % means coloured noise, or dynamics that the model lacks."
+    )
+
+
+def of_cross(material: Material) -> str:
+    """Return what the cross-correlation of input and residual shows."""
+    found = material.correlations
+    if found is None:
+        return "Correlation of the input with the residual: there is nothing to correlate."
+    return (
+        f"Correlation of the input with the later residual: {number(100 * found.outside[1], 2)} % of the lags from 0 "
+        "on lie outside the 95 % limits. Much more than 5 % means that the model misses part of the response."
+    )

@@ -1,0 +1,57 @@
+"""What a person and a program get to read of the actuator experiment."""
+
+import io
+import json
+
+import pytest
+
+from replant.paper.actuator import DEFAULT
+from replant.paper.actuator_rendering import as_json, as_markdown, as_rich, summary
+
+NAMES = ("a2", "a1", "a0", "b1", "b0")
+
+
+def test_json_has_every_measure(actuator):
+    table = json.loads(json.dumps(as_json(actuator), allow_nan=False))
+    assert list(table) == [row.label for row in actuator.rows]
+    for row in actuator.rows:
+        cells = table[row.label]
+        parts = ["error"] if row.measures is None else ["error", "J", "settled", "roughness"]
+        expected = {f"{part}_{name}" for part in parts for name in NAMES} | {"free_run"}
+        assert set(cells) == expected | (set() if row.measures is None else {"J_sum", "settled", "roughness"})
+        assert all(set(cell) == {"ours", "published"} and cell["published"] is None for cell in cells.values())
+        assert cells["error_a1"]["ours"] == row.errors["a1"]
+        if row.measures is not None:
+            assert cells["J_sum"]["ours"] == pytest.approx(sum(cells[f"J_{name}"]["ours"] for name in NAMES))
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_the_terminal_table_fits_and_hides_nothing(actuator, width):
+    from rich.console import Console
+
+    console = Console(file=io.StringIO(), width=width, color_system=None)
+    console.print(as_rich(actuator))
+    text = console.file.getvalue()
+    assert "…" not in text
+    assert max(map(len, text.splitlines())) <= width
+    lines = [line.split() for line in text.splitlines()]
+    assert sum("gbt" in words for words in lines) == sum("exact" in words for words in lines) == 14
+    assert sum("own" in words for words in lines) == 1
+
+
+def test_markdown_has_a_line_for_every_run_and_square_tables(actuator):
+    page = as_markdown(actuator)
+    for row in actuator.rows:
+        assert page.count(f"| {row.label} |") == (1 if row.measures is None else 4)
+    for block in page.split("\n\n"):
+        if block.startswith("| "):
+            assert len({line.count("|") for line in block.splitlines()}) == 1
+
+
+def test_the_summary_sets_the_default_beside_the_best_of_the_twelve(actuator):
+    filters, best, default = summary(actuator)
+    assert "article's filters" in filters
+    smallest = min(abs(row.errors["a0"]) for row in actuator.article_rows())
+    assert f"a0 {smallest:.1f}" in best or f"a0 {smallest:.2f}" in best or f"a0 {smallest:.0f}" in best
+    own = abs(actuator.row(DEFAULT, "default", "own").errors["b0"])
+    assert f"b0 {own:.1f}" in default or f"b0 {own:.2f}" in default or f"b0 {own:.0f}" in default

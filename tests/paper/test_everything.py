@@ -1,0 +1,25 @@
+"""What can be reproduced by name, and how much work is announced for it."""
+
+import pytest
+
+from replant.paper import NAMES, actuator
+from replant.paper.everything import is_figure, run, steps
+
+
+def test_the_names_are_the_articles_and_one_more():
+    articles = [*(f"table{i}" for i in (1, 2, 3, 4)), *(f"fig{i}" for i in (1, 2, 3, 4, 6, 7, 8))]
+    assert list(NAMES) == [*articles, "actuator"]
+    assert [name for name in NAMES if is_figure(name)] == [name for name in NAMES if name.startswith("fig")]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [("table2",), ("fig1",), ("fig6",), ("actuator",), ("fig6", "fig7", "fig8", "actuator"), ("table4", "fig4")],
+)
+def test_every_step_announced_is_taken(monkeypatch, names):
+    whole = actuator.measure_rig
+    monkeypatch.setattr(actuator, "measure_rig", lambda: whole(2000))
+    taken = []
+    run(names, taken.append)
+    assert len(taken) == steps(names) > 0
+    assert set(taken) <= set(NAMES)
