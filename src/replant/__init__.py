@@ -6,17 +6,29 @@
 
 from replant.assessment import fit_percent
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, MissingDependencyError, ReplantError
-from replant.filters import StateVariableFilter
+from replant.filters import RefinedFilter, StateVariableFilter
 from replant.identifier import Identifier
 from replant.logs import Log, read_log
 from replant.offline import FitResult, fit
-from replant.optimizers import AdaDelta, AdaGrad, Adam, AMSGrad, Gradient, IntegralCost, NAdam, RMSProp
+from replant.optimizers import (
+    AdaDelta,
+    AdaGrad,
+    Adam,
+    AMSGrad,
+    Gradient,
+    IntegralCost,
+    KalmanTracking,
+    NAdam,
+    RecursiveLeastSquares,
+    RMSProp,
+)
 from replant.preprocess import Preprocess
 from replant.replay import Replay
 from replant.scaling import Scaling
 from replant.structure import Structure
 from replant.trace import Trace
 from replant.transfer_function import TransferFunction
+from replant.uncertainty import Uncertainty
 
 __version__ = "0.1.0"
 
@@ -31,12 +43,15 @@ __all__ = [
     "Identifier",
     "IntegralCost",
     "InvalidArgumentError",
+    "KalmanTracking",
     "Log",
     "LogError",
     "MissingDependencyError",
     "NAdam",
     "Preprocess",
     "RMSProp",
+    "RecursiveLeastSquares",
+    "RefinedFilter",
     "ReplantError",
     "Replay",
     "Scaling",
@@ -44,6 +59,7 @@ __all__ = [
     "Structure",
     "Trace",
     "TransferFunction",
+    "Uncertainty",
     "__version__",
     "fit",
     "fit_percent",

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.errors import InvalidArgumentError
+from replant.free_run import free_run
 from replant.transfer_function import TransferFunction
 from replant.validation import FloatArray, vector
 
@@ -55,7 +56,13 @@ def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
 
 
 def simulate(
-    model: TransferFunction, u: FloatArray, y: FloatArray, dt: float, *, input_hold: str = "zoh"
+    model: TransferFunction,
+    u: FloatArray,
+    y: FloatArray,
+    dt: float,
+    *,
+    input_hold: str = "zoh",
+    t: FloatArray | None = None,
 ) -> Simulation:
     """Run ``model`` from the input alone; offset and initial state are those that fit ``y`` best (least squares).
 
@@ -67,6 +74,8 @@ def simulate(
         not finite are bridged by the last finite input and left out of the fit.
     dt : float
         Sampling time in s.
+    t : (K,) array, optional
+        Time stamps in s, where the clock is not regular.
 
     Examples
     --------
@@ -77,8 +86,11 @@ def simulate(
     """
     u = _bridged(u)
     with np.errstate(over="ignore", invalid="ignore"):
-        forced = model.simulate(u, dt, input_hold=input_hold)
-        free = model.free_responses(u.size, dt)
+        if t is None:
+            forced = model.simulate(u, dt, input_hold=input_hold)
+            free = model.free_responses(u.size, dt)
+        else:
+            forced, free = free_run(model, u, np.diff(t, prepend=t[0] - dt), dt, input_hold)
         basis = np.column_stack([np.ones(u.size), free])
         basis = basis[:, np.isfinite(basis).all(axis=0)]
         kept = np.isfinite(y) & np.isfinite(forced)

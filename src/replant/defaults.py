@@ -47,7 +47,9 @@ def settle(request: Request, u: FloatArray, y: FloatArray, length: int | None = 
         assumed = chosen if isinstance(chosen, StateVariableFilter) else choose_filter(structure, dt, preprocess, u, y)
         phi, _ = regressors(structure, dt, assumed, preprocess, u, y)
         scaling = Scaling.from_record(y - float(preprocess.output_offset), phi)
-    return Settings(structure, dt, chosen, scaling, optimizer, replay, instruments, request.normalize, preprocess)
+    return Settings(
+        structure, dt, chosen, scaling, optimizer, replay, instruments, request.normalize, preprocess, u.size
+    )
 
 
 def _choose_replay(request: Request) -> Replay | None:

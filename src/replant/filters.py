@@ -162,6 +162,20 @@ class RefinedFilter:
     def __post_init__(self) -> None:
         one_of("input_hold", self.input_hold, ("zoh", "foh"))
 
+    def at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
+        """Return the filter 1/A of a model as a fixed one; poles on or right of the axis are mirrored or moved off it.
+
+        Parameters
+        ----------
+        denominator : (n + 1,) array
+            A(s), monic.
+        dt : float
+            Sampling time in s; a pole is kept at least 1e-4 / dt away from the axis.
+        """
+        roots = np.roots(denominator)
+        roots = np.minimum(-np.abs(roots.real), -1e-4 / dt) + 1j * roots.imag
+        return StateVariableFilter(denominator=tuple(np.poly(roots).real.tolist()), input_hold=self.input_hold)
+
 
 def split_delay(delay: float, dt: float) -> tuple[int, float]:
     """Return a dead time as whole samples and a fraction of one; within 1e-9 of whole counts as whole.

@@ -19,13 +19,13 @@ from replant.refined import Record, refine
 from replant.replay import Replay
 from replant.scaling import Scaling
 from replant.settings import AUTO, Request, Settings
-from replant.startup import LARGEST, carry_over, first_model, seed, warm_up
+from replant.startup import LARGEST, carry_over, first_model, ready_record, seed, warm_up
 from replant.state import State
 from replant.structure import Structure
 from replant.trace import Trace
 from replant.transfer_function import TransferFunction
 from replant.uncertainty import Uncertainty
-from replant.validation import FloatArray, number, record, vector, whole
+from replant.validation import FloatArray, number, record, vector
 
 RECENT = 10_000  # raw samples kept: for solving the start-up again as it grows, and for assessment
 REGULAR = np.zeros(0)  # the time stamps of a regular clock
@@ -106,8 +106,9 @@ class Identifier:
         preprocess: Preprocess = Preprocess(),  # noqa: B008 - frozen
         startup: int = 500,
     ) -> None:
-        self._request = Request(structure, dt, filter, scaling, optimizer, replay, instruments, normalize, preprocess)
-        self._startup = whole("startup", startup, 1)
+        self._request = Request(
+            structure, dt, filter, scaling, optimizer, replay, instruments, normalize, preprocess, startup
+        )
         self.reset()
 
     def reset(self) -> None:
@@ -118,7 +119,7 @@ class Identifier:
         self._resolve_at = 0
         self._offered = 0
         if self._request.asks_for_data:
-            self._hold = max(self._startup, self._least_startup)
+            self._hold = max(self._request.startup, self._least_startup)
         else:
             self._hold = 0 if self._request.preprocess.needs == "nothing" else 1
             if self._hold == 0:
@@ -338,7 +339,8 @@ class Identifier:
         settings = settle(self._request, u, y)
         refined = None
         if settings.instruments:
-            ready = self._ready(settings, u, y, t)
+            stamps = None if np.isnan(t).any() else t
+            ready = ready_record(self.structure, self.dt, settings.preprocess, u, y, stamps, settings.filter.input_hold)
             refined = first_model(self.structure, ready)
             if refined is None or not (refined.acceptable or at_any_rate or 2 * self._hold > LARGEST):
                 return self._wait_longer()
@@ -362,13 +364,6 @@ class Identifier:
         errors = warm_up(self._state, u, y, REGULAR if np.isnan(t).any() else t, learn=learn)
         self._state.reals[at.READY] = self._state.reals[at.ELAPSED]
         return errors
-
-    def _ready(self, settings: Settings, u: FloatArray, y: FloatArray, t: FloatArray) -> Record:
-        """Return held samples as a record for `refine`."""
-        preprocess = settings.preprocess
-        intervals = np.array([self.dt]) if np.isnan(t).any() else np.diff(t, prepend=t[0] - self.dt)
-        mapped = preprocess.map_input(u) - float(preprocess.input_offset)
-        return Record(mapped, y - float(preprocess.output_offset), intervals, settings.filter.input_hold)
 
     def _wait_longer(self) -> float:
         """Hold twice as much for start-up; at the limit, let the older half go: a rig may idle before it moves."""

@@ -11,14 +11,20 @@ import numpy as np
 from replant.assessment import Simulation, fit_percent, simulate
 from replant.defaults import choose_filter
 from replant.errors import InvalidArgumentError
-from replant.filters import StateVariableFilter
+from replant.filters import RefinedFilter, StateVariableFilter
 from replant.least_squares import least_squares
+from replant.prediction import one_step
 from replant.preprocess import Preprocess, screen
+from replant.refined import Refined
 from replant.regression import regressors
 from replant.settings import AUTO, Request
+from replant.startup import first_model, ready_record
 from replant.structure import Structure
 from replant.transfer_function import TransferFunction
-from replant.validation import FloatArray, one_of, record
+from replant.uncertainty import Uncertainty
+from replant.validation import FloatArray, one_of, record, vector
+
+METHODS = (AUTO, "srivc", "least_squares")
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,16 +36,21 @@ class FitResult:
     structure : Structure
     dt : float
         Sampling time in s.
-    filter : StateVariableFilter
+    method : str
+        "srivc" or "least_squares".
+    filter : StateVariableFilter or RefinedFilter
         The filter used, chosen or given.
     preprocess : Preprocess
         Input map and working point used, as numbers.
     parameters : (P,) array
         In physical units, in the order of ``structure.names``.
+    covariance : (P, P) array or None
+        Of the parameters; None of least squares, which noise biases.
     condition : float
         Condition number of the scaled regressors; infinite where the input does not excite every parameter.
     one_step : float
-        Fit in percent of y predicted from past outputs, (8).
+        Fit in percent of y predicted from past outputs as well: by (8), or with "srivc" by the free run and an
+        autoregression of its residual.
     simulation : Simulation
         The free run from the input alone, offset and initial state estimated.
     samples : int
@@ -50,9 +61,11 @@ class FitResult:
 
     structure: Structure
     dt: float
-    filter: StateVariableFilter
+    method: str
+    filter: StateVariableFilter | RefinedFilter
     preprocess: Preprocess
     parameters: FloatArray
+    covariance: FloatArray | None
     condition: float
     one_step: float
     simulation: Simulation
@@ -63,6 +76,18 @@ class FitResult:
     def names(self) -> tuple[str, ...]:
         """Names of the parameters, in their order."""
         return self.structure.names
+
+    @property
+    def uncertainty(self) -> Uncertainty | None:
+        """Standard deviations of parameters, poles, gain and response; None where no honest ones are known."""
+        return None if self.covariance is None else Uncertainty(self.structure, self.parameters, self.covariance)
+
+    @property
+    def fixed_filter(self) -> StateVariableFilter:
+        """The filter used; 1/A of the result where it was the refined one."""
+        if isinstance(self.filter, StateVariableFilter):
+            return self.filter
+        return self.filter.at(self.transfer_function.den, self.dt)
 
     @property
     def transfer_function(self) -> TransferFunction:
@@ -76,14 +101,17 @@ def fit(
     dt: float,
     structure: Structure,
     *,
-    method: str = "least_squares",
+    method: str = AUTO,
     filter: StateVariableFilter | str = AUTO,  # noqa: A002 - the field's word
     preprocess: Preprocess = Preprocess(),  # noqa: B008 - frozen
+    t: Any = None,
 ) -> FitResult:
     r"""Fit G(s) to a whole record.
 
-    Least squares minimises :math:`\sum_k (y(t_k) - \theta_\lambda^T \varphi_{uy}(t_k))^2`, the article's way to its
-    Table 6.  Measurement noise biases it: the regressor holds the noisy output.
+    "srivc", refined instrumental variables (see `replant.refined`), is right under output noise of any colour, has no
+    error of discretisation, and knows its covariance.  "least_squares" minimises the equation error
+    :math:`\sum_k (y(t_k) - \theta_\lambda^T \varphi_{uy}(t_k))^2`, the article's way to its Table 6; measurement noise
+    biases it, because the regressor holds the noisy output.
 
     Parameters
     ----------
@@ -92,11 +120,14 @@ def fit(
     dt : float
         Sampling time in s.
     structure : Structure
-    method : {"least_squares"}
+    method : {"auto", "srivc", "least_squares"}
+        "auto" is "srivc", and least squares where that finds no model (an input that hardly moves, say).
     filter : StateVariableFilter or "auto"
-        "auto" tries a range of cutoffs and keeps the one whose model simulates the record best.
+        Of least squares.  "auto" tries a range of cutoffs and keeps the one whose model simulates the record best.
     preprocess : Preprocess
-        Input map and working point.
+        Input map and working point.  "srivc" estimates an offset of the output by itself.
+    t : (K,) array, optional
+        Time stamps in s, strictly increasing, where the clock is not regular; for "srivc".
 
     Raises
     ------
@@ -113,36 +144,122 @@ def fit(
     References
     ----------
     Bernat and Kolota (2023), section 4; Garnier and Wang (2008), "Identification of Continuous-time Models from
-    Sampled Data", chapter 1.
+    Sampled Data", chapters 1 and 4.
     """
-    one_of("method", method, ("least_squares",))
+    one_of("method", method, METHODS)
     dt = Request(structure, dt, filter=filter, preprocess=preprocess).dt
     u, y = record(u, y)
+    stamps = _stamps(t, u.size)
     accepted, rejected = screen(preprocess.map_input(u), y)
-    samples = int(accepted.sum())
+    _check_length(int(accepted.sum()), structure)
+    preprocess = preprocess.resolve(u, y)
+    if method != "least_squares":
+        found = _refine(structure, dt, preprocess, u, y, stamps)
+        if found is not None:
+            return _refined_result(structure, dt, preprocess, u, y, stamps, found, accepted, rejected)
+        if method == "srivc":
+            raise InvalidArgumentError(
+                "srivc finds no model in this record: the input hardly moves, or the structure does not fit it"
+            )
+    if stamps is not None:
+        raise InvalidArgumentError("least_squares knows a regular clock only: give no t, or use method='srivc'")
+    if not isinstance(filter, StateVariableFilter):
+        filter = choose_filter(structure, dt, preprocess, u, y)  # noqa: A001
+    return _least_squares_result(structure, dt, filter, preprocess, u, y, accepted, rejected)
+
+
+def _check_length(samples: int, structure: Structure) -> None:
     if samples < structure.size + 1:
         raise InvalidArgumentError(
             f"the record has {samples} usable samples, fewer than the {structure.size + 1} that "
             f"{structure.size} parameters need: record more, or ask for fewer poles and zeros"
         )
-    preprocess = preprocess.resolve(u, y)
-    if not isinstance(filter, StateVariableFilter):
-        filter = choose_filter(structure, dt, preprocess, u, y)  # noqa: A001
+
+
+def _stamps(t: Any, samples: int) -> FloatArray | None:
+    """Return time stamps, checked, or None for a regular clock."""
+    if t is None:
+        return None
+    stamps = vector("t", t)
+    if stamps.size != samples:
+        raise InvalidArgumentError(f"t must have one stamp for each of {samples} samples, got {stamps.size}")
+    if not np.isfinite(stamps).all() or not (np.diff(stamps) > 0).all():
+        raise InvalidArgumentError("t must be finite and strictly increasing")
+    return stamps
+
+
+def _refine(
+    structure: Structure,
+    dt: float,
+    preprocess: Preprocess,
+    u: FloatArray,
+    y: FloatArray,
+    stamps: FloatArray | None,
+) -> Refined | None:
+    """Return the refined estimate of a raw record; None where there is none."""
+    ready = ready_record(structure, dt, preprocess, u, y, stamps)
+    return first_model(structure, ready)
+
+
+def _refined_result(
+    structure: Structure,
+    dt: float,
+    preprocess: Preprocess,
+    u: FloatArray,
+    y: FloatArray,
+    stamps: FloatArray | None,
+    found: Refined,
+    accepted: np.ndarray[tuple[int], np.dtype[np.bool_]],
+    rejected: dict[str, int],
+) -> FitResult:
+    size = structure.size
     y = np.where(accepted, y, np.nan)
-    phi, target = regressors(structure, dt, filter, preprocess, u, y)
-    solution = least_squares(phi, target)
-    predicted = y - (target - phi @ solution.parameters)
-    model = structure.transfer_function(solution.parameters)
-    mapped = preprocess.map_input(u) - float(preprocess.input_offset)
+    model = structure.transfer_function(found.theta[:size])
+    linear_input = np.where(accepted, preprocess.map_input(u) - float(preprocess.input_offset), np.nan)
+    simulation = simulate(model, linear_input, y, dt, t=stamps)
     return FitResult(
         structure,
         dt,
-        filter,
+        "srivc",
+        RefinedFilter(),
+        preprocess,
+        found.theta[:size],
+        found.covariance[:size, :size],
+        found.condition(size),
+        fit_percent(y, y - one_step(y - simulation.output)),
+        simulation,
+        int(accepted.sum()),
+        rejected,
+    )
+
+
+def _least_squares_result(
+    structure: Structure,
+    dt: float,
+    state_filter: StateVariableFilter,
+    preprocess: Preprocess,
+    u: FloatArray,
+    y: FloatArray,
+    accepted: np.ndarray[tuple[int], np.dtype[np.bool_]],
+    rejected: dict[str, int],
+) -> FitResult:
+    y = np.where(accepted, y, np.nan)
+    phi, target = regressors(structure, dt, state_filter, preprocess, u, y)
+    solution = least_squares(phi, target)
+    model = structure.transfer_function(solution.parameters)
+    mapped = preprocess.map_input(u) - float(preprocess.input_offset)
+    simulation = simulate(model, np.where(accepted, mapped, np.nan), y, dt, input_hold=state_filter.input_hold)
+    return FitResult(
+        structure,
+        dt,
+        "least_squares",
+        state_filter,
         preprocess,
         solution.parameters,
+        None,
         solution.condition if solution.rank == structure.size else math.inf,
-        fit_percent(y, predicted),
-        simulate(model, np.where(accepted, mapped, np.nan), y, dt, input_hold=filter.input_hold),
-        samples,
+        fit_percent(y, y - (target - phi @ solution.parameters)),
+        simulation,
+        int(accepted.sum()),
         rejected,
     )

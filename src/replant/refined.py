@@ -125,6 +125,18 @@ class Refined:
     uncertainty: float
     colour: FloatArray
 
+    def condition(self, size: int) -> float:
+        """Return the condition number of the scaled information of the first ``size`` parameters, square root taken.
+
+        Comparable with that of a scaled regressor: largest over smallest singular value.
+        """
+        covariance = compose(self.upper, self.diagonal)[:size, :size]
+        scale = np.sqrt(np.diag(covariance))
+        if not (np.isfinite(scale).all() and (scale > 0).all()):
+            return math.inf
+        eigenvalues = np.linalg.eigvalsh(covariance / np.outer(scale, scale))
+        return float(np.sqrt(eigenvalues[-1] / eigenvalues[0])) if eigenvalues[0] > 0 else math.inf
+
     @property
     def acceptable(self) -> bool:
         """Whether it can start a recursion."""
@@ -170,7 +182,7 @@ class Problem:
         if self.is_usable(a):
             return a
         if not np.isfinite(a).all():
-            return np.poly(np.full(a.size, -math.sqrt(self.slowest * self.fastest)))[1:]
+            return np.asarray(np.poly(np.full(a.size, -math.sqrt(self.slowest * self.fastest)))[1:], np.float64)
         roots = np.roots(np.concatenate([[1.0], a]))
         roots = np.minimum(-np.abs(roots.real), -self.slowest) + 1j * roots.imag
         roots *= np.minimum(1.0, self.fastest / np.abs(roots))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,18 +11,20 @@ import numpy as np
 
 from replant.assessment import Simulation, Verdict, fit_percent, judge, simulate
 from replant.defaults import settle
+from replant.filters import StateVariableFilter
 from replant.identifier import Identifier
-from replant.least_squares import least_squares
 from replant.offline import FitResult
+from replant.prediction import one_step
 from replant.preprocess import screen
-from replant.regression import regressors
 from replant.settings import Request, Settings
 from replant.structure import Structure
 from replant.transfer_function import TransferFunction
+from replant.uncertainty import Uncertainty
 from replant.validation import FloatArray
 
 CHUNK = 1 << 14  # samples between two reports of progress
 MOST_ROWS = 10_000  # of history kept: more than a plot can show
+BANDS = 200  # times that standard deviations are taken along the way
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,11 +85,27 @@ class Result:
     history: History | None = None
     covariance: FloatArray | None = None
 
+    @property
+    def uncertainty(self) -> Uncertainty | None:
+        """Standard deviations of parameters, poles, gain and response, where the estimator tells them."""
+        return None if self.covariance is None else Uncertainty(self.structure, self.parameters, self.covariance)
+
+    @property
+    def fixed_filter(self) -> StateVariableFilter | None:
+        """The filter of an online run; 1/A of the result where it was the refined one."""
+        if self.settings is None:
+            return None
+        used = self.settings.filter
+        return used if isinstance(used, StateVariableFilter) else used.at(self.transfer_function.den, self.settings.dt)
+
 
 def run_online(
     request: Request, u: FloatArray, y: FloatArray, progress: Callable[[int], None] = lambda samples: None
 ) -> Result:
-    """Identify in one pass over a record; what is left to "auto" is chosen from the record beforehand.
+    """Identify in one pass over a record.
+
+    Where instruments are wanted, a tenth of the record is the start-up; else what is left to "auto" is chosen from
+    the whole record beforehand.
 
     Parameters
     ----------
@@ -97,56 +116,51 @@ def run_online(
         Called with the number of samples done, every few thousand.
     """
     begun = time.perf_counter()
-    settings = settle(request, u, y, u.size)
-    identifier = Identifier(
-        settings.structure,
-        settings.dt,
-        filter=settings.filter,
-        scaling=settings.scaling,
-        optimizer=settings.optimizer,
-        replay=settings.replay,
-        normalize=settings.normalize,
-        preprocess=settings.preprocess,
-    )
+    if request.wants_instruments:
+        request = dataclasses.replace(request, startup=max(u.size // 10, 1))
+        identifier = Identifier(**vars(request))
+    else:
+        identifier = Identifier(**vars(settle(request, u, y, u.size)))
     stride = max(1, u.size // MOST_ROWS)
-    kept: list[FloatArray] = []
-    for start in range(0, u.size, CHUNK):
-        trace = identifier.update_many(u[start : start + CHUNK], y[start : start + CHUNK])
-        kept.append(trace.parameters[(stride - 1 - start) % stride :: stride])
-        progress(min(start + CHUNK, u.size))
-    rows = np.concatenate(kept) if kept else np.empty((0, settings.structure.size))
-    history = History(stride * np.arange(1, rows.shape[0] + 1), rows)
-    return assess_run(identifier, settings, history, u, y, begun)
+    chunk = min(CHUNK, max(1, u.size // BANDS))
+    rows, bands = [np.empty((0, request.structure.size))], [np.empty((0, request.structure.size))]
+    for start in range(0, u.size, chunk):
+        trace = identifier.update_many(u[start : start + chunk], y[start : start + chunk])
+        rows.append(trace.parameters[(stride - 1 - start) % stride :: stride])
+        bands.append(np.broadcast_to(identifier.uncertainty.std, rows[-1].shape))
+        progress(min(start + chunk, u.size))
+    identifier.finish_startup()
+    parameters = np.concatenate(rows)
+    history = History(stride * np.arange(1, parameters.shape[0] + 1), parameters, np.concatenate(bands))
+    return assess_run(identifier, request, history, u, y, begun)
 
 
 def assess_run(
-    identifier: Identifier, settings: Settings, history: History, u: FloatArray, y: FloatArray, begun: float
+    identifier: Identifier, request: Request, history: History, u: FloatArray, y: FloatArray, begun: float
 ) -> Result:
     """Return the result of an online run over the record u, y; ``begun`` is the clock at its start."""
-    model, parameters = identifier.transfer_function, identifier.parameters
-    mapped = settings.preprocess.map_input(u)
+    settings = identifier.settings
+    preprocess = settings.preprocess if settings else request.preprocess.resolve(u, y)
+    mapped = preprocess.map_input(u)
     accepted, _ = screen(mapped, y)
     y = np.where(accepted, y, np.nan)
-    linear_input = np.where(accepted, mapped - float(settings.preprocess.input_offset), np.nan)
-    phi, target = regressors(settings.structure, settings.dt, settings.filter, settings.preprocess, u, y)
-    simulation = simulate(model, linear_input, y, settings.dt, input_hold=settings.filter.input_hold)
+    linear_input = np.where(accepted, mapped - float(preprocess.input_offset), np.nan)
+    hold = settings.filter.input_hold if settings else "zoh"
+    simulation = simulate(identifier.transfer_function, linear_input, y, identifier.dt, input_hold=hold)
+    covariance = identifier.covariance
     return Result(
-        settings.structure,
-        parameters,
-        model,
-        fit_percent(y, y - (target - phi @ parameters)),
+        identifier.structure,
+        identifier.parameters,
+        identifier.transfer_function,
+        fit_percent(y, y - one_step(y - simulation.output)),
         simulation,
         identifier.samples,
         identifier.rejected,
-        judge(
-            refused=identifier.status == "diverged",
-            condition=least_squares(phi, target).condition,
-            simulated=simulation.fit,
-            drift=_drift(history.parameters),
-        ),
+        identifier.assess(),
         time.perf_counter() - begun,
         settings,
         history,
+        covariance if np.isfinite(covariance).all() else None,
     )
 
 
@@ -162,14 +176,5 @@ def result_of_fit(fitted: FitResult, begun: float) -> Result:
         fitted.rejected,
         judge(refused=False, condition=fitted.condition, simulated=fitted.simulation.fit, drift=0.0),
         time.perf_counter() - begun,
+        covariance=fitted.covariance,
     )
-
-
-def _drift(parameters: FloatArray) -> float:
-    """Return the largest movement over the last tenth of a history, as a part of the final value."""
-    if parameters.shape[0] < 10:
-        return np.inf
-    last = parameters[-max(2, parameters.shape[0] // 10) :]
-    size = np.abs(last[-1])
-    size[size == 0.0] = np.inf
-    return float(((last.max(axis=0) - last.min(axis=0)) / size).max())

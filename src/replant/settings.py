@@ -12,7 +12,7 @@ from replant.preprocess import Preprocess
 from replant.replay import Replay
 from replant.scaling import Scaling
 from replant.structure import Structure
-from replant.validation import positive
+from replant.validation import positive, whole
 
 AUTO = "auto"
 DEFAULT_OPTIMIZER = "recursive-least-squares"
@@ -35,6 +35,8 @@ class Settings:
     normalize : bool
     preprocess : Preprocess
         With numbers for working points.
+    startup : int
+        Samples that were held back.
     """
 
     structure: Structure
@@ -46,6 +48,7 @@ class Settings:
     instruments: bool
     normalize: bool
     preprocess: Preprocess
+    startup: int
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,7 @@ class Request:
     instruments: bool | str = AUTO
     normalize: bool = True
     preprocess: Preprocess = field(default_factory=Preprocess)
+    startup: int = 500
 
     def __post_init__(self) -> None:
         _expect("structure", self.structure, Structure)
@@ -71,6 +75,7 @@ class Request:
         _expect("instruments", self.instruments, bool, AUTO)
         _expect("normalize", self.normalize, bool)
         _expect("preprocess", self.preprocess, Preprocess)
+        whole("startup", self.startup, 1)
         object.__setattr__(self, "dt", positive("dt", self.dt))
         if isinstance(self.filter, StateVariableFilter):
             self.filter.discretize(self.structure.poles, self.dt, self.structure.delay)  # raises what cannot work

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from replant.defaults import centre
 from replant.factors import compose, factor_covariance
 from replant.kernels import layout as at
 from replant.kernels import residuals
+from replant.preprocess import Preprocess, screen
 from replant.refined import FASTEST, SLOWEST, Record, Refined, refine
 from replant.settings import Settings
 from replant.state import State
@@ -113,6 +115,31 @@ def _seed_colour(state: State, settings: Settings, refined: Refined, rate: Float
     squares = source[head + lags * of_full :].reshape(of_full, of_full)
     colour[head : head + lags * size] = (ring[:, :size] / sigma).ravel()
     colour[head + lags * size :] = (squares[:size, :size] / np.outer(sigma, sigma)).ravel()
+
+
+def ready_record(
+    structure: Structure,
+    dt: float,
+    preprocess: Preprocess,
+    u: FloatArray,
+    y: FloatArray,
+    stamps: FloatArray | None = None,
+    input_hold: str = "zoh",
+) -> Record:
+    """Return a raw record made ready: mapped, unusable samples dropped, working point taken off.
+
+    Without a bias in the structure the mean goes too: the constant beside G(s) takes up what is left.  Where samples
+    are dropped the intervals grow: the filters are exact for what really passed.
+    """
+    mapped = preprocess.map_input(u)
+    accepted, _ = screen(mapped, y)
+    if not structure.bias:
+        preprocess = centre(preprocess, u, y)
+    regular = stamps is None and bool(accepted.all())
+    clock = np.arange(u.size) * dt if stamps is None else stamps
+    intervals = np.array([dt]) if regular else np.diff(clock[accepted], prepend=clock[accepted][:1] - dt)
+    u, y = mapped[accepted] - float(preprocess.input_offset), y[accepted] - float(preprocess.output_offset)
+    return Record(u, y, intervals, input_hold)
 
 
 def first_model(structure: Structure, record: Record) -> Refined | None:

@@ -22,6 +22,6 @@ def command(as_json: bool, out: Path | None, **options: Any) -> None:
     log, request = open_log(options)
     begun = time.perf_counter()
     fitted = fit(log.input, log.output, log.dt, request.structure, preprocess=request.preprocess)
-    python = fit_as_python(fitted.structure, fitted.filter, fitted.preprocess, log)
-    report = {"filter": fitted.filter, "preprocess": fitted.preprocess, "python": python}
+    python = fit_as_python(fitted, log)
+    report = {"filter": fitted.fixed_filter, "preprocess": fitted.preprocess, "python": python}
     deliver(result_of_fit(fitted, begun), log, as_json=as_json, out=out, **report)

@@ -70,7 +70,7 @@ def write_report(
     """
     settings = result.settings
     if settings is not None:
-        filter, preprocess = filter or settings.filter, preprocess or settings.preprocess  # noqa: A001
+        filter, preprocess = filter or result.fixed_filter, preprocess or settings.preprocess  # noqa: A001
         python = python or recipe.run_as_python(result, log)
     material = Material(result, log, filter, preprocess or Preprocess(), truth)
     fields = _fields(material, title or log.path.name or "Simulated record", command, python)

@@ -7,22 +7,25 @@ from typing import Any
 
 from replant.filters import StateVariableFilter
 from replant.logs import Log
-from replant.preprocess import Preprocess
+from replant.offline import FitResult
 from replant.runs import Result
+from replant.scaling import Scaling
 from replant.settings import Settings
-from replant.structure import Structure
 
 
 def identifier_as_python(settings: Settings) -> str:
     """Return the Python that makes the same identifier."""
+    is_plain = settings.scaling == Scaling.none(settings.structure)
     parts = [
         f"    rp.{settings.structure!r}, dt={settings.dt!r},",
         f"    filter=rp.{_call(settings.filter)},",
-        f"    scaling=rp.{_call(settings.scaling)},",
+        f"    scaling={'None' if is_plain else 'rp.' + _call(settings.scaling)},",
         f"    optimizer=rp.{_call(settings.optimizer)},",
         f"    replay={'rp.' + _call(settings.replay) if settings.replay else None},",
+        *(["    instruments=True,"] if settings.instruments else []),
         *([] if settings.normalize else ["    normalize=False,"]),
         f"    preprocess=rp.{_call(settings.preprocess)},",
+        *([f"    startup={settings.startup},"] if settings.instruments else []),
     ]
     return "\n".join(["ident = rp.Identifier(", *parts, ")"])
 
@@ -38,13 +41,14 @@ def run_as_python(result: Result, log: Log) -> str:
     return "\n".join([_open(log), *lines])
 
 
-def fit_as_python(structure: Structure, state_filter: StateVariableFilter, preprocess: Preprocess, log: Log) -> str:
+def fit_as_python(fitted: FitResult, log: Log) -> str:
     """Return the Python that repeats an offline fit of ``log``."""
+    state_filter = f"    filter=rp.{_call(fitted.filter)}," if isinstance(fitted.filter, StateVariableFilter) else ""
     lines = [
         "fitted = rp.fit(",
-        f"    {_signals(log)}, dt={log.dt!r}, structure=rp.{structure!r},",
-        f"    filter=rp.{_call(state_filter)},",
-        f"    preprocess=rp.{_call(preprocess)},",
+        f"    {_signals(log)}, dt={log.dt!r}, structure=rp.{fitted.structure!r}, method={fitted.method!r},",
+        *([state_filter] if state_filter else []),
+        f"    preprocess=rp.{_call(fitted.preprocess)},",
         ")",
         "print(fitted.transfer_function)",
     ]

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from replant.runs import Result
-from replant.transfer_function import Mode, TransferFunction
-from replant.uncertainty import Uncertainty
+from replant.transfer_function import TransferFunction
 
 
 def as_json(result: Result) -> dict[str, Any]:
@@ -19,7 +18,7 @@ def as_json(result: Result) -> dict[str, Any]:
         "den": model.den.tolist(),
         "delay": model.delay,
         "parameters": {
-            name: {"value": _finite(value), "std": std}
+            name: {"value": _finite(value), "std": _finite(std)}
             for name, value, std in zip(result.structure.names, result.parameters.tolist(), _stds(result), strict=True)
         },
         "poles": [_pole(pole) for pole in model.poles.tolist()],
@@ -34,34 +33,84 @@ def as_json(result: Result) -> dict[str, Any]:
 
 
 def print_result(console: Any, result: Result, *, truth: TransferFunction | None = None) -> None:
-    """Print what a control engineer wants to see first: G(s), poles, fit, verdict."""
+    """Print what a control engineer wants to see first: G(s), coefficients, poles, fit, verdict."""
+    console.print()
+    for line in fraction(result.transfer_function):
+        console.print(line, highlight=False, markup=False)
+    console.print()
+    console.print(_parameter_table(result, truth))
+    console.print()
+    console.print(_mode_table(result))
+    console.print()
+    rejected = ", ".join(f"{count} {reason}" for reason, count in result.rejected.items() if count)
+    lines = {
+        "DC gain": _with_std(result.transfer_function.dc_gain, _dc_gain_std(result)),
+        "Fit": f"{_percent(result.simulation.fit)} simulated from the input alone, "
+        f"{_percent(result.one_step)} one step ahead",
+        "Samples": f"{result.samples:,}" + (f", rejected: {rejected}" if rejected else ""),
+    }
+    for name, text in lines.items():
+        console.print(f"{name:<9}{text}", highlight=False)
+    colour = "green" if result.verdict.status == "trusted" else "yellow" if _mild(result) else "red"
+    console.print(f"Verdict  [bold {colour}]{result.verdict.status}[/]", highlight=False)
+    for reason in result.verdict.reasons:
+        console.print(f"         - {reason}", highlight=False, markup=False)
+
+
+def _table(*headings: str) -> Any:
     from rich.table import Table
     from rich.text import Text
 
-    model = result.transfer_function
-    console.print()
-    for line in fraction(model):
-        console.print(line, highlight=False, markup=False)
-    if truth is not None:
-        console.print(_parameter_table(result, truth))
-    table = Table(box=None, pad_edge=False, title="Poles", title_justify="left", title_style="bold")
-    for heading in ("pole [rad/s]", "frequency [Hz]", "damping", "time constant [s]"):
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for heading in headings:
         table.add_column(Text(heading), justify="right")  # as Text: rich would take "[s]" for a style
-    for mode in model.modes:
-        table.add_row(*_mode_cells(mode))
-    console.print(table)
-    console.print(f"DC gain        {model.dc_gain:.4g}", highlight=False)
-    console.print(
-        f"Fit            {_percent(result.simulation.fit)} simulated from the input alone, "
-        f"{_percent(result.one_step)} one step ahead",
-        highlight=False,
-    )
-    rejected = ", ".join(f"{count} {reason}" for reason, count in result.rejected.items() if count)
-    console.print(
-        f"Samples        {result.samples:,}" + (f", rejected: {rejected}" if rejected else ""), highlight=False
-    )
-    colour = "green" if result.verdict.status == "trusted" else "yellow" if _mild(result) else "red"
-    console.print(f"Verdict        [bold {colour}]{result.verdict.status}[/]: {'; '.join(result.verdict.reasons)}")
+    return table
+
+
+def _parameter_table(result: Result, truth: TransferFunction | None) -> Any:
+    """Return coefficients with their standard deviations where known, beside the truth where that is known."""
+    known = result.uncertainty is not None
+    headings = ["coefficient", "identified", *(["std"] if known else []), *(["true", "off by"] if truth else [])]
+    table = _table(*headings)
+    true = true_parameters(truth) if truth else [math.nan] * result.structure.size
+    for name, value, std, target in zip(result.structure.names, result.parameters, _stds(result), true, strict=False):
+        cells = [name, f"{value:.4g}", *([f"{std:.2g}"] if known else [])]
+        if truth:
+            cells += [f"{target:.4g}", f"{100 * (value / target - 1):+.2f} %"]
+        table.add_row(*cells)
+    return table
+
+
+def _mode_table(result: Result) -> Any:
+    """Return the poles as an engineer reads them, with standard deviations where known."""
+    table = _table("pole [rad/s]", "frequency [Hz]", "damping", "time constant [s]")
+    uncertain = result.uncertainty.modes if result.uncertainty else None
+    for i, mode in enumerate(result.transfer_function.modes):
+        stds = (
+            (uncertain[i].frequency_std, uncertain[i].damping_std, uncertain[i].time_constant_std) if uncertain else ()
+        )
+        figures = (mode.frequency, mode.damping, mode.time_constant)
+        shown = [_with_std(figure, stds[k] if stds else math.nan) for k, figure in enumerate(figures)]
+        pole = f"{mode.pole.real:.4g}" + (f" +- {mode.pole.imag:.4g}j" if mode.pole.imag else "")
+        if not mode.pole.imag:
+            shown[1] = f"{mode.damping:.3g}"  # of a real pole it is one, or minus one, with certainty
+        table.add_row(pole, *shown)
+    return table
+
+
+def _with_std(value: float, std: float) -> str:
+    """Write a figure with its standard deviation, where one is known.
+
+    Examples
+    --------
+    >>> _with_std(1.2345678, 0.01), _with_std(2.0, math.nan)
+    ('1.235 +- 0.01', '2')
+    """
+    return f"{value:.4g} +- {std:.2g}" if math.isfinite(std) else f"{value:.4g}"
+
+
+def _dc_gain_std(result: Result) -> float:
+    return result.uncertainty.dc_gain_std if result.uncertainty else math.nan
 
 
 def fraction(model: TransferFunction) -> list[str]:
@@ -85,25 +134,9 @@ def fraction(model: TransferFunction) -> list[str]:
     ]
 
 
-def _parameter_table(result: Result, truth: TransferFunction) -> Any:
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, title="Parameters", title_justify="left", title_style="bold")
-    for heading in ("", "identified", "true", "off by"):
-        table.add_column(heading, justify="right")
-    for name, value, true in zip(result.structure.names, result.parameters, true_parameters(truth), strict=False):
-        table.add_row(name, f"{value:.4g}", f"{true:.4g}", f"{100 * (value / true - 1):+.2f} %")
-    return table
-
-
 def true_parameters(truth: TransferFunction) -> Sequence[float]:
     """Return the coefficients of a transfer function in the order a_{n-1} .. a_0, b_m .. b_0."""
     return [*truth.den[1:].tolist(), *truth.num.tolist()]
-
-
-def _mode_cells(mode: Mode) -> tuple[str, str, str, str]:
-    pole = f"{mode.pole.real:.4g}" + (f" +- {mode.pole.imag:.4g}j" if mode.pole.imag else "")
-    return pole, f"{mode.frequency:.4g}", f"{mode.damping:.3g}", f"{mode.time_constant:.4g}"
 
 
 def _pole(pole: complex) -> dict[str, Any]:
@@ -117,12 +150,8 @@ def _pole(pole: complex) -> dict[str, Any]:
     }
 
 
-def _stds(result: Result) -> list[float | None]:
-    """Return the standard deviation of each parameter, None where it is not known."""
-    if result.covariance is None:
-        return [None] * result.structure.size
-    known = Uncertainty(result.structure, result.parameters, result.covariance)
-    return [_finite(std) for std in known.std.tolist()]
+def _stds(result: Result) -> list[float]:
+    return [math.nan] * result.structure.size if result.uncertainty is None else result.uncertainty.std.tolist()
 
 
 def _percent(value: float) -> str:

@@ -1,0 +1,33 @@
+"""One step ahead: what the output's past adds to the simulation from the input."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from replant.kernels import residuals
+from replant.validation import FloatArray
+
+
+def one_step(residual: FloatArray) -> FloatArray:
+    """Return what is left of a free run's residual (K,) once its own past has been used to predict it.
+
+    The residual is modelled as an autoregression of order 4, D(q) e = w; w is the error one step ahead.  Where it is
+    not finite, and for four samples after, nothing is predicted.
+
+    Examples
+    --------
+    >>> drifting = np.cumsum(np.where(np.arange(200) % 7 < 3, 1.0, -0.75))
+    >>> bool(np.std(one_step(drifting)) < 0.5 * np.std(drifting))
+    True
+    """
+    from scipy.signal import lfilter
+
+    lags = residuals.LAGS
+    known = np.isfinite(residual)
+    filled = np.where(known, residual, 0.0)
+    covariances = np.array([filled[lag:] @ filled[: filled.size - lag] for lag in range(lags + 1)])
+    model = np.empty(lags + 1)
+    residuals.autoregression(covariances, model, np.empty(lags + 1))
+    error = lfilter(model, [1.0], filled)
+    usable = np.convolve(~known, np.ones(lags + 1))[: known.size] == 0
+    return np.where(usable, error, residual)

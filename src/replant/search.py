@@ -1,0 +1,145 @@
+"""Which structure: poles, zeros and dead time, by trial on a grid and judged on samples held out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from replant.assessment import simulate
+from replant.errors import InvalidArgumentError
+from replant.offline import FitResult, fit
+from replant.preprocess import Preprocess
+from replant.structure import Structure
+from replant.validation import FloatArray, record
+
+TRAINED = 0.7  # of the record; the rest is held out
+ENOUGH = 0.5  # points of held-out fit that more parameters must bring to be worth having
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One structure that was tried.
+
+    Attributes
+    ----------
+    structure : Structure
+    held_out : float
+        Simulated fit in percent on the part of the record that was not fitted, offset and initial state estimated.
+    criterion : float
+        Bayesian information criterion of the part that was fitted, K ln(variance) + P ln(K): smaller is better.
+    """
+
+    structure: Structure
+    held_out: float
+    criterion: float
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """What a search found.
+
+    Attributes
+    ----------
+    best : FitResult
+        The chosen structure, fitted to the whole record.
+    candidates : tuple of Candidate
+        All that were tried, in the order of the grid.
+    """
+
+    best: FitResult
+    candidates: tuple[Candidate, ...]
+
+
+def search(
+    u: Any,
+    y: Any,
+    dt: float,
+    *,
+    poles: Iterable[int],
+    zeros: Iterable[int] | None = None,
+    delays: Iterable[float] = (0.0,),
+    bias: bool = False,
+    preprocess: Preprocess = Preprocess(),  # noqa: B008 - frozen
+) -> SearchResult:
+    """Fit every structure of a grid by refined instrumental variables, and choose one.
+
+    Each is fitted to the first 70 % of the record and simulated over the rest.  Of those within half a point of the
+    best held-out fit, the one with the fewest parameters is chosen, and of those the one with the least criterion.
+
+    Parameters
+    ----------
+    u, y : (K,) arrays
+    dt : float
+        Sampling time in s.
+    poles : iterable of int
+    zeros : iterable of int, optional
+        By default all below the number of poles.
+    delays : iterable of float
+        Dead times in s.
+    bias : bool
+    preprocess : Preprocess
+
+    Raises
+    ------
+    InvalidArgumentError
+        If no structure of the grid is possible, or none explains anything.
+
+    Examples
+    --------
+    >>> from replant.signals import prbs, white_noise
+    >>> u = prbs(2000, hold=8)
+    >>> y = Structure(poles=2).transfer_function([4.0, 3.0, 2.0]).simulate(u, 0.05) + white_noise(2000, 0.05)
+    >>> found = search(u, y, 0.05, poles=(1, 2, 3))
+    >>> found.best.structure.poles
+    2
+
+    References
+    ----------
+    Ljung (1999), "System Identification: Theory for the User", section 16.4.
+    """
+    u, y = record(u, y)
+    split = int(TRAINED * u.size)
+    grid = _grid(poles, zeros, delays, bias)
+    candidates = tuple(_try(structure, u, y, dt, split, preprocess) for structure in grid)
+    usable = [candidate for candidate in candidates if math.isfinite(candidate.held_out)]
+    if not usable:
+        raise InvalidArgumentError("no structure of the grid explains this record: does the input move the output?")
+    limit = max(candidate.held_out for candidate in usable) - ENOUGH
+    near = [candidate for candidate in usable if candidate.held_out >= limit]
+    chosen = min(near, key=lambda candidate: (candidate.structure.size, candidate.criterion))
+    return SearchResult(fit(u, y, dt, chosen.structure, preprocess=preprocess), candidates)
+
+
+def _grid(poles: Iterable[int], zeros: Iterable[int] | None, delays: Iterable[float], bias: bool) -> list[Structure]:
+    delays, allowed = tuple(delays), None if zeros is None else tuple(zeros)
+    grid = [
+        Structure(n, m, delay, bias)
+        for n in poles
+        for m in (range(n) if allowed is None else allowed)
+        if m < n
+        for delay in delays
+    ]
+    if not grid:
+        raise InvalidArgumentError("the grid holds no possible structure: zeros must be fewer than poles")
+    return grid
+
+
+def _try(
+    structure: Structure, u: FloatArray, y: FloatArray, dt: float, split: int, preprocess: Preprocess
+) -> Candidate:
+    try:
+        fitted = fit(u[:split], y[:split], dt, structure, method="srivc", preprocess=preprocess)
+    except InvalidArgumentError:  # too short for it, or nothing found
+        return Candidate(structure, -math.inf, math.inf)
+    model, mapped = fitted.transfer_function, fitted.preprocess.map_input(u)
+    held_out = simulate(model, mapped[split:], y[split:], dt).fit if model.is_stable else -math.inf
+    residual = y[:split] - fitted.simulation.output
+    residual = residual[np.isfinite(residual)]
+    variance = float(np.mean(residual**2)) if residual.size else 0.0
+    tiny = np.finfo(float).tiny
+    parameters = structure.size + bool(structure.delay)
+    return Candidate(structure, held_out, residual.size * math.log(max(variance, tiny)) + parameters * math.log(split))
