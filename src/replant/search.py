@@ -14,7 +14,7 @@ from replant.errors import InvalidArgumentError
 from replant.offline import FitResult, fit
 from replant.preprocess import Preprocess
 from replant.structure import Structure
-from replant.validation import FloatArray, record
+from replant.validation import FloatArray, record, whole
 
 TRAINED = 0.7  # of the record; the rest is held out
 ENOUGH = 0.5  # points of held-out fit that more parameters must bring to be worth having
@@ -110,7 +110,7 @@ def search(
         raise InvalidArgumentError("no structure of the grid explains this record: does the input move the output?")
     limit = max(candidate.held_out for candidate in usable) - ENOUGH
     near = [candidate for candidate in usable if candidate.held_out >= limit]
-    chosen = min(near, key=lambda candidate: (candidate.structure.size, candidate.criterion))
+    chosen = min(near, key=lambda candidate: (_parameters(candidate.structure), candidate.criterion))
     return SearchResult(fit(u, y, dt, chosen.structure, preprocess=preprocess), candidates)
 
 
@@ -118,7 +118,7 @@ def _grid(poles: Iterable[int], zeros: Iterable[int] | None, delays: Iterable[fl
     delays, allowed = tuple(delays), None if zeros is None else tuple(zeros)
     grid = [
         Structure(n, m, delay, bias)
-        for n in poles
+        for n in (whole("poles", n, 1) for n in poles)
         for m in (range(n) if allowed is None else allowed)
         if m < n
         for delay in delays
@@ -136,10 +136,18 @@ def _try(
     except InvalidArgumentError:  # too short for it, or nothing found
         return Candidate(structure, -math.inf, math.inf)
     model, mapped = fitted.transfer_function, fitted.preprocess.map_input(u)
-    held_out = simulate(model, mapped[split:], y[split:], dt).fit if model.is_stable else -math.inf
+    # the dead time looks back on inputs before the part held out: they go in, their outputs do not count
+    start = max(split - math.ceil(structure.delay / dt), 0)
+    unseen = np.where(np.arange(start, y.size) < split, np.nan, y[start:])
+    held_out = simulate(model, mapped[start:], unseen, dt).fit if model.is_stable else -math.inf
     residual = y[:split] - fitted.simulation.output
     residual = residual[np.isfinite(residual)]
     variance = float(np.mean(residual**2)) if residual.size else 0.0
     tiny = np.finfo(float).tiny
-    parameters = structure.size + bool(structure.delay)
-    return Candidate(structure, held_out, residual.size * math.log(max(variance, tiny)) + parameters * math.log(split))
+    criterion = residual.size * math.log(max(variance, tiny)) + _parameters(structure) * math.log(split)
+    return Candidate(structure, held_out, criterion)
+
+
+def _parameters(structure: Structure) -> int:
+    """Return how many numbers a structure has: a dead time counts as one."""
+    return structure.size + bool(structure.delay)

@@ -2,26 +2,71 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
+from replant.errors import InvalidArgumentError
 from replant.logs import Log, read_log
 from replant.preprocess import Preprocess
 from replant.settings import Request
 from replant.structure import Structure
 
+
+class Range(click.ParamType[tuple[Any, ...]]):
+    """A number, or a range of them as first:last or first:last:step."""
+
+    number: type = float
+    example = ""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[Any, ...]:
+        """Return every number of the range, the last included."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            parts = [self.number(part) for part in str(value).split(":")]
+        except ValueError:
+            self.fail(f"{value!r} is no {self.name}, nor a range of them such as {self.example}", param, ctx)
+        if len(parts) == 1:
+            return (parts[0],)
+        first, last, step = parts[0], parts[1], parts[2] if len(parts) == 3 else self.number(1)
+        if len(parts) > 3 or not step > 0 or not first <= last or not math.isfinite(last - first):
+            self.fail(f"{value!r} is no range; write {self.example}", param, ctx)
+        if (last - first) / step > MOST_TRIED:
+            self.fail(f"{value!r} are more than {MOST_TRIED} numbers: take a larger step", param, ctx)
+        count = int((last - first) / step * (1 + 1e-12)) + 1
+        return tuple(self.number(first + k * step) for k in range(count))
+
+
+class Whole(Range):
+    """Whole numbers."""
+
+    name = "whole number"
+    example = "1:4"
+    number = int
+
+
+class Seconds(Range):
+    """Times in s."""
+
+    name = "time in s"
+    example = "0:1:0.1"
+
+
+MOST_TRIED = 1000
+
 _OPTIONS: list[Callable[[Any], Any]] = [
     click.argument("log", type=click.Path(path_type=Path)),
     click.option("--input", "input_column", required=True, metavar="COL", help="Column of the input: name or index."),
     click.option("--output", "output_column", required=True, metavar="COL", help="Column of the output."),
-    click.option("--poles", type=int, required=True, metavar="N", help="Number of poles."),
-    click.option("--zeros", type=int, default=0, metavar="M", show_default=True, help="Number of zeros."),
+    click.option("--poles", type=Whole(), required=True, metavar="N", help="Number of poles; fit takes a range, 1:4."),
+    click.option("--zeros", type=Whole(), metavar="M", help="Number of zeros (0), or a range; all, where poles range."),
     click.option("--time", "time_column", metavar="COL", help="Column of time in s; its steps must be equal."),
     click.option("--dt", type=float, metavar="S", help="Sampling time in s, instead of a column of time."),
-    click.option("--delay", type=float, default=0.0, metavar="S", help="Known dead time in s."),
+    click.option("--delay", type=Seconds(), default="0", metavar="S", help="Dead time in s; fit takes 0:1:0.1, too."),
     click.option("--bias", is_flag=True, help="Identify a constant beside G(s)."),
     click.option("--input-map", type=click.Choice(["identity", "square"]), default="identity", help="Applied first."),
     click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
@@ -38,14 +83,27 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def open_log(options: dict[str, Any]) -> tuple[Log, Request]:
     """Read the log that the options name, and make the request that they spell."""
-    structure = Structure(options["poles"], options["zeros"], options["delay"], options["bias"])
-    log = read_log(
+    for name in ("poles", "zeros", "delay"):
+        if len(options[name] or (0,)) > 1:
+            raise InvalidArgumentError(f"--{name} must be one number here; `replant fit` searches a range")
+    zeros = options["zeros"][0] if options["zeros"] else 0
+    structure = Structure(options["poles"][0], zeros, options["delay"][0], options["bias"])
+    log = read(options)
+    preprocess = preprocess_of(options)
+    return log, Request(structure, log.dt, preprocess=preprocess, optimizer=options.get("optimizer", "auto"))
+
+
+def preprocess_of(options: dict[str, Any]) -> Preprocess:
+    """Return input map and working point: a recorded rig hardly ever rests at zero, so the record's mean is taken."""
+    return Preprocess(options["input_map"], "mean", "mean")
+
+
+def read(options: dict[str, Any]) -> Log:
+    """Read the log that the options name."""
+    return read_log(
         options["log"],
         input=options["input_column"],
         output=options["output_column"],
         time=options["time_column"],
         dt=options["dt"],
     )
-    # a recorded rig hardly ever rests at zero: the record's mean is its working point
-    preprocess = Preprocess(options["input_map"], "mean", "mean")
-    return log, Request(structure, log.dt, preprocess=preprocess, optimizer=options.get("optimizer", "auto"))

@@ -1,0 +1,79 @@
+"""``replant fit`` over a range of structures."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from replant.cli import main
+from replant.signals import prbs, white_noise
+from replant.transfer_function import TransferFunction
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """Return a log of a second-order plant with a dead time of 0.2 s."""
+    u = prbs(2000, hold=8)
+    y = TransferFunction([2.0], [1.0, 4.0, 3.0], 0.2).simulate(u, 0.05) + white_noise(2000, 0.03, seed=1)
+    path = tmp_path / "log.csv"
+    path.write_text("u,y\n" + "".join(f"{a},{b:.17g}\n" for a, b in zip(u, y, strict=True)))
+    return path
+
+
+def fit(capsys, *arguments: object) -> tuple[int, str, str]:
+    try:
+        main(["fit", *(str(argument) for argument in arguments)])
+        code = 0
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+COLUMNS = ("--input", "u", "--output", "y", "--dt", "0.05")
+
+
+def test_a_range_is_searched_and_the_table_names_the_choice(capsys, log: Path) -> None:
+    code, out, err = fit(capsys, log, *COLUMNS, "--poles", "1:3", "--zeros", "0", "--delay", "0:0.4:0.1")
+    assert (code, err) == (0, "")
+    (chosen,) = [line.split() for line in out.splitlines() if line.rstrip().endswith("chosen")]
+    assert chosen[:3] == ["2", "0", "0.2"]
+    assert len([line for line in out.splitlines() if " s " in line and "%" in line]) == 3 * 5
+
+
+def test_json_is_the_chosen_model_alone(capsys, log: Path) -> None:
+    code, out, err = fit(capsys, log, *COLUMNS, "--poles", "1:2", "--delay", "0.2", "--json")
+    assert (code, err) == (0, "")
+    answer = json.loads(out)
+    assert answer["delay"] == 0.2
+    assert len(answer["den"]) == 3
+    for name, true in {"a1": 4.0, "a0": 3.0, "b0": 2.0}.items():
+        estimate = answer["parameters"][name]
+        assert abs(estimate["value"] - true) < 4 * estimate["std"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--poles", "two"), ["--poles", "'two'", "1:4"]),
+        (("--poles", "3:1"), ["--poles", "'3:1'"]),
+        (("--poles", "1:2:3:4"), ["--poles"]),
+        (("--poles", "1", "--delay", "0:1:0"), ["--delay"]),
+        (("--poles", "1", "--delay", "0:1e9:1e-9"), ["--delay", "larger step"]),
+        (("--poles", "0:2"), ["poles"]),
+        (("--poles", "1:2", "--method", "least_squares"), ["srivc"]),
+        (("--poles", "1:2", "--zeros", "5"), ["zeros"]),
+    ],
+)
+def test_a_bad_range_is_one_line_and_exit_code_2(capsys, log: Path, arguments, words) -> None:
+    code, out, err = fit(capsys, log, *COLUMNS, *arguments, "--json")
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert all(word in err for word in words), err
+
+
+def test_run_takes_no_range(capsys, log: Path) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["run", str(log), *COLUMNS, "--poles", "1:2"])
+    assert stop.value.code == 2
+    assert "replant fit" in capsys.readouterr().err
