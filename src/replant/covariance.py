@@ -38,12 +38,18 @@ def _kept(state: State) -> FloatArray:
 
 
 def _of_least_squares(state: State) -> FloatArray:
-    """Return sigma_w^2 P Q P, or where it is larger sigma^2 P: see `replant.kernels.residuals`."""
+    """Return sigma_w^2 P Q P, or where it is larger that of a white residual: see `replant.kernels.residuals`.
+
+    With a white residual Q is sum mu^2j zeta zeta', and P the inverse of sum mu^j zeta zeta': without forgetting that
+    makes sigma^2 P, with it about half as much.
+    """
     size, lags = state.entries, residuals.LAGS
     colour = state.block(at.AT_COLOUR, residuals.size(size))
     inverse = _kept(state)
-    count = max(colour[residuals.COUNT] - size, 1.0)
-    white = colour[residuals.POWER] / max(colour[residuals.COUNT], 1.0) * inverse
+    seen, forgetting = colour[residuals.COUNT], state.block(at.AT_SETTINGS, 1)[0]
+    count = max(seen - size, 1.0)
+    share = (2.0 - seen * (1.0 - forgetting)) / (1.0 + forgetting)  # of the sums of mu^2j and mu^j
+    white = share * colour[residuals.POWER] / max(seen, 1.0) * inverse
     model = np.empty(lags + 1)
     power = residuals.autoregression(
         colour[residuals.COVARIANCES : residuals.COVARIANCES + lags + 1], model, np.empty(lags + 1)
@@ -53,21 +59,32 @@ def _of_least_squares(state: State) -> FloatArray:
 
 
 def _of_buffer(state: State) -> FloatArray:
-    """Return the covariance of the instrumental-variable estimate of the samples in the buffer."""
+    """Return the covariance of the buffer's instrumental-variable estimate, and how far the estimate is from that.
+
+    What an optimizer of the first order would come to rest at, were its steps small and many, is the solution of the
+    buffer's weighted equations sum zeta (z - phi' theta) / m^2 = 0.  That solution has the covariance of an
+    instrumental-variable estimate; the distance to it, by which the steps wander or have not arrived, is known, and
+    its square is added.
+    """
     from scipy.signal import lfilter
 
     size, filled = state.entries, int(state.ints[at.FILLED])
+    unknown = np.full((size, size), np.nan)
     if filled <= 2 * size:
-        return np.full((size, size), np.nan)
+        return unknown
     rows = np.roll(state.buffer[:filled], -int(state.ints[at.HEAD]) if filled == len(state.buffer) else 0, axis=0)
-    phi, target, zeta = rows[:, :size], rows[:, size], rows[:, size + 2 :]
-    error = target - phi @ state.theta
+    phi, target = rows[:, :size], rows[:, size]
+    zeta = rows[:, size + 2 :] * rows[:, size + 1 : size + 2]
+    cross = zeta.T @ phi
+    if not np.linalg.cond(cross) < 1.0 / np.finfo(float).eps:
+        return unknown
+    inverse = np.linalg.inv(cross)
+    solution = inverse @ (zeta.T @ target)
+    error = target - phi @ solution
     covariances = np.array([error[lag:] @ error[: filled - lag] for lag in range(residuals.LAGS + 1)])
     model = np.empty(residuals.LAGS + 1)
     power = residuals.autoregression(covariances, model, np.empty(residuals.LAGS + 1))
     filtered = lfilter([1.0], model, zeta, axis=0)
-    cross = zeta.T @ phi
-    if not np.linalg.cond(cross) < 1.0 / np.finfo(float).eps:
-        return np.full((size, size), np.nan)
-    inverse = np.linalg.inv(cross)
-    return np.asarray(power / (filled - size) * inverse @ (filtered.T @ filtered) @ inverse.T)
+    distance = state.theta - solution
+    spread = power / (filled - size) * inverse @ (filtered.T @ filtered) @ inverse.T
+    return np.asarray(spread + np.outer(distance, distance))
