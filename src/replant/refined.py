@@ -232,7 +232,9 @@ class Problem:
                 return model, done, True
             better = self._line_search(model, direction, done.cost)
             if better is None:
-                return model, done, gain * samples <= 1e-2 * done.cost
+                # no descent left: the instruments are exact but for the model output's run between samples, so that
+                # where poles are as fast as the sampling their root lies a little beside the least cost
+                return model, done, gain * samples <= 1e-1 * done.cost
             model, done = better
         return model, done, False
 
