@@ -346,7 +346,7 @@ class Identifier:
                 return self._wait_longer()
         self._settings, self._mapped = settings, callable(self._request.preprocess.input_map)
         self._step, self._steps = step, steps
-        self._state = State.of_settings(settings, RECENT if settings.instruments else 0)
+        self._state = State.of_settings(settings, RECENT)
         self._state.ints[[at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER]] = list(self._held_rejects.values())
         self._held, self._offered = [], u.size
         if u.size == 0:

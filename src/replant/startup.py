@@ -22,7 +22,8 @@ ROOM = 1e6  # how far forgetting may let the variances grow beyond those of the 
 def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn: bool) -> FloatArray:
     """Run held samples through the kernel and return the errors (K,).
 
-    Without ``learn`` only filters, counters and kept samples follow: the estimate has been solved for.
+    Without ``learn`` only filters, counters and kept samples follow: the estimate has been solved for.  No estimate
+    is kept meanwhile: choices were made, or the estimate solved for, with all of these samples.
     """
     from replant.kernels.step import steps
 
@@ -33,6 +34,8 @@ def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn:
     state.ints[at.ADAPT] = 1
     if not learn:
         state.ints[at.RESTED] = rested
+    state.ints[at.PAST_KEPT], state.ints[at.PAST_DUE] = 0, state.ints[at.SAMPLES]
+    state.ints[at.LEARNED] = state.ints[at.SAMPLES]
     return errors
 
 
@@ -151,6 +154,10 @@ def first_model(structure: Structure, record: Record) -> Refined | None:
 
 
 def carry_over(old: State, new: State) -> None:
-    """Keep the counters, and the user's choice to freeze, of a state that a new solution replaces."""
-    for slot in (at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER, at.REFUSED, at.RESTED, at.GAPS, at.ADAPT, at.DRAWN):
+    """Keep counters, past estimates and the user's choice to freeze, of a state that a new solution replaces."""
+    for slot in (
+        at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER, at.REFUSED, at.RESTED, at.GAPS, at.ADAPT, at.DRAWN,
+        at.PAST_KEPT, at.PAST_DUE,
+    ):  # fmt: skip
         new.ints[slot] = old.ints[slot]
+    new.past[:] = old.past

@@ -174,6 +174,12 @@ class State:
         return self.block(at.AT_THETA, self.entries)
 
     @property
+    def past(self) -> FloatArray:
+        """View of the past estimates (PAST, 1 + T), scaled, each behind the samples that it had taken in."""
+        size = 1 + self.entries
+        return self.block(at.AT_PAST, at.PAST * size).reshape(at.PAST, size)
+
+    @property
     def unit(self) -> FloatArray:
         """View of what turns scaled into physical parameters, (T,)."""
         return self.block(at.AT_UNIT, self.entries)

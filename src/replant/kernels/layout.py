@@ -48,8 +48,13 @@ DRAWN = 31  # position in the random stream
 NEWEST = 32  # where in the ring of past inputs the newest one lies
 ACTIVE = 33  # which bank of the auxiliary model serves, 1 or 2
 WARMING = 34  # 1 while the other one warms up
+RECENT_HEAD = 35  # the row of the raw samples kept that the next one goes to: SAMPLES modulo RECENT
+LEARNED = 36  # accepted samples when the estimate last took one in
+PAST_KEPT = 37  # estimates kept so far
+PAST_DUE = 38  # accepted samples at which the estimate is kept next
 # --- ints: where the blocks of reals begin
 AT_INPUTS = 40  # (RING,)  past inputs
+AT_PAST = 55  # (PAST, 1 + T)  past estimates, scaled, each behind the samples that it had taken in
 AT_HELD = 54  # (RING,)  what a held input was, on the mean, over that interval
 AT_INTERVALS = 41  # (RING,)  the interval that led to each of them
 AT_SIGMA = 42  # (T,)  scaling of the regressor
@@ -88,6 +93,9 @@ LAST_TIME = 18  # time stamp of the newest sample, s
 LEARN_FROM = 17  # s since the first sample; after a gap, learning waits until then
 SCALARS = 19
 
+# Past estimates kept, the oldest given up for each new one: what came after the oldest is held out from it.
+PAST = 4
+
 # The largest magnitude whose square is still far inside float64: beyond it m^2 of (13) would overflow.
 LARGEST = 1e150
 
@@ -111,6 +119,7 @@ def plan(
         AT_MEMORY: memory,
         AT_SETTINGS: settings,
         AT_BACKUP: entries + memory,
+        AT_PAST: PAST * (1 + entries),
         AT_WORK: 4 * (order + 2) ** 2,
         AT_COLOUR: colour,
     }

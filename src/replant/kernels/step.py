@@ -19,6 +19,9 @@ RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9
 
 AT_REST = 1e-6  # moving variance of the input, relative to its largest, below which the input rests
 SETTLE = 5.0  # of the slowest time constant, to wait after a gap
+# The estimate is kept each time the samples have grown by an eighth: of the four kept the oldest lies then three to
+# four of these steps back, so that a quarter to a third of all samples, and later 3750 to 5000, are held out from it.
+KEEP_AFTER_PART, KEEP_AFTER_LEAST, KEEP_AFTER_MOST = 8, 32, 1250
 
 
 @rare
@@ -168,6 +171,29 @@ def record_residual(ints, reals, error):
     residuals.record(colour, error, alpha, forgetting, zeta)
 
 
+@rare
+def keep_estimate(ints, reals):
+    """Keep the estimate as it is now, in the place of the oldest one kept: later samples are held out from it."""
+    T, samples = ints[at.ENTRIES], ints[at.SAMPLES]
+    theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]
+    row = ints[at.AT_PAST] + (ints[at.PAST_KEPT] % at.PAST) * (1 + T)
+    kept = reals[row + 1 : row + 1 + T]
+    reals[row] = samples
+    for i in range(theta.size):
+        kept[i] = theta[i]
+    ints[at.PAST_KEPT] += 1
+    ints[at.PAST_DUE] = samples + min(max(samples // KEEP_AFTER_PART, KEEP_AFTER_LEAST), KEEP_AFTER_MOST)
+
+
+@cut
+def keep_sample(ints, recent, u, y, interval):
+    """Keep the raw sample, over the oldest one."""
+    head = ints[at.RECENT_HEAD]
+    row = recent[head]
+    row[0], row[1], row[2] = u, y, interval
+    ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT] else 0
+
+
 @kernel
 def step(ints, reals, banks, buffer, recent, u, y, t):
     """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected.
@@ -195,8 +221,7 @@ def step(ints, reals, banks, buffer, recent, u, y, t):
         reals[at.LAST_TIME] = t
     at_rest = input_rests(ints, reals, u) and ints[at.GUARD] == 1
     if ints[at.RECENT] > 0:
-        newest = ints[at.SAMPLES] % ints[at.RECENT]
-        recent[newest, 0], recent[newest, 1], recent[newest, 2] = u, y, interval
+        keep_sample(ints, recent, u, y, interval)
     if ints[at.INSTRUMENTS] == 1 and chain.renew_model(ints, reals, banks):
         colour = ints[at.AT_COLOUR]
         if ints[at.COLOURED] == 1:
@@ -216,8 +241,11 @@ def step(ints, reals, banks, buffer, recent, u, y, t):
         ints[at.RESTED] += 1
     else:
         update_estimate(ints, reals, buffer, target, interval)
+        ints[at.LEARNED] = ints[at.SAMPLES]
         if ints[at.COLOURED] == 1:
             record_residual(ints, reals, error)
+    if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
+        keep_estimate(ints, reals)
     return error * reals[at.OUTPUT_SCALE]
 
 
