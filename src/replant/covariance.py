@@ -6,7 +6,6 @@ import numpy as np
 
 from replant.factors import compose, larger
 from replant.kernels import layout as at
-from replant.kernels import residuals
 from replant.settings import Settings
 from replant.state import State
 from replant.validation import FloatArray
@@ -43,6 +42,8 @@ def _of_least_squares(state: State) -> FloatArray:
     With a white residual Q is sum mu^2j zeta zeta', and P the inverse of sum mu^j zeta zeta': without forgetting that
     makes sigma^2 P, with it about half as much.
     """
+    from replant.kernels import residuals
+
     size, lags = state.entries, residuals.LAGS
     colour = state.block(at.AT_COLOUR, residuals.size(size))
     inverse = _kept(state)
@@ -67,6 +68,8 @@ def _of_buffer(state: State) -> FloatArray:
     its square is added.
     """
     from scipy.signal import lfilter
+
+    from replant.kernels import residuals
 
     size, filled = state.entries, int(state.ints[at.FILLED])
     unknown = np.full((size, size), np.nan)

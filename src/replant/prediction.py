@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.kernels import residuals
 from replant.validation import FloatArray
 
 
@@ -21,6 +20,8 @@ def one_step(residual: FloatArray) -> FloatArray:
     True
     """
     from scipy.signal import lfilter
+
+    from replant.kernels import residuals
 
     lags = residuals.LAGS
     known = np.isfinite(residual)

@@ -23,7 +23,6 @@ import numpy as np
 
 from replant.factors import compose, factor_information, larger
 from replant.kernels import layout as at
-from replant.kernels import residuals
 from replant.state import State
 from replant.structure import Structure
 from replant.validation import FloatArray
@@ -327,6 +326,8 @@ def relative_uncertainty(
 def _colour(zeta: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Return the block of `kernels.residuals` at the record's end, sum zeta_f zeta_f', and the innovation's sum."""
     from scipy.signal import lfilter
+
+    from replant.kernels import residuals
 
     samples, size = zeta.shape
     colour = np.zeros(residuals.size(size))

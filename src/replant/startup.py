@@ -7,7 +7,6 @@ import numpy as np
 from replant.defaults import centre
 from replant.factors import compose, factor_covariance
 from replant.kernels import layout as at
-from replant.kernels import residuals
 from replant.preprocess import Preprocess, screen
 from replant.refined import FASTEST, SLOWEST, Record, Refined, refine
 from replant.settings import Settings
@@ -105,6 +104,8 @@ def _seed_tracking(state: State, settings: Settings, refined: Refined, record: R
 
 def _seed_colour(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:
     """Write power and colour of the start-up's residual, in scaled signals."""
+    from replant.kernels import residuals
+
     size, lags = state.entries, residuals.LAGS
     sigma, scale = state.block(at.AT_SIGMA, size) / rate, settings.scaling.output
     of_full = refined.theta.size
