@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
+import pytest
 
 import replant as rp
+from replant.kernels import layout as at
+from replant.optimizers import OPTIMIZERS
+from replant.state import State
 
 #: The article's G1 and G2, (20) and (22).
 G1 = rp.TransferFunction([1.25], [1.0, 0.5])
@@ -49,12 +54,15 @@ def true_parameters(plant: rp.TransferFunction, zeros: int) -> np.ndarray:
 
 
 def identifier(optimizer: Any = rp.AMSGrad(step_size=0.01), **changes: Any) -> rp.Identifier:  # noqa: B008 - frozen
-    """A small identifier that is ready at once: nothing is left to "auto"."""
+    """A small identifier that is ready at once: nothing is left to "auto"; replay where the optimizer can have it."""
+    kind = OPTIMIZERS.get(optimizer) if isinstance(optimizer, str) else optimizer
+    keeps_covariance = getattr(kind, "keeps_covariance", False)
     settings: dict[str, Any] = {
         "filter": rp.StateVariableFilter(cutoff=5.0),
         "scaling": None,
         "optimizer": optimizer,
-        "replay": rp.Replay(capacity=50, batch_size=4, warmup=4),
+        "replay": None if keeps_covariance else rp.Replay(capacity=50, batch_size=4, warmup=4),
+        "instruments": False,
     }
     structure, dt = changes.pop("structure", rp.Structure(poles=2, zeros=1)), changes.pop("dt", 0.05)
     return rp.Identifier(structure, dt, **{**settings, **changes})
@@ -62,4 +70,21 @@ def identifier(optimizer: Any = rp.AMSGrad(step_size=0.01), **changes: Any) -> r
 
 def state(ident: rp.Identifier) -> dict[str, bytes]:
     """The whole running state, to the bit."""
-    return {name: getattr(ident, name).tobytes() for name in ("_ints", "_reals", "_buffer")}
+    return {field.name: getattr(ident._state, field.name).tobytes() for field in dataclasses.fields(ident._state)}
+
+
+def is_finite(arrays: State) -> bool:
+    """Whether every number of a running state is finite, but for the times that may be infinite: "never"."""
+    reals = np.delete(arrays.reals, [at.READY, at.LONGEST_GAP])
+    return all(np.isfinite(array).all() for array in (reals, arrays.banks, arrays.buffer, arrays.recent))
+
+
+def with_and_without(replay: rp.Replay) -> pytest.MarkDecorator:
+    """Every optimizer alone, and with a buffer those that can have one."""
+    pairs = [pytest.param(name, None, id=f"{name}-plain") for name in OPTIMIZERS]
+    pairs += [
+        pytest.param(name, replay, id=f"{name}-replay")
+        for name, kind in OPTIMIZERS.items()
+        if not kind.keeps_covariance
+    ]
+    return pytest.mark.parametrize(("name", "replay"), pairs)

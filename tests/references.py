@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 Array = np.ndarray
-Update = Callable[[Array, Array, Array], Array]  # (theta, phi, y) -> theta
+Update = Callable[..., Array]  # (theta, phi, y) -> theta; with instruments zeta comes after y
 
 GOLDEN, MIX1, MIX2, WORD = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB, (1 << 64) - 1
 
@@ -122,13 +122,14 @@ def filtered(x: Any, denominator: Any, dt: float, delay: float, hold: str, alpha
     return w
 
 
-# --- optimizers: each twin is made for P parameters, and is a rule theta, phi, y -> theta
+# --- optimizers: each twin is made for P parameters, and is a rule theta, phi, y (, zeta) -> theta
 
 
-def gradient_of(theta: Array, phi: Array, y: Array, normalize: bool) -> Array:
-    """(13) and (16)."""
-    m2 = 1 + phi @ phi if normalize else 1
-    return -(y - theta @ phi) / m2 * phi
+def gradient_of(theta: Array, phi: Array, y: Array, normalize: bool, zeta: Array | None = None) -> Array:
+    """(13) and (16); instruments stand where the regressor gives the direction, and its length."""
+    along = phi if zeta is None else zeta
+    m2 = 1 + along @ along if normalize else 1
+    return -(y - theta @ phi) / m2 * along
 
 
 def settings_of(optimizer: Any, *names: str) -> list[Array]:
@@ -138,7 +139,7 @@ def settings_of(optimizer: Any, *names: str) -> list[Array]:
 def gradient(optimizer: Any, P: int, dt: float, normalize: bool) -> Update:
     """(17)."""
     (gain,) = settings_of(optimizer, "gain")
-    return lambda theta, phi, y: theta - extended(dt) * gain * gradient_of(theta, phi, y, normalize)
+    return lambda theta, phi, y, zeta=None: theta - extended(dt) * gain * gradient_of(theta, phi, y, normalize, zeta)
 
 
 def adam(optimizer: Any, P: int, dt: float, normalize: bool) -> Update:
@@ -146,10 +147,10 @@ def adam(optimizer: Any, P: int, dt: float, normalize: bool) -> Update:
     alpha, beta1, beta2, epsilon = settings_of(optimizer, "step_size", "beta1", "beta2", "epsilon")
     m, v, t = extended(np.zeros(P)), extended(np.zeros(P)), 0
 
-    def update(theta: Array, phi: Array, y: Array) -> Array:
+    def update(theta: Array, phi: Array, y: Array, zeta: Array | None = None) -> Array:
         nonlocal m, v, t
         t += 1
-        g = gradient_of(theta, phi, y, normalize)
+        g = gradient_of(theta, phi, y, normalize, zeta)
         m = beta1 * m + (1 - beta1) * g
         v = beta2 * v + (1 - beta2) * g**2
         m_hat, v_hat = m / (1 - beta1**t), v / (1 - beta2**t)
@@ -163,9 +164,9 @@ def amsgrad(optimizer: Any, P: int, dt: float, normalize: bool) -> Update:
     alpha, beta1, beta2, epsilon = settings_of(optimizer, "step_size", "beta1", "beta2", "epsilon")
     m, v, v_hat = extended(np.zeros(P)), extended(np.zeros(P)), extended(np.zeros(P))
 
-    def update(theta: Array, phi: Array, y: Array) -> Array:
+    def update(theta: Array, phi: Array, y: Array, zeta: Array | None = None) -> Array:
         nonlocal m, v, v_hat
-        g = gradient_of(theta, phi, y, normalize)
+        g = gradient_of(theta, phi, y, normalize, zeta)
         m = beta1 * m + (1 - beta1) * g
         v = beta2 * v + (1 - beta2) * g**2
         v_hat = np.maximum(v_hat, v)
@@ -179,12 +180,13 @@ def integral_cost(optimizer: Any, P: int, dt: float, normalize: bool) -> Update:
     gain, beta = settings_of(optimizer, "gain", "forgetting_rate")
     Tp, R, Q = extended(dt), extended(np.zeros((P, P))), extended(np.zeros(P))
 
-    def update(theta: Array, phi: Array, y: Array) -> Array:
+    def update(theta: Array, phi: Array, y: Array, zeta: Array | None = None) -> Array:
         nonlocal R, Q
-        m2 = 1 + phi @ phi if normalize else 1
+        along = phi if zeta is None else zeta
+        m2 = 1 + along @ along if normalize else 1
         theta = theta - Tp * gain * (R @ theta + Q)
-        R = R + Tp * (-beta * R + np.outer(phi, phi) / m2)
-        Q = Q + Tp * (-beta * Q - y * phi / m2)
+        R = R + Tp * (-beta * R + np.outer(along, phi) / m2)
+        Q = Q + Tp * (-beta * Q - y * along / m2)
         return theta
 
     return update
@@ -195,8 +197,8 @@ def adagrad(optimizer: Any, P: int, dt: float, normalize: bool) -> Update:
     alpha, epsilon = settings_of(optimizer, "step_size", "epsilon")
     gradients: list[Array] = []
 
-    def update(theta: Array, phi: Array, y: Array) -> Array:
-        gradients.append(gradient_of(theta, phi, y, normalize))
+    def update(theta: Array, phi: Array, y: Array, zeta: Array | None = None) -> Array:
+        gradients.append(gradient_of(theta, phi, y, normalize, zeta))
         return theta - alpha * gradients[-1] / (np.sqrt(np.sum(np.square(gradients), axis=0)) + epsilon)
 
     return update
@@ -207,9 +209,9 @@ def rmsprop(optimizer: Any, P: int, dt: float, normalize: bool) -> Update:
     alpha, rho, epsilon = settings_of(optimizer, "step_size", "rho", "epsilon")
     v = extended(np.zeros(P))
 
-    def update(theta: Array, phi: Array, y: Array) -> Array:
+    def update(theta: Array, phi: Array, y: Array, zeta: Array | None = None) -> Array:
         nonlocal v
-        g = gradient_of(theta, phi, y, normalize)
+        g = gradient_of(theta, phi, y, normalize, zeta)
         v = rho * v + (1 - rho) * g**2
         return theta - alpha * g / (np.sqrt(v) + epsilon)
 
@@ -221,10 +223,10 @@ def nadam(optimizer: Any, P: int, dt: float, normalize: bool) -> Update:
     alpha, beta1, beta2, epsilon = settings_of(optimizer, "step_size", "beta1", "beta2", "epsilon")
     m, v, t = extended(np.zeros(P)), extended(np.zeros(P)), 0
 
-    def update(theta: Array, phi: Array, y: Array) -> Array:
+    def update(theta: Array, phi: Array, y: Array, zeta: Array | None = None) -> Array:
         nonlocal m, v, t
         t += 1
-        g = gradient_of(theta, phi, y, normalize)
+        g = gradient_of(theta, phi, y, normalize, zeta)
         m = beta1 * m + (1 - beta1) * g
         v = beta2 * v + (1 - beta2) * g**2
         m_bar = beta1 * m / (1 - beta1 ** (t + 1)) + (1 - beta1) * g / (1 - beta1**t)
@@ -238,13 +240,72 @@ def adadelta(optimizer: Any, P: int, dt: float, normalize: bool) -> Update:
     alpha, rho, epsilon = settings_of(optimizer, "step_size", "rho", "epsilon")
     squared_gradient, squared_step = extended(np.zeros(P)), extended(np.zeros(P))
 
-    def update(theta: Array, phi: Array, y: Array) -> Array:
+    def update(theta: Array, phi: Array, y: Array, zeta: Array | None = None) -> Array:
         nonlocal squared_gradient, squared_step
-        g = gradient_of(theta, phi, y, normalize)
+        g = gradient_of(theta, phi, y, normalize, zeta)
         squared_gradient = rho * squared_gradient + (1 - rho) * g**2
         delta = -np.sqrt(squared_step + epsilon) / np.sqrt(squared_gradient + epsilon) * g
         squared_step = rho * squared_step + (1 - rho) * delta**2
         return theta + alpha * delta
+
+    return update
+
+
+def joseph(P: Array, K: Array, zeta: Array, noise: Array) -> Array:
+    """The covariance after an observation along zeta with the gain K: a sum of two squares, whatever the rounding."""
+    rest = np.eye(zeta.size) - np.outer(K, zeta)
+    return rest @ P @ rest.T + noise * np.outer(K, K)
+
+
+def unit_upper(P: Array) -> tuple[Array, Array]:
+    """U, unit upper triangular, and the diagonal D with U D U' = P, from the last row up."""
+    size = P.shape[0]
+    U, D = extended(np.eye(size)), extended(np.zeros(size))
+    for j in range(size - 1, -1, -1):
+        D[j] = P[j, j] - sum((U[j, k] ** 2 * D[k] for k in range(j + 1, size)), extended(0))
+        for i in range(j):
+            U[i, j] = (P[i, j] - sum((U[i, k] * D[k] * U[j, k] for k in range(j + 1, size)), extended(0))) / D[j]
+    return U, D
+
+
+def recursive_least_squares(optimizer: Any, P: int, dt: float, normalize: bool) -> Update:
+    """Young (2011), chapter 5, in Joseph's form; forgetting lets no entry of D outgrow the initial covariance."""
+    start = extended(optimizer.initial_covariance)
+    factor, time_constant = optimizer.forgetting_factor, optimizer.time_constant
+    mu = extended(factor) if time_constant is None else np.exp(-extended(dt) / extended(time_constant))
+    covariance = start * np.eye(P)
+
+    def update(theta: Array, phi: Array, y: Array, zeta: Array | None = None) -> Array:
+        nonlocal covariance
+        along = phi if zeta is None else zeta
+        K = covariance @ along / (mu + along @ covariance @ along)
+        theta = theta + K * (y - theta @ phi)
+        covariance = joseph(covariance, K, along, mu) / mu
+        if mu < 1:
+            U, D = unit_upper(covariance)
+            covariance = U @ np.diag(np.minimum(D, start)) @ U.T
+        return theta
+
+    return update
+
+
+def kalman_tracking(optimizer: Any, P: int, dt: float, normalize: bool) -> Update:
+    """The Kalman filter of theta' = theta + w, in Joseph's form, with a tracked variance R of the residual."""
+    h = extended(dt)
+    walk = extended(optimizer.process_noise) * h * np.eye(P)
+    share = min(h / extended(optimizer.noise_time_constant), extended(1))
+    covariance, R = extended(optimizer.initial_covariance) * np.eye(P), extended(1)
+
+    def update(theta: Array, phi: Array, y: Array, zeta: Array | None = None) -> Array:
+        nonlocal covariance, R
+        along = phi if zeta is None else zeta
+        covariance = covariance + walk
+        expected = R + along @ covariance @ along
+        error = y - theta @ phi
+        K = covariance @ along / expected
+        covariance = joseph(covariance, K, along, R)
+        R = R + share * (error**2 * R / expected - R)
+        return theta + K * error
 
     return update
 
@@ -267,6 +328,10 @@ TWINS = {
     "rmsprop": Twin(rmsprop, {"step_size": 0.01, "rho": 0.8}),
     "nadam": Twin(nadam, {"step_size": 0.02, "beta1": 0.85, "beta2": 0.99}),
     "adadelta": Twin(adadelta, {"step_size": 2.0, "rho": 0.9, "epsilon": 1e-5}),
+    "recursive-least-squares": Twin(recursive_least_squares, {"forgetting_factor": 0.97, "initial_covariance": 50.0}),
+    "kalman-tracking": Twin(
+        kalman_tracking, {"process_noise": 0.01, "noise_time_constant": 3.0, "initial_covariance": 50.0}
+    ),
 }
 
 

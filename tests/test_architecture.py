@@ -18,17 +18,21 @@ LEVELS: list[set[str]] = [
     {"kernels", "errors"},
     {"validation"},
     # the models: each knows at most those above its line
-    {"realization", "preprocess", "replay", "trace", "optimizers", "least_squares", "signals"},
+    {"realization", "preprocess", "replay", "trace", "optimizers", "least_squares", "signals", "factors"},
     {"filters"},
     {"transfer_function"},
     {"structure", "rigs"},
-    {"scaling", "instruments"},
-    {"settings", "assessment", "uncertainty"},
+    {"scaling"},
+    {"settings", "uncertainty"},
+    # the numbers of one record or one identifier, and what is read off them
+    {"state"},
+    {"regression", "refined", "covariance", "free_run", "prediction"},
+    {"assessment"},
     # the estimators
-    {"regression"},
     {"defaults"},
+    {"startup"},
     {"identifier", "offline", "checkpoint"},
-    {"runs"},
+    {"search", "runs"},
     # what touches the outside
     {"logs", "sources", "report", "live", "paper"},
     {"__init__"},

@@ -2,41 +2,53 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import replant as rp
+from builders import is_finite
 from replant.kernels import layout as at
 from replant.kernels.step import remember, step
-from replant.preprocess import Preprocess
-from replant.regression import prepare
-from replant.settings import Settings
+from replant.state import State
 
 
-def prepared(replay: rp.Replay | None, **changes: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    structure = rp.Structure(poles=1)
-    settings = {
-        "structure": structure,
-        "dt": 0.1,
-        "filter": rp.StateVariableFilter(cutoff=2.0),
-        "scaling": rp.Scaling.none(structure),
-        "optimizer": rp.Gradient(gain=1.0),
-        "replay": replay,
-        "normalize": True,
-        "preprocess": Preprocess(),
-    }
-    return prepare(Settings(**{**settings, **changes}))
+def prepared(replay: rp.Replay | None, **changes: object) -> State:
+    ident = rp.Identifier(
+        rp.Structure(poles=1),
+        0.1,
+        filter=rp.StateVariableFilter(cutoff=2.0),
+        scaling=None,
+        optimizer=rp.Gradient(gain=1.0),
+        replay=replay,
+        instruments=False,
+    )
+    return State.of_settings(dataclasses.replace(ident.settings, **changes), recent=0)
+
+
+def arrays(state: State) -> tuple[np.ndarray, ...]:
+    return state.ints, state.reals, state.banks, state.buffer, state.recent
+
+
+def take(state: State, u: float, y: float, t: float = np.nan) -> float:
+    return step(*arrays(state), u, y, t)
+
+
+def learn_number(state: State, k: float) -> int:
+    """Store the number k in the place of a sample; return how many rows are drawn."""
+    state.block(at.AT_PHI, 2)[:] = k, -k
+    return remember(state.ints, state.reals, state.buffer, 10.0 * k)
 
 
 def remember_many(replay: rp.Replay, count: int) -> tuple[np.ndarray, list[np.ndarray]]:
     """Store samples whose regressor and target hold their own number; return the buffer and the rows of each batch."""
-    ints, reals, buffer = prepared(replay)
+    state = prepared(replay)
     batches = []
     for k in range(count):
-        at.block(ints, reals, at.AT_PHI, 2)[:] = k, -k
-        size = remember(ints, reals, buffer, 10.0 * k)
-        batches.append(ints[at.ROWS : at.ROWS + size].copy())
-    return buffer, batches
+        size = learn_number(state, k)
+        batches.append(state.ints[at.ROWS : at.ROWS + size].copy())
+    return state.buffer, batches
 
 
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 20, 163])
@@ -51,10 +63,19 @@ def test_a_full_buffer_holds_exactly_the_newest_samples(count: int) -> None:
 
 
 def test_without_normalisation_every_weight_is_one() -> None:
-    ints, reals, buffer = prepared(rp.Replay(capacity=4), normalize=False)
-    at.block(ints, reals, at.AT_PHI, 2)[:] = 3.0, 4.0
-    remember(ints, reals, buffer, 1.0)
-    np.testing.assert_array_equal(buffer[0], [3.0, 4.0, 1.0, 1.0])
+    state = prepared(rp.Replay(capacity=4), normalize=False)
+    state.block(at.AT_PHI, 2)[:] = 3.0, 4.0
+    remember(state.ints, state.reals, state.buffer, 1.0)
+    np.testing.assert_array_equal(state.buffer[0], [3.0, 4.0, 1.0, 1.0])
+
+
+def test_instruments_lie_beside_the_regressor_and_carry_the_weight() -> None:
+    """1/m^2 is that of zeta: the noise of phi would correlate with it."""
+    state = prepared(rp.Replay(capacity=4), instruments=True)
+    state.block(at.AT_PHI, 2)[:] = 3.0, 4.0
+    state.block(at.AT_ZETA, 2)[:] = 1.0, 2.0
+    remember(state.ints, state.reals, state.buffer, 7.0)
+    np.testing.assert_array_equal(state.buffer[0], [3.0, 4.0, 7.0, 1.0 / 6.0, 1.0, 2.0])
 
 
 @pytest.mark.parametrize(("capacity", "warmup"), [(8, 0), (8, 3), (8, 7), (8, 8), (50, 20)])
@@ -95,13 +116,12 @@ def test_after_wrap_around_every_row_is_drawn_alike(seed: int, wraps: int) -> No
 
 
 def test_without_replay_each_sample_is_learned_once() -> None:
-    ints, reals, buffer = prepared(None)
-    assert buffer.shape == (1, 4)
+    state = prepared(None)
+    assert state.buffer.shape == (1, 4)
     for k in range(5):
-        at.block(ints, reals, at.AT_PHI, 2)[:] = k, k
-        assert remember(ints, reals, buffer, float(k)) == 1
-        assert ints[at.ROWS] == 0
-        assert buffer[0, 2] == k
+        assert learn_number(state, k) == 1
+        assert state.ints[at.ROWS] == 0
+        assert state.buffer[0, 2] == 10.0 * k
 
 
 @pytest.mark.parametrize("replay", [None, rp.Replay(capacity=5, batch_size=3, warmup=1)], ids=["plain", "replay"])
@@ -116,24 +136,39 @@ def test_without_replay_each_sample_is_learned_once() -> None:
         (1.0, -1e308, at.TOO_LARGE),
         (1.0, np.nextafter(at.LARGEST, np.inf), at.TOO_LARGE),
     ],
+    ids=repr,
 )
 def test_a_rejected_sample_changes_its_count_alone(replay: rp.Replay | None, u: float, y: float, slot: int) -> None:
-    ints, reals, buffer = prepared(replay)
+    state = prepared(replay)
     for before in (0, 7):  # a fresh identifier, then one under way
         for k in range(before):
-            step(ints, reals, buffer, np.cos(k), np.sin(k))
-        expected = ints.copy()
+            take(state, np.cos(k), np.sin(k))
+        expected, others = state.ints.copy(), [array.tobytes() for array in arrays(state)[1:]]
         expected[slot] += 1
-        reals_before, buffer_before = reals.tobytes(), buffer.tobytes()
-        assert np.isnan(step(ints, reals, buffer, u, y))
-        np.testing.assert_array_equal(ints, expected)
-        assert reals.tobytes() == reals_before
-        assert buffer.tobytes() == buffer_before
+        assert np.isnan(take(state, u, y))
+        np.testing.assert_array_equal(state.ints, expected)
+        assert [array.tobytes() for array in arrays(state)[1:]] == others
+
+
+@pytest.mark.parametrize(
+    ("t", "slot"),
+    [(np.inf, at.NOT_FINITE), (-np.inf, at.NOT_FINITE), (0.6, at.NOT_LATER), (0.5, at.NOT_LATER), (-1e9, at.NOT_LATER)],
+    ids=repr,
+)
+def test_a_rejected_stamp_changes_its_count_alone(t: float, slot: int) -> None:
+    state = prepared(rp.Replay(capacity=5, batch_size=3, warmup=1))
+    for k in range(7):
+        take(state, np.cos(k), np.sin(k), 0.1 * k)
+    expected, others = state.ints.copy(), [array.tobytes() for array in arrays(state)[1:]]
+    expected[slot] += 1
+    assert np.isnan(take(state, 1.0, 1.0, state.reals[at.LAST_TIME] if t == 0.6 else t))
+    np.testing.assert_array_equal(state.ints, expected)
+    assert [array.tobytes() for array in arrays(state)[1:]] == others
 
 
 def test_the_largest_sample_is_still_accepted() -> None:
-    ints, reals, buffer = prepared(None)
-    assert np.isfinite(step(ints, reals, buffer, at.LARGEST, -at.LARGEST))
-    assert ints[at.SAMPLES] == 1
-    assert np.isfinite(step(ints, reals, buffer, 1.0, 1.0))
-    assert np.isfinite(reals).all()
+    state = prepared(None)
+    assert np.isfinite(take(state, at.LARGEST, -at.LARGEST))
+    assert state.ints[at.SAMPLES] == 1
+    assert np.isfinite(take(state, 1.0, 1.0))
+    assert is_finite(state)
