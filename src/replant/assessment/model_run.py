@@ -1,0 +1,98 @@
+"""A model run over a record from the input alone: its error, and the signals that the tests correlate it with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.kernels import layout as at
+from replant.refined import Record
+from replant.state import State
+from replant.structure import Structure
+from replant.validation import FloatArray
+
+WEAKEST = 1e-10  # singular value, relative, below which a response of the initial state is left out of the fit
+
+
+@dataclass(frozen=True, eq=False)
+class ModelRun:
+    """The free run of a model B/A over a record of K samples, offset and initial state fitted.
+
+    Attributes
+    ----------
+    structure : Structure
+    parameters : (P,) array
+    error : (K,) array
+        Measured minus simulated output.
+    forced : (K,) array
+        What the input makes of the simulated output.
+    states : (K, S) array
+        s^i/A u, highest i first: n of them, one more where the input acts at once.
+    zeta : (K, n + m + 1) array
+        Slopes of the simulated output along a and b: -s^i/A of itself, and s^j/A u.
+    nuisances : (K, n + 1) array
+        What an offset and an initial state add to the output.
+    """
+
+    structure: Structure
+    parameters: FloatArray
+    error: FloatArray
+    forced: FloatArray
+    states: FloatArray
+    zeta: FloatArray
+    nuisances: FloatArray
+
+
+def run_model(structure: Structure, parameters: FloatArray, record: Record, dt: float) -> ModelRun | None:
+    """Run a model over a record; None where it leaves float64.
+
+    Parameters
+    ----------
+    structure : Structure
+    parameters : (P,) array
+        In the order of ``structure.names``; a bias is not used, the offset is fitted anew.
+    record : Record
+    dt : float
+        Nominal sampling time in s.
+    """
+    from replant.kernels.step import regressors
+
+    n, inputs, samples = structure.poles, structure.zeros + 1, record.u.size
+    states = n + structure.is_biproper
+    full = Structure(n, states - 1, structure.delay, feedthrough=structure.is_biproper)
+    state = State.refined(full, dt, record.input_hold)
+    theta = np.zeros(state.entries)
+    theta[:n] = parameters[:n]
+    theta[n + states - inputs : n + states] = parameters[n : n + inputs]
+    state.install(theta)
+    state.ints[at.STARTED] = 0
+    phi, zeta = np.empty((samples, theta.size)), np.empty((samples, theta.size))
+    target, forced = np.empty(samples), np.empty(samples)
+    regressors(
+        state.ints, state.reals, state.banks, record.u, record.y, record.intervals, phi, zeta, target, forced
+    )  # fmt: skip
+    columns = np.hstack([zeta[:, :n], phi[:, n:]])
+    if not (np.isfinite(columns).all() and np.isfinite(forced).all() and np.abs(columns).max() < at.LARGEST):
+        return None
+    of_input, nuisances = phi[:, n : n + states], phi[:, n + states :]
+    slopes = np.hstack([zeta[:, :n], of_input[:, states - inputs :]])
+    error = record.y - forced
+    error = error - nuisances @ least_squares_weights(nuisances, error)
+    return ModelRun(structure, parameters, error, forced, of_input, slopes, nuisances)
+
+
+def least_squares_weights(columns: FloatArray, target: FloatArray) -> FloatArray:
+    """Return the weights of scaled columns that fit the target best; columns that say nothing get none."""
+    lengths = np.linalg.norm(columns, axis=0)
+    lengths[lengths == 0.0] = 1.0
+    weights, *_ = np.linalg.lstsq(columns / lengths, target, rcond=WEAKEST)
+    return np.asarray(weights / lengths)
+
+
+def without(columns: FloatArray, nuisances: FloatArray) -> FloatArray:
+    """Return columns (K, C) less what the nuisances (K, N) explain of them."""
+    lengths = np.linalg.norm(nuisances, axis=0)
+    basis, triangle = np.linalg.qr(nuisances / np.where(lengths > 0.0, lengths, 1.0))
+    basis = basis[:, np.abs(np.diag(triangle)) > WEAKEST]
+    return np.asarray(columns - basis @ (basis.T @ columns))
