@@ -225,6 +225,8 @@ class Identifier:
         if self._settings is None:
             raise InvalidArgumentError("the identifier is still starting: there is no estimate to freeze yet")
         self._state.ints[at.ADAPT] = adapt
+        if not adapt:
+            self._resolve_at = 0  # a later solution of the record as a whole would learn what came in meanwhile
 
     @property
     def structure(self) -> Structure:

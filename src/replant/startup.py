@@ -155,10 +155,11 @@ def first_model(structure: Structure, record: Record) -> Refined | None:
 
 
 def carry_over(old: State, new: State) -> None:
-    """Keep counters, past estimates and the user's choice to freeze, of a state that a new solution replaces."""
+    """Keep counters, clock, past estimates and the user's choice to freeze, of a state that a new one replaces."""
     for slot in (
         at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER, at.REFUSED, at.RESTED, at.GAPS, at.ADAPT, at.DRAWN,
         at.PAST_KEPT, at.PAST_DUE,
     ):  # fmt: skip
         new.ints[slot] = old.ints[slot]
     new.past[:] = old.past
+    new.reals[at.LAST_TIME] = old.reals[at.LAST_TIME]  # stamps may have been as regular as none

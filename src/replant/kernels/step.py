@@ -110,7 +110,7 @@ def input_rests(ints, reals, u):
 
 
 @rare
-def interrupt(ints, reals, banks):
+def interrupt(ints, reals, banks, interval):
     """Begin the filters anew after a gap: parameters stay, learning waits until what is unknown has died out."""
     n = ints[at.ORDER]
     ints[at.GAPS] += 1
@@ -119,7 +119,7 @@ def interrupt(ints, reals, banks):
     bank = banks[ints[at.ACTIVE]] if ints[at.INSTRUMENTS] == 1 else banks[0]
     work = reals[ints[at.AT_WORK] :]
     decay = slowest_decay(bank[bk.DENOMINATOR : bk.DENOMINATOR + n], work)
-    reals[at.LEARN_FROM] = reals[at.ELAPSED] + (SETTLE / decay if decay > 0.0 else 0.0)
+    reals[at.LEARN_FROM] = reals[at.ELAPSED] + interval + (SETTLE / decay if decay > 0.0 else 0.0)
     reals[at.READY] = reals[at.LEARN_FROM]
 
 
@@ -217,7 +217,7 @@ def step(ints, reals, banks, buffer, recent, u, y, t):
                 ints[at.NOT_LATER] += 1
                 return np.nan
             if interval > reals[at.LONGEST_GAP]:
-                interrupt(ints, reals, banks)
+                interrupt(ints, reals, banks, interval)
         reals[at.LAST_TIME] = t
     at_rest = input_rests(ints, reals, u) and ints[at.GUARD] == 1
     if ints[at.RECENT] > 0:
