@@ -81,6 +81,8 @@ class Request:
             self.filter.discretize(self.structure.poles, self.dt, self.structure.delay)  # raises what cannot work
         if isinstance(self.scaling, Scaling):
             self.scaling.sigmas(self.structure)
+        if isinstance(self.optimizer, Optimizer):
+            self.optimizer.check(self.structure.size)
         if isinstance(self.filter, RefinedFilter) and self.instruments is False:
             raise InvalidArgumentError("the refined filter needs instruments: instruments=False cannot go with it")
         if (

@@ -60,14 +60,18 @@ class KalmanTracking(Optimizer):
         """Return a walk that could double a scaled parameter in ten times the samples to come."""
         return cls(process_noise=0.1 / (updates * dt))
 
+    def check(self, size: int) -> None:
+        """Refuse a sequence of another length than ``size``."""
+        given = np.size(self.process_noise)
+        if np.ndim(self.process_noise) and given != size:
+            raise InvalidArgumentError(f"process_noise must have {size} entries, one for each parameter, got {given}")
+
     def settings(self, dt: float, unit: FloatArray) -> FloatArray:
         """Return [1 / time constant of the noise variance, q of each scaled entry]; nuisances do not walk."""
         noise = coefficients("process_noise", self.process_noise)
         scaled = np.zeros(unit.size)
         if np.ndim(self.process_noise) == 0:
             scaled[:] = noise[0]
-        elif noise.size > unit.size:
-            raise InvalidArgumentError(f"process_noise has {noise.size} entries for {unit.size} parameters")
         else:
             scaled[: noise.size] = noise / unit[: noise.size] ** 2
         return np.concatenate([[1.0 / self.noise_time_constant], scaled])

@@ -35,6 +35,10 @@ class Optimizer:
         """
         raise NotImplementedError
 
+    def check(self, size: int) -> None:
+        """Raise InvalidArgumentError where these settings are not for ``size`` parameters."""
+        return
+
     def settings(self, dt: float, unit: FloatArray) -> FloatArray:
         """Return the kernel's settings for the sampling time ``dt`` in s; ``unit`` (T,) is physical over scaled."""
         raise NotImplementedError
