@@ -45,6 +45,8 @@ def uncertain(value: float, std: float | None, digits: int = 4) -> str:
     place = 1 - math.floor(math.log10(std)) + shift
     scaled, spread = (f"{round(x / 10.0**shift, place):.{max(place, 0)}f}" for x in (abs(value), std))
     sign = MINUS if value < 0 else ""
+    if abs(value) < std and not shift:  # what is left of it, or nothing would be
+        return f"{number(value, 2)} {PLUS_MINUS} {spread}"
     if not shift:
         return f"{sign}{scaled} {PLUS_MINUS} {spread}"
     return f"{sign}({scaled} {PLUS_MINUS} {spread}){TIMES}10{str(shift).translate(_SUPERSCRIPT)}"

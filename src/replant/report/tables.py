@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from replant import __version__
 from replant.report.figures import style
 from replant.report.figures.poles import regions
 from replant.report.material import Material
@@ -22,7 +21,7 @@ from replant.uncertainty import Uncertainty
 
 UNCERTAIN = "Estimate ± standard deviation."
 NO_STD = "This estimator gives no standard deviations."
-PACKAGES = ("numpy", "scipy", "numba", "matplotlib")
+PACKAGES = ("replant", "numpy", "scipy", "numba", "matplotlib")
 
 
 def table(headings: Sequence[str], rows: Iterable[Sequence[str]], name: str) -> str:
@@ -120,7 +119,7 @@ def fingerprint(path: Path) -> str:
 
 def versions() -> str:
     """Return what computed this."""
-    found = [f"replant {__version__}", f"Python {platform.python_version()}"]
+    found = [f"Python {platform.python_version()}"]
     for package in PACKAGES:
         try:
             found.append(f"{package} {metadata.version(package)}")

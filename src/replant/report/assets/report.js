@@ -34,6 +34,7 @@
     const last = plan.start + plan.step * Math.max(plan.count - 1, 0);
     return [Math.min(range[0], plan.start), Math.max(range[1], last)];
   }, [0, 0]);
+  if (full[0] === full[1]) full[1] = full[0] + 1;
   let shown = full;
   const made = [];
 
@@ -42,7 +43,7 @@
     const start = Math.min(Math.max(low, full[0]), full[1] - width);
     shown = [start, start + width];
     for (const chart of made) chart.setScale("x", { min: shown[0], max: shown[1] });
-    const digits = Math.max(3, 3 + Math.ceil(Math.log10(Math.max(Math.abs(shown[1]) / width, 1))));
+    const digits = Math.min(15, 3 + Math.ceil(Math.log10(Math.max(Math.abs(shown[1]) / width, 1))));
     document.querySelector(".range").textContent = plain(shown[0], digits) + " … " + plain(shown[1], digits) + " s";
   };
   const actions = {
