@@ -182,8 +182,9 @@ def test_plots_hold_the_record(uncertain) -> None:
     assert first["start"] == pytest.approx(0.05)
 
 
-def test_a_million_samples_make_a_small_file_that_lost_no_peak(long_case, tmp_path) -> None:
-    text, page = report(long_case, tmp_path)
+def test_a_million_samples_make_a_small_file_that_lost_no_peak(long_case, long_report) -> None:
+    text = long_report.read_text(encoding="utf-8")
+    page = Page(text)
     assert len(text.encode()) < 3_000_000
     _, output, _, *_ = payload(text)
     drawn = values(output["curves"][0])
@@ -212,9 +213,10 @@ SAID = {
 }
 
 
-def test_bad_news_come_first(bad, tmp_path) -> None:
-    name, case = bad
-    text, page = report(case, tmp_path)
+def test_bad_news_come_first(bad_report) -> None:
+    name, path = bad_report
+    text = path.read_text(encoding="utf-8")
+    page = Page(text)
     for words in SAID[name]:
         assert words in first_words(page)
     if SAID[name]:
