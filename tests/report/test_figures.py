@@ -132,6 +132,19 @@ def test_covariance_of_zeros_is_that_of_numerical_derivatives() -> None:
     np.testing.assert_allclose(zero_covariance(num, covariance, zero), parts @ covariance @ parts.T, rtol=1e-4)
 
 
+@pytest.mark.filterwarnings("error")
+def test_double_pole_and_unknown_covariance_have_no_region(uncertain) -> None:
+    double = np.array([4.0, 4.0, 1.0, 3.0])  # (s + 2)^2
+    model = uncertain.result.structure.transfer_function(double)
+    result = dataclasses.replace(uncertain.result, parameters=double, transfer_function=model)
+    unknown = dataclasses.replace(result, covariance=np.full((4, 4), np.nan))
+    for each in (result, unknown):
+        axis = draw_poles_and_zeros(each)
+        draw_bode(each, 0.05)
+        assert len(curves(axis)["poles"]) == 2
+    assert regions(unknown) == []
+
+
 def test_bode_holds_the_response_and_its_band(uncertain) -> None:
     result, _, _, dt = record(uncertain)
     top, bottom = draw_bode(result, dt, input_label="voltage [V]", output_label="speed [rpm]")

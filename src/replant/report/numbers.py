@@ -8,6 +8,7 @@ from replant.transfer_function import TransferFunction
 from replant.validation import FloatArray
 
 MINUS, TIMES, PLUS_MINUS = "−", "×", "±"
+PLAIN = 1e6  # from here on a power of ten is split off
 LINE = 42  # digits that a line of a polynomial may be wide
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -17,8 +18,8 @@ def number(value: float, digits: int = 4) -> str:
 
     Examples
     --------
-    >>> number(-0.5), number(123456.0), number(2.5e-7), number(float("nan"))
-    ('−0.5', '1.235×10⁵', '2.5×10⁻⁷', 'no figure')
+    >>> number(-0.5), number(123456.0), number(2.5e7), number(float("nan"))
+    ('−0.5', '123500', '2.5×10⁷', 'no figure')
     """
     if math.isnan(value):
         return "no figure"
@@ -50,6 +51,18 @@ def uncertain(value: float, std: float | None, digits: int = 4) -> str:
     if not shift:
         return f"{sign}{scaled} {PLUS_MINUS} {spread}"
     return f"{sign}({scaled} {PLUS_MINUS} {spread}){TIMES}10{str(shift).translate(_SUPERSCRIPT)}"
+
+
+def duration(seconds: float) -> str:
+    """Return a length of time in s, and in hours where those are more than a handful.
+
+    Examples
+    --------
+    >>> duration(81.86), duration(50_000.0)
+    ('81.86 s', '50,000 s (13.9 h)')
+    """
+    text = f"{seconds:,.0f} s" if seconds >= 1e4 else f"{number(seconds)} s"
+    return text + (f" ({seconds / 3600:.3g} h)" if seconds >= 7200 else "")
 
 
 def percent(value: float) -> str:
@@ -95,6 +108,8 @@ def _parts(value: float, digits: int) -> tuple[str, int]:
     text = f"{abs(value):.{digits}g}"
     if "e" not in text:
         return text, 0
+    if 1.0 <= abs(float(text)) < PLAIN:
+        return f"{float(text):.0f}", 0
     mantissa, _, exponent = f"{abs(value):.{digits - 1}e}".partition("e")
     return mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa, int(exponent)
 

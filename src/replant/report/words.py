@@ -58,13 +58,13 @@ def of_poles(material: Material) -> str:
     poles = ", ".join(complex_number(mode.pole) for mode in model.modes)
     zeros = ", ".join(complex_number(zero) for zero in model.zeros.tolist() if zero.imag >= 0)
     tail = f"; zeros at {zeros} rad/s" if zeros else ""
-    region = " Coloured: 95 % regions." if material.result.covariance is not None else ""
+    region = " Coloured: 95 % regions." if material.uncertainty is not None else ""
     return f"Poles at {poles} rad/s{tail}. Grey: the right half-plane, where a pole is unstable.{region}"
 
 
 def of_bode(material: Material) -> str:
     """Return what the Bode diagram shows."""
-    band = " with bands of two standard deviations" if material.result.covariance is not None else ""
+    band = " with bands of two standard deviations" if material.uncertainty is not None else ""
     gain = number(material.result.transfer_function.dc_gain)
     return f"Magnitude and phase of G(s){band}; the gain at rest is {gain}."
 

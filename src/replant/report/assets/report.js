@@ -17,7 +17,11 @@
     }
     return String(+value.toPrecision(digits)).replace("-", "−");
   };
-  const decade = value => (Math.abs(value) < 4 ? plain(10 ** value, 6) : "10" + superscript(value));
+  const decade = value => {
+    const power = Math.round(value);
+    if (Math.abs(value - power) > 1e-6) return plain(10 ** value, 2);
+    return Math.abs(power) < 4 ? plain(10 ** power, 6) : "10" + superscript(power);
+  };
 
   // base64 of little-endian float32 to numbers; null leaves a gap
   const unpack = curve => {
@@ -113,11 +117,11 @@
     const axis = { stroke: () => colour("muted"), font: "12px system-ui, sans-serif", ticks: { show: false },
       grid: { stroke: () => colour("grid"), width: 1 } };
     const chart = new uPlot({
-      width: room.clientWidth, height: plan.height, legend: { show: false }, padding: [8, 10, 0, 0],
+      width: room.clientWidth, height: plan.height, legend: { show: false }, padding: [8, 28, 0, 0],
       scales: { x: { time: false, auto: false, range: () => shown }, y: { range: fitted(plan) } },
       axes: [
         { ...axis, size: 26, gap: 4, space: 70, values: (_, ticks) => ticks.map(t => plain(t, 9) + " s") },
-        { ...axis, size: 66, gap: 6, space: 26, incrs: decades ? [1, 2, 3, 4, 5, 10] : undefined,
+        { ...axis, size: 66, gap: 6, space: 26, incrs: decades ? [0.1, 0.2, 0.5, 1, 2, 3, 4, 5, 10] : undefined,
           values: (_, ticks) => ticks.map(v => (decades ? decade(v) : plain(v, 6))) },
       ],
       series: drawn, bands,
