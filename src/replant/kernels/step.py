@@ -32,7 +32,7 @@ def remember(ints, reals, buffer, target):
 
     Algorithm 3 of the article, mended: as printed it takes the buffer for empty again each time the index wraps.
     """
-    phi, rows = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + ints[at.ENTRIES]], ints[at.ROWS :]
+    phi = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + ints[at.ENTRIES]]
     P, head, capacity = phi.size, ints[at.HEAD], ints[at.CAPACITY]
     row = buffer[head]
     squares = 0.0
@@ -47,8 +47,8 @@ def remember(ints, reals, buffer, target):
     batch = ints[at.BATCH] if filled > ints[at.WARMUP] else 1
     seed, drawn = ints[at.SEED], ints[at.DRAWN]
     for i in range(batch - 1):
-        rows[i] = draw_below(seed, drawn + i, filled)
-    rows[batch - 1] = head
+        ints[at.ROWS + i] = draw_below(seed, drawn + i, filled)
+    ints[at.ROWS + batch - 1] = head
     ints[at.DRAWN] = drawn + batch - 1
     return batch
 
@@ -99,9 +99,10 @@ def learn(algorithm, theta, memory, settings, buffer, rows, batch):
 @part
 def left_float64(theta, unit, memory):
     """Say whether a physical parameter, or a number of the optimizer's memory, is not finite."""
-    finite = True
     for i in range(theta.size):
-        finite &= math.isfinite(theta[i] * unit[i])
+        if not math.isfinite(theta[i] * unit[i]):
+            return True
+    finite = True  # no return from within: the memory may be P^2 long, and a loop that runs to its end is vectorised
     for i in range(memory.size):
         finite &= math.isfinite(memory[i])
     return not finite
