@@ -136,7 +136,8 @@ def _figure(said: str, picture: str, plots: Sequence[dict[str, Any]] = ()) -> st
     """Return a figure: pictures that stand still and, where there are plots, room for those that zoom."""
     drawn = picture.replace("<svg", f'<svg role="img" aria-label="{html.escape(said)}"')
     rooms = "".join(_room(plot) for plot in plots)
-    live = f'<div class="live count-{min(len(plots), 4)}">{rooms}</div>' if plots else ""
+    columns = " halves" if len(plots) > 1 and not any(plot["name"] == "output" for plot in plots) else ""
+    live = f'<div class="live{columns}">{rooms}</div>' if plots else ""
     kind = ' class="both"' if plots else ""
     return f'<figure{kind}>{live}<div class="still">{drawn}</div><figcaption>{html.escape(said)}</figcaption></figure>'
 

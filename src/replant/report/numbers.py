@@ -9,6 +9,7 @@ from replant.validation import FloatArray
 
 MINUS, TIMES, PLUS_MINUS = "−", "×", "±"
 PLAIN = 1e6  # from here on a power of ten is split off
+WORST_PERCENT = -1000.0  # below which it does not matter how bad a fit is
 LINE = 42  # digits that a line of a polynomial may be wide
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -70,12 +71,14 @@ def percent(value: float) -> str:
 
     Examples
     --------
-    >>> percent(97.94), percent(-250.04), percent(float("-inf"))
-    ('97.9 %', '−250 %', 'no figure')
+    >>> percent(97.94), percent(-2.5e22), percent(float("-inf"))
+    ('97.9 %', 'below −1000 %', 'no figure')
     """
     if not math.isfinite(value):
         return "no figure"
-    return (f"{value:.1f}" if abs(value) < 100 else f"{value:.4g}").replace("-", MINUS) + " %"
+    if value < WORST_PERCENT:
+        return f"below {number(WORST_PERCENT)} %"
+    return f"{value:.1f} %".replace("-", MINUS)
 
 
 def complex_number(value: complex, digits: int = 4) -> str:

@@ -16,9 +16,12 @@ def of_fit(material: Material) -> str:
     if residual.size == 0:
         return "Input and measured output over time; the model gives no finite output to compare with."
     size = number(float(np.sqrt(np.mean(np.square(residual, dtype=np.longdouble)))), 3)
+    beyond = (
+        " Where the model is not to be seen, it lies beyond the scale." if material.result.simulation.fit < 0 else ""
+    )
     return (
-        f"Input, output and residual over time: the model, run from the input alone, fits the measured output "
-        f"to {fit}; the residual is {size} in the root mean square."
+        f"Input, output and residual over time: the model, run from the input alone, has a fit of {fit}; the residual "
+        f"is {size} in the root mean square.{beyond}"
     )
 
 

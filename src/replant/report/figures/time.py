@@ -175,8 +175,8 @@ def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None) ->
     if axes is None:
         axes = style.new_axes(2, 1, (9, 4.2), sharex=True)
     top, bottom = style.given(axes, 2)
-    top.set_ylabel("smallest eigenvalue")
-    bottom.set_ylabel("condition number")
+    top.set_ylabel("smallest\neigenvalue")
+    bottom.set_ylabel("condition\nnumber")
     bottom.set_xlabel("time [s]")
     for axis in (top, bottom):
         style.tidy(axis)
