@@ -198,6 +198,8 @@ def test_paper_cuts_no_plot_in_two(browser, long_report, tmp_path) -> None:
     page = opened(browser, long_report, scheme="dark")
     page.emulate_media(media="print")
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    SEEN.mkdir(parents=True, exist_ok=True)
+    page.pdf(path=SEEN / "report.pdf", prefer_css_page_size=True, print_background=True)
     pictures = page.evaluate("""() => {
       const shown = [...document.querySelectorAll(".still svg")].filter(svg => svg.getClientRects().length);
       shown.forEach((svg, i) => {
@@ -214,8 +216,7 @@ def test_paper_cuts_no_plot_in_two(browser, long_report, tmp_path) -> None:
       return shown.length;
     }""")
     assert pictures == 7
-    path = SEEN / "report.pdf"
-    SEEN.mkdir(parents=True, exist_ok=True)
+    path = tmp_path / "marked.pdf"
     page.pdf(path=path, prefer_css_page_size=True, print_background=True)
     page.close()
     text = subprocess.run(["pdftotext", "-layout", path, "-"], capture_output=True, text=True, check=True).stdout
