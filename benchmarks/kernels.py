@@ -64,7 +64,7 @@ Run = Callable[..., None]
 
 def main() -> int:
     options = read_options()
-    console = Console(width=None if sys.stdout.isatty() else 110)
+    console = Console(width=None if sys.stdout.isatty() else 120)
     if shutil.which("gcc") is None:
         console.print("gcc is not on the PATH: install it to build the C program that the kernels are compared with")
         return 2
@@ -98,7 +98,9 @@ def main() -> int:
 def read_options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--all", action="store_true", help="all eight optimizers, not the article's four alone")
-    parser.add_argument("--entries", type=int, nargs="+", default=(2, 4, 6, 8, 10), metavar="P", help="even numbers")
+    parser.add_argument(
+        "--entries", type=int, nargs="+", default=(2, 4, 6, 8, 10), metavar="P", help="2 or more; odd: with a bias"
+    )
     parser.add_argument("--repetitions", type=int, default=101, metavar="N", help="chunks that are timed")
     parser.add_argument("--limit", type=float, default=1.5, metavar="X", help="largest ratio that passes")
     parser.add_argument("--flags", default=FLAGS, help="of gcc; default: %(default)s")
@@ -215,7 +217,7 @@ def measure(name: str, optimizer: Optimizer, P: int, replay: bool, run: Run, rep
     """Time both programs on the same chunks in turn, and compare their numbers."""
     from replant.kernels.step import steps
 
-    structure, size = rp.Structure(poles=P // 2, zeros=P // 2 - 1), CHUNK[replay]
+    structure, size = rp.Structure(poles=P // 2, zeros=P // 2 - 1, bias=bool(P % 2)), CHUNK[replay]
     ints, reals, buffer = prepare(settings_for(structure, optimizer, replay))
     program = Program(ints, reals, buffer)
     ours, theirs = (np.empty(size), np.empty((size, P))), (np.empty(size), np.empty((size, P)))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.report.html import write_report
 from replant.runs import History, Result, run_online
 from replant.settings import Request
 
@@ -119,6 +120,20 @@ BAD: dict[str, Callable[[], Case]] = {
 def bad(request: pytest.FixtureRequest) -> tuple[str, Case]:
     """Every way in which a record or a run goes wrong."""
     return request.param, BAD[request.param]()
+
+
+@pytest.fixture(scope="session")
+def bad_report(bad: tuple[str, Case], tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    """The name of the case, and its report."""
+    name, case = bad
+    return name, write_report(tmp_path_factory.mktemp("bad") / "report.html", case.result, case.log)
+
+
+@pytest.fixture(scope="session")
+def long_report(long_case: Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of a million samples."""
+    path = tmp_path_factory.mktemp("million") / "report.html"
+    return write_report(path, long_case.result, long_case.log, title="A million samples")
 
 
 @pytest.fixture(scope="session")

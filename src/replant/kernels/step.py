@@ -126,9 +126,10 @@ def interrupt(ints, reals, banks, interval):
 @cut
 def left_float64(theta, unit, memory):
     """Say whether a physical parameter, or a number of the optimizer's memory, is not finite."""
-    finite = True
     for i in range(theta.size):
-        finite &= math.isfinite(theta[i] * unit[i])
+        if not math.isfinite(theta[i] * unit[i]):
+            return True
+    finite = True  # no return from within: the memory may be P^2 long, and a loop that runs to its end is vectorised
     for i in range(memory.size):
         finite &= math.isfinite(memory[i])
     return not finite

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from replant.report.numbers import complex_number, number
@@ -80,5 +81,6 @@ def _of_model(result: Result) -> list[Finding]:
 
 
 def _sentence(reason: str) -> str:
-    """Return a verdict's reason as a sentence."""
+    """Return a verdict's reason as a sentence, numbers beyond all measure made short."""
+    reason = re.sub(r"-?\d{7,}(\.\d+)?|-?\binf\b", lambda found: number(float(found[0])), reason)
     return reason[:1].upper() + reason[1:].rstrip(".") + "."

@@ -13,6 +13,8 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
+import numpy as np
+
 from replant.errors import MissingDependencyError
 from replant.filters import StateVariableFilter
 from replant.logs import Log
@@ -21,7 +23,7 @@ from replant.report import pictures, recipe, tables, words
 from replant.report.figures import style
 from replant.report.findings import BAD, Finding, findings
 from replant.report.material import Material
-from replant.report.numbers import mathml, number, percent, uncertain
+from replant.report.numbers import duration, mathml, number, percent, uncertain
 from replant.report.series import charts
 from replant.runs import Result
 
@@ -73,7 +75,8 @@ def write_report(
         filter, preprocess = filter or result.fixed_filter, preprocess or settings.preprocess  # noqa: A001
         python = python or recipe.run_as_python(result, log)
     material = Material(result, log, filter, preprocess or Preprocess(), truth)
-    fields = _fields(material, title or log.path.name or "Simulated record", command, python)
+    with np.errstate(all="ignore"):  # what went wrong in the numbers is said in words
+        fields = _fields(material, title or log.path.name or "Simulated record", command, python)
     page = Template(_asset("report.html")).substitute(fields)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(page, encoding="utf-8")
@@ -133,7 +136,8 @@ def _figure(said: str, picture: str, plots: Sequence[dict[str, Any]] = ()) -> st
     """Return a figure: pictures that stand still and, where there are plots, room for those that zoom."""
     drawn = picture.replace("<svg", f'<svg role="img" aria-label="{html.escape(said)}"')
     rooms = "".join(_room(plot) for plot in plots)
-    live = f'<div class="live count-{min(len(plots), 4)}">{rooms}</div>' if plots else ""
+    columns = " halves" if len(plots) > 1 and not any(plot["name"] == "output" for plot in plots) else ""
+    live = f'<div class="live{columns}">{rooms}</div>' if plots else ""
     kind = ' class="both"' if plots else ""
     return f'<figure{kind}>{live}<div class="still">{drawn}</div><figcaption>{html.escape(said)}</figcaption></figure>'
 
@@ -156,7 +160,7 @@ def _lede(material: Material) -> str:
         how = f"identified online by {type(result.settings.optimizer).__name__}"
     return (
         f"{log.input_name} → {log.output_name}, {how}; {len(log):,} samples, "
-        f"{number(len(log) * log.dt, 4)} s at {number(log.dt, 6)} s"
+        f"{duration(len(log) * log.dt)} at {number(log.dt, 6)} s"
     )
 
 
@@ -181,7 +185,7 @@ def _icon(gravity: str) -> str:
 
 def _figures(material: Material) -> str:
     """Return the numbers that come first."""
-    result, known = material.result, tables.known_uncertainty(material.result)
+    result, known = material.result, material.uncertainty
     unit = style.gain_unit(material.plant_label, material.output_label)
     gain = uncertain(result.transfer_function.dc_gain, None if known is None else known.dc_gain_std)
     entries = [

@@ -21,7 +21,9 @@ from replant.report.diagnostics import (
     regressors_of,
 )
 from replant.report.figures import style
+from replant.report.figures.poles import usable_uncertainty
 from replant.runs import Result
+from replant.uncertainty import Uncertainty
 from replant.validation import FloatArray
 
 
@@ -80,6 +82,11 @@ class Material:
     def figure_label(self) -> str:
         """The name of the input for figures, which look for the map in the settings of an online run."""
         return self.input_label if self.result.settings is not None else self.plant_label
+
+    @cached_property
+    def uncertainty(self) -> Uncertainty | None:
+        """Of the result; None where it has no usable covariance."""
+        return usable_uncertainty(self.result)
 
     @cached_property
     def residual(self) -> FloatArray:

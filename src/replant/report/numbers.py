@@ -8,6 +8,8 @@ from replant.transfer_function import TransferFunction
 from replant.validation import FloatArray
 
 MINUS, TIMES, PLUS_MINUS = "−", "×", "±"
+PLAIN = 1e6  # from here on a power of ten is split off
+WORST_PERCENT = -1000.0  # below which it does not matter how bad a fit is
 LINE = 42  # digits that a line of a polynomial may be wide
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -17,8 +19,8 @@ def number(value: float, digits: int = 4) -> str:
 
     Examples
     --------
-    >>> number(-0.5), number(123456.0), number(2.5e-7), number(float("nan"))
-    ('−0.5', '1.235×10⁵', '2.5×10⁻⁷', 'no figure')
+    >>> number(-0.5), number(123456.0), number(2.5e7), number(float("nan"))
+    ('−0.5', '123500', '2.5×10⁷', 'no figure')
     """
     if math.isnan(value):
         return "no figure"
@@ -45,9 +47,23 @@ def uncertain(value: float, std: float | None, digits: int = 4) -> str:
     place = 1 - math.floor(math.log10(std)) + shift
     scaled, spread = (f"{round(x / 10.0**shift, place):.{max(place, 0)}f}" for x in (abs(value), std))
     sign = MINUS if value < 0 else ""
+    if abs(value) < std and not shift:  # what is left of it, or nothing would be
+        return f"{number(value, 2)} {PLUS_MINUS} {spread}"
     if not shift:
         return f"{sign}{scaled} {PLUS_MINUS} {spread}"
     return f"{sign}({scaled} {PLUS_MINUS} {spread}){TIMES}10{str(shift).translate(_SUPERSCRIPT)}"
+
+
+def duration(seconds: float) -> str:
+    """Return a length of time in s, and in hours where those are more than a handful.
+
+    Examples
+    --------
+    >>> duration(81.86), duration(50_000.0)
+    ('81.86 s', '50,000 s (13.9 h)')
+    """
+    text = f"{seconds:,.0f} s" if seconds >= 1e4 else f"{number(seconds)} s"
+    return text + (f" ({seconds / 3600:.3g} h)" if seconds >= 7200 else "")
 
 
 def percent(value: float) -> str:
@@ -55,12 +71,14 @@ def percent(value: float) -> str:
 
     Examples
     --------
-    >>> percent(97.94), percent(-250.04), percent(float("-inf"))
-    ('97.9 %', '−250 %', 'no figure')
+    >>> percent(97.94), percent(-2.5e22), percent(float("-inf"))
+    ('97.9 %', 'below −1000 %', 'no figure')
     """
     if not math.isfinite(value):
         return "no figure"
-    return (f"{value:.1f}" if abs(value) < 100 else f"{value:.4g}").replace("-", MINUS) + " %"
+    if value < WORST_PERCENT:
+        return f"below {number(WORST_PERCENT)} %"
+    return f"{value:.1f} %".replace("-", MINUS)
 
 
 def complex_number(value: complex, digits: int = 4) -> str:
@@ -93,6 +111,8 @@ def _parts(value: float, digits: int) -> tuple[str, int]:
     text = f"{abs(value):.{digits}g}"
     if "e" not in text:
         return text, 0
+    if 1.0 <= abs(float(text)) < PLAIN:
+        return f"{float(text):.0f}", 0
     mantissa, _, exponent = f"{abs(value):.{digits - 1}e}".partition("e")
     return mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa, int(exponent)
 

@@ -64,7 +64,7 @@ def transient_pictures(material: Material) -> list[str]:
 
 def excitation_picture(material: Material) -> str:
     """Return smallest eigenvalue and condition number over time."""
-    axes = blank_figure(WHOLE, 3.4).subplots(2, 1, sharex=True)
+    axes = blank_figure(WHOLE, 2.7).subplots(2, 1, sharex=True)
     draw_excitation(material.excitation, material.dt, axes=axes)
     return svg(axes[0].figure, "excitation")
 

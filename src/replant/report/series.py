@@ -32,6 +32,8 @@ def charts(material: Material) -> dict[str, list[dict[str, Any]]]:
 def _fit_charts(material: Material) -> list[dict[str, Any]]:
     model, dt, unit = material.result.simulation.output, material.dt, style.unit_of(material.output_label)
     hold = "line" if material.filter is not None and material.filter.input_hold == "foh" else "step"
+    limits = style.output_limits(material.y, model)
+    drawn = within_reason(model, limits)
     charts = [
         _chart(
             "input", material.input_label, 130, dt, [_curve(material.u, "input", "input", hold)],
@@ -39,14 +41,14 @@ def _fit_charts(material: Material) -> list[dict[str, Any]]:
         ),
         _chart(
             "output", material.output_label, 280, dt,
-            [_curve(material.y, "measured", "measured"), _curve(model, "model", "model, from the input alone")],
-            style.output_limits(material.y, model),
+            [_curve(material.y, "measured", "measured"), _curve(drawn, "model", "model, from the input alone")],
+            limits,
         ),
     ]  # fmt: skip
     name = f"residual [{unit}]" if unit else "residual"
-    residual = material.residual
-    limits = style.residual_limits(residual, material.y)
-    charts.append(_chart("residual", name, 140, dt, [_curve(residual, "residual", "measured − model")], limits))
+    limits = style.residual_limits(material.residual, material.y)
+    drawn = within_reason(material.residual, limits)
+    charts.append(_chart("residual", name, 140, dt, [_curve(drawn, "residual", "measured − model")], limits))
     return charts
 
 
@@ -61,12 +63,12 @@ def _parameter_charts(material: Material) -> list[dict[str, Any]]:
     for i, (name, label) in enumerate(zip(structure.names, labels, strict=True)):
         true = None if material.truth is None else float(material.truth[i])
         values, std = history.parameters[:, i], None if history.std is None else history.std[:, i]
-        curves = [_curve(values, "model", "estimate", points=points)]
+        limits = style.settled_limits(values, style.near_the_end(values, std, true))
+        curves = [_curve(within_reason(values, limits), "model", "estimate", points=points)]
         if std is not None and np.isfinite(std).any():
             curves.append(_curve(std, "model", "± 2σ", "band", points=points))
         if true is not None and math.isfinite(true):
             curves.append({"label": "true", "role": "truth", "kind": "constant", "value": true})
-        limits = style.settled_limits(values, style.near_the_end(values, std, true))
         charts.append(
             _chart(f"parameter-{name}", label, 170, material.dt * stride, curves, limits, first * material.dt)
         )
@@ -121,6 +123,12 @@ def _curve(signal: FloatArray, role: str, label: str, kind: str = "line", points
         "first": drawn.first, "every": drawn.step, "count": drawn.values.size,
         "finite": bool(np.isfinite(drawn.values).any()),
     }  # fmt: skip
+
+
+def within_reason(signal: FloatArray, limits: tuple[float, float]) -> FloatArray:
+    """Return a signal that goes not more than a hundred times as far as the picture: no canvas can draw further."""
+    span = 100.0 * (limits[1] - limits[0])
+    return np.where(np.isfinite(signal), np.clip(signal, limits[0] - span, limits[1] + span), np.nan)
 
 
 def packed(values: FloatArray) -> tuple[str, float]:

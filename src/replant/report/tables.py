@@ -12,17 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from replant import __version__
 from replant.report.figures import style
 from replant.report.figures.poles import regions
 from replant.report.material import Material
-from replant.report.numbers import complex_number, number, uncertain
+from replant.report.numbers import complex_number, duration, number, uncertain
 from replant.runs import Result
-from replant.uncertainty import Uncertainty
 
 UNCERTAIN = "Estimate ± standard deviation."
 NO_STD = "This estimator gives no standard deviations."
-PACKAGES = ("numpy", "scipy", "numba", "matplotlib")
+PACKAGES = ("replant", "numpy", "scipy", "numba", "matplotlib")
 
 
 def table(headings: Sequence[str], rows: Iterable[Sequence[str]], name: str) -> str:
@@ -38,16 +36,9 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[str]], name: str) -> 
     return f'<div class="table" role="region" tabindex="0" aria-label="{html.escape(name)}">{inner}</div>'
 
 
-def known_uncertainty(result: Result) -> Uncertainty | None:
-    """Return the uncertainty of a result that has a usable covariance."""
-    if result.covariance is None or not np.isfinite(result.covariance).all():
-        return None
-    return Uncertainty(result.structure, result.parameters, result.covariance)
-
-
 def coefficients(material: Material) -> str:
     """Return each coefficient with its unit and standard deviation, beside the true value where that is known."""
-    result, known = material.result, known_uncertainty(material.result)
+    result, known = material.result, material.uncertainty
     stds: Sequence[float | None] = [None] * result.structure.size if known is None else known.std.tolist()
     labels = style.symbols(result.structure, material.plant_label, material.output_label)
     headings = ["coefficient", "estimate" if known is None else "estimate ± std"]
@@ -65,14 +56,15 @@ def coefficients(material: Material) -> str:
 
 def poles(material: Material) -> str:
     """Return the poles as an engineer reads them, and the zeros."""
-    result, known = material.result, known_uncertainty(material.result)
-    rows = []
-    modes = result.transfer_function.modes if known is None else known.modes
-    for entry in modes:
-        mode = entry if known is None else entry.mode  # type: ignore[union-attr]
-        spread = [None] * 3 if known is None else [entry.frequency_std, entry.damping_std, entry.time_constant_std]  # type: ignore[union-attr]
-        figures = (mode.frequency, mode.damping, mode.time_constant)  # type: ignore[union-attr]
-        rows.append([complex_number(mode.pole), *map(uncertain, figures, spread)])  # type: ignore[union-attr]
+    result, known = material.result, material.uncertainty
+    modes = result.transfer_function.modes
+    spreads: Sequence[tuple[float | None, ...]] = [(None, None, None)] * len(modes)
+    if known is not None:
+        spreads = [(each.frequency_std, each.damping_std, each.time_constant_std) for each in known.modes]
+    rows = [
+        [complex_number(mode.pole), *map(uncertain, (mode.frequency, mode.damping, mode.time_constant), spread)]
+        for mode, spread in zip(modes, spreads, strict=True)
+    ]
     headings = ("pole [rad/s]", "frequency [Hz]", "damping", "time constant [s]")
     return table(headings, rows, "Poles") + _zeros(result)
 
@@ -100,7 +92,7 @@ def origin(material: Material) -> str:
         ("file", log.path.name or "none: simulated"),
         ("SHA-256", fingerprint(log.path)),
         ("input, output", f"{log.input_name}, {log.output_name}"),
-        ("record", f"{total:,} samples, {number(seconds)} s at {number(log.dt, 6)} s"),
+        ("record", f"{total:,} samples, {duration(seconds)} at {number(log.dt, 6)} s"),
         ("used", f"{result.samples:,} samples"),
         ("rejected", rejected),
         ("computed in", f"{number(result.elapsed, 3)} s"),
@@ -120,10 +112,10 @@ def fingerprint(path: Path) -> str:
 
 def versions() -> str:
     """Return what computed this."""
-    found = [f"replant {__version__}", f"Python {platform.python_version()}"]
+    found = []
     for package in PACKAGES:
         try:
             found.append(f"{package} {metadata.version(package)}")
         except metadata.PackageNotFoundError:
             continue
-    return ", ".join(found)
+    return ", ".join([*found, f"Python {platform.python_version()}"])

@@ -16,9 +16,12 @@ def of_fit(material: Material) -> str:
     if residual.size == 0:
         return "Input and measured output over time; the model gives no finite output to compare with."
     size = number(float(np.sqrt(np.mean(np.square(residual, dtype=np.longdouble)))), 3)
+    beyond = (
+        " Where the model is not to be seen, it lies beyond the scale." if material.result.simulation.fit < 0 else ""
+    )
     return (
-        f"Input, output and residual over time: the model, run from the input alone, fits the measured output "
-        f"to {fit}; the residual is {size} in the root mean square."
+        f"Input, output and residual over time: the model, run from the input alone, has a fit of {fit}; the residual "
+        f"is {size} in the root mean square.{beyond}"
     )
 
 
@@ -58,13 +61,13 @@ def of_poles(material: Material) -> str:
     poles = ", ".join(complex_number(mode.pole) for mode in model.modes)
     zeros = ", ".join(complex_number(zero) for zero in model.zeros.tolist() if zero.imag >= 0)
     tail = f"; zeros at {zeros} rad/s" if zeros else ""
-    region = " Coloured: 95 % regions." if material.result.covariance is not None else ""
+    region = " Coloured: 95 % regions." if material.uncertainty is not None else ""
     return f"Poles at {poles} rad/s{tail}. Grey: the right half-plane, where a pole is unstable.{region}"
 
 
 def of_bode(material: Material) -> str:
     """Return what the Bode diagram shows."""
-    band = " with bands of two standard deviations" if material.result.covariance is not None else ""
+    band = " with bands of two standard deviations" if material.uncertainty is not None else ""
     gain = number(material.result.transfer_function.dc_gain)
     return f"Magnitude and phase of G(s){band}; the gain at rest is {gain}."
 

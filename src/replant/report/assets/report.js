@@ -17,7 +17,11 @@
     }
     return String(+value.toPrecision(digits)).replace("-", "−");
   };
-  const decade = value => (Math.abs(value) < 4 ? plain(10 ** value, 6) : "10" + superscript(value));
+  const decade = value => {
+    const power = Math.round(value);
+    if (Math.abs(value - power) > 1e-6) return plain(10 ** value, 2);
+    return Math.abs(power) < 4 ? plain(10 ** power, 6) : "10" + superscript(power);
+  };
 
   // base64 of little-endian float32 to numbers; null leaves a gap
   const unpack = curve => {
@@ -34,6 +38,7 @@
     const last = plan.start + plan.step * Math.max(plan.count - 1, 0);
     return [Math.min(range[0], plan.start), Math.max(range[1], last)];
   }, [0, 0]);
+  if (full[0] === full[1]) full[1] = full[0] + 1;
   let shown = full;
   const made = [];
 
@@ -42,7 +47,7 @@
     const start = Math.min(Math.max(low, full[0]), full[1] - width);
     shown = [start, start + width];
     for (const chart of made) chart.setScale("x", { min: shown[0], max: shown[1] });
-    const digits = Math.max(3, 3 + Math.ceil(Math.log10(Math.max(Math.abs(shown[1]) / width, 1))));
+    const digits = Math.min(15, 3 + Math.ceil(Math.log10(Math.max(Math.abs(shown[1]) / width, 1))));
     document.querySelector(".range").textContent = plain(shown[0], digits) + " … " + plain(shown[1], digits) + " s";
   };
   const actions = {
@@ -112,11 +117,11 @@
     const axis = { stroke: () => colour("muted"), font: "12px system-ui, sans-serif", ticks: { show: false },
       grid: { stroke: () => colour("grid"), width: 1 } };
     const chart = new uPlot({
-      width: room.clientWidth, height: plan.height, legend: { show: false }, padding: [8, 10, 0, 0],
+      width: room.clientWidth, height: plan.height, legend: { show: false }, padding: [8, 28, 0, 0],
       scales: { x: { time: false, auto: false, range: () => shown }, y: { range: fitted(plan) } },
       axes: [
         { ...axis, size: 26, gap: 4, space: 70, values: (_, ticks) => ticks.map(t => plain(t, 9) + " s") },
-        { ...axis, size: 66, gap: 6, space: 26, incrs: decades ? [1, 2, 3, 4, 5, 10] : undefined,
+        { ...axis, size: 66, gap: 6, space: 26, incrs: decades ? [0.1, 0.2, 0.5, 1, 2, 3, 4, 5, 10] : undefined,
           values: (_, ticks) => ticks.map(v => (decades ? decade(v) : plain(v, 6))) },
       ],
       series: drawn, bands,

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from replant.report.figures import style
+from replant.report.figures.poles import usable_uncertainty
 from replant.runs import Result
-from replant.uncertainty import Uncertainty
 from replant.validation import FloatArray
 
 POINTS = 400
@@ -73,9 +73,10 @@ def frequencies(result: Result, dt: float) -> FloatArray:
 
 
 def _band(result: Result, omega: FloatArray, magnitude: FloatArray, phase: FloatArray, top: Any, bottom: Any) -> None:
-    if result.covariance is None:
+    known = usable_uncertainty(result)
+    if known is None:
         return
-    relative, angle = Uncertainty(result.structure, result.parameters, result.covariance).response(omega)
+    relative, angle = known.response(omega)
     if not (np.isfinite(relative).all() and np.isfinite(angle).all()):
         return
     decibels = np.minimum(style.SIGMAS * 20.0 / math.log(10.0) * relative, WIDEST_DB)

@@ -57,19 +57,28 @@ def draw_poles_and_zeros(result: Result, *, ax: Any = None) -> Any:
 
 def regions(result: Result) -> list[tuple[complex, FloatArray]]:
     """Return each pole and zero with the covariance (2, 2) of its real and imaginary part; empty where unknown."""
-    if result.covariance is None:
+    known = usable_uncertainty(result)
+    if known is None:
         return []
-    known = Uncertainty(result.structure, result.parameters, result.covariance)
     found = []
-    for mode in known.modes:
+    with np.errstate(all="ignore"):  # at a double root a region has no bounds
+        modes = known.modes
+    for mode in modes:
         found.append((mode.mode.pole, mode.covariance))
         if mode.mode.pole.imag > 0:
             mirror = np.array([[1.0, -1.0], [-1.0, 1.0]])
             found.append((mode.mode.pole.conjugate(), mode.covariance * mirror))
     n, m = result.structure.poles, result.structure.zeros
-    numerator = result.covariance[n : n + m + 1, n : n + m + 1]
+    numerator = known.covariance[n : n + m + 1, n : n + m + 1]
     num = result.transfer_function.num
     return found + [(zero, zero_covariance(num, numerator, zero)) for zero in result.transfer_function.zeros.tolist()]
+
+
+def usable_uncertainty(result: Result) -> Uncertainty | None:
+    """Return the uncertainty of a result; None where it has no covariance, or one that is not finite."""
+    if result.covariance is None or not np.isfinite(result.covariance).all():
+        return None
+    return Uncertainty(result.structure, result.parameters, result.covariance)
 
 
 def zero_covariance(num: FloatArray, covariance: FloatArray, zero: complex) -> FloatArray:

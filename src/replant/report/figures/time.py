@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from replant.assessment import WORST_CONDITION
+from replant.errors import InvalidArgumentError
 from replant.report.diagnostics import Excitation
 from replant.report.downsample import thin
 from replant.report.figures import style
@@ -47,6 +48,10 @@ def draw_fit(
         axes = style.new_axes(3, 1, (9, 6.6), sharex=True, height_ratios=(1, 2, 1))
     top, middle, bottom = style.given(axes, 3)
     model = result.simulation.output
+    if not u.size == y.size == model.size:
+        raise InvalidArgumentError(
+            f"u and y must be the record of the result, {model.size} samples long, got {u.size} and {y.size}"
+        )
     _curve(top, u, dt, color=style.INPUT, lw=0.9)
     _curve(middle, y, dt, color=style.MEASURED, lw=2.2, label="measured")
     _curve(middle, model, dt, color=style.MODEL, lw=1.0, label="model, from the input alone")
@@ -170,8 +175,8 @@ def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None) ->
     if axes is None:
         axes = style.new_axes(2, 1, (9, 4.2), sharex=True)
     top, bottom = style.given(axes, 2)
-    top.set_ylabel("smallest eigenvalue")
-    bottom.set_ylabel("condition number")
+    top.set_ylabel("smallest\neigenvalue")
+    bottom.set_ylabel("condition\nnumber")
     bottom.set_xlabel("time [s]")
     for axis in (top, bottom):
         style.tidy(axis)

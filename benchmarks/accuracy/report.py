@@ -1,0 +1,221 @@
+"""The report: docs/accuracy.md and accuracy.json."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from accuracy.bounds import COVERAGE, Statistics
+from accuracy.summary import Promise, Summary, is_covered, prints_intervals
+from accuracy.verdicts import KINDS, LEAST_TRUSTED, TRUSTED
+from accuracy.work import RIGHT, WRONG, Assessed
+
+Verdicts = dict[str, list[Assessed]]
+MARK = {True: "met", False: "**not met**"}
+
+FEWEST_RUNS = 100  # from which a coverage is judged
+TITLE = "# Accuracy, measured"
+INTRODUCTION = """\
+Written by `make accuracy`, which makes every run anew (`--scenario A B` some of them, `--runs N` fewer of each). All
+that is random in run r comes from the seed r, r = 0, 1, 2 ..; nothing is tuned to a scenario beyond what its line
+says. "default" is `Identifier(structure, dt)` and nothing else, in one pass; "offline SRIVC" is refined instrumental
+variables on the whole record at once. Which method to use when: [methods.md](methods.md).
+"""
+
+NOTES = """\
+* **A.** The input is left open by the scenario: a PRBS of 8 bits held 8 samples (0.4 s, about the geometric mean of
+  the plant's two time constants) runs through its period once; the random binary input has the same hold and is
+  another one each run. A hold of one sample is beside it. The buffered methods have a step size of {step:g} and
+  Lambda(s) = (s + 2)^2 where it is named, and the filter chosen from the data where none is.
+* **B.** Its own bounds are on the first 100 runs, the coverage on 200.
+* **C.** The random binary input is held 10 samples (0.1 s), about the plant's time constant 1/omega = 0.08 s; holds of
+  5 and 20 samples are beside it. The process noise follows from what is known beforehand: a quarter of a parameter's
+  range, squared, over the time that it takes to go through it (0.1, 4.05 and 0 per second); ten times and a tenth of
+  it are beside it. Errors count from the first estimate on (after 5 s), the estimate being zero before. "inside" is
+  how often, at 20 instants, the truth lies in the nominal 95 % interval.
+* **D.** Another voltage and another noise each run; the working point and the squared input are told to every method.
+* **F.** Two readings: the input switches at recorded instants alone, or goes on switching at the instants whose
+  samples are lost, where no estimator can know it. Held one sample, that loses a tenth of the input itself.
+* **G.** Nominal 95 % intervals of every parameter and of natural frequency f and damping zeta of the poles, slowest
+  first. A real pole's damping is always 1 and left out; for A's two real poles f and zeta are those of
+  s^2 + a1 s + a0. With 200 runs the measured coverage itself has a standard deviation of 1.5 %. A tracking filter
+  (RLS with a memory, Kalman) allows for parameters that may have moved; where they stand still its intervals are wide.
+* **I.** `Identifier(Structure(poles), dt, startup=len // 10)`; references are independent output-error fits.
+* **J.** Not promised: first-order coloured noise. The default solves the record again up to 10000 samples; beyond, or
+  with a memory, it is a pure recursion.
+"""
+
+
+def number(value: float, digits: int = 4) -> str:
+    """Return a value to so many digits, without an exponent where it can be; a dash for NaN.
+
+    Examples
+    --------
+    >>> number(1234567.0), number(0.1195), number(float("nan"))
+    ('1234567', '0.1195', '-')
+    """
+    if math.isnan(value):
+        return "-"
+    if value == 0.0 or not 1e-4 <= abs(value) < 1e7:
+        return f"{value:.{digits - 1}g}"
+    decimals = max(digits - 1 - math.floor(math.log10(abs(value))), 0)
+    return f"{value:.{decimals}f}"
+
+
+def table(header: Sequence[str], rows: Iterator[Sequence[str]]) -> list[str]:
+    """Return the lines of a Markdown table."""
+    lines = [f"| {' | '.join(header)} |", f"|{'---|' * len(header)}"]
+    return lines + [f"| {' | '.join(row)} |" for row in rows]
+
+
+def markdown(summaries: Sequence[Summary], verdicts: Verdicts) -> str:
+    """Return the report as Markdown."""
+    from accuracy.linear import STEP_SIZE
+
+    lines = [TITLE, "", INTRODUCTION]
+    lines += ["## What is promised, and what was measured", ""]
+    lines += table(("experiment", "method", "bound", "measured", ""), promised(summaries, verdicts))
+    covered = [each for each in summaries if each.experiment.covered]
+    if covered:
+        lines += ["", "## G: coverage of nominal 95 % intervals, in percent", ""]
+        lines += [f"Bound: {COVERAGE[0]:g} to {COVERAGE[1]:g} % for the default and for offline SRIVC.", ""]
+        for summary in covered:
+            names = list(summary.experiment.truth)
+            lines += [f"{summary.experiment.title}, {_runs(summary)} runs:", ""]
+            lines += [*table(("method", *names, ""), _coverage(summary, names)), ""]
+    if verdicts:
+        lines += ["", "## H: verdicts", ""]
+        lines += table(("case", "cases", *(TRUSTED,), "other"), _verdicts(verdicts))
+    lines += ["", "## Every figure", "", "std is over the runs, printed std what the method itself says.", ""]
+    header = ("experiment", "method", "figure", "truth", "mean", "std", "bias", "RMSE", "printed std", "failed")
+    lines += table(header, _figures(summaries))
+    lines += ["", "## The experiments", ""]
+    lines += [f"* `{each.experiment.key}`: {each.experiment.title}; {_runs(each)} runs." for each in summaries]
+    lines += ["", NOTES.format(step=STEP_SIZE)]
+    return "\n".join(lines)
+
+
+def document(summaries: Sequence[Summary], verdicts: Verdicts) -> dict[str, Any]:
+    """Return the report for `json`."""
+    return {
+        "experiments": {each.experiment.key: _as_json(each) for each in summaries},
+        "verdicts": {key: [asdict(case) for case in cases] for key, cases in verdicts.items()},
+    }
+
+
+def write(summaries: Sequence[Summary], verdicts: Verdicts, page: Path, data: Path) -> None:
+    """Write both files."""
+    for path in (page, data):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    page.write_text(markdown(summaries, verdicts), encoding="utf-8")
+    text = json.dumps(document(summaries, verdicts), indent=1, allow_nan=True)
+    data.write_text(text.replace("NaN", "null") + "\n", encoding="utf-8")
+
+
+def _runs(summary: Summary) -> int:
+    return max(each.runs for figures in summary.covered.values() for each in figures.values())
+
+
+def promised(summaries: Sequence[Summary], verdicts: Verdicts) -> Iterator[Sequence[str]]:
+    """Yield a row for each promise: experiment, method, bound, measured, and whether it is met."""
+    for summary in summaries:
+        for promise in summary.promises:
+            yield _line(promise)
+    for summary in summaries:
+        for method in summary.experiment.covered:
+            figures = summary.covered[method]
+            inside = [each.coverage for each in figures.values()]
+            words = f"coverage {COVERAGE[0]:g} to {COVERAGE[1]:g} %"
+            measured = f"{min(inside):.1f} to {max(inside):.1f} %"
+            yield f"G, {summary.experiment.key}", method, words, measured, _covered_mark(summary, inside)
+    if verdicts:
+        right = sum(case.status == TRUSTED for case in verdicts.get(RIGHT, []))
+        wrong = sum(case.status == TRUSTED for case in verdicts.get(WRONG, []))
+        cases = len(verdicts.get(RIGHT, []))
+        enough = right >= math.ceil(LEAST_TRUSTED * cases / 30)
+        yield RIGHT, "assess()", f"{LEAST_TRUSTED} of 30 trusted", f"{right} of {cases}", MARK[enough]
+        yield WRONG, "assess()", "none trusted", f"{wrong} of {len(verdicts.get(WRONG, []))}", MARK[wrong == 0]
+
+
+def _line(promise: Promise) -> Sequence[str]:
+    measured = ", ".join(
+        f"{'**' * (name in promise.broken)}{name} {number(value, 3)}{'**' * (name in promise.broken)}"
+        for name, value in promise.measured.items()
+    )
+    return promise.experiment.key, promise.bound.method, promise.bound.words, measured, MARK[promise.is_met]
+
+
+def _coverage(summary: Summary, names: Sequence[str]) -> Iterator[Sequence[str]]:
+    for method, figures in summary.covered.items():
+        if prints_intervals(figures):
+            inside = [figures[name].coverage for name in names]
+            mark = _covered_mark(summary, inside)
+            if method not in summary.experiment.covered:
+                mark = {MARK[True]: "within", MARK[False]: "outside"}.get(mark, mark)
+            yield method, *(f"{percent:.1f}" for percent in inside), mark
+
+
+def _covered_mark(summary: Summary, inside: Sequence[float]) -> str:
+    """Return the mark of a row of coverages; they mean nothing over a few runs."""
+    if _runs(summary) < FEWEST_RUNS:
+        return f"fewer than {FEWEST_RUNS} runs"
+    return MARK[all(is_covered(percent) for percent in inside)]
+
+
+def _verdicts(verdicts: Verdicts) -> Iterator[Sequence[str]]:
+    for kind in ("right", *KINDS):
+        said = [case.status for cases in verdicts.values() for case in cases if case.kind == kind]
+        if said:
+            others = Counter(status for status in said if status != TRUSTED)
+            words = ", ".join(f"{count} {status}" for status, count in others.most_common())
+            yield kind, str(len(said)), str(said.count(TRUSTED)), words
+
+
+def _figures(summaries: Sequence[Summary]) -> Iterator[Sequence[str]]:
+    for summary in summaries:
+        for method, figures in summary.table.items():
+            for name, each in figures.items():
+                yield summary.experiment.key, method, name, *_cells(each)
+
+
+def _cells(each: Statistics) -> tuple[str, ...]:
+    bias = f"{number(each.bias_percent, 3)} %" if each.truth and math.isfinite(each.truth) else number(each.bias, 3)
+    return (
+        number(each.truth),
+        number(each.mean),
+        number(each.std, 3),
+        bias,
+        number(each.rmse, 3),
+        number(each.printed, 3),
+        str(each.failed),
+    )
+
+
+def _as_json(summary: Summary) -> dict[str, Any]:
+    experiment = summary.experiment
+    return {
+        "title": experiment.title,
+        "runs": _runs(summary),
+        "figures": {
+            method: {
+                name: asdict(each) | {"bias": each.bias, "coverage": summary.covered[method][name].coverage}
+                for name, each in figures.items()
+            }
+            for method, figures in summary.table.items()
+        },
+        "bounds": [
+            {
+                "method": promise.bound.method,
+                "bound": promise.bound.words,
+                "limits": dict(promise.bound.limits),
+                "measured": dict(promise.measured),
+                "met": promise.is_met,
+            }
+            for promise in summary.promises
+        ],
+    }

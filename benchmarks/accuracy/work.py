@@ -1,0 +1,107 @@
+"""The work: every run of every experiment, shared among all cores, with progress shown."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+import replant
+from accuracy import verdicts
+from accuracy.experiment import Experiment
+from accuracy.methods import Figures
+from accuracy.scenarios import experiments
+
+RIGHT, WRONG = "H right", "H wrong"
+
+
+@dataclass(frozen=True)
+class Assessed:
+    """One verdict: what was the case, and what was said of it."""
+
+    kind: str
+    status: str
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """What came out.
+
+    Attributes
+    ----------
+    figures : dict
+        By experiment: one entry a run, the figures by method.
+    verdicts : dict
+        `RIGHT` and `WRONG`: one entry a case.
+    """
+
+    figures: dict[str, list[dict[str, Figures]]] = field(default_factory=dict)
+    verdicts: dict[str, list[Assessed]] = field(default_factory=dict)
+
+
+def prepare_environment() -> None:
+    """Let each process use one thread, and no kernel be stale.
+
+    Numba's cache looks at the file of the compiled function alone, so an edit of an imported kernel would go unseen:
+    its folder is named after the source of all of them.
+    """
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    digest = hashlib.sha256()
+    for path in sorted((Path(replant.__file__).parent / "kernels").glob("*.py")):
+        digest.update(path.read_bytes())
+    folder = Path(tempfile.gettempdir()) / f"replant-kernels-{os.getuid()}-{digest.hexdigest()[:16]}"
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(folder))
+
+
+def carry_out(chosen: Sequence[Experiment], runs: int | None, with_verdicts: bool, processes: int) -> Results:
+    """Make every run of the chosen experiments, at most ``runs`` of each where that is given."""
+    tasks = [(each.key, number) for each in chosen for number in range(min(each.runs, runs or each.runs))]
+    if with_verdicts:
+        cases = min(verdicts.CASES, runs or verdicts.CASES)
+        tasks += [(key, number) for key in (RIGHT, WRONG) for number in range(cases)]
+    done: dict[tuple[str, int], object] = {}
+    columns = (TextColumn("{task.description:24}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as progress:
+        bar = progress.add_task("compiling", total=len(tasks))
+        warm_up()
+        with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+            futures = {pool.submit(carry_out_one, *task): task for task in longest_first(tasks)}
+            for future in as_completed(futures):
+                task = futures[future]
+                done[task] = future.result()
+                progress.update(bar, advance=1, description=task[0])
+    results = Results()
+    for (key, number), outcome in sorted(done.items()):
+        table = results.verdicts if key in (RIGHT, WRONG) else results.figures
+        table.setdefault(key, []).append(outcome)  # type: ignore[arg-type, union-attr]
+        assert len(table[key]) == number + 1
+    return results
+
+
+def carry_out_one(key: str, number: int) -> dict[str, Figures] | Assessed:
+    """Make one run, in a process of its own."""
+    if key in (RIGHT, WRONG):
+        case = verdicts.right(number) if key == RIGHT else verdicts.wrong(number)
+        return Assessed(case.kind, *case.assessed)
+    return experiments()[key].run(number)
+
+
+def warm_up() -> None:
+    """Compile the kernels once, here, so that the processes find them in the cache."""
+    experiments()["A prbs"].run(0)
+
+
+def longest_first(tasks: Sequence[tuple[str, int]]) -> list[tuple[str, int]]:
+    """Return the tasks with the long ones at the beginning, so that no process is left alone with one at the end."""
+    weights = {"D": 3, "C": 2, "J": 1}
+    return sorted(tasks, key=lambda task: -weights.get(task[0].split()[0], 0))

@@ -1,0 +1,221 @@
+"""The data behind the axes are those of the result, bands appear where a covariance is known, and nothing else does."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import replant as rp
+from replant.errors import InvalidArgumentError
+from replant.report.diagnostics import BAND_95, BAND_99, correlations, excitation
+from replant.report.figures import (
+    draw_bode,
+    draw_correlations,
+    draw_excitation,
+    draw_fit,
+    draw_poles_and_zeros,
+    draw_transients,
+    save_figures,
+    style,
+)
+from replant.report.figures.poles import regions, zero_covariance
+from replant.uncertainty import Uncertainty
+
+
+def curves(axis) -> dict[str, np.ndarray]:
+    return {line.get_label(): np.column_stack(line.get_data()) for line in axis.lines}
+
+
+def bands(axis) -> int:
+    return sum(patch.get_label() == "± 2σ" for patch in axis.collections)
+
+
+def record(case) -> tuple:
+    return case.result, case.log.input, case.log.output, case.log.dt
+
+
+def test_fit_shows_record_model_and_residual(plain) -> None:
+    result, u, y, dt = record(plain)
+    model = result.simulation.output[:2000]
+    short = dataclasses.replace(result, simulation=dataclasses.replace(result.simulation, output=model))
+    labels = {"input_label": "voltage [V]", "output_label": "speed [rpm]"}
+    top, middle, bottom = draw_fit(short, u[:2000], y[:2000], dt, **labels)
+    assert (top.get_ylabel(), middle.get_ylabel(), bottom.get_ylabel()) == (
+        "voltage [V]", "speed [rpm]", "residual [rpm]",
+    )  # fmt: skip
+    assert bottom.get_xlabel() == "time [s]"
+    np.testing.assert_array_equal(curves(middle)["measured"], np.column_stack([dt * np.arange(2000), y[:2000]]))
+    np.testing.assert_array_equal(curves(middle)["model, from the input alone"][:, 1], model)
+    np.testing.assert_array_equal(bottom.lines[0].get_ydata(), y[:2000] - model)
+    with pytest.raises(InvalidArgumentError, match="4000"):
+        draw_fit(result, u[:2000], y[:2000], dt)
+
+
+def test_fit_is_thinned_without_losing_a_peak(long_case) -> None:
+    result, u, y, dt = record(long_case)
+    _, middle, _ = draw_fit(result, u, y, dt)
+    drawn = curves(middle)["measured"]
+    assert drawn.shape[0] <= style.SHOWN
+    assert np.nanmax(drawn[:, 1]) == np.nanmax(y) == 9.5
+
+
+def test_model_that_leaves_the_picture_does_not_squeeze_the_measurement(plain) -> None:
+    result, u, y, dt = record(plain)
+    wild = dataclasses.replace(
+        result, simulation=rp.assessment.Simulation(np.geomspace(1.0, 1e200, y.size), 0.0, -np.inf)
+    )
+    _, middle, bottom = draw_fit(wild, u, y, dt)
+    assert np.ptp(middle.get_ylim()) < 4 * np.ptp(y)
+    assert np.ptp(bottom.get_ylim()) < 5 * np.ptp(y)
+
+
+def test_transients_hold_the_history_and_the_truth(plain) -> None:
+    result, _, _, dt = record(plain)
+    true = [1.6, 4.0, 3.0, 6.0]
+    axes = draw_transients(result, dt, truth=true, input_label="u [V]", output_label="y [m]")
+    assert [axis.get_title("left") for axis in axes] == ["a₁ [1/s]", "a₀ [1/s²]", "b₁ [m/V/s]", "b₀ [m/V/s²]"]
+    for i, axis in enumerate(axes):
+        drawn = curves(axis)
+        assert drawn["estimate"][-1, 1] == pytest.approx(result.history.parameters[-1, i], abs=0.02)
+        assert set(drawn["true"][:, 1]) == {true[i]}
+        assert bands(axis) == 0
+        low, high = axis.get_ylim()
+        assert low < true[i] < high
+
+
+def test_transients_are_banded_by_two_standard_deviations(uncertain) -> None:
+    result, _, _, dt = record(uncertain)
+    history = result.history
+    for i, axis in enumerate(draw_transients(result, dt)):
+        assert bands(axis) == 1
+        outline = axis.collections[0].get_paths()[0].vertices
+        high, low = history.parameters[:, i] + 2 * history.std[:, i], history.parameters[:, i] - 2 * history.std[:, i]
+        assert outline[:, 1].max() == pytest.approx(high.max())
+        assert outline[:, 1].min() == pytest.approx(low.min())
+
+
+def test_poles_and_zeros(plain, uncertain) -> None:
+    for case in (plain, uncertain):
+        axis = draw_poles_and_zeros(case.result)
+        drawn = curves(axis)
+        model = case.result.transfer_function
+        np.testing.assert_array_equal(drawn["poles"], np.column_stack([model.poles.real, model.poles.imag]))
+        np.testing.assert_array_equal(drawn["zeros"], np.column_stack([model.zeros.real, model.zeros.imag]))
+        left, right = axis.get_xlim()
+        assert left < model.poles.real.min() < 0 < right
+        labels = {text.get_text() for text in axis.get_legend().get_texts()}
+        assert ("95 % region" in labels) == (case is uncertain)
+
+
+def test_ellipses_hold_95_percent_of_the_poles_drawn_from_the_covariance(uncertain) -> None:
+    result = dataclasses.replace(uncertain.result, covariance=uncertain.result.covariance / 100)  # where it is linear
+    pole, covariance = next((root, known) for root, known in regions(result) if root.imag > 0)
+    drawn = np.random.default_rng(0).multivariate_normal(result.parameters, result.covariance, 4000)
+    upper = np.array([max(np.roots([1.0, *row[:2]]), key=lambda root: root.imag) for row in drawn])
+    off = np.column_stack([upper.real - pole.real, upper.imag - pole.imag])
+    inside = np.einsum("ki,ij,kj->k", off, np.linalg.inv(covariance), off) < 2.448**2
+    assert inside.mean() == pytest.approx(0.95, abs=0.015)
+
+
+def test_covariance_of_zeros_is_that_of_numerical_derivatives() -> None:
+    num, covariance = np.array([2.0, 3.0, 5.0]), np.diag([0.01, 0.04, 0.09]) + 0.005
+    zero = np.roots(num)[0]
+    step = 1e-6
+    slopes = []
+    for i in range(3):
+        moved = num.copy()
+        moved[i] += step
+        slopes.append((min(np.roots(moved), key=lambda root: abs(root - zero)) - zero) / step)
+    parts = np.array([np.real(slopes), np.imag(slopes)])
+    np.testing.assert_allclose(zero_covariance(num, covariance, zero), parts @ covariance @ parts.T, rtol=1e-4)
+
+
+@pytest.mark.filterwarnings("error")
+def test_double_pole_and_unknown_covariance_have_no_region(uncertain) -> None:
+    double = np.array([4.0, 4.0, 1.0, 3.0])  # (s + 2)^2
+    model = uncertain.result.structure.transfer_function(double)
+    result = dataclasses.replace(uncertain.result, parameters=double, transfer_function=model)
+    unknown = dataclasses.replace(result, covariance=np.full((4, 4), np.nan))
+    for each in (result, unknown):
+        axis = draw_poles_and_zeros(each)
+        draw_bode(each, 0.05)
+        assert len(curves(axis)["poles"]) == 2
+    assert regions(unknown) == []
+
+
+def test_bode_holds_the_response_and_its_band(uncertain) -> None:
+    result, _, _, dt = record(uncertain)
+    top, bottom = draw_bode(result, dt, input_label="voltage [V]", output_label="speed [rpm]")
+    assert (top.get_ylabel(), bottom.get_xlabel()) == ("magnitude [dB re rpm/V]", "frequency [rad/s]")
+    omega, magnitude = top.lines[0].get_data()
+    assert omega.max() <= math.pi / dt * 1.001
+    response = result.transfer_function.response(omega)
+    np.testing.assert_allclose(magnitude, 20 * np.log10(abs(response)))
+    np.testing.assert_allclose(np.exp(1j * np.radians(bottom.lines[0].get_data()[1])), response / abs(response))
+    outline = top.collections[0].get_paths()[0].vertices
+    relative, _ = Uncertainty(result.structure, result.parameters, result.covariance).response(omega)
+    assert outline[:, 1].max() == pytest.approx((magnitude + 2 * 20 / math.log(10) * relative).max())
+
+
+def test_correlations_with_both_limits(plain) -> None:
+    residual = plain.log.output - plain.result.simulation.output
+    found = correlations(residual, plain.log.input, 50)
+    left, right = draw_correlations(found, plain.log.dt)
+    for axis, values, std in ((left, found.auto, found.auto_std), (right, found.cross, found.cross_std)):
+        drawn = np.concatenate([line.get_ydata() for line in axis.lines])
+        assert np.isin(values, drawn).all()
+        reach = sorted(patch.get_height() / 2 for patch in axis.patches)
+        assert reach == pytest.approx([BAND_95 * std, BAND_99 * std])
+        assert axis.get_xlabel() == "lag [s]"
+
+
+def test_excitation_over_time() -> None:
+    found = excitation(np.random.default_rng(0).standard_normal((4000, 2)))
+    top, bottom = draw_excitation(found, 0.05)
+    np.testing.assert_allclose(top.lines[0].get_xydata(), np.column_stack([found.samples * 0.05, found.smallest]))
+    np.testing.assert_allclose(bottom.lines[0].get_ydata(), found.condition)
+    assert (top.get_yscale(), bottom.get_yscale()) == ("log", "log")
+
+
+def test_every_figure_draws_into_the_axes_it_is_given(uncertain) -> None:
+    result, u, y, dt = record(uncertain)
+    figure = Figure()
+    axes = figure.subplots(4, 4).ravel()
+    found = correlations(y - result.simulation.output, u, 50)
+    calls = [
+        (3, lambda given: draw_fit(result, u, y, dt, axes=given)),
+        (4, lambda given: draw_transients(result, dt, axes=given)),
+        (2, lambda given: draw_bode(result, dt, axes=given)),
+        (2, lambda given: draw_correlations(found, dt, axes=given)),
+        (2, lambda given: draw_excitation(None, dt, axes=given)),
+        (1, lambda given: [draw_poles_and_zeros(result, ax=given[0])]),
+    ]
+    begin = 0
+    for count, call in calls:
+        given = axes[begin : begin + count]
+        assert [id(axis) for axis in call(given)] == [id(axis) for axis in given]
+        begin += count
+    with pytest.raises(ValueError, match="3 axes, got 2"):
+        draw_fit(result, u, y, dt, axes=axes[:2])
+
+
+def test_bad_results_are_drawn_too(bad, tmp_path) -> None:
+    _, case = bad
+    result, u, y, dt = record(case)
+    draw_poles_and_zeros(result).figure.savefig(tmp_path / "poles.png")
+    for axes in (draw_bode(result, dt), draw_correlations(None, dt), draw_excitation(None, dt)):
+        axes[0].figure.savefig(tmp_path / "any.png")
+    assert {path.name for path in save_figures(tmp_path, result, u, y, dt)} >= {"fit.png"}
+
+
+def test_colours_differ_in_grey() -> None:
+    """Curves that share an axis differ in lightness by a tenth at least; what lies below is the wider one."""
+
+    def lightness(colour: str) -> float:
+        red, green, blue = (int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5))
+        return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+    for one, other in ((style.MEASURED, style.MODEL), (style.MODEL, style.TRUTH), (style.MODEL, style.RESIDUAL)):
+        assert abs(lightness(one) - lightness(other)) > 0.02

@@ -1,0 +1,238 @@
+"""The report in a browser: it loads alone, zooms as one, can be read in light and dark, on paper and on a telephone.
+
+Driven by Playwright in the system's Chromium; screenshots are left in out/report for a look.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from replant.report.html import write_report
+
+SEEN = Path(__file__).resolve().parents[2] / "out" / "report"
+OPTIONS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+OPTIONS += ["--disable-component-update", "--disable-sync"]
+
+RANGES = "replantCharts.map(chart => [chart.scales.x.min, chart.scales.x.max])"
+
+# every piece of text that is shown, with its colour, what lies behind it and its size
+TEXTS = """() => {
+  const parse = colour => colour.match(/[\\d.]+/g).map(Number);
+  const behind = element => {
+    for (let at = element; at; at = at.parentElement) {
+      const colour = parse(getComputedStyle(at).backgroundColor);
+      if (colour.length === 3 || colour[3] > 0) return colour;
+    }
+    return [255, 255, 255];
+  };
+  const found = [];
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) {
+    const node = walker.currentNode, element = node.parentElement;
+    if (!node.data.trim() || element.closest("script, style") || !element.getClientRects().length) continue;
+    const style = getComputedStyle(element);
+    const colour = element.ownerSVGElement ? style.fill : style.color;
+    found.push([node.data.trim().slice(0, 30), parse(colour), behind(element), style.opacity]);
+  }
+  const root = getComputedStyle(document.documentElement), probe = document.createElement("i");
+  document.body.append(probe);
+  probe.style.color = root.getPropertyValue("--muted");
+  found.push(["axes of the plots", parse(getComputedStyle(probe).color), behind(probe), "1"]);
+  return found;
+}"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator:
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        pytest.skip("no chromium on the path: apt-get install chromium")
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with playwright.sync_playwright() as driver:
+        launched = driver.chromium.launch(executable_path=chromium, args=OPTIONS)
+        yield launched
+        launched.close()
+
+
+def opened(browser, path: Path, width: int = 1366, scheme: str = "light"):
+    """The page, once it has drawn; whatever it complains of or asks for fails the test."""
+    page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
+    complaints: list[str] = []
+    page.on("console", lambda message: complaints.append(message.text))
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("request", lambda request: complaints.append(request.url) if request.url != path.as_uri() else None)
+    page.goto(path.as_uri())
+    page.wait_for_function("window.replantCharts && replantCharts.every(chart => chart.scales.x.max > 0)")
+    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    assert complaints == []
+    return page
+
+
+def seen(page, name: str) -> None:
+    """Keep a picture of the whole page."""
+    SEEN.mkdir(parents=True, exist_ok=True)
+    page.screenshot(path=SEEN / f"{name}.png", full_page=True)
+
+
+def luminance(colour: list[float]) -> float:
+    linear = [
+        c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in (value / 255 for value in colour[:3])
+    ]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def contrast(one: list[float], other: list[float]) -> float:
+    darker, lighter = sorted([luminance(one), luminance(other)])
+    return (lighter + 0.05) / (darker + 0.05)
+
+
+def test_a_million_samples_load_fast_and_alone(browser, long_report) -> None:
+    page = opened(browser, long_report)
+    duration = page.evaluate("performance.getEntriesByType('navigation')[0].duration")
+    assert duration < 5000  # ms; about 700 on two cores
+    assert page.evaluate("replantCharts.length") == 9
+    assert page.evaluate("document.querySelectorAll('.plot canvas').length") == 9
+    assert page.evaluate("replantCharts[1].data[0].length") > 30_000
+    seen(page, "light-1366")
+    page.close()
+
+
+def test_zooming_one_plot_zooms_its_linked_ones(browser, long_report) -> None:
+    page = opened(browser, long_report)
+    whole = page.evaluate(RANGES)
+    assert whole == [whole[0]] * 9
+    assert whole[0] == pytest.approx([0, 50_000], rel=1e-3)
+    page.locator("#output").scroll_into_view_if_needed()
+    box = page.locator("#output .u-over").bounding_box()
+    page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 40)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 60, steps=4)
+    page.mouse.up()
+    page.wait_for_timeout(100)
+    zoomed = page.evaluate(RANGES)
+    assert zoomed == [zoomed[0]] * 9
+    assert zoomed[0] == pytest.approx([12_500, 25_000], rel=0.01)
+    shown = page.locator(".range").inner_text()
+    assert [float(number) for number in re.findall(r"\d+", shown)] == pytest.approx(zoomed[0], abs=60)
+    seen(page, "zoomed")
+    page.get_by_role("button", name="Show all").click()
+    page.wait_for_timeout(50)
+    assert page.evaluate(RANGES) == whole
+    page.close()
+
+
+def test_keyboard_moves_and_zooms(browser, long_report) -> None:
+    page = opened(browser, long_report)
+    for _ in range(12):
+        page.keyboard.press("Tab")
+        if page.evaluate("document.activeElement.id") == "input":
+            break
+    assert page.evaluate("document.activeElement.id") == "input"
+    assert page.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    page.keyboard.press("+")
+    page.wait_for_timeout(50)
+    near = page.evaluate(RANGES)
+    assert near == [near[0]] * 9
+    assert near[0][1] - near[0][0] == pytest.approx(25_000, rel=1e-3)
+    page.keyboard.press("ArrowRight")
+    page.wait_for_timeout(50)
+    assert page.evaluate(RANGES)[4][0] == pytest.approx(near[0][0] + 5_000, rel=1e-3)
+    page.keyboard.press("Escape")
+    page.wait_for_timeout(50)
+    assert page.evaluate(RANGES)[8] == pytest.approx([0, 50_000], rel=1e-3)
+    page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_stands_out(browser, long_report, scheme: str) -> None:
+    page = opened(browser, long_report, scheme=scheme)
+    texts = page.evaluate(TEXTS)
+    assert len(texts) > 150
+    faint = {text: round(contrast(ink, paper), 2) for text, ink, paper, _ in texts if contrast(ink, paper) < 4.5}
+    assert faint == {}
+    assert {opacity for *_, opacity in texts} == {"1"}
+    assert (luminance(texts[0][2]) > 0.5) == (scheme == "light")
+    if scheme == "dark":
+        seen(page, "dark-1366")
+    page.close()
+
+
+def test_bad_news_can_be_read_too(browser, bad_report) -> None:
+    name, path = bad_report
+    page = browser.new_page(viewport={"width": 900, "height": 800})
+    complaints: list[str] = []
+    page.on("console", lambda message: complaints.append(message.text))
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.goto(path.as_uri())
+    seen(page, f"bad-{name.replace(' ', '-')}")
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        assert all(contrast(ink, paper) >= 4.5 for _, ink, paper, _ in page.evaluate(TEXTS))
+    assert complaints == []
+    page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_telephone_needs_no_scrolling_sideways(browser, long_report, scheme: str) -> None:
+    page = opened(browser, long_report, width=400, scheme=scheme)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    beyond = page.evaluate(
+        "[...document.querySelectorAll('.plot, .still svg, .verdict, h1, p')].filter(e => e.getClientRects().length)"
+        ".filter(e => e.getBoundingClientRect().right > 400.5).map(e => e.className || e.tagName)"
+    )
+    assert beyond == []
+    seen(page, f"{scheme}-400")
+    page.close()
+
+
+def test_paper_cuts_no_plot_in_two(browser, long_report, tmp_path) -> None:
+    """A mark in the first and the last line of each picture: both are on the same page of the PDF."""
+    if shutil.which("pdftotext") is None:
+        pytest.skip("no pdftotext on the path: apt-get install poppler-utils")
+    page = opened(browser, long_report, scheme="dark")
+    page.emulate_media(media="print")
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    SEEN.mkdir(parents=True, exist_ok=True)
+    page.pdf(path=SEEN / "report.pdf", prefer_css_page_size=True, print_background=True)
+    pictures = page.evaluate("""() => {
+      const shown = [...document.querySelectorAll(".still svg")].filter(svg => svg.getClientRects().length);
+      shown.forEach((svg, i) => {
+        const box = svg.viewBox.baseVal;
+        for (const [name, y] of [["TOP", box.y + 8], ["END", box.y + box.height]]) {
+          const text = document.createElementNS("http://www.w3.org/2000/svg", "text");
+          text.textContent = name + i + "X";
+          text.setAttribute("x", box.x + box.width / 2);
+          text.setAttribute("y", y);
+          text.setAttribute("font-size", "8");
+          svg.append(text);
+        }
+      });
+      return shown.length;
+    }""")
+    assert pictures == 7
+    path = tmp_path / "marked.pdf"
+    page.pdf(path=path, prefer_css_page_size=True, print_background=True)
+    page.close()
+    text = subprocess.run(["pdftotext", "-layout", path, "-"], capture_output=True, text=True, check=True).stdout
+    pages = text.split("\f")
+    for picture in range(pictures):
+        first = [number for number, words in enumerate(pages) if f"TOP{picture}X" in words]
+        last = [number for number, words in enumerate(pages) if f"END{picture}X" in words]
+        assert first == last != []
+    assert len(pages) - 1 <= 6
+
+
+def test_without_scripts_the_pictures_stand_in(browser, uncertain, tmp_path) -> None:
+    path = write_report(tmp_path / "report.html", uncertain.result, uncertain.log)
+    context = browser.new_context(java_script_enabled=False, viewport={"width": 1000, "height": 800})
+    page = context.new_page()
+    page.goto(path.as_uri())
+    assert page.locator("figure .still svg").filter(visible=True).count() == 7
+    assert page.locator(".plot").filter(visible=True).count() == 0
+    context.close()

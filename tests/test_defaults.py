@@ -1,0 +1,92 @@
+"""The choices that the data make: what is given stays, what is chosen fits the data and can be typed again."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import replant as rp
+from builders import G1, G2, random_plant, record
+from replant.defaults import choose_filter, settle
+from replant.optimizers import OPTIMIZERS
+from replant.regression import regressors
+from replant.settings import Request
+
+U, Y = record(G2, seed=1, samples=3000, dt=0.01, hold=20, noise=0.01)
+
+
+def test_what_is_given_stays_as_it_is() -> None:
+    request = Request(
+        rp.Structure(2, 1),
+        0.01,
+        rp.StateVariableFilter(10.0),
+        rp.Scaling(1.0, [1.0] * 4),
+        rp.Adam(0.1),
+        rp.Replay(7),
+        False,
+        rp.Preprocess("square", 1.0, 2.0),
+    )
+    settled = settle(request, U, Y)
+    for field in dataclasses.fields(request):
+        assert getattr(settled, field.name) is getattr(request, field.name) or field.name == "dt"
+    assert settled.dt == 0.01
+
+
+def test_none_means_no_scaling_and_no_replay() -> None:
+    settled = settle(Request(rp.Structure(2, 1), 0.01, rp.StateVariableFilter(10.0), scaling=None, replay=None), U, Y)
+    assert settled.scaling == rp.Scaling.none(rp.Structure(2, 1))
+    assert settled.replay is None
+
+
+def test_auto_scaling_makes_every_signal_of_size_one() -> None:
+    structure, state_filter = rp.Structure(2, 1, bias=True), rp.StateVariableFilter(10.0)
+    preprocess = rp.Preprocess(output_offset="mean")
+    settled = settle(Request(structure, 0.01, state_filter, preprocess=preprocess), U, Y)
+    assert settled.preprocess.output_offset == pytest.approx(Y.mean())
+    phi, _ = regressors(structure, 0.01, state_filter, settled.preprocess, U, Y)
+    scaled = phi / settled.scaling.sigmas(structure)
+    np.testing.assert_allclose(np.sqrt(np.mean(scaled**2, axis=0)), 1.0, rtol=1e-12)
+    assert np.sqrt(np.mean(((Y - Y.mean()) / settled.scaling.output) ** 2)) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("name", OPTIMIZERS)
+def test_an_optimizer_by_name_comes_with_settings_that_can_be_typed_again(name: str) -> None:
+    request = Request(rp.Structure(2, 1), 0.01, rp.StateVariableFilter(10.0), scaling=None, optimizer=name)
+    for length in (None, 100, 10**7):
+        optimizer = settle(request, U, Y, length).optimizer
+        assert type(optimizer) is OPTIMIZERS[name]
+        for field in dataclasses.fields(optimizer):
+            value = getattr(optimizer, field.name)
+            assert value == float(f"{value:.3g}")
+
+
+@pytest.mark.parametrize("plant", [G1, G2, random_plant(3, 3, 1)])
+def test_the_chosen_cutoff_suits_the_plant(plant: rp.TransferFunction) -> None:
+    """It lies among the plant's speeds: between a tenth of the slowest pole and thirty times the fastest."""
+    n = plant.den.size - 1
+    dt = 0.02 / abs(plant.poles).max()
+    u, y = record(plant, seed=2, samples=20_000, dt=dt, hold=100, noise=1e-3)
+    chosen = choose_filter(rp.Structure(n, n - 1), dt, rp.Preprocess(), u, y)
+    assert chosen.method == "exact"
+    assert 0.1 * abs(plant.poles).min() < chosen.cutoff < 30 * abs(plant.poles).max()
+    assert chosen.cutoff == float(f"{chosen.cutoff:.3g}")
+
+
+def test_time_in_another_unit_chooses_the_same_filter_in_that_unit() -> None:
+    fine = choose_filter(rp.Structure(2, 1), 0.01, rp.Preprocess(), U, Y)
+    coarse = choose_filter(rp.Structure(2, 1), 10.0, rp.Preprocess(), U, Y)
+    assert coarse.cutoff == pytest.approx(fine.cutoff / 1000, rel=0.01)
+
+
+@pytest.mark.parametrize("bad", [np.nan, 1e308])
+def test_a_sample_that_is_rejected_has_no_say(bad: float) -> None:
+    """At the end, where it does not interrupt the record."""
+    request = Request(rp.Structure(2, 1), 0.01, preprocess=rp.Preprocess("identity", "mean", "mean"))
+    clean = settle(request, U, Y)
+    settled = settle(request, np.append(U, [1.0, bad]), np.append(Y, [bad, 1.0]))
+    assert settled.preprocess == clean.preprocess
+    assert settled.filter.cutoff == pytest.approx(clean.filter.cutoff, rel=0.5)
+    given = dataclasses.replace(request, filter=rp.StateVariableFilter(10.0))
+    assert settle(given, np.append(U, [1.0, bad]), np.append(Y, [bad, 1.0])).scaling == settle(given, U, Y).scaling
