@@ -103,12 +103,7 @@ def scenario_coloured() -> Iterator[Experiment]:
                 0.05,
                 runs,
                 Excited(PLANT_A, 0.05, samples, 10.0, 8, 8, colour),
-                BOTH
-                | {
-                    "pure recursion: RLS, memory of 10^7 s": Online(
-                        {"optimizer": RecursiveLeastSquares(time_constant=1e7)}
-                    )
-                },
+                BOTH | {"pure recursion: RLS, memory of 10^7 s": Online({"optimizer": pure})},
                 truth_of(PLANT_A, OF_A),
             )
 
