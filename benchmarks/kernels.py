@@ -35,8 +35,9 @@ from rich.table import Table
 import replant as rp
 from replant.kernels import layout as at
 from replant.optimizers import Optimizer
-from replant.regression import prepare, regressors
+from replant.regression import regressors
 from replant.settings import Settings
+from replant.state import State
 
 ARTICLE = {
     "Gradient": rp.Gradient(gain=2.0),
@@ -54,6 +55,7 @@ REPLAY = rp.Replay(capacity=20_000, batch_size=20)
 DT = 1e-3
 CHUNK = {True: 1_000, False: 10_000}  # samples, with and without replay: under a millisecond
 SAME = 1e-9  # relative
+REGULAR = np.zeros(0)  # time stamps of a regular clock
 
 # What the flags after -march do changes no number: no fused multiply-add, which Numba does not use either and which
 # would round differently; no errno and no traps, without which gcc cannot vectorise a square root or a maximum.
@@ -112,46 +114,18 @@ def read_options() -> argparse.Namespace:
 
 
 class Program(ctypes.Structure):
-    """The `identifier` of reference.c, filled from the arrays of ours."""
+    """The `identifier` of reference.c, filled for the same settings as ours."""
 
-    SIZES: ClassVar = {
-        "order": at.ORDER,
-        "entries": at.ENTRIES,
-        "input_entries": at.INPUT_ENTRIES,
-        "memory_size": at.MEMORY_SIZE,
-        "algorithm": at.ALGORITHM,
-        "square_input": at.SQUARE_INPUT,
-        "normalize": at.NORMALIZE,
-        "lag": at.LAG,
-        "capacity": at.CAPACITY,
-        "batch": at.BATCH,
-        "warmup": at.WARMUP,
-        "seed": at.SEED,
-    }
-    NUMBERS: ClassVar = {
-        "input_offset": at.INPUT_OFFSET,
-        "output_offset": at.OUTPUT_OFFSET,
-        "output_scale": at.OUTPUT_SCALE,
-    }
-    CONSTANTS: ClassVar = {
-        "transition": at.AT_TRANSITION,
-        "output_taps": at.AT_OUTPUT_TAPS,
-        "input_taps": at.AT_INPUT_TAPS,
-        "characteristic": at.AT_CHARACTERISTIC,
-        "gain": at.AT_GAIN,
-        "unit": at.AT_UNIT,
-        "settings": at.AT_SETTINGS,
-    }
+    SIZES: ClassVar = (
+        "order", "entries", "input_entries", "memory_size", "algorithm", "square_input", "normalize", "lag", "capacity",
+        "batch", "warmup", "seed",
+    )  # fmt: skip
+    NUMBERS: ClassVar = ("input_offset", "output_offset", "output_scale")
+    CONSTANTS: ClassVar = (
+        "transition", "output_taps", "input_taps", "characteristic", "gain", "unit", "settings",
+    )  # fmt: skip
     COUNTERS: ClassVar = ("started", "samples", "rejected", "refused", "filled", "head", "drawn", "past")
-    STATE: ClassVar = {
-        "output_state": at.AT_OUTPUT_STATE,
-        "input_state": at.AT_INPUT_STATE,
-        "past_inputs": at.AT_PAST,
-        "phi": at.AT_PHI,
-        "theta": at.AT_THETA,
-        "memory": at.AT_MEMORY,
-        "backup": at.AT_BACKUP,
-    }
+    STATE: ClassVar = ("output_state", "input_state", "past_inputs", "phi", "theta", "memory", "backup")
     _fields_: ClassVar = [
         *((name, ctypes.c_int64) for name in SIZES),
         *((name, ctypes.c_double) for name in NUMBERS),
@@ -161,18 +135,38 @@ class Program(ctypes.Structure):
         *((name, ctypes.c_void_p) for name in (*STATE, "buffer", "rows")),
     ]
 
-    def __init__(self, ints: np.ndarray, reals: np.ndarray, buffer: np.ndarray) -> None:
-        """Copy an identifier before its first sample, each block into an array of its own."""
+    def __init__(self, settings: Settings, state: State) -> None:
+        """Copy an identifier before its first sample; the filters come from SciPy's matrix exponential."""
+        structure, ints = settings.structure, state.ints
+        n, inputs, P, M = structure.poles, structure.zeros + 1, state.entries, int(ints[at.MEMORY_SIZE])
+        discrete = settings.filter.discretize(n, settings.dt, structure.delay)
+        slots = (at.CAPACITY, at.BATCH, at.WARMUP, at.SEED)
+        sizes = [n, P, inputs, M, int(ints[at.ALGORITHM]), 0, settings.normalize, discrete.lag]
         super().__init__(
-            **{name: int(ints[slot]) for name, slot in self.SIZES.items()},
-            **{name: float(reals[slot]) for name, slot in self.NUMBERS.items()},
+            **dict(zip(self.SIZES, [*sizes, *(int(ints[slot]) for slot in slots)], strict=True)),
+            input_offset=settings.preprocess.input_offset,
+            output_offset=settings.preprocess.output_offset,
+            output_scale=settings.scaling.output,
         )
-        blocks = self.CONSTANTS | self.STATE
-        ends = [*(int(ints[slot]) for slot in blocks.values()), reals.size]
-        self.arrays = {"buffer": buffer.copy(), "rows": np.zeros(ints[at.BATCH], np.int64)}
-        for name, slot in blocks.items():
-            begin = int(ints[slot])
-            self.arrays[name] = reals[begin : min((end for end in ends if end > begin), default=begin)].copy()
+        signs = np.concatenate([-1 / discrete.scale, 1 / discrete.scale[n - inputs :], np.ones(int(structure.bias))])
+        self.arrays = {
+            "transition": discrete.transition.ravel(),
+            "output_taps": discrete.output_taps.ravel(),
+            "input_taps": discrete.input_taps.ravel(),
+            "characteristic": discrete.characteristic,
+            "gain": signs / settings.scaling.sigmas(structure),
+            "unit": state.unit.copy(),
+            "settings": state.block(at.AT_SETTINGS, int(ints[at.SETTINGS_SIZE])).copy(),
+            "output_state": np.zeros(n),
+            "input_state": np.zeros(n),
+            "past_inputs": np.zeros(discrete.lag + 3),
+            "phi": np.zeros(P),
+            "theta": state.theta.copy(),
+            "memory": state.block(at.AT_MEMORY, M).copy(),
+            "backup": np.zeros(max(P + M, 2 * n)),
+            "buffer": state.buffer.copy(),
+            "rows": np.zeros(int(ints[at.BATCH]), np.int64),
+        }
         for name, array in self.arrays.items():
             setattr(self, name, array.ctypes.data)
 
@@ -218,15 +212,16 @@ def measure(name: str, optimizer: Optimizer, P: int, replay: bool, run: Run, rep
     from replant.kernels.step import steps
 
     structure, size = rp.Structure(poles=P // 2, zeros=P // 2 - 1, bias=bool(P % 2)), CHUNK[replay]
-    ints, reals, buffer = prepare(settings_for(structure, optimizer, replay))
-    program = Program(ints, reals, buffer)
+    settings = settings_for(structure, optimizer, replay)
+    state = State.of_settings(settings, 0)
+    program, arrays = Program(settings, state), (state.ints, state.reals, state.banks, state.buffer, state.recent)
     ours, theirs = (np.empty(size), np.empty((size, P))), (np.empty(size), np.empty((size, P)))
     pointers = [array.ctypes.data for array in theirs]
     warm = math.ceil(REPLAY.capacity / size)  # chunks, until the buffer is full
     times, difference = [], 0.0
     for u, y in chunks(structure, size, warm + repetitions):
         start = time.thread_time_ns()
-        steps(ints, reals, buffer, u, y, *ours)
+        steps(*arrays, u, y, REGULAR, *ours)
         middle = time.thread_time_ns()
         run(ctypes.addressof(program), size, u.ctypes.data, y.ctypes.data, *pointers)
         times.append((middle - start, time.thread_time_ns() - middle))
@@ -242,7 +237,8 @@ def settings_for(structure: rp.Structure, optimizer: Optimizer, replay: bool) ->
     state_filter, preprocess = rp.StateVariableFilter(cutoff=50.0), rp.Preprocess()
     u, y = next(chunks(structure, 5_000, 1))
     scaling = rp.Scaling.from_record(y, regressors(structure, DT, state_filter, preprocess, u, y)[0])
-    return Settings(structure, DT, state_filter, scaling, optimizer, REPLAY if replay else None, True, preprocess)
+    buffer = REPLAY if replay else None
+    return Settings(structure, DT, state_filter, scaling, optimizer, buffer, False, True, preprocess, 1)
 
 
 def chunks(structure: rp.Structure, size: int, count: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -266,8 +262,13 @@ def update_latency(calls: int = 50_000) -> dict[str, float]:
     structure = rp.Structure(poles=3, zeros=1)
     u, y = (signal.tolist() for signal in next(chunks(structure, calls, 1)))
     medians = {}
-    for case, replay in (("without replay", None), ("with a batch of 20", REPLAY)):
-        ident = rp.Identifier(structure, DT, replay=replay)
+    cases = {
+        "the default": {},
+        "AMSGrad without replay": {"optimizer": "amsgrad", "replay": None},
+        "AMSGrad with a batch of 20": {"optimizer": "amsgrad", "replay": REPLAY},
+    }
+    for case, choices in cases.items():
+        ident = rp.Identifier(structure, DT, **choices)
         times = []
         for k in range(calls):
             start = time.perf_counter_ns()
