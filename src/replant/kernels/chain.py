@@ -6,7 +6,7 @@ serves while the other warms up.  With the refined filter the serving bank makes
 
 from replant.kernels import bank as bk
 from replant.kernels import layout as at
-from replant.kernels.compiled import cut, rare
+from replant.kernels.compiled import cut, part, rare
 from replant.kernels.stability import all_left_of, bandwidth, slowest_decay
 
 WARM_TIME_CONSTANTS = 10.0  # of the new model's slowest pole, before a warming bank takes over
@@ -220,37 +220,56 @@ def fill_regressor(ints, reals, bank, y, fixed):
     return bk.highest_derivative(bank, n, T, y) / reals[at.OUTPUT_SCALE]
 
 
-@rare
+@cut
 def observe(ints, reals, banks, u, y, interval):
     """Take an accepted sample through dead time, filters and auxiliary model; return the scaled target.
 
     Fills phi, and zeta if there are instruments.
     """
-    first, refined, instruments = ints[at.STARTED] == 0, ints[at.REFINED] == 1, ints[at.INSTRUMENTS] == 1
+    if ints[at.SAMPLES] > 0:
+        reals[at.ELAPSED] += interval
+    if ints[at.INSTRUMENTS] == 1:
+        target = observe_with_model(ints, reals, banks, u, y, interval)
+    else:
+        target = observe_plainly(ints, reals, banks, u, y, interval)
+    reals[at.LAST_OUTPUT] = y
+    return target
+
+
+@part
+def observe_plainly(ints, reals, banks, u, y, interval):
+    """Carry the fixed filter over the newest interval, and make the regressor of it."""
+    bank = banks[0]
+    if ints[at.STARTED] == 0:
+        begin(ints, reals, banks, u, y)
+    else:
+        remember_input(ints, reals, u, interval)
+        advance_bank(ints, reals, bank, interval, y, 1)
+    return fill_regressor(ints, reals, bank, y, True)
+
+
+@rare
+def observe_with_model(ints, reals, banks, u, y, interval):
+    """Carry the auxiliary model and the filters over the newest interval, and make regressor and instruments."""
+    first, refined = ints[at.STARTED] == 0, ints[at.REFINED] == 1
     if first:
         begin(ints, reals, banks, u, y)
     else:
         remember_input(ints, reals, u, interval)
-    if ints[at.SAMPLES] > 0:
-        reals[at.ELAPSED] += interval
     entries = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + ints[at.ENTRIES]]
     serving = 0.0
     for b in range(2, -1, -1):  # the models first: the fixed filter needs the serving one's output
-        if (b > 0 and not instruments) or (b == 0 and refined):
-            continue
-        if b == 3 - ints[at.ACTIVE] and ints[at.WARMING] == 0:
+        idle = b == 3 - ints[at.ACTIVE] and ints[at.WARMING] == 0
+        if idle or (b == 0 and refined):
             continue
         bank = banks[b]
         if not first:
             advance_bank(ints, reals, bank, interval, y, bk.CHANNELS if b > 0 else 1)
+        output = serving
         if b > 0:
             output = simulate_model(ints, reals, bank, entries)
             if b == ints[at.ACTIVE]:
                 serving = output
-        else:
-            output = serving
-        if refined or (b == 0 and instruments):
+        if refined or b == 0:
             follow_model(ints, reals, bank, interval, output, first)
-    target = fill_regressor(ints, reals, banks[ints[at.ACTIVE] if refined else 0], y, not refined)
-    reals[at.LAST_OUTPUT] = y
-    return target
+    return fill_regressor(ints, reals, banks[ints[at.ACTIVE] if refined else 0], y, not refined)

@@ -220,7 +220,7 @@ def step(ints, reals, banks, buffer, recent, u, y, t):
             if interval > reals[at.LONGEST_GAP]:
                 interrupt(ints, reals, banks, interval)
         reals[at.LAST_TIME] = t
-    at_rest = input_rests(ints, reals, u) and ints[at.GUARD] == 1
+    at_rest = ints[at.GUARD] == 1 and input_rests(ints, reals, u)
     if ints[at.RECENT] > 0:
         keep_sample(ints, recent, u, y, interval)
     if ints[at.INSTRUMENTS] == 1 and chain.renew_model(ints, reals, banks):
