@@ -30,8 +30,9 @@ def factor_information(information: FloatArray) -> tuple[FloatArray, FloatArray]
         lower[j + 1 :, j] = rest[j + 1 :, j] / pivots[j]
         rest = rest - pivots[j] * np.outer(lower[:, j], lower[:, j]) * (np.arange(size) > j)[:, None]
     # S = C L V L' C  =>  S^-1 = C^-1 L'^-1 V^-1 L^-1 C^-1 = U D U' with U = C^-1 L'^-1 C
-    upper = np.linalg.inv(lower).T / scale[:, None] * scale[None, :]
-    return np.triu(upper), 1.0 / (pivots * scale**2)
+    upper = np.triu(np.linalg.inv(lower).T / scale[:, None] * scale[None, :])
+    np.fill_diagonal(upper, 1.0)
+    return upper, 1.0 / (pivots * scale**2)
 
 
 def compose(upper: FloatArray, diagonal: FloatArray) -> FloatArray:

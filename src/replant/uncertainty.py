@@ -132,6 +132,9 @@ class Uncertainty:
 
     def _uncertain_mode(self, mode: Mode) -> UncertainMode:
         slope = self._pole_slope(mode.pole)
+        if not np.isfinite(slope).all():
+            unbounded = math.inf if np.isfinite(self.covariance).all() else math.nan
+            return UncertainMode(mode, np.full((2, 2), unbounded), unbounded, unbounded, unbounded)
         parts = np.stack([slope.real, slope.imag])
         covariance = np.asarray(parts @ self.covariance @ parts.T)
         x, y = mode.pole.real, mode.pole.imag
