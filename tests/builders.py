@@ -48,6 +48,33 @@ def record(
     return u, plant.simulate(u, dt) + noise * np.random.default_rng(seed + 1).standard_normal(samples)
 
 
+def irregular_record(
+    plant: rp.TransferFunction,
+    seed: int,
+    samples: int,
+    dt: float,
+    *,
+    jitter: float = 0.2,
+    dropped: float = 0.0,
+    hold: int = 5,
+    input_hold: str = "zoh",
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Input, output and stamps of a clock that jitters by a part of dt; the input changes at stamps alone.
+
+    Exact: simulated on a regular grid fifty times as fine, of which the stamps are a choice.  A part of the samples is
+    ``dropped`` afterwards.
+    """
+    fine, generator = 50, np.random.default_rng([seed, 1])
+    at = fine * np.arange(samples) + generator.integers(-int(jitter * fine / 2), int(jitter * fine / 2) + 1, samples)
+    at -= at[0]
+    u, grid = binary(seed, samples, hold), np.arange(at[-1] + 1)
+    held = u[np.searchsorted(at, grid, side="right") - 1]
+    between = held if input_hold == "zoh" else np.interp(grid, at, u)
+    y = plant.simulate(between, dt / fine, input_hold=input_hold)[at]
+    kept = np.append(True, generator.random(samples - 1) >= dropped)
+    return u[kept], y[kept], at[kept] * dt / fine
+
+
 def true_parameters(plant: rp.TransferFunction, zeros: int) -> np.ndarray:
     """The plant's coefficients in the order of ``Structure.names``."""
     return np.concatenate([plant.den[1:], plant.num[plant.num.size - zeros - 1 :]])

@@ -6,6 +6,7 @@ parameters stay in the article's own form theta_lambda = [a - lambda, b] of (4),
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -118,6 +119,34 @@ def filtered(x: Any, denominator: Any, dt: float, delay: float, hold: str, alpha
         state = w[k - 1]
         for (Ad, B0, B1), begin, end in pieces:
             state = Ad @ state + B0 * begin + B1 * end
+        w[k] = state
+    return w
+
+
+def filtered_at(x: Any, t: Any, denominator: Any, delay: float, hold: str) -> Array:
+    """As `filtered`, with time stamps t (K,): every piece between two corners of the delayed signal by itself."""
+    F, column = appendix_a(denominator)
+    x, t, delay = extended(x), extended(t), extended(delay)
+    corners = t + delay
+
+    def value(moment: Any, side: int) -> Array:
+        """The delayed signal at a moment, seen from before (-1) or after (1) it where it jumps."""
+        near = extended(1e-12)
+        j = int(np.searchsorted(corners, moment + side * near, side="right")) - 1
+        if j < 0:
+            return x[0]
+        if hold == "zoh" or j + 1 >= x.size:
+            return x[j]
+        return x[j] + (x[j + 1] - x[j]) * (moment - corners[j]) / (corners[j + 1] - corners[j])
+
+    w = np.zeros((x.size, column.size), np.longdouble)
+    for k in range(1, x.size):
+        inside = corners[(corners > t[k - 1] + 1e-12) & (corners < t[k] - 1e-12)]
+        moments = [t[k - 1], *inside, t[k]]
+        state = w[k - 1]
+        for begin, end in itertools.pairwise(moments):
+            Ad, B0, B1 = straight_line(F, column, end - begin)
+            state = Ad @ state + B0 * value(begin, 1) + B1 * value(end, -1)
         w[k] = state
     return w
 

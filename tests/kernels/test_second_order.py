@@ -72,7 +72,7 @@ def test_the_expanded_covariance_is_the_product_and_symmetric_to_the_bit(size: i
 
 @kernel
 def observe_many(U, D, directions, noise, projected, gain, count):
-    """Observe along the directions in turn, each time 1e-7 of the next one mixed in."""
+    """Observe along the directions in turn."""
     for k in range(count):
         measurement_update(U, D, directions[k % directions.shape[0]], noise, projected, gain)
 

@@ -1,0 +1,171 @@
+"""The chain on any clock: filters, dead time and feedthrough against the twin, piece by piece."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import replant as rp
+from builders import random_plant
+from references import filtered_at
+from replant.kernels import bank as bk
+from replant.kernels import layout as at
+from replant.kernels.chain import install_model
+from replant.kernels.step import regressors
+from replant.state import State
+
+DT, SAMPLES = 0.1, 80
+
+
+def stamps(seed: int, spread: float) -> np.ndarray:
+    """A clock whose intervals lie within a part ``spread`` of DT."""
+    return np.cumsum(DT * np.random.default_rng([seed, 7]).uniform(1 - spread, 1 + spread, SAMPLES))
+
+
+def run(state: State, u: np.ndarray, y: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, ...]:
+    """phi, zeta, target and auxiliary output of a record."""
+    T = state.entries
+    phi, zeta, target, output = np.empty((u.size, T)), np.empty((u.size, T)), np.empty(u.size), np.empty(u.size)
+    intervals = np.diff(t, prepend=t[0] - DT)
+    regressors(state.ints, state.reals, state.banks, u, y, intervals, phi, zeta, target, output)
+    return phi, zeta, target, output
+
+
+def signals(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.random.default_rng(seed).standard_normal((2, SAMPLES))
+
+
+def close(computed: np.ndarray, expected: np.ndarray, tolerance: float = 1e-11) -> None:
+    np.testing.assert_allclose(computed, expected.astype(float), atol=tolerance * float(np.abs(expected).max()), rtol=0)
+
+
+@pytest.mark.parametrize("hold", ["zoh", "foh"])
+@pytest.mark.parametrize("delay", [0.0, 0.3 * DT, DT, 2.41 * DT, 7.0 * DT])
+@pytest.mark.parametrize("spread", [0.0, 0.2, 0.45])
+@pytest.mark.parametrize("feedthrough", [False, True])
+def test_filters_are_exact_on_any_clock(hold: str, delay: float, spread: float, feedthrough: bool) -> None:
+    n, poles = 3, np.poly([-3.0, -2.0, -2.0])
+    structure = rp.Structure(n, n if feedthrough else n - 1, delay=delay, feedthrough=feedthrough)
+    state_filter = rp.StateVariableFilter(denominator=poles, input_hold=hold)
+    state = State.build(structure, DT, state_filter=state_filter, input_hold=hold)
+    (u, y), t = signals(1), stamps(1, spread)
+    phi, _, target, _ = run(state, u, y, t)
+    of_y, of_u = filtered_at(y, t, poles, 0.0, "foh"), filtered_at(u, t, poles, delay, hold)
+    close(phi[:, :n], -of_y)
+    close(target, y - of_y @ poles[1:])
+    if feedthrough:
+        close(phi[:, n + 1 :], of_u)
+        # s^n/Lambda u: the delayed input itself, less the lower derivatives
+        now = phi[:, n] + of_u @ poles[1:]
+        close(now, delayed(u, t, delay, hold))
+    else:
+        close(phi[:, n:], of_u)
+
+
+def delayed(u: np.ndarray, t: np.ndarray, delay: float, hold: str) -> np.ndarray:
+    """u(t - delay), just after a jump."""
+    if hold == "foh":
+        return np.interp(t - delay, t, u)
+    return u[np.maximum(np.searchsorted(t, t - delay + 1e-9, side="right") - 1, 0)]
+
+
+@pytest.mark.parametrize("order", [1, 2, 4])
+@pytest.mark.parametrize("hold", ["zoh", "foh"])
+@pytest.mark.parametrize("delay", [0.0, 1.3 * DT])
+def test_the_auxiliary_model_is_the_plant(order: int, hold: str, delay: float) -> None:
+    """With the plant's own coefficients its output is the plant's, at every stamp of an irregular clock.
+
+    And the refined filter's equation error is then the output error: y given as noise, target - phi' theta = y - x.
+    """
+    plant = random_plant(order, order, order - 1)
+    structure = rp.Structure(order, order - 1, delay=delay)
+    state = State.build(structure, DT, state_filter=None, input_hold=hold)
+    (u, y), t = signals(2), stamps(2, 0.3)
+    u[0] = 0.0
+    theta = np.zeros(state.entries)
+    theta[: 2 * order] = np.concatenate([plant.den[1:], plant.num])
+    state.install(theta)
+    phi, zeta, target, output = run(state, u, y, t)
+    expected = filtered_at(u, t, plant.den, delay, hold) @ plant.num
+    close(output, expected)
+    np.testing.assert_allclose(target - phi @ theta, y - output, atol=1e-11 * np.abs(y).max())
+    # instruments: the regressor of the model's output, joined by straight lines, all else being the same
+    close(zeta[:, :order], -filtered_at(output, t, plant.den, 0.0, "foh"))
+    np.testing.assert_array_equal(zeta[:, order:], phi[:, order:])
+
+
+@pytest.mark.parametrize("order", [1, 3])
+def test_nuisances_are_an_offset_and_an_initial_state(order: int) -> None:
+    """The regressor's last entries: 1/A of one, and s^i/A of an impulse at the start."""
+    plant = random_plant(order, order)
+    state = State.build(rp.Structure(order), DT, state_filter=None)
+    (u, y), t = signals(3), stamps(3, 0.3)
+    theta = np.zeros(state.entries)
+    theta[:order] = plant.den[1:]
+    state.install(theta)
+    phi, *_ = run(state, u, y, t)
+    close(phi[:, order + 1], filtered_at(np.ones(SAMPLES), t, plant.den, 0.0, "foh")[:, -1])
+    # an impulse is what the step's derivative is: the response to a step from rest, differentiated by the equation
+    impulse = np.zeros((SAMPLES, order))
+    impulse[0, 0] = 1.0
+    F = np.vstack([-plant.den[1:], np.eye(order - 1, order)])
+    from scipy.linalg import expm
+
+    for k in range(1, SAMPLES):
+        impulse[k] = expm(F * (t[k] - t[k - 1])) @ impulse[k - 1]
+    close(phi[:, order + 2 :], impulse)
+
+
+def test_a_missing_held_input_counts_with_what_is_known_of_it() -> None:
+    """Over three sampling times the input stood for the first, and is on the mean halfway for the others."""
+    state = State.build(rp.Structure(1), DT, state_filter=rp.StateVariableFilter(1.0))
+    u, y = np.array([0.0, 1.0, 4.0]), np.zeros(3)
+    phi, *_ = run(state, u, y, np.array([0.0, DT, 4 * DT]))
+    level = (1.0 + 2 * 2.5) / 3
+    expected = (1 - np.exp(-3 * DT)) * level  # the first value was zero
+    assert phi[2, 1] == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_missing_sample_of_an_input_that_stood_costs_nothing() -> None:
+    structure, state_filter = rp.Structure(2, 1, delay=0.13), rp.StateVariableFilter(2.0)
+    generator = np.random.default_rng(4)
+    u, t = np.repeat(generator.standard_normal(20), 8), DT * np.arange(160)
+    y = filtered_at(u, t, [1.0, 3.0, 2.0], 0.0, "zoh").astype(float)[:, 1]
+    kept = np.arange(160) % 8 != 4
+    phi, *_ = run(State.build(structure, DT, state_filter=state_filter), u[kept], y[kept], t[kept])
+    of_u = filtered_at(u, t, state_filter.polynomial(2), 0.13, "zoh")[kept]
+    close(phi[:, 2:], of_u)
+
+
+def test_an_unstable_or_a_wild_estimate_never_serves_as_a_model() -> None:
+    """`renew_model` is the only way from the estimate to a filter: it looks at Routh's array and at the bandwidth."""
+    from replant.kernels.chain import renew_model
+
+    state = State.build(rp.Structure(2), DT, state_filter=None)
+    good = np.zeros(state.entries)
+    good[:3] = 3.0, 2.0, 1.0
+    state.install(good)
+    state.reals[at.MARGIN], state.reals[at.WIDEST] = 1e-3, 100.0
+    for bad in ([-1.0, 2.0], [3.0, -2.0], [1e9, 2.0], [1.0, 1e9], [np.nan, 1.0], [0.0, 1.0]):
+        state.reals[at.ELAPSED], state.reals[at.READY] = 10.0, 0.0
+        state.theta[:2] = bad
+        assert not renew_model(state.ints, state.reals, state.banks)
+        assert (state.ints[at.WARMING], state.ints[at.ACTIVE]) == (0, 1)
+        np.testing.assert_array_equal(state.banks[1, bk.DENOMINATOR : bk.DENOMINATOR + 2], [3.0, 2.0])
+        assert state.reals[at.READY] > 10.0  # looked at again later
+    state.reals[at.READY] = 0.0
+    state.theta[:3] = 5.0, 6.0, 1.0
+    assert not renew_model(state.ints, state.reals, state.banks)
+    assert (state.ints[at.WARMING], state.ints[at.ACTIVE]) == (1, 1)
+    np.testing.assert_array_equal(state.banks[2, bk.DENOMINATOR : bk.DENOMINATOR + 2], [5.0, 6.0])
+    state.reals[at.ELAPSED] = state.reals[at.READY]
+    assert renew_model(state.ints, state.reals, state.banks)
+    assert state.ints[at.ACTIVE] == 2
+
+
+def test_installing_a_model_leaves_the_other_banks_alone() -> None:
+    state = State.build(rp.Structure(2), DT, state_filter=None)
+    before = state.banks.copy()
+    install_model(state.ints, state.reals, state.banks, 2, np.ones(state.entries))
+    np.testing.assert_array_equal(state.banks[:2], before[:2])
+    assert (state.banks[2] != before[2]).any()

@@ -1,0 +1,53 @@
+"""Every optimizer's kernel with instruments, row by row against its twin: the update follows zeta where it had phi."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import replant as rp
+from references import TWINS, extended
+from replant.kernels import layout as at
+from replant.kernels.step import learn
+from replant.optimizers import OPTIMIZERS
+from replant.state import State
+
+DT, ROWS = 0.2, 60
+
+
+@pytest.mark.parametrize("name", OPTIMIZERS)
+@pytest.mark.parametrize("normalize", [True, False])
+@pytest.mark.parametrize("instruments", [False, True])
+def test_kernel_equals_its_twin(name: str, normalize: bool, instruments: bool) -> None:
+    """Zeta is phi without its noise, as an auxiliary model makes it; without instruments it must not be looked at."""
+    optimizer = OPTIMIZERS[name](**TWINS[name].settings)
+    state = State.build(
+        rp.Structure(2, 1), DT, state_filter=rp.StateVariableFilter(2.0), instruments=instruments,
+        memory=optimizer.memory(4), numbers=optimizer.settings(DT, np.ones(4)),
+    )  # fmt: skip
+    state.ints[at.ALGORITHM] = optimizer.code
+    P = state.entries
+    generator = np.random.default_rng(P)
+    zeta = generator.standard_normal((ROWS, P))
+    phi = zeta + 0.3 * generator.standard_normal((ROWS, P))
+    target = phi @ np.arange(1.0, P + 1) + 0.1 * generator.standard_normal(ROWS)
+    update = TWINS[name].rule(optimizer, P, DT, normalize)
+    expected = extended(np.zeros(P))
+    memory = state.block(at.AT_MEMORY, int(state.ints[at.MEMORY_SIZE]))
+    for k in range(ROWS):
+        along = zeta[k] if instruments else phi[k]
+        row = np.concatenate([phi[k], [target[k], 1 / (1 + along @ along) if normalize else 1.0], zeta[k]])
+        state.ints[at.ROWS] = 0
+        learn(state.ints, state.reals, state.theta, memory, row[None, :], 1, DT)
+        arguments = (extended(phi[k]), extended(target[k]), *([extended(zeta[k])] if instruments else []))
+        expected = update(expected, *arguments)
+        np.testing.assert_allclose(state.theta, expected.astype(float), atol=1e-12 * float(np.abs(expected).max()))
+    assert np.abs(expected).max() > 1e-3
+
+
+@pytest.mark.parametrize("name", OPTIMIZERS)
+def test_codes_name_the_kernels(name: str) -> None:
+    """The number that `kernels.step` branches on is spelled there as the optimizer is here."""
+    from replant.kernels import step
+
+    assert getattr(step, name.replace("-", "_").upper()) == OPTIMIZERS[name].code
