@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from replant import frames
 from replant.errors import InvalidArgumentError
 from replant.validation import FloatArray, array_of_reals
 
@@ -65,6 +67,51 @@ class Trace:
                 f"true must have shape ({len(self.names)},) or {self.parameters.shape}, got {reference.shape}"
             )
         return np.asarray(((self.before() - reference) ** 2).sum(axis=0))
+
+    def to_pandas(self, dt: float | None = None) -> Any:
+        """Return a `pandas.DataFrame`: a column for each parameter, then ``error``; a row for each sample.
+
+        Parameters
+        ----------
+        dt : float, optional
+            Sampling time in s, for an index of time in s from the chunk's first sample; without it samples are counted.
+
+        Raises
+        ------
+        MissingDependencyError
+            Without pandas.
+
+        Examples
+        --------
+        >>> trace = Trace(("a0", "b0"), np.zeros(2), np.array([[0.1, 1.0], [0.4, 2.0]]), np.array([1.0, 0.5]))
+        >>> trace.to_pandas(dt=0.5)
+                   a0   b0  error
+        time [s]
+        0.0       0.1  1.0    1.0
+        0.5       0.4  2.0    0.5
+        """
+        return frames.trace_frame(self.names, self.parameters, self.errors, dt)
+
+    def to_xarray(self, dt: float | None = None) -> Any:
+        """Return an `xarray.Dataset`: ``parameters`` over time and parameter, and ``errors`` over time.
+
+        Parameters
+        ----------
+        dt : float, optional
+            Sampling time in s; without it the first dimension is ``sample``, a number.
+
+        Raises
+        ------
+        MissingDependencyError
+            Without xarray.
+
+        Examples
+        --------
+        >>> trace = Trace(("a0", "b0"), np.zeros(2), np.array([[0.1, 1.0], [0.4, 2.0]]), np.array([1.0, 0.5]))
+        >>> trace.to_xarray(dt=0.5)["parameters"].sel(parameter="b0").values
+        array([1., 2.])
+        """
+        return frames.trace_dataset(self.names, self.parameters, self.errors, dt)
 
     def __add__(self, other: Trace) -> Trace:
         """Join with the trace of the chunk that came next."""

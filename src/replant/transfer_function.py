@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from replant import realization
+from replant import interop, realization
 from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.filters import split_delay
 from replant.validation import FloatArray, array_of_reals, coefficients, not_negative, one_of, positive, vector, whole
@@ -202,6 +202,60 @@ class TransferFunction:
         padded[order + 1 - self.num.size :] = self.num
         remainder = padded[1:] - padded[0] * self.den[1:]
         return np.asarray(remainder / model.scale)
+
+    @classmethod
+    def from_control(cls, system: Any, delay: float = 0.0) -> TransferFunction:
+        """Return a `control.TransferFunction` or `control.StateSpace` of one input and output as one of these.
+
+        Parameters
+        ----------
+        system : control.TransferFunction or control.StateSpace
+            In continuous time.
+        delay : float
+            Dead time in s, which python-control's systems do not have.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the system has several inputs or outputs, is in discrete time, or improper.
+        ArgumentTypeError
+            If it is no such system.
+        MissingDependencyError
+            Without python-control.
+
+        Examples
+        --------
+        >>> import control
+        >>> print(TransferFunction.from_control(control.tf([2.0], [1.0, 4.0, 3.0])))
+        2 / (s^2 + 4 s + 3)
+        """
+        return cls(*interop.of_control(system), delay)
+
+    @classmethod
+    def from_scipy(cls, system: Any, delay: float = 0.0) -> TransferFunction:
+        """Return a TransferFunction, ZerosPolesGain or StateSpace of `scipy.signal` as one of these.
+
+        Parameters
+        ----------
+        system : scipy.signal.lti
+            Of one input and one output.
+        delay : float
+            Dead time in s, which SciPy's systems do not have.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the system has several inputs or outputs, is in discrete time, or improper.
+        ArgumentTypeError
+            If it is no such system, or has complex coefficients.
+
+        Examples
+        --------
+        >>> from scipy import signal
+        >>> print(TransferFunction.from_scipy(signal.ZerosPolesGain([], [-1.0, -3.0], 2.0)))
+        2 / (s^2 + 4 s + 3)
+        """
+        return cls(*interop.of_scipy(system), delay)
 
     def to_scipy(self) -> Any:
         """Return a `scipy.signal.TransferFunction`; it knows no dead time, so ``delay`` must be 0."""

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from replant import frames
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,3 +48,43 @@ class Log:
 
     def __len__(self) -> int:
         return int(self.input.shape[0])
+
+    def to_pandas(self) -> Any:
+        """Return a `pandas.DataFrame` of input and output, under their names in the file, over time in s.
+
+        Raises
+        ------
+        MissingDependencyError
+            Without pandas.
+        InvalidArgumentError
+            If input and output have the same name.
+
+        Examples
+        --------
+        >>> Log(np.array([0.0, 1.0]), np.array([0.0, 0.1]), 0.5, None, "u", "y", Path("log.csv")).to_pandas()
+                    u    y
+        time [s]
+        0.0       0.0  0.0
+        0.5       1.0  0.1
+        """
+        return frames.log_frame(self._signals, self.time, self.dt, self.path.name)
+
+    def to_xarray(self) -> Any:
+        """Return an `xarray.Dataset` of ``input`` and ``output`` over time in s; their names and units are attributes.
+
+        Raises
+        ------
+        MissingDependencyError
+            Without xarray.
+
+        Examples
+        --------
+        >>> log = Log(np.array([0.0, 1.0]), np.array([0.0, 0.1]), 0.5, None, "u", "speed [rpm]", Path("log.csv"))
+        >>> log.to_xarray()["output"].attrs
+        {'long_name': 'speed', 'units': 'rpm'}
+        """
+        return frames.log_dataset(self._signals, self.time, self.dt, self.path.name)
+
+    @property
+    def _signals(self) -> dict[str, tuple[str, NDArray[np.float64]]]:
+        return {"input": (self.input_name, self.input), "output": (self.output_name, self.output)}

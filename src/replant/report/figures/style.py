@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from replant.labels import unit_of as unit_of
+from replant.labels import without_unit
 from replant.report.numbers import number
 from replant.report.style import BLUE, VERMILION, blank_figure
 from replant.runs import Result
@@ -24,7 +25,6 @@ SHOWN = 3_000  # points a curve; beyond it min and max of each stretch stand for
 SHOWN_SMALL = 1_000  # in a panel of half the width
 FARTHEST = 1e30  # that an axis reaches: what diverged is not worth more
 
-_UNIT = r"\s*[\[(]([^\[\]()]+)[\])]\s*$"
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
@@ -133,18 +133,6 @@ def symbols(structure: Structure, input_label: str, output_label: str) -> list[s
     return labels
 
 
-def unit_of(label: str) -> str:
-    """Return the unit that a label ends with, in brackets; empty where there is none.
-
-    Examples
-    --------
-    >>> unit_of("speed [rpm]"), unit_of("force (N)"), unit_of("u")
-    ('rpm', 'N', '')
-    """
-    found = re.search(_UNIT, label)
-    return found[1].strip() if found else ""
-
-
 def gain_unit(input_label: str, output_label: str) -> str:
     """Return the unit of output per input; empty where either is unknown."""
     numerator, denominator = unit_of(output_label), unit_of(input_label)
@@ -173,7 +161,7 @@ def mapped_label(label: str, input_map: object) -> str:
     if input_map == "identity":
         return label
     unit = unit_of(label)
-    name = re.sub(_UNIT, "", label)
+    name = without_unit(label)
     return f"{name}² [{unit}²]" if input_map == "square" and unit else f"{name}²" if input_map == "square" else name
 
 

@@ -1,0 +1,124 @@
+"""Frames: traces and logs as tables of pandas and datasets of xarray, which are imported when they are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError, MissingDependencyError
+from replant.labels import unit_of, without_unit
+from replant.validation import FloatArray, positive
+
+
+def trace_frame(names: Sequence[str], parameters: FloatArray, errors: FloatArray, dt: float | None) -> Any:
+    """Return the estimate and the error of each sample as a `pandas.DataFrame`."""
+    clock = _clock(errors.size, dt)
+    index = _index("sample" if dt is None else "time", clock)
+    frame = _pandas().DataFrame(parameters, columns=list(names), index=index, copy=True)
+    frame["error"] = errors
+    frame.attrs = {**_sampling(dt), "units": {**parameter_units(names), "error": "y"}}
+    return frame
+
+
+def trace_dataset(names: Sequence[str], parameters: FloatArray, errors: FloatArray, dt: float | None) -> Any:
+    """Return the estimate and the error of each sample as an `xarray.Dataset`."""
+    along = "sample" if dt is None else "time"
+    return _xarray().Dataset(
+        {
+            "parameters": ((along, "parameter"), parameters.copy(), {"long_name": "estimate after the sample"}),
+            "errors": ((along,), errors.copy(), {"long_name": "a-priori output error", "units": "y"}),
+        },
+        coords={
+            along: _axis(along, _clock(errors.size, dt)),
+            "parameter": list(names),
+            "unit": ("parameter", list(parameter_units(names).values())),
+        },
+        attrs=_sampling(dt),
+    )
+
+
+def log_frame(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray | None, dt: float, source: str) -> Any:
+    """Return a log as a `pandas.DataFrame`; ``signals`` are name and samples by role."""
+    names = [name for name, _ in signals.values()]
+    if len(set(names)) < len(names):
+        raise InvalidArgumentError(f"input and output are both named {names[0]!r}: give them names of their own")
+    clock = _clock(next(iter(signals.values()))[1].size, dt) if time is None else time
+    frame = _pandas().DataFrame(dict(signals.values()), index=_index("time", clock))
+    frame.attrs = {
+        **_sampling(dt),
+        **{role: name for role, (name, _) in signals.items()},
+        "units": {name: unit_of(name) for name in names if unit_of(name)},
+        "source": source,
+    }
+    return frame
+
+
+def log_dataset(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray | None, dt: float, source: str) -> Any:
+    """Return a log as an `xarray.Dataset`, its variables named by role."""
+    clock = _clock(next(iter(signals.values()))[1].size, dt) if time is None else time
+    described = {
+        role: (("time",), samples.copy(), {"long_name": without_unit(name), "units": unit_of(name)})
+        for role, (name, samples) in signals.items()
+    }
+    return _xarray().Dataset(
+        described, coords={"time": _axis("time", clock.copy())}, attrs={**_sampling(dt), "source": source}
+    )
+
+
+def parameter_units(names: Sequence[str]) -> dict[str, str]:
+    """Return the unit of each parameter; y and u stand for the units of output and input.
+
+    Examples
+    --------
+    >>> parameter_units(["a1", "a0", "b0", "bias"])
+    {'a1': '1/s', 'a0': '1/s^2', 'b0': 'y/u/s^2', 'bias': 'y'}
+    """
+    poles = sum(name.startswith("a") for name in names)
+    units = {}
+    for name in names:
+        if name == "bias":
+            units[name] = "y"
+            continue
+        order = poles - int(name[1:])
+        seconds = "" if order == 0 else "/s" if order == 1 else f"/s^{order}"
+        units[name] = f"1{seconds}" if name[0] == "a" else f"y/u{seconds}"
+    return units
+
+
+def _clock(samples: int, dt: float | None) -> Any:
+    """Return the time of each sample in s, from 0; without ``dt`` its number."""
+    return np.arange(samples) if dt is None else positive("dt", dt) * np.arange(samples)
+
+
+def _index(name: str, values: Any) -> Any:
+    return _pandas().Index(values, name=f"{name} [s]" if name == "time" else name)
+
+
+def _axis(name: str, values: Any) -> tuple[str, Any, dict[str, str]]:
+    return (
+        name,
+        values,
+        {"long_name": "time", "units": "s"} if name == "time" else {"long_name": "number of the sample"},
+    )
+
+
+def _sampling(dt: float | None) -> dict[str, float]:
+    return {} if dt is None else {"dt": float(dt)}
+
+
+def _pandas() -> Any:
+    try:
+        import pandas
+    except ImportError as cause:
+        raise MissingDependencyError("to_pandas needs pandas: pip install 'replant[frames]'") from cause
+    return pandas
+
+
+def _xarray() -> Any:
+    try:
+        import xarray
+    except ImportError as cause:
+        raise MissingDependencyError("to_xarray needs xarray: pip install 'replant[frames]'") from cause
+    return xarray

@@ -1,0 +1,207 @@
+"""TransferFunctionRegressor: replant as an estimator of scikit-learn, for its pipelines, searches and scores.
+
+Needs scikit-learn: ``pip install 'replant[sklearn]'``.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+import numpy as np
+
+from replant.assessment import fit_percent, simulate
+from replant.errors import InvalidArgumentError, MissingDependencyError
+from replant.identifier import Identifier
+from replant.offline import fit
+from replant.preprocess import Preprocess
+from replant.structure import Structure
+from replant.transfer_function import TransferFunction
+from replant.validation import FloatArray, one_of, whole
+
+try:
+    from sklearn.base import BaseEstimator, RegressorMixin
+    from sklearn.utils.validation import check_is_fitted, validate_data
+except ImportError as cause:
+    raise MissingDependencyError("replant.sklearn needs scikit-learn: pip install 'replant[sklearn]'") from cause
+
+RECENT = 10_000  # samples kept by `partial_fit`: the working point of the output is that of these
+METHODS = ("auto", "srivc", "least_squares")
+
+
+class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
+    r"""A continuous-time transfer function as a regressor: X is the sampled input, y the output, rows in time order.
+
+    .. math:: \hat y(t) = y_0 + G(s) \, (u(t) - u_0)
+
+    ``fit`` takes the whole record (`replant.fit`), ``partial_fit`` goes on with the next rows (`replant.Identifier`).
+    A dynamic system has a memory: rows may not be shuffled, and a prediction is from rest at the working point, so its
+    first rows miss what happened before.  To cross-validate, take splits that keep the order
+    (`sklearn.model_selection.TimeSeriesSplit`).
+
+    Parameters
+    ----------
+    poles, zeros : int
+    delay : float
+        Dead time in s.
+    dt : float
+        Sampling time in s.
+    method : {"auto", "srivc", "least_squares"}
+        Of ``fit``, see `replant.fit`.
+    column : int, optional
+        Which column of X is the input.  None: X has one column only.
+
+    Attributes
+    ----------
+    transfer_function_ : TransferFunction
+        G(s).
+    parameters_ : (P,) array
+        Its coefficients, in the order of ``Structure.names``.
+    std_ : (P,) array
+        Their standard deviations; NaN where none are known.
+    input_offset_, output_offset_ : float
+        The working point u_0, y_0; after ``partial_fit`` y_0 is that of the last 10000 rows.
+    n_features_in_ : int
+    feature_names_in_ : array
+        Where X has names.
+
+    Examples
+    --------
+    >>> u = np.where(np.arange(400) // 50 % 2 == 0, 1.0, -1.0)[:, None]
+    >>> y = 7.0 + TransferFunction([2.0], [1.0, 0.5]).simulate(u[:, 0], dt=0.1)
+    >>> model = TransferFunctionRegressor(poles=1, dt=0.1).fit(u, y)
+    >>> print(model.transfer_function_)
+    2 / (s + 0.5)
+    >>> round(model.score(u, y), 3)
+    1.0
+    """
+
+    def __init__(
+        self,
+        poles: int = 1,
+        zeros: int = 0,
+        delay: float = 0.0,
+        dt: float = 1.0,
+        method: str = "auto",
+        column: int | None = None,
+    ) -> None:
+        self.poles = poles
+        self.zeros = zeros
+        self.delay = delay
+        self.dt = dt
+        self.method = method
+        self.column = column
+
+    def fit(self, X: Any, y: Any) -> Self:
+        """Fit the whole record, rows in the order of time; what was learned before is forgotten.
+
+        Parameters
+        ----------
+        X : (K, 1) array
+            Input; of several columns with ``column``.
+        y : (K,) array
+            Output.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the record is too short, or a parameter of the constructor cannot be used.
+        """
+        structure = self._structure()
+        u, y = self._record(X, y, structure.size + 1, reset=True)
+        found = fit(u, y, self.dt, structure, method=self.method, preprocess=Preprocess("identity", "mean", "mean"))
+        std = np.full(structure.size, np.nan) if found.uncertainty is None else found.uncertainty.std
+        self._keep(found.transfer_function, found.parameters, std)
+        self._set_working_point(float(found.preprocess.input_offset), found.simulation.offset)
+        self._identifier: Identifier | None = None
+        return self
+
+    def partial_fit(self, X: Any, y: Any) -> Self:
+        """Go on with the rows that came next, online; at first, after ``fit`` or with other parameters, begin anew.
+
+        Memory does not grow with the stream.  While the identifier still holds samples back for its start-up, the model
+        is the one that these alone give.  Give rows in chunks: each call costs some milliseconds beside its rows.
+
+        Parameters
+        ----------
+        X : (K, 1) array
+            Input; of several columns with ``column``.
+        y : (K,) array
+            Output.
+        """
+        structure = self._structure()
+        ident: Identifier | None = getattr(self, "_identifier", None)
+        if ident is None or (ident.structure, ident.dt) != (structure, self.dt):
+            u, y = self._record(X, y, 1, reset=True)
+            ident = Identifier(structure, self.dt, preprocess=Preprocess("identity", "mean", "mean"))
+            self._identifier, self._recent = ident, np.empty((0, 2))
+        else:
+            u, y = self._record(X, y, 1, reset=False)
+        ident.update_many(u, y)
+        self._recent = np.concatenate([self._recent, np.column_stack([u, y])])[-RECENT:]
+        self._adopt(ident)
+        return self
+
+    def _adopt(self, ident: Identifier) -> None:
+        """Take over the identifier's model; while it is starting, the one that it would begin with."""
+        if ident.settings is None:
+            ident = ident.clone()
+            ident.finish_startup()
+        self._keep(ident.transfer_function, ident.parameters, ident.uncertainty.std)
+        u, y = self._recent.T
+        input_offset = float(ident.settings.preprocess.input_offset) if ident.settings else float(u.mean())
+        run = simulate(ident.transfer_function, u - input_offset, y, self.dt)
+        self._set_working_point(input_offset, run.offset if np.isfinite(run.output).all() else float(y.mean()))
+
+    def predict(self, X: Any) -> FloatArray:
+        """Return the output (K,) simulated from the input alone, from rest at the working point.
+
+        Parameters
+        ----------
+        X : (K, 1) array
+            Input, rows in the order of time.
+        """
+        check_is_fitted(self)
+        u = self._input(validate_data(self, X, dtype=np.float64, reset=False))
+        return self.transfer_function_.simulate(u - self.input_offset_, self.dt) + self.output_offset_
+
+    def fit_percent(self, X: Any, y: Any) -> float:
+        r"""Return the simulated fit in percent, :math:`100 (1 - \|y - \hat y\| / \|y - \bar y\|)`.
+
+        ``score`` is the coefficient of determination, :math:`1 - (1 - fit/100)^2`.
+        """
+        return fit_percent(np.asarray(y, np.float64), self.predict(X))
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        tags.regressor_tags.poor_score = True  # of rows that are no record of a dynamic system
+        return tags
+
+    def _structure(self) -> Structure:
+        one_of("method", self.method, METHODS)
+        if self.column is not None:
+            whole("column", self.column, 0)
+        return Structure(self.poles, self.zeros, self.delay)
+
+    def _record(self, X: Any, y: Any, least: int, *, reset: bool) -> tuple[FloatArray, FloatArray]:
+        """Return input and output, checked as scikit-learn checks them."""
+        X, y = validate_data(
+            self, X, y, reset=reset, dtype=np.float64, y_numeric=True, ensure_min_samples=least
+        )  # fmt: skip
+        return self._input(X), np.asarray(y, np.float64)
+
+    def _input(self, X: FloatArray) -> FloatArray:
+        if self.column is None:
+            if X.shape[1] != 1:
+                raise InvalidArgumentError(
+                    f"X must have one column, the input, got {X.shape[1]}: say which it is with column="
+                )
+            return np.ascontiguousarray(X[:, 0])
+        if self.column >= X.shape[1]:
+            raise InvalidArgumentError(f"X has {X.shape[1]} columns, numbered from 0: there is no column {self.column}")
+        return np.ascontiguousarray(X[:, self.column])
+
+    def _keep(self, model: TransferFunction, parameters: FloatArray, std: FloatArray) -> None:
+        self.transfer_function_, self.parameters_, self.std_ = model, parameters, std
+
+    def _set_working_point(self, input_offset: float, output_offset: float) -> None:
+        self.input_offset_, self.output_offset_ = input_offset, output_offset
