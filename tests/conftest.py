@@ -22,6 +22,8 @@ def _kernel_cache() -> str:
 
 
 os.environ.setdefault("NUMBA_CACHE_DIR", _kernel_cache())
+# idle BLAS threads spin: on matrices as small as ours, with a worker a core, they cost several times the work itself
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 @pytest.fixture(scope="session")

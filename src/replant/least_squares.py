@@ -1,4 +1,4 @@
-"""Least squares on regressors: scaled, rank-revealing, with the covariance of white equation errors."""
+"""Least squares on regressors: scaled and rank-revealing."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ class Replay:
     batch_size : int
         Updates a sample.
     warmup : int
-        Batches begin once the buffer holds more than this many samples; before that, one update a sample.
+        Batches begin once the buffer holds more than this many samples, or is full; before that, one update a sample.
     seed : int
         Of the random stream, 0 or more; the stream is part of the identifier's state.
 

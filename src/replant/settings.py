@@ -15,6 +15,7 @@ from replant.structure import Structure
 from replant.validation import positive, whole
 
 AUTO = "auto"
+LONGEST_DELAY = 1_000_000  # sampling times; every input of that long is kept
 DEFAULT_OPTIMIZER = "recursive-least-squares"
 
 
@@ -77,6 +78,10 @@ class Request:
         _expect("preprocess", self.preprocess, Preprocess)
         whole("startup", self.startup, 1)
         object.__setattr__(self, "dt", positive("dt", self.dt))
+        if self.structure.delay > LONGEST_DELAY * self.dt:
+            raise InvalidArgumentError(
+                f"delay must be at most {LONGEST_DELAY:,} sampling times, got {self.structure.delay / self.dt:.3g}"
+            )
         if isinstance(self.filter, StateVariableFilter):
             self.filter.discretize(self.structure.poles, self.dt, self.structure.delay)  # raises what cannot work
         if isinstance(self.scaling, Scaling):

@@ -27,6 +27,10 @@ IntArray = np.ndarray[tuple[int], np.dtype[np.int64]]
 
 NOTHING = np.zeros(0)
 GAP = 20.0  # sampling times without a sample, after which the filters begin anew
+# Samples between two past estimates kept: of the 10000 raw samples kept at most half are then held out from the oldest,
+LONGEST_STEP = 1250
+# ... a few hundred where the estimate follows a plant that changes, and is soon out of date by right.
+SHORTEST_STEP = 128
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,10 +138,13 @@ class State:
         )
         ints, reals = state.ints, state.reals
         ints[at.ALGORITHM], ints[at.NORMALIZE] = optimizer.code, settings.normalize
-        ints[at.WARMUP] = replay.warmup if replay else 0
+        ints[at.WARMUP] = min(replay.warmup, replay.capacity - 1) if replay else 0  # a full buffer is warm
         ints[at.SEED] = replay.seed if replay else 0
         ints[at.SQUARE_INPUT] = settings.preprocess.input_map == "square"
         ints[at.COLOURED] = optimizer.keeps_covariance and optimizer.keeps_colour
+        remembers_all = optimizer.keeps_colour and state.block(at.AT_SETTINGS, 1)[0] == 1.0
+        follows = optimizer.keeps_covariance and not remembers_all
+        ints[at.PAST_STEP] = SHORTEST_STEP if follows else LONGEST_STEP
         reals[at.INPUT_OFFSET] = float(settings.preprocess.input_offset)
         reals[at.OUTPUT_OFFSET] = float(settings.preprocess.output_offset)
         reals[at.LONGEST_GAP] = GAP * settings.dt

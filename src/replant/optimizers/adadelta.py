@@ -47,5 +47,5 @@ class AdaDelta(RMSProp):
         return cls()
 
     def memory(self, size: int) -> FloatArray:
-        """Return (mean squared gradient, mean squared step) of each parameter."""
+        """Return the mean squared gradients, then the mean squared steps of all parameters."""
         return np.zeros(2 * size)

@@ -58,5 +58,5 @@ class Adam(Optimizer):
         return np.array([self.step_size, self.beta1, self.beta2, self.epsilon])
 
     def memory(self, size: int) -> FloatArray:
-        """Return [beta1^0, beta2^0, (m, v) of each parameter]."""
+        """Return beta1^0, beta2^0, then m and v of all parameters."""
         return np.concatenate([[1.0, 1.0], np.zeros(2 * size)])

@@ -36,5 +36,5 @@ class AMSGrad(Adam):
     code: ClassVar[int] = 2
 
     def memory(self, size: int) -> FloatArray:
-        """Return (m, v, largest v) of each parameter."""
+        """Return m, then v, then the largest v of all parameters."""
         return np.zeros(3 * size)
