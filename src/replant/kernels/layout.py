@@ -52,6 +52,7 @@ RECENT_HEAD = 35  # the row of the raw samples kept that the next one goes to: S
 LEARNED = 36  # accepted samples when the estimate last took one in
 PAST_KEPT = 37  # estimates kept so far
 PAST_DUE = 38  # accepted samples at which the estimate is kept next
+PAST_STEP = 39  # samples between two estimates kept, at the most
 # --- ints: where the blocks of reals begin
 AT_INPUTS = 40  # (RING,)  past inputs
 AT_PAST = 55  # (PAST, 1 + T)  past estimates, scaled, each behind the samples that it had taken in

@@ -20,8 +20,9 @@ RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9
 AT_REST = 1e-6  # moving variance of the input, relative to its largest, below which the input rests
 SETTLE = 5.0  # of the slowest time constant, to wait after a gap
 # The estimate is kept each time the samples have grown by an eighth: of the four kept the oldest lies then three to
-# four of these steps back, so that a quarter to a third of all samples, and later 3750 to 5000, are held out from it.
-KEEP_AFTER_PART, KEEP_AFTER_LEAST, KEEP_AFTER_MOST = 8, 32, 1250
+# four of these steps back, so that a quarter to a third of all samples, and later three to four times PAST_STEP, are
+# held out from it.
+KEEP_AFTER_PART, KEEP_AFTER_LEAST = 8, 32
 
 
 @rare
@@ -183,7 +184,7 @@ def keep_estimate(ints, reals):
     for i in range(theta.size):
         kept[i] = theta[i]
     ints[at.PAST_KEPT] += 1
-    ints[at.PAST_DUE] = samples + min(max(samples // KEEP_AFTER_PART, KEEP_AFTER_LEAST), KEEP_AFTER_MOST)
+    ints[at.PAST_DUE] = samples + min(max(samples // KEEP_AFTER_PART, KEEP_AFTER_LEAST), ints[at.PAST_STEP])
 
 
 @cut
