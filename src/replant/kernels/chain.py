@@ -11,6 +11,7 @@ from replant.kernels.stability import all_left_of, bandwidth, slowest_decay
 
 WARM_TIME_CONSTANTS = 10.0  # of the new model's slowest pole, before a warming bank takes over
 MISSING = 1.5  # sampling times between two samples, beyond which one is taken to be missing
+MOVED = 1.0 / 3.0  # how far a held input is taken to have moved, on the mean, while samples were missing
 RETRY = 10.0  # samples until the estimate is looked at again when it could not serve as a model
 
 
@@ -34,8 +35,9 @@ def begin(ints, reals, banks, u, y):
 def remember_input(ints, reals, u, interval):
     """Put the newest input into the ring that the dead time looks back on.
 
-    Where samples are missing, a held input may have moved on the way.  For the first sampling time it stood; what is
-    known of the rest is that it began at the last value and ended at the newest, so their mean is the least wrong.
+    Where samples are missing, a held input may have moved on the way, or stood until the newest sample.  For the first
+    sampling time it stood in any case.  For the rest the mean of the last and the newest value would be right in the
+    former case, the last value in the latter: a third of the way errs least in the worse of both.
     """
     last = reals[ints[at.AT_INPUTS] + ints[at.NEWEST]]
     known = reals[at.INTERVAL] / interval if interval > MISSING * reals[at.INTERVAL] else 1.0
@@ -44,7 +46,7 @@ def remember_input(ints, reals, u, interval):
         newest = 0
     ints[at.NEWEST] = newest
     reals[ints[at.AT_INPUTS] + newest] = u
-    reals[ints[at.AT_HELD] + newest] = known * last + (1.0 - known) * 0.5 * (last + u)
+    reals[ints[at.AT_HELD] + newest] = last + (1.0 - known) * MOVED * (u - last)
     reals[ints[at.AT_INTERVALS] + newest] = interval
 
 
