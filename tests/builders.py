@@ -115,3 +115,32 @@ def with_and_without(replay: rp.Replay) -> pytest.MarkDecorator:
         if not kind.keeps_covariance
     ]
     return pytest.mark.parametrize(("name", "replay"), pairs)
+
+
+DT = 0.05  # s, of the plants below
+
+
+def two_modes(frequency: float, damping: float) -> np.ndarray:
+    return np.array([1.0, 2 * damping * frequency, frequency**2])
+
+
+#: Structure and plant, each with what makes it awkward.
+AWKWARD = {
+    **{f"order {n}": (rp.Structure(n, n - 1), random_plant(40 + n, n, n - 1)) for n in range(1, 5)},
+    "order 4, no zeros": (rp.Structure(4), random_plant(50, 4)),
+    "non-minimum phase": (rp.Structure(2, 1), rp.TransferFunction([-1.0, 3.0], two_modes(2.0, 0.4))),
+    "two zeros on the right": (rp.Structure(4, 2), rp.TransferFunction([1.0, -3.0, 5.0], random_plant(7, 4).den)),
+    "integrator": (rp.Structure(2), rp.TransferFunction([1.5], [1.0, 2.0, 0.0])),
+    "damping 0.001": (rp.Structure(2, 1), rp.TransferFunction([0.3, 4.0], two_modes(2.0, 0.001))),
+    "slow and lightly damped": (
+        rp.Structure(4, 1),
+        rp.TransferFunction([-6.0, 3.0], np.polymul(two_modes(0.5, 0.8), two_modes(4.0, 0.01))),
+    ),
+    "feedthrough": (rp.Structure(2, 2, feedthrough=True), rp.TransferFunction([2.0, 1.0, 3.0], two_modes(2.0, 0.5))),
+    "static gain and a lag": (rp.Structure(1, 1, feedthrough=True), rp.TransferFunction([0.5, 3.0], [1.0, 1.0])),
+    "delay of 3 samples": (rp.Structure(2, delay=3 * DT), rp.TransferFunction([4.0], two_modes(2.0, 0.5), 3 * DT)),
+    "delay of 2.37 samples": (
+        rp.Structure(2, 1, delay=2.37 * DT),
+        rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5), 2.37 * DT),
+    ),
+}
