@@ -25,7 +25,7 @@ def covariance(state: State, settings: Settings) -> FloatArray:
         scaled = _kept(state)
     else:
         scaled = _of_buffer(state)
-    physical = scaled * np.outer(state.unit, state.unit)
+    physical = 0.5 * (scaled + scaled.T) * np.outer(state.unit, state.unit)  # symmetric to the bit
     return np.asarray(physical[:size, :size])
 
 
