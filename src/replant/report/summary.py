@@ -34,6 +34,9 @@ def as_json(result: Result) -> dict[str, Any]:
 
 def print_result(console: Any, result: Result, *, truth: TransferFunction | None = None) -> None:
     """Print what a control engineer wants to see first: G(s), coefficients, poles, fit, verdict."""
+    from rich.padding import Padding
+    from rich.text import Text
+
     console.print()
     for line in fraction(result.transfer_function):
         console.print(line, highlight=False, markup=False)
@@ -54,7 +57,7 @@ def print_result(console: Any, result: Result, *, truth: TransferFunction | None
     colour = "green" if result.verdict.status == "trusted" else "yellow" if _mild(result) else "red"
     console.print(f"Verdict  [bold {colour}]{result.verdict.status}[/]", highlight=False)
     for reason in result.verdict.reasons:
-        console.print(f"         - {reason}", highlight=False, markup=False)
+        console.print(Padding(Text(reason), (0, 0, 0, 9)))
 
 
 def _table(*headings: str) -> Any:
