@@ -117,7 +117,6 @@ class Identifier:
         self._held: list[tuple[float, float, float]] = []
         self._held_rejects = {"not finite": 0, "too large": 0, "not later": 0}
         self._resolve_at = 0
-        self._offered = 0
         if self._request.asks_for_data:
             self._hold = max(self._request.startup, self._least_startup)
         else:
@@ -158,8 +157,7 @@ class Identifier:
             u = float(self._request.preprocess.call_map(np.array([u]))[0])
         state = self._state
         error: float = self._step(state.ints, state.reals, state.banks, state.buffer, state.recent, u, y, t)
-        self._offered += 1
-        if self._offered == self._resolve_at:
+        if self._resolve_at and state.ints[at.SAMPLES] == self._resolve_at:
             self._solve_again()
         return error
 
@@ -190,8 +188,8 @@ class Identifier:
             u = np.concatenate([u[:taken], self._request.preprocess.call_map(u[taken:])])
         while taken < u.size:
             end = u.size
-            if self._offered < self._resolve_at:
-                end = min(end, taken + self._resolve_at - self._offered)
+            if self._resolve_at:  # no further than to where it would be reached were every sample accepted
+                end = min(end, taken + self._resolve_at - self.samples)
             self._take(u[taken:end], y[taken:end], t[taken:end], trace.errors[taken:end], trace.parameters[taken:end])
             taken = end
         return trace
@@ -200,8 +198,7 @@ class Identifier:
         """Run a chunk without a new solution inside it; the solution that is due at its end follows."""
         state = self._state
         self._steps(state.ints, state.reals, state.banks, state.buffer, state.recent, u, y, t, errors, parameters)
-        self._offered += u.size
-        if self._offered == self._resolve_at:
+        if self._resolve_at and state.ints[at.SAMPLES] == self._resolve_at:
             self._solve_again()
             parameters[-1] = self.parameters
 
@@ -350,14 +347,14 @@ class Identifier:
         self._step, self._steps = step, steps
         self._state = State.of_settings(settings, RECENT)
         self._state.ints[[at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER]] = list(self._held_rejects.values())
-        self._held, self._offered = [], u.size
+        self._held = []
         if u.size == 0:
             return math.nan
         if self._mapped:
             u = settings.preprocess.call_map(u)
         if refined is None:
             return float(self._warm_up(u, y, t, learn=True)[-1])
-        self._resolve_at = self._next_solution()
+        self._resolve_at = self._next_solution(u.size)
         seed(self._state, settings, refined, ready)
         errors = self._warm_up(u, y, t, learn=not settings.optimizer.keeps_covariance)
         return float(errors[-1])
@@ -375,19 +372,19 @@ class Identifier:
             self._held = self._held[len(self._held) // 2 :]
         return math.nan
 
-    def _next_solution(self) -> int:
-        """Return after how many samples the whole record is solved again; 0 for never."""
+    def _next_solution(self, samples: int) -> int:
+        """Return at how many accepted samples the whole record is solved again, ``samples`` being there; 0: never."""
         settings = self._settings
         assert settings is not None
         remembers_all = settings.optimizer.keeps_colour and self._state.block(at.AT_SETTINGS, 1)[0] == 1.0
-        due = 2 * self._offered
+        due = 2 * samples
         return due if remembers_all and isinstance(settings.filter, RefinedFilter) and due <= RECENT else 0
 
     def _solve_again(self) -> None:
         """Solve the record so far as a whole, from the present estimate, and go on from that solution."""
-        self._resolve_at = self._next_solution()
         settings, old = self._settings, self._state
         samples = int(old.ints[at.SAMPLES])
+        self._resolve_at = self._next_solution(samples)
         assert settings is not None
         if old.ints[at.GAPS] or not old.ints[at.ADAPT] or samples > RECENT:
             return
