@@ -16,6 +16,7 @@ from replant.errors import ReplantError
 COMMANDS = {
     "run": ("run", "Identify G(s) online, one pass over a recorded log."),
     "fit": ("fit", "Fit G(s) to a whole recorded log at once, the batch reference."),
+    "compare": ("compare", "Compare methods on the same recorded log."),
     "demo": ("demo", "Identify a simulated actuator while it runs, with plots."),
     "reproduce": ("reproduce", "Reproduce the article's tables, beside the published figures."),
 }

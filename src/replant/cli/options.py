@@ -1,4 +1,4 @@
-"""The options that `run` and `fit` share, and what is made of them."""
+"""The options that `run`, `fit` and `compare` share, and what is made of them."""
 
 from __future__ import annotations
 
@@ -40,6 +40,18 @@ class Range(click.ParamType[tuple[Any, ...]]):
         count = int((last - first) / step * (1 + 1e-12)) + 1
         return tuple(self.number(first + k * step) for k in range(count))
 
+    def written(self, values: tuple[Any, ...]) -> str:
+        """Return numbers as `convert` reads them.
+
+        Examples
+        --------
+        >>> Whole().written((2,)), Seconds().written(Seconds().convert("0:1:0.1", None, None))
+        ('2', '0.0:1.0:0.1')
+        """
+        if len(values) == 1:
+            return str(values[0])
+        return f"{values[0]}:{values[-1]}:{(values[-1] - values[0]) / (len(values) - 1):.12g}"
+
 
 class Whole(Range):
     """Whole numbers."""
@@ -70,12 +82,14 @@ _OPTIONS: list[Callable[[Any], Any]] = [
     click.option("--bias", is_flag=True, help="Identify a constant beside G(s)."),
     click.option("--input-map", type=click.Choice(["identity", "square"]), default="identity", help="Applied first."),
     click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
-    click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Write plots (PNG) into this folder."),
+    click.option(
+        "--out", type=click.Path(path_type=Path), metavar="DIR", help="Write plots (PNG) and report.html here."
+    ),
 ]
 
 
 def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a click command with the options that `run` and `fit` share."""
+    """Decorate a click command with the options that `run`, `fit` and `compare` share."""
     for option in reversed(_OPTIONS):
         command = option(command)
     return command

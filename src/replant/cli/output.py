@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import shlex
+import sys
 from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
+from replant.cli.options import Range
 from replant.logs import Log
 from replant.report.recipe import identifier_as_python
 from replant.report.summary import as_json as result_as_json
@@ -39,18 +42,31 @@ def deliver(result: Result, log: Log, *, as_json: bool, out: Path | None, **repo
         click.echo(f"wrote {path}")
 
 
+def progress_bar() -> Any:
+    """Return a progress bar on stderr, shown if a person sees it."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description:8}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    return Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty())
+
+
 def command_line() -> str:
     """Return the command that is running, as it would be typed; where its output goes is left out."""
     context = click.get_current_context()
     words = ["replant", context.info_name or ""]
     for parameter in context.command.params:
-        value = context.params.get(parameter.name or "")
-        if parameter.name in ("as_json", "out") or value is None or value == parameter.get_default(context):
+        name = parameter.name or ""
+        value: Any = context.params.get(name)
+        source = context.get_parameter_source(name)
+        if name in ("as_json", "out") or source is not ParameterSource.COMMANDLINE:
             continue
         if isinstance(parameter, click.Argument):
             words.append(str(value))
         elif value is True:
             words.append(parameter.opts[-1])
+        elif isinstance(parameter.type, Range):
+            words += [parameter.opts[-1], parameter.type.written(value)]
         else:
             for entry in value if isinstance(value, tuple) else (value,):
                 words += [parameter.opts[-1], str(entry)]

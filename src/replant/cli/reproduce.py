@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 import click
 
+from replant.cli.output import progress_bar
 from replant.paper import actuator_rendering
 from replant.paper.actuator import NOTES, Actuator
 from replant.paper.everything import ACTUATOR, NAMES, Outcome, is_figure, run, save, steps
@@ -82,15 +82,6 @@ def print_actuator(console: Any, actuator: Actuator) -> None:
     console.print()
     for line in actuator_rendering.summary(actuator):
         console.print(line)
-
-
-def progress_bar() -> Any:
-    """Return a progress bar on stderr, shown if a person sees it."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description:8}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    return Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty())
 
 
 @contextmanager

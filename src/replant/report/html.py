@@ -6,9 +6,7 @@ import html
 import importlib.util
 import json
 from collections.abc import Sequence
-from datetime import datetime
 from functools import cache
-from importlib import resources
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -24,14 +22,9 @@ from replant.report.figures import style
 from replant.report.findings import BAD, Finding, findings
 from replant.report.material import Material
 from replant.report.numbers import duration, mathml, number, percent, uncertain
+from replant.report.page import asset, code, heading, icon, today
 from replant.report.series import charts
 from replant.runs import Result
-
-_ICONS = {  # told apart by shape as well as by colour
-    "good": '<circle cx="12" cy="12" r="11"/><path class="mark" d="M6.5 12.5l3.7 3.7 7.3-8"/>',
-    "warn": '<path d="M12 1.5L23.5 22H.5z"/><path class="mark" d="M12 9v6M12 18v.6"/>',
-    "bad": '<path d="M7.4 1h9.2L23 7.4v9.2L16.6 23H7.4L1 16.6V7.4z"/><path class="mark" d="M8 8l8 8M16 8l-8 8"/>',
-}
 
 
 def write_report(
@@ -77,7 +70,7 @@ def write_report(
     material = Material(result, log, filter, preprocess or Preprocess(), truth)
     with np.errstate(all="ignore"):  # what went wrong in the numbers is said in words
         fields = _fields(material, title or log.path.name or "Simulated record", command, python)
-    page = Template(_asset("report.html")).substitute(fields)
+    page = Template(asset("report.html")).substitute(fields)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(page, encoding="utf-8")
     return path
@@ -89,9 +82,9 @@ def _fields(material: Material, title: str, command: str, python: str) -> dict[s
     plots = charts(material)
     return {
         "title": html.escape(title),
-        "heading": html.escape(title).replace("_", "_<wbr>"),
+        "heading": heading(title),
         "lede": html.escape(_lede(material)),
-        "date": datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"),
+        "date": today(),
         "verdict": _verdict(found),
         "model_note": '<p class="note">Not to be used: see above.</p>' if found[0].gravity == BAD else "",
         "math": mathml(material.result.transfer_function),
@@ -102,9 +95,9 @@ def _fields(material: Material, title: str, command: str, python: str) -> dict[s
         "reproduce": _reproduce(command, python),
         "origin": tables.origin(material),
         "uplot_css": style_sheet,
-        "css": _asset("report.css"),
+        "css": asset("report.css"),
         "uplot_js": script,
-        "js": _asset("report.js"),
+        "js": asset("report.js"),
         "data": json.dumps(plots).replace("<", "\\u003c"),
     }
 
@@ -167,20 +160,16 @@ def _lede(material: Material) -> str:
 def _verdict(found: Sequence[Finding]) -> str:
     first, *others = found
     more = "".join(
-        f'<li class="{other.gravity}">{_icon(other.gravity)}<span><b>{html.escape(other.headline)}.</b> '
+        f'<li class="{other.gravity}">{icon(other.gravity)}<span><b>{html.escape(other.headline)}.</b> '
         f"{html.escape(other.text)}</span></li>"
         for other in others
     )
     return (
-        f'<section class="verdict {first.gravity}" aria-label="Verdict">{_icon(first.gravity)}<div>'
+        f'<section class="verdict {first.gravity}" aria-label="Verdict">{icon(first.gravity)}<div>'
         f"<h2>{html.escape(first.headline)}</h2><p>{html.escape(first.text)}</p>"
         + (f"<ul>{more}</ul>" if more else "")
         + "</div></section>"
     )
-
-
-def _icon(gravity: str) -> str:
-    return f'<svg class="icon {gravity}" viewBox="0 0 24 24" aria-hidden="true">{_ICONS[gravity]}</svg>'
 
 
 def _figures(material: Material) -> str:
@@ -205,16 +194,7 @@ def _in_small(text: str) -> str:
 
 def _reproduce(command: str, python: str) -> str:
     parts = [("In a shell", "shell", command), ("In Python", "python", python)]
-    return "".join(
-        f'<h3>{name}</h3><pre class="{kind}" tabindex="0"><code>{html.escape(text)}</code></pre>'
-        for name, kind, text in parts
-        if text
-    )
-
-
-@cache
-def _asset(name: str) -> str:
-    return resources.files("replant.report").joinpath("assets", name).read_text(encoding="utf-8")
+    return "".join(f"<h3>{name}</h3>{code(kind, text)}" for name, kind, text in parts if text)
 
 
 @cache

@@ -26,7 +26,19 @@ _VARIABLES = {
     style.MUTED: "muted",
     style.GRID: "grid",
 }
+_VARIABLES |= {colour: f"line-{i}" for i, colour in enumerate(style.COLOURS) if colour not in _VARIABLES}
 _SETTINGS: Any = {"svg.fonttype": "none", "font.size": 10.0, "axes.titlesize": 10.0, "legend.fontsize": 9.5}
+
+
+def variable(colour: str) -> str:
+    """Return what the page's style sheet calls a colour of the figures.
+
+    Examples
+    --------
+    >>> variable(style.MODEL)
+    'model'
+    """
+    return _VARIABLES[colour]
 
 
 def look() -> Any:

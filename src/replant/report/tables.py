@@ -12,10 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
+from replant.logs import Log
 from replant.report.figures import style
 from replant.report.figures.poles import regions
 from replant.report.material import Material
 from replant.report.numbers import complex_number, duration, number, uncertain
+from replant.report.page import Html, facts
 from replant.runs import Result
 
 UNCERTAIN = "Estimate ± standard deviation."
@@ -23,17 +25,22 @@ NO_STD = "This estimator gives no standard deviations."
 PACKAGES = ("replant", "numpy", "scipy", "numba", "matplotlib")
 
 
-def table(headings: Sequence[str], rows: Iterable[Sequence[str]], name: str) -> str:
-    """Return a table with its first column as row headings; cells are escaped."""
-    head = "".join(f'<th scope="col">{html.escape(heading)}</th>' for heading in headings)
+def table(headings: Sequence[str], rows: Iterable[Sequence[str]], name: str, kind: str = "table") -> str:
+    """Return a table with its first column as row headings; cells are escaped, but for those that are `Html`.
+
+    ``kind`` are classes of the style sheet.
+    """
+    head = "".join(f'<th scope="col">{_escaped(heading)}</th>' for heading in headings)
     body = "".join(
-        f'<tr><th scope="row">{html.escape(first)}</th>'
-        + "".join(f"<td>{html.escape(cell)}</td>" for cell in rest)
-        + "</tr>"
+        f'<tr><th scope="row">{_escaped(first)}</th>' + "".join(f"<td>{_escaped(cell)}</td>" for cell in rest) + "</tr>"
         for first, *rest in rows
     )
     inner = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-    return f'<div class="table" role="region" tabindex="0" aria-label="{html.escape(name)}">{inner}</div>'
+    return f'<div class="{kind}" role="region" tabindex="0" aria-label="{html.escape(name)}">{inner}</div>'
+
+
+def _escaped(cell: str) -> str:
+    return cell if isinstance(cell, Html) else html.escape(cell)
 
 
 def coefficients(material: Material) -> str:
@@ -86,19 +93,26 @@ def _zeros(result: Result) -> str:
 def origin(material: Material) -> str:
     """Return where the record came from and what became of its samples."""
     log, result = material.log, material.result
-    total, seconds = len(log), len(log) * log.dt
     rejected = ", ".join(f"{count:,} {reason}" for reason, count in result.rejected.items() if count) or "none"
-    rows = [
+    return facts(
+        [
+            *of_record(log),
+            ("used", f"{result.samples:,} samples"),
+            ("rejected", rejected),
+            ("computed in", f"{number(result.elapsed, 3)} s"),
+            ("versions", versions()),
+        ]
+    )
+
+
+def of_record(log: Log) -> list[tuple[str, str]]:
+    """Return what is to be said of a record, as names and words."""
+    return [
         ("file", log.path.name or "none: simulated"),
         ("SHA-256", fingerprint(log.path)),
         ("input, output", f"{log.input_name}, {log.output_name}"),
-        ("record", f"{total:,} samples, {duration(seconds)} at {number(log.dt, 6)} s"),
-        ("used", f"{result.samples:,} samples"),
-        ("rejected", rejected),
-        ("computed in", f"{number(result.elapsed, 3)} s"),
-        ("versions", versions()),
+        ("record", f"{len(log):,} samples, {duration(len(log) * log.dt)} at {number(log.dt, 6)} s"),
     ]
-    return "<dl>" + "".join(f"<dt>{html.escape(key)}</dt><dd>{html.escape(text)}</dd>" for key, text in rows) + "</dl>"
 
 
 def fingerprint(path: Path) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from replant.report.figures.bode import draw_bode
 from replant.report.figures.correlation import draw_correlations
+from replant.report.figures.overlay import draw_overlay
 from replant.report.figures.poles import draw_poles_and_zeros
 from replant.report.figures.style import INK, MEASURED, MODEL, MUTED, RESIDUAL, TRUTH
 from replant.report.figures.time import draw_excitation, draw_fit, draw_transients
@@ -24,6 +25,7 @@ __all__ = [
     "draw_correlations",
     "draw_excitation",
     "draw_fit",
+    "draw_overlay",
     "draw_poles_and_zeros",
     "draw_transients",
     "save_figures",

@@ -19,6 +19,12 @@ from replant.validation import FloatArray
 # what was measured is wide and pale, the model thin and dark: told apart in grey as well
 MEASURED, MODEL, RESIDUAL, INPUT, TRUTH = "#8d99a3", VERMILION, BLUE, "#00785a", "#000000"
 INK, MUTED, GRID = "#20262b", "#56616b", "#dfe4e7"
+COLOURS = (MODEL, RESIDUAL, INPUT, "#98489b", "#8f6200", INK)  # of curves that stand side by side
+DASHES: tuple[Any, ...] = (
+    "solid", (0, (7, 2)), (0, (7, 2, 1.5, 2)), (0, (2, 1.5)), (0, (7, 2, 1.5, 2, 1.5, 2)), (0, (12, 3))
+)  # fmt: skip
+#: Colour and dashes of each of many curves; dashes, because in grey colours are not enough.
+LINES = tuple((COLOURS[i % 6], DASHES[(i + 3 * (i // 6)) % 6]) for i in range(12))
 SIGMAS = 2.0  # half-width of every band, in standard deviations
 NO_EXCITATION, NO_CONDITION = 1e-12, 1e10  # beyond which eigenvalue and condition number are round-off
 SHOWN = 3_000  # points a curve; beyond it min and max of each stretch stand for the stretch
@@ -62,6 +68,14 @@ def _plain(axis: Any) -> None:
     from matplotlib.ticker import FuncFormatter
 
     axis.set_major_formatter(FuncFormatter(lambda value, _: number(value, 8)))
+
+
+def label_time(axes: list[Any]) -> None:
+    """Name the time below every axis that has none beneath it."""
+    for axis in axes:
+        place = axis.get_subplotspec()
+        if place is None or place.is_last_row() or axis is axes[-1]:
+            axis.set_xlabel("time [s]")
 
 
 def legend(axis: Any, columns: int) -> None:

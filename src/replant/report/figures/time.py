@@ -123,18 +123,10 @@ def draw_transients(
         _transient(
             axis, np.asarray(history.samples * dt, np.float64), values, std, None if truth is None else float(truth[i])
         )
-    _label_time(axes)
+    style.label_time(axes)
     if axes[0].get_legend_handles_labels()[0]:
         style.legend(axes[0], 3)
     return np.array(axes, dtype=object)
-
-
-def _label_time(axes: list[Any]) -> None:
-    """Name the time below every axis that has none beneath it."""
-    for axis in axes:
-        place = axis.get_subplotspec()
-        if place is None or place.is_last_row() or axis is axes[-1]:
-            axis.set_xlabel("time [s]")
 
 
 def _transient(axis: Any, t: FloatArray, values: FloatArray, std: FloatArray | None, true: float | None) -> None:

@@ -1,0 +1,66 @@
+"""``replant compare``: one recorded log through several methods."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from replant.cli.options import log_options, open_log
+from replant.cli.output import command_line, progress_bar
+from replant.comparison import METHODS, USUAL, Contender, compare
+from replant.errors import InvalidArgumentError
+from replant.logs import Log
+from replant.report.comparison import as_json as comparison_as_json
+from replant.report.comparison import print_comparison
+from replant.report.comparison_page import save_overlay, write_comparison
+from replant.settings import Request
+
+
+@click.command(name="compare")
+@log_options
+@click.option(
+    "--optimizer",
+    "methods",
+    type=click.Choice(METHODS),
+    multiple=True,
+    default=USUAL,
+    show_default=True,
+    metavar="NAME",
+    help=f"Once for each: {', '.join(METHODS)}.",
+)
+def command(as_json: bool, out: Path | None, methods: tuple[str, ...], **options: Any) -> None:
+    """Identify G(s) from LOG (csv, txt, parquet, mat, npz) by several methods, and set them side by side.
+
+    An optimizer goes online through the log, once, as `replant run` does; default is what that takes without an
+    optimizer named.  srivc and least_squares fit the whole log at once, as `replant fit` does.
+    """
+    log, request = open_log(options)
+    methods = tuple(dict.fromkeys(methods))
+    with progress_bar() as progress:
+        task = progress.add_task("", total=len(methods))
+        contenders = compare(
+            request, log.input, log.output, methods,
+            lambda name, part: progress.update(task, description=name, completed=methods.index(name) + part),
+        )  # fmt: skip
+    if all(entry.result is None for entry in contenders):
+        raise InvalidArgumentError(f"no method found a model; {contenders[0].name}: {contenders[0].problem}")
+    _deliver(contenders, log, request, as_json=as_json, out=out)
+
+
+def _deliver(contenders: Sequence[Contender], log: Log, request: Request, *, as_json: bool, out: Path | None) -> None:
+    from rich.console import Console
+
+    paths = []
+    if out is not None:
+        paths.append(save_overlay(out / "parameters.png", contenders, log, request.preprocess))
+        paths.append(write_comparison(out / "report.html", contenders, log, request.preprocess, command_line()))
+    if as_json:
+        click.echo(json.dumps(comparison_as_json(contenders), allow_nan=False))
+        return
+    print_comparison(Console(), contenders, request.structure, len(log))
+    for path in paths:
+        click.echo(f"wrote {path}")

@@ -1,0 +1,86 @@
+"""Page: what every page of a report shares: its assets, its head, a figure with its words, a list of facts."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable
+from datetime import datetime
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from string import Template
+
+_ICONS = {  # told apart by shape as well as by colour
+    "good": '<circle cx="12" cy="12" r="11"/><path class="mark" d="M6.5 12.5l3.7 3.7 7.3-8"/>',
+    "warn": '<path d="M12 1.5L23.5 22H.5z"/><path class="mark" d="M12 9v6M12 18v.6"/>',
+    "bad": '<path d="M7.4 1h9.2L23 7.4v9.2L16.6 23H7.4L1 16.6V7.4z"/><path class="mark" d="M8 8l8 8M16 8l-8 8"/>',
+}
+
+
+class Html(str):
+    """Text that is HTML already, where plain text would be escaped."""
+
+    __slots__ = ()
+
+
+@cache
+def asset(name: str) -> str:
+    """Return the text of a file that comes with the report."""
+    return resources.files("replant.report").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def today() -> str:
+    """Return date and time as a page's foot says them."""
+    return datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+
+
+def heading(title: str) -> str:
+    """Return a title, escaped, that may break after its underscores: it is a file's name most of the time."""
+    return html.escape(title).replace("_", "_<wbr>")
+
+
+def write_page(path: Path, *, title: str, eyebrow: str, lede: str, body: str) -> Path:
+    """Write a page without scripts into one file that holds everything, and return its path.
+
+    Parameters
+    ----------
+    path : Path
+        Its folder is made where it is missing.
+    title, eyebrow, lede : str
+        Plain text: the heading, the words above it, and those below it.
+    body : str
+        HTML.
+    """
+    page = Template(asset("page.html")).substitute(
+        title=html.escape(title),
+        heading=heading(title),
+        eyebrow=html.escape(eyebrow),
+        lede=html.escape(lede),
+        body=body,
+        css=asset("report.css"),
+        date=today(),
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+def icon(gravity: str) -> str:
+    """Return the sign of "good", "warn" or "bad" news."""
+    return f'<svg class="icon {gravity}" viewBox="0 0 24 24" aria-hidden="true">{_ICONS[gravity]}</svg>'
+
+
+def section(name: str, *parts: str) -> str:
+    """Return a section of a page; ``parts`` are HTML."""
+    title = f"<h2>{html.escape(name)}</h2>" if name else ""
+    return f"<section>{title}{''.join(parts)}</section>"
+
+
+def facts(rows: Iterable[tuple[str, str]]) -> str:
+    """Return a list of names and what is to be said of each."""
+    return "<dl>" + "".join(f"<dt>{html.escape(key)}</dt><dd>{html.escape(text)}</dd>" for key, text in rows) + "</dl>"
+
+
+def code(kind: str, text: str) -> str:
+    """Return a listing; ``kind`` is "shell" or "python"."""
+    return f'<pre class="{kind}" tabindex="0"><code>{html.escape(text)}</code></pre>'
