@@ -109,9 +109,7 @@ def test_at_a_new_solution_online_is_offline() -> None:
     u, y = made("order 2", noise=0.2)
     ident = rp.Identifier(AWKWARD["order 2"][0], DT)
     for samples in (1000, 2000, 4000):
-        ident.update_many(
-            u[ident._offered if ident.settings else 0 : samples], y[ident._offered if ident.settings else 0 : samples]
-        )
+        ident.update_many(u[ident.samples : samples], y[ident.samples : samples])
         offline = rp.fit(u[:samples], y[:samples], DT, ident.structure, method="srivc")
         std = np.sqrt(np.diag(offline.covariance))
         assert (np.abs(ident.parameters - offline.parameters) < 0.02 * std).all()
