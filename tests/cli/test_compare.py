@@ -1,0 +1,235 @@
+"""``replant compare``: every method's answer is its own command's, beside the others' on a terminal and on a page."""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.cli import main
+from replant.comparison import METHODS, USUAL, Contender, best, compare
+from replant.optimizers import OPTIMIZERS
+from replant.report.comparison_page import write_comparison
+from replant.report.figures import draw_overlay, style
+from replant.report.figures.overlay import limits
+from replant.settings import Request
+from replant.signals import prbs
+
+PLANT = rp.TransferFunction([2.0], [1.0, 0.5])
+COLUMNS = ("--input", "u [V]", "--output", "y [rpm]", "--poles", "1")
+SOME = ("default", "gradient", "srivc", "least_squares")
+
+
+def call(capsys: Any, *arguments: object) -> tuple[int, str, str]:
+    """Run the command line in this process; return exit code, stdout and stderr."""
+    try:
+        main([str(argument) for argument in arguments])
+        code = 0
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def chosen(*methods: str) -> list[str]:
+    return [word for method in methods for word in ("--optimizer", method)]
+
+
+def write(path: Path, u: np.ndarray, y: np.ndarray) -> Path:
+    rows = [f"{0.05 * k:.2f},{u[k]:.17g},{y[k]:.17g}" for k in range(u.size)]
+    path.write_text("t,u [V],y [rpm]\n" + "\n".join(rows) + "\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of 2/(s + 0.5) under a PRBS, with a working point and a little noise."""
+    u = 3.0 + prbs(3000, hold=10)
+    y = 7.0 + PLANT.simulate(u - 3.0, dt=0.05) + 0.02 * np.random.default_rng(1).standard_normal(u.size)
+    return write(tmp_path_factory.mktemp("rig") / "a<b>.csv", u, y)
+
+
+@pytest.fixture(scope="module")
+def contenders() -> list[Contender]:
+    u = prbs(3000, hold=10)
+    y = PLANT.simulate(u, dt=0.05) + 0.02 * np.random.default_rng(1).standard_normal(u.size)
+    return compare(Request(rp.Structure(1), 0.05), u, y, SOME)
+
+
+def test_each_answer_is_that_of_its_own_command(capsys: Any, log: Path) -> None:
+    code, out, err = call(capsys, "compare", log, *COLUMNS, *chosen(*SOME), "--json")
+    assert (code, err) == (0, "")
+    answers = json.loads(out)
+    assert list(answers) == list(SOME)
+    alone = {
+        "default": ["run"],
+        "gradient": ["run", "--optimizer", "gradient"],
+        "srivc": ["fit", "--method", "srivc"],
+        "least_squares": ["fit", "--method", "least_squares"],
+    }
+    for name, (command, *options) in alone.items():
+        own = json.loads(call(capsys, command, log, *COLUMNS, *options, "--json")[1])
+        for answer in (own, answers[name]):
+            assert answer.pop("elapsed_seconds") >= 0.0
+        assert answers[name] == own
+        assert own["parameters"]["a0"]["value"] == pytest.approx(0.5, rel=0.1)
+
+
+def test_the_names_are_the_optimizers_and_three_more() -> None:
+    assert set(METHODS) == {*OPTIMIZERS, "default", "srivc", "least_squares"}
+    assert set(USUAL) <= set(METHODS)
+    assert len(style.LINES) == len(set(map(str, style.LINES))) >= len(METHODS) - 1  # default is one of the optimizers
+
+
+def test_without_names_the_usual_ones_are_compared_and_none_twice(capsys: Any, log: Path) -> None:
+    assert list(json.loads(call(capsys, "compare", log, *COLUMNS, "--json")[1])) == list(USUAL)
+    out = call(capsys, "compare", log, *COLUMNS, *chosen("srivc", "gradient", "srivc"), "--json")[1]
+    assert list(json.loads(out)) == ["srivc", "gradient"]
+
+
+def test_a_person_reads_one_table(capsys: Any, log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    code, out, err = call(capsys, "compare", log, *COLUMNS, *chosen(*SOME))
+    assert (code, err) == (0, "")
+    head, *lines = out.splitlines()
+    assert head.split() == ["method", "verdict", "simulated", "one", "step", "time", "a0", "b0"]
+    rows = {line.split()[0]: line for line in lines[:4]}
+    assert list(rows) == list(SOME)
+    for name in ("default", "srivc"):
+        value, std = map(float, re.search(r"(0\.\d+) ± (0\.\d+)", rows[name]).groups())
+        assert abs(value - 0.5) < 5.0 * std
+    assert " ± " not in rows["least_squares"]
+    assert len({line.index("±") for line in rows.values() if "±" in line}) == 1, "signs below each other"
+
+
+def test_a_narrow_terminal_breaks_the_table_and_cuts_nothing(
+    capsys: Any, log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    _, out, _ = call(capsys, "compare", log, *COLUMNS[:4], "--poles", 2, "--zeros", 1, *chosen("srivc", "default"))
+    assert max(map(len, out.splitlines())) <= 60
+    heads = [line.split() for line in out.splitlines() if line.startswith("method")]
+    assert heads[0] == ["method", "verdict", "simulated", "one", "step", "time"]
+    assert [name for head in heads[1:] for name in head[1:]] == ["a1", "a0", "b1", "b0"]
+    assert "…" not in out
+
+
+def test_a_method_without_a_model_does_not_keep_the_others_from_it(capsys: Any, tmp_path: Path) -> None:
+    u = np.full(400, 1.5)
+    still = write(tmp_path / "still.csv", u, 3.0 + 0.01 * np.random.default_rng(1).standard_normal(u.size))
+    code, out, err = call(
+        capsys, "compare", still, *COLUMNS, *chosen("srivc", "least_squares"), "--json", "--out", tmp_path
+    )
+    assert (code, err) == (0, "")
+    answers = json.loads(out)
+    assert "srivc finds no model" in answers["srivc"]["problem"]
+    assert answers["least_squares"]["verdict"]["status"] == "not excited"
+    page = (tmp_path / "report.html").read_text()
+    assert "srivc: no model." in page
+    assert "no model" in call(capsys, "compare", still, *COLUMNS, *chosen("srivc", "least_squares"))[1]
+
+
+def test_no_model_at_all_is_one_line_and_exit_code_2(capsys: Any, tmp_path: Path) -> None:
+    u = np.full(400, 1.5)
+    still = write(tmp_path / "still.csv", u, 3.0 + 0.01 * np.random.default_rng(1).standard_normal(u.size))
+    code, out, err = call(capsys, "compare", still, *COLUMNS, *chosen("srivc"))
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "no method found a model; srivc: " in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("compare", "x.csv", *COLUMNS, "--optimizer", "magic"), ["magic", "amsgrad", "least_squares"]),
+        (("compare", "missing.csv", *COLUMNS), ["missing.csv"]),
+        (("compare", "x.csv", *COLUMNS[:4], "--poles", "1:3"), ["--poles", "one number"]),
+    ],
+)
+def test_a_wrong_call_is_one_line_and_exit_code_2(capsys: Any, arguments: tuple[str, ...], words: list[str]) -> None:
+    code, out, err = call(capsys, *arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert all(word in err for word in words), err
+
+
+def test_the_page_holds_everything(capsys: Any, log: Path, tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "folder"
+    code, said, _ = call(capsys, "compare", log, *COLUMNS, *chosen(*SOME), "--out", out)
+    assert code == 0
+    assert {path.name for path in out.iterdir()} == {"parameters.png", "report.html"}
+    assert said.endswith(f"wrote {out / 'parameters.png'}\nwrote {out / 'report.html'}\n")
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert not re.search(r"<script|<link(?! rel=\"icon\" href=\"data:,\")|src=|url\((?!#)", page), "asks for nothing"
+    assert "<h1>a&lt;b&gt;.csv</h1>" in page
+    assert page.count('<svg class="swatch" viewBox') == 2 * len(SOME)  # in the table and in the legend
+    for name in ("a0", "b0"):
+        assert re.search(rf'<svg role="img" aria-label="{name} over time by method; at the end: default 0?\.?\d', page)
+    assert page.count("<summary>") == len(SOME)
+    listed = html.unescape(re.search(r'<pre class="shell"[^>]*><code>(.*?)</code>', page, re.DOTALL)[1])
+    assert listed.startswith("replant compare ")
+    assert listed.endswith("--poles 1 " + " ".join(chosen(*SOME)))
+
+
+def test_its_programs_repeat_each_part(contenders: list[Contender], tmp_path: Path) -> None:
+    u = prbs(3000, hold=10)
+    y = PLANT.simulate(u, dt=0.05) + 0.02 * np.random.default_rng(1).standard_normal(u.size)
+    log = rp.Log(u, y, 0.05, None, "u", "y", Path())
+    page = write_comparison(tmp_path / "report.html", contenders, log, rp.Preprocess()).read_text(encoding="utf-8")
+    programs = re.findall(r"<summary>(\S+) alone.*?<code>(.*?)</code>", page, re.DOTALL)
+    assert [name for name, _ in programs] == list(SOME)
+    for (_, program), entry in zip(programs, contenders, strict=True):
+        names: dict[str, Any] = {"u": u, "y": y, "print": lambda model: None}
+        exec(html.unescape(program), names)
+        found = names["fitted"] if entry.fitted else names["ident"]
+        np.testing.assert_allclose(found.parameters, entry.result.parameters, rtol=0.02)
+
+
+def test_the_curves_hold_the_histories(contenders: list[Contender]) -> None:
+    results = {entry.name: entry.result for entry in contenders}
+    for i, axis in enumerate(draw_overlay(results, 0.05)):
+        drawn = {line.get_label(): np.asarray(line.get_xydata()) for line in axis.get_lines()}
+        assert list(drawn) == list(SOME)
+        for name, result in results.items():
+            last = result.parameters[i]
+            assert drawn[name][-1, 1] == pytest.approx(last, rel=0.02)
+            if result.history is None:
+                np.testing.assert_array_equal(drawn[name][:, 1], last)
+            else:
+                assert np.isin(drawn[name][:, 1], result.history.parameters[:, i]).all()
+        low, high = axis.get_ylim()
+        assert all(low < result.parameters[i] < high for result in results.values())
+        begun = drawn["default"][0, 0]
+        assert begun == pytest.approx(0.1 * 3000 * 0.05, rel=0.05), "nothing is drawn before there is an estimate"
+
+
+def test_one_that_shoots_off_does_not_flatten_the_others(contenders: list[Contender]) -> None:
+    *others, reference = [entry.result for entry in contenders if entry.result is not None]
+    calm = limits(others, reference, 0)
+    for value in (1e9, -1e300, np.inf, np.nan):
+        wild = dataclasses.replace(reference, parameters=np.array([value, value]))
+        low, high = limits([*others, wild], reference, 0)
+        assert low <= calm[0] < calm[1] <= high
+        assert high - low < 5.0 * abs(reference.parameters[0])
+
+
+def test_the_best_is_the_one_that_simulates_best(contenders: list[Contender]) -> None:
+    fits = {entry.name: entry.result.simulation.fit for entry in contenders if entry.result is not None}
+    assert best(contenders).name == max(fits, key=fits.get)
+    assert best([Contender("srivc", None, problem="none")]) is None
+
+
+def test_a_range_is_written_as_it_is_read(capsys: Any, log: Path, tmp_path: Path) -> None:
+    call(capsys, "fit", log, *COLUMNS[:4], "--poles", "1:2", "--delay", "0:0.2:0.1", "--out", tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "--poles 1:2:1 --delay 0.0:0.2:0.1" in page
+
+
+def test_help_of_out_tells_of_plots_and_report(capsys: Any) -> None:
+    for command in ("run", "fit", "compare"):
+        assert "Write plots (PNG) and report.html here." in " ".join(call(capsys, command, "--help")[1].split())
