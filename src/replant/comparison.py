@@ -96,7 +96,7 @@ def _identify(
     if name in OFFLINE:
         begun = time.perf_counter()
         fitted = fit(u, y, request.dt, request.structure, method=name, preprocess=request.preprocess)
-        return Contender(name, result_of_fit(fitted, begun), fitted)
+        return Contender(name, result_of_fit(fitted, u, y, begun), fitted)
     request = dataclasses.replace(request, optimizer=AUTO if name == DEFAULT else name)
     return Contender(name, run_online(request, u, y, lambda done: progress(name, done / u.size)))
 

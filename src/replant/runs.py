@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.assessment import Simulation, Verdict, fit_percent, judge, simulate
+from replant.assessment import Simulation, Verdict, assess_record, fit_percent, simulate
 from replant.defaults import settle
 from replant.filters import StateVariableFilter
 from replant.identifier import Identifier
@@ -17,6 +17,7 @@ from replant.offline import FitResult
 from replant.prediction import one_step
 from replant.preprocess import screen
 from replant.settings import Request, Settings
+from replant.startup import ready_record
 from replant.structure import Structure
 from replant.transfer_function import TransferFunction
 from replant.uncertainty import Uncertainty
@@ -164,8 +165,10 @@ def assess_run(
     )
 
 
-def result_of_fit(fitted: FitResult, begun: float) -> Result:
-    """Return the result of an offline fit; ``begun`` is the clock at its start."""
+def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float) -> Result:
+    """Return the result of an offline fit to the record u, y; ``begun`` is the clock at its start."""
+    hold = fitted.filter.input_hold
+    record = ready_record(fitted.structure, fitted.dt, fitted.preprocess, u, y, input_hold=hold)
     return Result(
         fitted.structure,
         fitted.parameters,
@@ -174,7 +177,14 @@ def result_of_fit(fitted: FitResult, begun: float) -> Result:
         fitted.simulation,
         fitted.samples,
         fitted.rejected,
-        judge(refused=False, condition=fitted.condition, simulated=fitted.simulation.fit, drift=0.0),
+        assess_record(
+            fitted.structure,
+            fitted.parameters,
+            record,
+            fitted.dt,
+            fitted.covariance,
+            instruments=fitted.method != "least_squares",
+        ),
         time.perf_counter() - begun,
         covariance=fitted.covariance,
     )

@@ -1,48 +1,170 @@
-"""For now: the provisional verdict."""
+"""From the evidence to the verdict: what each test finds, in which words, and what the findings come to.
+
+Trust needs that the newest samples excite the plant; that a model which has not seen them explains them from the
+input alone; that it leaves nothing worth mentioning that the input could still explain, and no more than it left
+before; and that the estimate is known well and stands still.  Source: Ljung (1999), "System Identification: Theory for
+the User", chapter 16; Soderstrom and Stoica (1989), "System Identification", chapter 11.
+
+Samples at a fixed rate, without time stamps, cannot tell a wrong sampling time: it is the same record in another unit
+of time.  With stamps it is found.
+"""
+
+from __future__ import annotations
 
 import math
+from typing import Any
 
-from replant.assessment.verdict import Verdict
+import numpy as np
 
-#: Condition number of the scaled regressors beyond which the data do not tell the parameters apart.
-WORST_CONDITION = 1e8
-#: Simulated fit in percent below which the model does not explain the data.
-POOREST_FIT = 50.0
-#: Movement of the estimate over the last tenth, as a part of its size, beyond which it still converges.
-MOST_DRIFT = 0.05
+from replant.assessment import residual_tests, sensor
+from replant.assessment.changes import burst_finding, growth_finding
+from replant.assessment.estimate import Certainty
+from replant.assessment.evidence import Evidence, Runs
+from replant.assessment.excitation import LEAST_POWER, excitation
+from replant.assessment.simulation import fit_percent
+from replant.assessment.verdict import Assessment, Finding, conclude
+
+# Simulated fit in percent below which the input explains next to nothing: at a fit of 10 the noise has four times the
+# power of the model's output, and a right model of such a plant is of little use.
+POOREST_FIT = 10.0
+# Part of the output's power that the input could still explain, up to which a model is trusted with a caveat: a
+# twentieth of the output's amplitude.  Real plants are never quite linear, nor of finite order.
+LARGEST_PART = 0.003
+# ... and below which it is not worth a word: a hundredth of the amplitude.
+NEGLIGIBLE = 1e-4
+RESTING = 1e-12  # relative movement of the input that is rounding
+
+Figures = dict[str, Any]
 
 
-def judge(*, refused: bool, condition: float, simulated: float, drift: float) -> Verdict:
-    """Return the verdict on an estimate from its figures, the gravest finding first.
+def judge(evidence: Evidence) -> Assessment:
+    """Return the verdict on an estimate from the evidence."""
+    figures: Figures = {"samples": evidence.samples, "held_out": evidence.held_out}
+    findings = _of_samples(evidence)
+    stop = any(finding.status != "converging" for finding in findings) or evidence.samples < evidence.enough
+    runs = None if stop else Runs.of(evidence)
+    if not stop and runs is None:
+        pole = np.roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])).real.max()
+        reason = f"run from the input alone the model leaves all bounds (a pole at {pole:+.3g} rad/s)"
+        findings.append(Finding("inconsistent", reason))
+    if runs is not None:
+        found = excitation(runs.now, evidence.newest)
+        figures |= {"condition": found.condition, "excitation": found.share}
+        findings += _of_sensor(evidence, runs)
+        if not _lacks_excitation(findings):
+            findings += found.findings
+        if not _lacks_excitation(findings):  # without it the model's tests say nothing
+            findings += _of_model(evidence, runs, figures)
+    return Assessment(*conclude(findings, _in_favour(evidence, figures)), **figures)
 
-    Parameters
-    ----------
-    refused : bool
-        Whether an update had to be undone because it left float64.
-    condition : float
-        Condition number of the scaled regressors.
-    simulated : float
-        Simulated fit in percent.
-    drift : float
-        Largest movement of a parameter over the last tenth of the record, as a part of its size.
 
-    Examples
-    --------
-    >>> judge(refused=False, condition=20.0, simulated=30.0, drift=0.0).status
-    'inconsistent'
-    """
-    if refused:
-        return Verdict("diverged", ("updates left the range of float64 and were undone: lower the gain or step size",))
-    if not condition < WORST_CONDITION:
-        figure = "infinite" if math.isinf(condition) else f"{condition:.1e}"
-        return Verdict(
-            "not excited",
-            (f"the input does not excite every parameter (condition number {figure}): move it more, or ask for less",),
-        )
-    if not simulated >= POOREST_FIT:
-        return Verdict(
-            "inconsistent", (f"the model run from the input alone explains the output poorly (fit {simulated:.1f} %)",)
-        )
-    if drift > MOST_DRIFT:
-        return Verdict("converging", (f"a parameter still moved by {100 * drift:.0f} % over the last tenth",))
-    return Verdict("trusted", (f"simulated fit {simulated:.1f} %, condition number {condition:.0f}",))
+def _lacks_excitation(findings: list[Finding]) -> bool:
+    return any(finding.status == "not excited" for finding in findings)
+
+
+def _rests(evidence: Evidence) -> bool:
+    u = evidence.record.u
+    return bool(np.ptp(u) <= RESTING * np.abs(u).max())
+
+
+def _of_samples(evidence: Evidence) -> list[Finding]:
+    """Return what the samples say by themselves, before any model."""
+    findings = []
+    if evidence.refused:
+        reason = "updates left the range of float64 and were undone: lower the gain or step size, then reset"
+        findings.append(Finding("diverged", reason))
+    if evidence.usual_interval:
+        findings += sensor.clock_finding(evidence.usual_interval, evidence.dt)
+    u, y = evidence.record.u, evidence.record.y
+    if _rests(evidence):
+        findings.append(Finding("not excited", "the input stands still: move it"))
+        return findings
+    if evidence.samples < evidence.enough:
+        reason = f"{evidence.samples} samples (since the last interruption) are too few to judge by"
+        findings.append(Finding("converging", reason))
+        return findings
+    if np.var(u[evidence.newest]) < LEAST_POWER * evidence.largest_power:
+        reason = f"the input hardly moves any more: its variance over {evidence.span} is"
+        part = 100.0 * float(np.var(u[evidence.newest])) / evidence.largest_power
+        findings.append(Finding("not excited", f"{reason} {part:.2g} % of what it was"))
+    if evidence.is_young:
+        reason = f"{evidence.unseen} samples that the estimate has not seen are too few to judge it by"
+        findings.append(Finding("converging", reason))
+    return findings + sensor.level_finding(u, y)
+
+
+def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
+    """Return what the sensor does wrong, beside the model's output."""
+    y, newest = evidence.record.y, evidence.newest
+    modelled = y - runs.old.error
+    noise = 1.4826 * float(np.median(np.abs(runs.old.error)))  # of a normal one; stretches of failure do not count
+    count = len(y[newest])
+    intervals = evidence.record.intervals
+    steps = np.full(count, intervals[0]) if intervals.size == 1 else intervals[newest]
+    return [
+        *sensor.saturation_finding(y[newest], modelled[newest]),
+        *sensor.stuck_finding(y[newest], modelled[newest], noise, np.cumsum(steps)),
+    ]
+
+
+def _of_model(evidence: Evidence, runs: Runs, figures: Figures) -> list[Finding]:
+    """Return what the tests of the model and of the estimate find."""
+    certainty = Certainty.of(evidence, runs)
+    figures |= certainty.figures
+    model = [
+        *_fit(evidence, runs, figures),
+        *_unexplained(evidence, runs, figures),
+        *growth_finding(evidence, runs, figures),
+        *burst_finding(evidence, runs),
+    ]
+    if certainty.improves:  # what the earlier estimate could not explain, the present one may
+        model = [Finding(max(found.status, "converging", key=_gravity), found.reason) for found in model]
+    return model + certainty.findings
+
+
+def _gravity(status: str) -> int:
+    return ("inconsistent", "converging", "trusted").index(status)
+
+
+def _fit(evidence: Evidence, runs: Runs, figures: Figures) -> list[Finding]:
+    y = evidence.record.y[evidence.newest]
+    figures["fit"] = fit = fit_percent(y, y - runs.error)
+    figures["whiteness"] = residual_tests.whiteness(runs.error)
+    if fit >= POOREST_FIT:
+        return []
+    if math.isnan(fit):
+        return [Finding("inconsistent", f"the output stands still over {evidence.span} while the input moves")]
+    seen = ", in sample," if evidence.in_sample else ""
+    reason = f"run from the input alone over {evidence.span}{seen} the model explains next to nothing of the output"
+    return [Finding("inconsistent", f"{reason} (fit {fit:.0f} %)")]
+
+
+def _unexplained(evidence: Evidence, runs: Runs, figures: Figures) -> list[Finding]:
+    """Test both runs: the earlier estimate over the samples held out, the present one over all that it should know."""
+    tested = [(runs.now, evidence.known, 0.0)]
+    if evidence.held_out:
+        tested.append((runs.old, evidence.newest, evidence.held_out / max(evidence.learned, 1)))
+    parts = []
+    for run, rows, surplus in tested:
+        found = residual_tests.unexplained(run, rows, evidence.dt, surplus)
+        power = float(np.var(evidence.record.y[rows]))
+        parts.append((min(found.power, float(np.var(run.error[rows]))) / power if power > 0.0 else 0.0, found))
+    part, found = max(parts, key=lambda each: (each[1].statistic > 1.0) * (1.0 + each[0]))
+    figures |= {"explained": part, "explained_limit": found.statistic}
+    if found.statistic <= 1.0 or part < NEGLIGIBLE:
+        return []
+    reason = f"the input could explain another {100 * part:.2g} % of the output's power, which the model leaves"
+    if part > LARGEST_PART:
+        reason += ": too few poles or zeros, a wrong dead time, or a plant that changes or is not linear"
+        return [Finding("inconsistent", reason)]
+    return [Finding("trusted", f"{reason}; small, but no chance")]
+
+
+def _in_favour(evidence: Evidence, figures: Figures) -> str:
+    """Return what speaks for the model."""
+    fit, uncertainty = figures.get("fit", math.nan), figures.get("uncertainty", math.nan)
+    seen = "in sample" if evidence.in_sample else "which it had not seen"
+    return (
+        f"run from the input alone over {evidence.span}, {seen}, the model fits the output to {fit:.1f} %; "
+        f"its coefficients are known to {100 * uncertainty:.2g} %"
+    )

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from replant.assessment.sums import without
 from replant.kernels import layout as at
 from replant.refined import Record
 from replant.state import State
 from replant.structure import Structure
 from replant.validation import FloatArray
-
-WEAKEST = 1e-10  # singular value, relative, below which a response of the initial state is left out of the fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +22,8 @@ class ModelRun:
     ----------
     structure : Structure
     parameters : (P,) array
+    u : (K,) array
+        The input.
     error : (K,) array
         Measured minus simulated output.
     forced : (K,) array
@@ -37,6 +38,7 @@ class ModelRun:
 
     structure: Structure
     parameters: FloatArray
+    u: FloatArray
     error: FloatArray
     forced: FloatArray
     states: FloatArray
@@ -77,22 +79,5 @@ def run_model(structure: Structure, parameters: FloatArray, record: Record, dt: 
         return None
     of_input, nuisances = phi[:, n : n + states], phi[:, n + states :]
     slopes = np.hstack([zeta[:, :n], of_input[:, states - inputs :]])
-    error = record.y - forced
-    error = error - nuisances @ least_squares_weights(nuisances, error)
-    return ModelRun(structure, parameters, error, forced, of_input, slopes, nuisances)
-
-
-def least_squares_weights(columns: FloatArray, target: FloatArray) -> FloatArray:
-    """Return the weights of scaled columns that fit the target best; columns that say nothing get none."""
-    lengths = np.linalg.norm(columns, axis=0)
-    lengths[lengths == 0.0] = 1.0
-    weights, *_ = np.linalg.lstsq(columns / lengths, target, rcond=WEAKEST)
-    return np.asarray(weights / lengths)
-
-
-def without(columns: FloatArray, nuisances: FloatArray) -> FloatArray:
-    """Return columns (K, C) less what the nuisances (K, N) explain of them."""
-    lengths = np.linalg.norm(nuisances, axis=0)
-    basis, triangle = np.linalg.qr(nuisances / np.where(lengths > 0.0, lengths, 1.0))
-    basis = basis[:, np.abs(np.diag(triangle)) > WEAKEST]
-    return np.asarray(columns - basis @ (basis.T @ columns))
+    error = without((record.y - forced)[:, None], nuisances)[:, 0]
+    return ModelRun(structure, parameters, record.u, error, forced, of_input, slopes, nuisances)

@@ -61,7 +61,7 @@ def _search(log: Log, options: dict[str, Any]) -> SearchResult:
 
 def _deliver(fitted: FitResult, log: Log, begun: float, *, as_json: bool, out: Path | None) -> None:
     report = {"filter": fitted.fixed_filter, "preprocess": fitted.preprocess, "python": fit_as_python(fitted, log)}
-    deliver(result_of_fit(fitted, begun), log, as_json=as_json, out=out, **report)
+    deliver(result_of_fit(fitted, log.input, log.output, begun), log, as_json=as_json, out=out, **report)
 
 
 def _print_candidates(found: SearchResult) -> None:

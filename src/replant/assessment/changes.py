@@ -1,0 +1,90 @@
+"""Whether something has changed: what a model leaves of the output, lately and before."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from replant.assessment.evidence import FEWEST, Evidence, Runs
+from replant.assessment.verdict import Finding
+from replant.validation import FloatArray
+
+# Standard deviations, of the logarithm of the residual's power, that are no chance
+SURE = 4.0
+# Part of the output's power by which the residual must have grown to matter: a tenth of the amplitude.  Disturbances
+# come and go; that they are stronger for a while does not make a model wrong.
+MATTERS = 0.01
+# A sudden failure is looked for over the last BLOCKS samples, so that it is found whether it is violent or mild,
+BLOCKS = (32, 64, 128, 256, 512)
+FEWEST_BLOCKS = 8  # of the same length before it
+# ... as a residual whose power is so many times the largest that it has been over as long,
+BURST = 1.5
+# ... and by so much of the output's power larger than the usual one.
+BURST_MATTERS = 0.05
+LONGEST_MEMORY = 500  # lags over which the residual's colour is counted
+
+
+def growth_finding(evidence: Evidence, runs: Runs, figures: dict[str, Any]) -> list[Finding]:
+    """Say whether the residual grew: over the samples held out, or the last quarter of a whole record."""
+    if evidence.follows:
+        return []
+    count = evidence.held_out or evidence.samples // 4
+    before, after = runs.old.error[: evidence.samples - count], runs.old.error[evidence.samples - count :]
+    if min(before.size, after.size) < FEWEST:
+        return []
+    figures["growth"], sigmas = growth(before, after)
+    more = float(np.var(after) - np.var(before))
+    if sigmas < SURE or not more > MATTERS * runs.power:
+        return []
+    span = f"the last {evidence.seconds(count):.3g} s"
+    reason = f"what the model leaves has grown {figures['growth']:.2g}-fold over {span}"
+    return [Finding("inconsistent", f"{reason}: plant, sensor or disturbances have changed")]
+
+
+def growth(before: FloatArray, after: FloatArray) -> tuple[float, float]:
+    r"""Return by how much the residual's power grew, and that in standard deviations of its logarithm.
+
+    A sample variance of N samples has the relative variance :math:`2 \sum_\tau r^2(\tau) / N` (Bartlett).
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).standard_normal((2, 2000))
+    >>> ratio, sigmas = growth(noise[0], 1.5 * noise[1])
+    >>> round(ratio, 1), sigmas > 4.0, abs(growth(*noise)[1]) < 3.0
+    (2.2, True, True)
+    """
+    first, second = before - before.mean(), after - after.mean()
+    p, q = float(np.mean(first**2)), float(np.mean(second**2))
+    if not (p > 0.0 and q > 0.0):
+        return (1.0, 0.0) if p == q else (math.inf if q > p else 0.0, math.inf if q > p else -math.inf)
+    spread = math.sqrt(2.0 * _memory(first) / first.size + 2.0 * _memory(second) / second.size)
+    return q / p, math.log(q / p) / spread
+
+
+def _memory(error: FloatArray) -> float:
+    """Return sum r^2 over all lags, the factor by which colour makes samples fewer."""
+    from scipy.signal import correlate
+
+    lags = min(error.size // 4, LONGEST_MEMORY)
+    whole = correlate(error, error, method="fft")[error.size - 1 : error.size + lags]
+    return float(2.0 * np.sum((whole / whole[0]) ** 2) - 1.0)
+
+
+def burst_finding(evidence: Evidence, runs: Runs) -> list[Finding]:
+    """Say whether the residual over the last moments is larger than it has ever been for as long."""
+    first = evidence.newest.start if evidence.follows else 0
+    error = runs.old.error[first:]
+    squares = (error - np.median(error)) ** 2
+    for count in BLOCKS:
+        blocks = squares.size // count
+        if blocks <= FEWEST_BLOCKS:
+            return []
+        powers = squares[squares.size - blocks * count :].reshape(blocks, count).mean(axis=1)
+        last, largest, usual = float(powers[-1]), float(powers[:-1].max()), float(np.median(powers))
+        if last > BURST * largest and last - usual > BURST_MATTERS * runs.power:
+            span = f"over the last {evidence.seconds(count):.3g} s"
+            reason = f"{span} the model leaves {last / largest:.2g} times the power that it ever left for as long"
+            return [Finding("inconsistent", f"{reason}: sensor, plant or load has changed")]
+    return []

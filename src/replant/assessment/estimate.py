@@ -1,0 +1,97 @@
+"""How well the estimate is known, whether it stands still, and whether the samples would put it where it is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.assessment import residual_tests
+from replant.assessment.evidence import Evidence, Runs
+from replant.assessment.verdict import Finding
+
+# Standard deviation of a coefficient of the denominator, as a part of its size, beyond which it is not known yet: the
+# 95 % interval is then wider than a third either way.
+MOST_UNCERTAIN = 0.15
+# Root mean square, over the simulated output's, of what the estimate's own error does to that output.
+MOST_SCATTER = 0.1
+# Movement of a coefficient as a part of its size, and in its standard deviations, beyond which the estimate still moves
+MOST_MOVED, MOVED_SIGMAS = 0.1, 4.0
+# Distance, as a part of the coefficients' size, from where the samples would put them, up to which it is of no account
+FARTHEST = 0.05
+# Chance that the distance is taken for real where it is not, of an estimate without instruments: noise does bias it,
+# and the only question is how much; over all samples kept, as the plant's changes do not matter to that.
+SUSPECT = 0.05
+# An estimate improves if it moved, and leaves less than this part of what the earlier one left of the same samples.
+IMPROVED = 0.9
+
+
+@dataclass(frozen=True)
+class Certainty:
+    """Figures of the estimate, as `Assessment` names them, and what they say."""
+
+    figures: dict[str, float]
+    improves: bool
+    findings: list[Finding]
+
+    @classmethod
+    def of(cls, evidence: Evidence, runs: Runs) -> Certainty:
+        """Examine the estimate."""
+        size, span = evidence.coefficients, evidence.record.span
+        if evidence.instruments:
+            away = residual_tests.distance(runs.now, evidence.known)
+        else:
+            away = residual_tests.distance(runs.now, slice(0, evidence.samples), SUSPECT)
+        known = away.covariance if evidence.covariance is None else evidence.covariance[:size, :size]
+        std = np.sqrt(np.maximum(np.diag(known), 0.0))
+        uncertainty = runs.size(std[: evidence.structure.poles], span)
+        step = (evidence.estimate - evidence.earlier)[:size]
+        moved, sigmas = runs.size(step, span), float((np.abs(step) / np.maximum(std, np.finfo(float).tiny)).max())
+        distance = runs.size(away.step, span)
+        figures = {"uncertainty": uncertainty, "movement": sigmas, "distance": distance}
+        left = float(np.var(runs.now.error[evidence.newest])), float(np.var(runs.error))
+        improves = evidence.adapts and moved > MOST_MOVED and left[0] < IMPROVED * left[1]
+        findings = [
+            *_of_uncertainty(uncertainty, _scatter(evidence, runs, known)),
+            *_of_movement(evidence, moved, sigmas, improves),
+            *_of_distance(evidence, distance, away.statistic),
+        ]
+        return cls(figures, improves, findings)
+
+
+def _scatter(evidence: Evidence, runs: Runs, covariance: np.ndarray) -> float:
+    """Return the size of what the estimate's error does to the simulated output, over that output."""
+    slopes = runs.now.zeta[evidence.known]
+    output = float(runs.now.forced[evidence.known].std())
+    made = float(np.trace(covariance @ np.atleast_2d(np.cov(slopes.T))))
+    return math.sqrt(max(made, 0.0)) / output if output > 0.0 else math.inf
+
+
+def _of_uncertainty(uncertainty: float, scatter: float) -> list[Finding]:
+    findings = []
+    if not uncertainty <= MOST_UNCERTAIN:
+        reason = f"a coefficient is known to {100 * uncertainty:.2g} % only"
+        findings.append(Finding("converging", f"{reason}: take more samples, move the input more, or ask for less"))
+    if not scatter <= MOST_SCATTER:
+        reason = f"the estimate's own uncertainty makes {100 * scatter:.2g} % of the simulated output"
+        findings.append(Finding("converging", reason))
+    return findings
+
+
+def _of_movement(evidence: Evidence, moved: float, sigmas: float, improves: bool) -> list[Finding]:
+    if not (moved > MOST_MOVED and (sigmas > MOVED_SIGMAS or improves)):
+        return []
+    reason = f"a coefficient has moved by {100 * moved:.2g} % over {evidence.span} ({sigmas:.2g} standard deviations)"
+    return [Finding("converging", reason)]
+
+
+def _of_distance(evidence: Evidence, distance: float, statistic: float) -> list[Finding]:
+    if not (statistic > 1.0 and distance > FARTHEST):
+        return []
+    reason = f"the samples would put a coefficient {100 * distance:.2g} % elsewhere"
+    if not evidence.adapts:
+        return [Finding("inconsistent", f"{reason}: the estimate is frozen, and the plant has changed")]
+    if not evidence.instruments:
+        return [Finding("inconsistent", f"{reason}: noise biases an estimate without instruments")]
+    return [Finding("converging", f"{reason}: the estimate has not caught up with them")]

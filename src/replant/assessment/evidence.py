@@ -1,0 +1,162 @@
+"""The evidence that a verdict is made from, and the runs of the model that the tests look at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.assessment.model_run import ModelRun, run_model
+from replant.refined import Record
+from replant.structure import Structure
+from replant.validation import FloatArray
+
+FEWEST = 100  # samples held out, below which they say nothing for a model
+PER_COEFFICIENT = 10  # ... and for each coefficient
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What a verdict is made from.
+
+    Attributes
+    ----------
+    structure : Structure
+    dt : float
+        Nominal sampling time in s.
+    record : Record
+        The newest samples.
+    estimate : (P,) array
+    covariance : (P, P) array or None
+        Of the estimate; None where none is known.
+    earlier : (P,) array
+        The estimate that the newest ``unseen`` samples were not used for.
+    unseen : int
+    learned : int
+        Samples that ``earlier`` was learned from.
+    in_sample : bool
+        Whether there is no such estimate: every sample was used, as in an offline fit.
+    refused : bool
+        Whether an update was undone because it would have left float64.
+    adapts : bool
+        False where the user froze the estimate.
+    instruments : bool
+        False where noise biases the estimate.
+    follows : bool
+        Whether the estimate is meant to follow a plant that changes: samples of long ago then say nothing about it.
+    largest_power : float
+        Largest moving variance that the input has had; 0 where it is not known.
+    usual_interval : float
+        Median time between samples in s, interruptions included; 0 where there are no time stamps.
+    """
+
+    structure: Structure
+    dt: float
+    record: Record
+    estimate: FloatArray
+    covariance: FloatArray | None
+    earlier: FloatArray
+    unseen: int
+    learned: int
+    in_sample: bool = False
+    refused: bool = False
+    adapts: bool = True
+    instruments: bool = True
+    follows: bool = False
+    largest_power: float = 0.0
+    usual_interval: float = 0.0
+
+    @property
+    def coefficients(self) -> int:
+        """How many coefficients G(s) has."""
+        return self.structure.poles + self.structure.zeros + 1
+
+    @property
+    def samples(self) -> int:
+        """How many samples there are."""
+        return self.record.u.size
+
+    @property
+    def enough(self) -> int:
+        """How many samples say something."""
+        return max(FEWEST, PER_COEFFICIENT * self.coefficients)
+
+    @property
+    def is_young(self) -> bool:
+        """Whether too few samples came since the earlier estimate to judge it by."""
+        return not self.in_sample and self.unseen < self.enough
+
+    @property
+    def held_out(self) -> int:
+        """How many of the newest samples the earlier estimate is judged by, 0 for all."""
+        return 0 if self.in_sample or self.is_young else self.unseen
+
+    @property
+    def newest(self) -> slice:
+        """The samples that the earlier estimate is judged by."""
+        return slice(self.samples - self.held_out, self.samples) if self.held_out else slice(0, self.samples)
+
+    @property
+    def known(self) -> slice:
+        """The samples that the present estimate should explain."""
+        return self.newest if self.follows else slice(0, self.samples)
+
+    def seconds(self, samples: int) -> float:
+        """Return how long the newest ``samples`` lasted, in s."""
+        intervals = self.record.intervals
+        return float(intervals[0]) * samples if intervals.size == 1 else float(intervals[-samples:].sum())
+
+    @property
+    def span(self) -> str:
+        """In words, how long the samples last that the earlier estimate is judged by."""
+        return f"the last {self.seconds(self.held_out or self.samples):.3g} s"
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """The earlier and the present estimate run over the samples.
+
+    Attributes
+    ----------
+    old, now : ModelRun
+    error : (W,) array
+        Of the earlier one over the newest samples, its mean taken off.
+    power : float
+        Variance of the output over the newest samples.
+    """
+
+    old: ModelRun
+    now: ModelRun
+    error: FloatArray
+    power: float
+
+    @classmethod
+    def of(cls, evidence: Evidence) -> Runs | None:
+        """Run both; None where one leaves float64."""
+        old = run_model(evidence.structure, evidence.earlier, evidence.record, evidence.dt)
+        if old is None:
+            return None
+        now: ModelRun | None = old
+        if not np.array_equal(evidence.earlier, evidence.estimate):
+            now = run_model(evidence.structure, evidence.estimate, evidence.record, evidence.dt)
+        if now is None:
+            return None
+        error = old.error[evidence.newest]
+        return cls(old, now, error - error.mean(), float(np.var(evidence.record.y[evidence.newest])))
+
+    def size(self, step: FloatArray, span: float) -> float:
+        """Return the size of a step of the coefficients, as a part of theirs.
+
+        The largest of abs(step of a_i) over the coefficient of prod(s + abs(pole)), the size that it would have with
+        all poles real (a pole slower than the record is long counts as one just as long), and of half of what a step
+        of b_j makes of the output, over the output.
+        """
+        n = self.now.structure.poles
+        poles = np.abs(np.roots(np.concatenate([[1.0], self.now.parameters[:n]])))
+        sizes = np.poly(-np.maximum(poles, 1.0 / span))[1:]
+        largest = float((np.abs(step[:n]) / sizes).max())
+        output = float(self.now.forced.std())
+        if step.size == n or not output > 0.0:
+            return largest
+        made = np.abs(step[n:]) * self.now.zeta[:, n:].std(axis=0) / output
+        return max(largest, 0.5 * float(made.max()))

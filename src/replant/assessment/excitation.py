@@ -1,0 +1,66 @@
+r"""Excitation: whether the samples tell the parameters apart, and lately as well as before.
+
+The information matrix of the coefficients, :math:`\sum \zeta\zeta^T` over the instruments (the slopes of the simulated
+output along a and b), offset and initial state eliminated, each entry scaled by its size over all samples.
+
+Source: Ljung (1999), "System Identification: Theory for the User", sections 13.2 and 14.4; Soderstrom and Stoica
+(1989), "System Identification", section 5.4.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.assessment.model_run import ModelRun
+from replant.assessment.sums import products, without
+from replant.assessment.verdict import Finding
+
+#: Condition number of the scaled regressors beyond which float64 does not tell the parameters apart.
+WORST_CONDITION = 1e7
+# Smallest eigenvalue of the newest samples' information, as a part of what it is over all, below which nothing that
+# they show speaks for or against the model: their standard deviations would be ten times those of as many others.
+LEAST_SHARE = 0.01
+# Variance of the input over the newest samples, as a part of the largest that it has been, below which it rests: a
+# thirtieth of the amplitude.
+LEAST_POWER = 1e-3
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """How well the samples tell the coefficients apart; see `Assessment` for the two figures."""
+
+    condition: float
+    share: float
+
+    @property
+    def findings(self) -> list[Finding]:
+        """Say what is missing."""
+        if not self.condition < WORST_CONDITION:
+            figure = "infinite" if math.isinf(self.condition) else f"{self.condition:.1e}"
+            reason = f"the input does not excite every coefficient (condition number {figure}): move it more"
+            return [Finding("not excited", f"{reason}, or ask for fewer poles and zeros")]
+        if not self.share >= LEAST_SHARE:
+            reason = "the input hardly moves any more: the newest samples hold"
+            return [Finding("not excited", f"{reason} {100 * max(self.share, 0.0):.2g} % of the usual information")]
+        return []
+
+
+def excitation(run: ModelRun, newest: slice) -> Excitation:
+    """Return the excitation over a run, and over its ``newest`` samples as a part of that."""
+    zeta = without(run.zeta, run.nuisances)
+    lengths = np.linalg.norm(zeta, axis=0)
+    # what is left of a signal that the nuisances explain altogether is rounding
+    if not (lengths > 1e-9 * np.linalg.norm(run.zeta, axis=0)).all():
+        return Excitation(math.inf, 0.0)
+    scaled = zeta / lengths * math.sqrt(len(zeta))
+    values = np.linalg.eigvalsh(products(scaled, scaled) / len(zeta))
+    condition = math.sqrt(values[-1] / values[0]) if values[0] > 0.0 else math.inf
+    if not condition < WORST_CONDITION:
+        return Excitation(condition, 0.0)
+    recent = run.zeta[newest] / lengths * math.sqrt(len(zeta))
+    recent = recent - recent.mean(axis=0)
+    least = float(np.linalg.eigvalsh(products(recent, recent) / len(recent))[0])
+    return Excitation(condition, least / float(values[0]))

@@ -1,0 +1,75 @@
+"""The verdict on a fit to a whole record: the same tests, in sample, as no sample is left that the fit has not seen."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from replant.assessment.evidence import Evidence
+from replant.assessment.judge import judge
+from replant.assessment.verdict import Assessment
+from replant.refined import Record
+from replant.structure import Structure
+from replant.validation import FloatArray
+
+MOST_SAMPLES = 50_000  # looked at, the newest of them: five times what an identifier keeps
+
+
+def assess_record(
+    structure: Structure,
+    parameters: FloatArray,
+    record: Record,
+    dt: float,
+    covariance: FloatArray | None = None,
+    *,
+    instruments: bool = True,
+) -> Assessment:
+    """Return the verdict on a model fitted to a record.
+
+    Parameters
+    ----------
+    structure : Structure
+    parameters : (P,) array
+        In the order of ``structure.names``.
+    record : Record
+        What it was fitted to, made ready.
+    dt : float
+        Nominal sampling time in s.
+    covariance : (P, P) array, optional
+        Of the parameters.
+    instruments : bool
+        False of least squares, which noise biases.
+
+    Examples
+    --------
+    >>> from replant.transfer_function import TransferFunction
+    >>> u = np.where(np.arange(400) // 50 % 2 == 0, 1.0, -1.0)
+    >>> y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, 0.1)
+    >>> verdict = assess_record(Structure(1), np.array([0.5, 2.0]), Record(u, y, np.array([0.1])), 0.1)
+    >>> verdict.status, verdict.fit
+    ('trusted', 100.0)
+    """
+    count = record.u.size
+    irregular = record.intervals.size > 1
+    usual_interval = float(np.median(record.intervals[1:])) if irregular else 0.0
+    if count > MOST_SAMPLES:
+        intervals = record.intervals[-MOST_SAMPLES:] if irregular else record.intervals
+        record = dataclasses.replace(
+            record, u=record.u[-MOST_SAMPLES:], y=record.y[-MOST_SAMPLES:], intervals=intervals
+        )  # fmt: skip
+    known = None if covariance is None or not np.isfinite(covariance).all() else covariance
+    evidence = Evidence(
+        structure,
+        dt,
+        record,
+        parameters,
+        known,
+        earlier=parameters,
+        unseen=0,
+        learned=count,
+        in_sample=True,
+        instruments=instruments,
+        usual_interval=usual_interval,
+    )
+    return judge(evidence)

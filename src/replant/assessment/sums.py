@@ -1,0 +1,52 @@
+"""Sums over samples of products of columns, and what is solved with them.
+
+In blocks so small that the linear algebra behind NumPy does not start threads: on a busy machine those wait for each
+other many times longer than the work takes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from replant.validation import FloatArray
+
+SMALL = 1 << 17  # multiplications that stay in one thread
+WEAKEST = 1e-13  # eigenvalue of scaled sums, relative, below which a direction counts as not there
+
+
+def products(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return a' b of two records of columns, (K, P) and (K, Q).
+
+    Examples
+    --------
+    >>> columns = np.arange(6.0).reshape(3, 2)
+    >>> products(columns, columns)
+    array([[20., 26.],
+           [26., 35.]])
+    """
+    rows = max(16, SMALL // (a.shape[1] * b.shape[1]))
+    total = np.zeros((a.shape[1], b.shape[1]))
+    for begin in range(0, len(a), rows):
+        total += a[begin : begin + rows].T @ b[begin : begin + rows]
+    return total
+
+
+def lengths_of(columns: FloatArray) -> FloatArray:
+    """Return the Euclidean length of each column; 1 for one that is zero, so that one can divide by it."""
+    lengths = np.sqrt(np.einsum("ij,ij->j", columns, columns))
+    return np.where(lengths > 0.0, lengths, 1.0)
+
+
+def orthogonal(matrix: FloatArray) -> FloatArray:
+    """Return T (P, R) with T' M T = 1 for a symmetric M of rank R; what is not there is left out."""
+    values, vectors = np.linalg.eigh(matrix)
+    kept = values > WEAKEST * max(float(values[-1]), np.finfo(float).tiny)
+    return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+
+
+def without(columns: FloatArray, nuisances: FloatArray) -> FloatArray:
+    """Return columns (K, C) less what the nuisances (K, N) explain of them, in the sense of least squares."""
+    nuisances = nuisances / lengths_of(nuisances)
+    basis = orthogonal(products(nuisances, nuisances))
+    weights = basis @ (basis.T @ products(nuisances, columns))
+    return np.asarray(columns - np.einsum("ij,jk->ik", nuisances, weights))
