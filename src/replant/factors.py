@@ -72,6 +72,7 @@ def larger(coloured: FloatArray, white: FloatArray) -> FloatArray:
 
     Where the residual is white both agree; where they do not, the larger one is the honest one.
     """
-    ratio = np.diag(white) / np.maximum(np.diag(coloured), np.finfo(float).tiny)
-    stretch = np.sqrt(np.maximum(ratio, 1.0))
+    if not (np.diag(coloured) > np.finfo(float).eps * np.diag(white)).all():
+        return white  # a colour that explains the residual to rounding is none
+    stretch = np.sqrt(np.maximum(np.diag(white) / np.diag(coloured), 1.0))
     return np.asarray(coloured * np.outer(stretch, stretch))
