@@ -18,6 +18,13 @@ G1 = rp.TransferFunction([1.25], [1.0, 0.5])
 G2 = rp.TransferFunction([7.5, -12.5], [1.0, 15.0, 100.0])
 
 
+class Thing:
+    """An object that is nothing numeric; it prints alike in every process, as names of tests must."""
+
+    def __repr__(self) -> str:
+        return "Thing()"
+
+
 def random_plant(seed: int, poles: int, zeros: int = 0, delay: float = 0.0) -> rp.TransferFunction:
     """A stable plant: poles of 0.5 to 3 rad/s, damped by 0.3 at least, zeros alike, a static gain of 0.5 to 2."""
     generator = np.random.default_rng(seed)

@@ -89,3 +89,12 @@ def test_the_larger_of_two_covariances_has_the_larger_variances(seed: int) -> No
     np.testing.assert_allclose(correlation, expected, rtol=1e-12)
     assert np.linalg.eigvalsh(result).min() > 0
     np.testing.assert_array_equal(larger(one, 1e-9 * other), one)
+
+
+@pytest.mark.parametrize("nothing", [0.0, 1e-320, 1e-40])
+def test_a_covariance_that_vanishes_yields_to_the_other(nothing: float) -> None:
+    """A residual that its own past explains to rounding has no innovation: no overflow, the plain one."""
+    white = positive(0, 3)
+    np.testing.assert_array_equal(larger(nothing * np.eye(3), white), white)
+    vanishing = np.diag([1.0, nothing, 1.0])
+    np.testing.assert_array_equal(larger(vanishing, white), white)

@@ -18,6 +18,7 @@ import replant as rp
 from builders import (
     G1,
     G2,
+    Thing,
     identifier,
     is_finite,
     random_plant,
@@ -370,7 +371,7 @@ def test_a_spike_is_counted_and_leaves_the_estimate_alone(spike: float, preproce
         np.testing.assert_array_equal(spiked.parameters, clean.parameters)
 
 
-@pytest.mark.parametrize("bad", ["a", b"1", None, 1j, np.complex128(1), object(), [1.0], np.ones(1), 10**400], ids=repr)
+@pytest.mark.parametrize("bad", ["a", b"1", None, 1j, np.complex128(1), Thing(), [1.0], np.ones(1), 10**400], ids=repr)
 @pytest.mark.parametrize("ready", [True, False], ids=["running", "starting"])
 def test_update_refuses_what_is_no_number(bad: Any, ready: bool) -> None:
     ident = identifier() if ready else rp.Identifier(rp.Structure(1), 0.1)
@@ -397,7 +398,7 @@ def test_update_refuses_what_is_no_number(bad: Any, ready: bool) -> None:
         (None, [1.0], "u must hold real numbers, got dtype object"),
         ([1.0], [None], "y must hold real numbers, got dtype object"),
         ([1.0], [1j], "y must hold real numbers, got dtype complex128"),
-        ([1.0], [object()], "y must hold real numbers, got dtype object"),
+        ([1.0], [Thing()], "y must hold real numbers, got dtype object"),
         ([1.0], np.array(["2020-01-01"], "M8[D]"), "y must hold real numbers"),
         ([[1.0], [1.0, 2.0]], [1.0, 2.0], "u must be an array of numbers"),
     ],

@@ -11,7 +11,7 @@ import pytest
 from scipy import signal
 
 import replant as rp
-from builders import G1, G2, binary, random_plant
+from builders import G1, G2, Thing, binary, random_plant
 
 DT = 0.1
 
@@ -316,7 +316,7 @@ def test_it_cannot_be_changed_nor_does_it_follow_its_arguments() -> None:
         ((None, [1.0, 1.0]), "num"),
         (([1j], [1.0, 1.0]), "num"),
         (([1.0], np.array([1.0, 1.0j])), "den"),
-        (([1.0], [object(), 1.0]), "den"),
+        (([1.0], [Thing(), 1.0]), "den"),
         (([[1.0, 2.0]], [1.0, 1.0]), "num"),
         (([1.0], [[1.0], [1.0, 2.0]]), "den"),
         (([1.0], [1.0, 1.0], -0.1), "delay"),
