@@ -6,12 +6,15 @@ from pathlib import Path
 
 import click
 
+from replant.cli.output import command_line
 from replant.cli.reproduce import deliver
 from replant.filters import StateVariableFilter
+from replant.logs import Log
 from replant.optimizers import AMSGrad
 from replant.paper.everything import ACTUATOR, ACTUATOR_FIGURES
 from replant.replay import Replay
 from replant.report.figures import save_figures
+from replant.report.html import write_report
 from replant.report.summary import print_result, true_parameters
 from replant.rigs import deap_rig, deap_voltage
 from replant.runs import run_online
@@ -30,7 +33,7 @@ def command(out: Path, full: bool) -> None:
     The article's method throughout: state-variable filters, normalisation, AMSGrad, a replay buffer of 240000.
     """
     if full:
-        deliver((*ACTUATOR_FIGURES, ACTUATOR), out)
+        deliver((*ACTUATOR_FIGURES, ACTUATOR), out, report=True)
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -54,6 +57,11 @@ def command(out: Path, full: bool) -> None:
         result = run_online(request, u, y, lambda done: progress.update(task, completed=done))
     print_result(console, result, truth=rig.plant)
     console.print()
-    labels = {"input_label": "voltage [kV]", "output_label": "displacement [mm]"}
-    for path in save_figures(out, result, u, y, rig.dt, truth=true_parameters(rig.plant), **labels):
+    names = ("voltage [kV]", "displacement [mm]")
+    truth = true_parameters(rig.plant)
+    paths = save_figures(out, result, u, y, rig.dt, truth=truth, input_label=names[0], output_label=names[1])
+    log = Log(u, y, rig.dt, None, *names, Path())
+    title = "Dielectric elastomer actuator, simulated"
+    paths.append(write_report(out / "report.html", result, log, truth=truth, command=command_line(), title=title))
+    for path in paths:
         click.echo(f"wrote {path}")

@@ -62,7 +62,7 @@ def command_line() -> str:
         if name in ("as_json", "out") or source is not ParameterSource.COMMANDLINE:
             continue
         if isinstance(parameter, click.Argument):
-            words.append(str(value))
+            words += map(str, value if isinstance(value, tuple) else (value,))
         elif value is True:
             words.append(parameter.opts[-1])
         elif isinstance(parameter.type, Range):

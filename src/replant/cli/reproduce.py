@@ -10,11 +10,12 @@ from typing import Any
 
 import click
 
-from replant.cli.output import progress_bar
+from replant.cli.output import command_line, progress_bar
 from replant.paper import actuator_rendering
 from replant.paper.actuator import NOTES, Actuator
 from replant.paper.everything import ACTUATOR, NAMES, Outcome, is_figure, run, save, steps
 from replant.paper.rendering import SOURCE, as_json, as_markdown, as_rich, notes, summary
+from replant.paper.report import as_element, write_report
 
 DEFAULT_FOLDER = Path("out/reproduce")
 
@@ -34,31 +35,34 @@ def _known(ctx: click.Context, parameter: click.Parameter, names: tuple[str, ...
     "--out",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help=f"Where figures (PNG, SVG), tables.md and tables.json go; with figures {DEFAULT_FOLDER} if left out.",
+    help=f"Where figures (PNG, SVG), tables and report.html go; with figures {DEFAULT_FOLDER} if left out.",
 )
 def command(names: tuple[str, ...], json_only: bool, out: Path | None) -> None:
     """Reproduce the article's tables and figures, beside the published numbers.
 
     NAME is table1 to table4, fig1 to fig4, fig6 to fig8, or actuator: the table that compares the runs of Figures 7
-    and 8, on a simulated rig.  Without a name, everything.
+    and 8, on a simulated rig.  Without a name, everything, and report.html with all of it.
 
     In the tables, rows without a buffer are exact and compared by the printed three digits; rows with one are run over
     20 seeds, and compared by their mean and standard deviation.
     """
     if out is None and any(is_figure(name) for name in names):
         out = DEFAULT_FOLDER
-    deliver(names, out, json_only=json_only)
+    deliver(names, out, json_only=json_only, report=names == NAMES)
 
 
-def deliver(names: Sequence[str], out: Path | None, *, json_only: bool = False) -> None:
-    """Reproduce ``names``, print the tables and write all there is into ``out``."""
+def deliver(names: Sequence[str], out: Path | None, *, json_only: bool = False, report: bool = False) -> None:
+    """Reproduce ``names``, print the tables and write all there is into ``out``; with ``report``, one page as well."""
     if out is not None:
         with _writable(out):  # before the work, not after it
             out.mkdir(parents=True, exist_ok=True)
-    outcome, written = _run(names, out)
+    outcome, written, pictures = _run(names, out, report=report)
     text = json.dumps(results_as_json(outcome), indent=2, allow_nan=False)
     if out is not None and (outcome.tables or outcome.actuator):
         written += _write_tables(out, text, outcome)
+    if out is not None and report:
+        with _writable(out):
+            written.append(write_report(out / "report.html", outcome, pictures, command_line()))
     if json_only:
         click.echo(text)
     else:
@@ -94,23 +98,25 @@ def _writable(out: Path) -> Iterator[None]:
         raise click.BadParameter(f"cannot write {where}: {cause.strerror}", param_hint="--out") from cause
 
 
-def _run(names: Sequence[str], out: Path | None) -> tuple[Outcome, list[Path]]:
-    """Run and draw what is asked for; return the outcome and the paths of the figures."""
+def _run(names: Sequence[str], out: Path | None, *, report: bool) -> tuple[Outcome, list[Path], dict[str, str]]:
+    """Run and draw what is asked for; return the outcome, the paths of the figures and, for a report, the figures."""
     drawn = [name for name in names if is_figure(name)]
     if drawn:
         from replant.report.style import blank_figure
 
         blank_figure(1.0, 1.0)  # is matplotlib there?
     written: list[Path] = []
+    pictures: dict[str, str] = {}
     with progress_bar() as progress:
         task = progress.add_task("", total=steps(names) + len(drawn))
         outcome = run(names, lambda name: progress.update(task, description=name, advance=1))
         if out is not None and drawn:
             with _writable(out):
-                for paths in save(outcome, drawn, out):
+                for name, canvas, paths in save(outcome, drawn, out):
                     written += paths
-                    progress.update(task, description=paths[0].stem, advance=1)
-    return outcome, written
+                    pictures |= {name: as_element(canvas, name)} if report else {}
+                    progress.update(task, description=name, advance=1)
+    return outcome, written, pictures
 
 
 def _write_tables(out: Path, text: str, outcome: Outcome) -> list[Path]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import groupby
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ from replant.paper.actuator import DEFAULT, NORMALISED, NOTES, OFFLINE, Actuator
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
 
+Texts = tuple[str, ...]
 TITLE = "The actuator: twelve online runs, least squares, and replant's default"
 LEGEND = (
     "a2 to b0: error of the last estimate, in percent of the true value.",
@@ -39,24 +40,32 @@ def as_json(actuator: Actuator) -> dict[str, dict[str, dict[str, float | None]]]
 
 def as_markdown(actuator: Actuator) -> str:
     """Return the tables as a Markdown section: the summary table, then every measure by coefficient."""
-    names = list(actuator.record.true)
-    parts = [
-        f"## {TITLE}",
-        _markdown(("method", *_headings(actuator)), [(row.label, *_fields(row)) for row in actuator.rows]),
-    ]
+    parts = [f"## {TITLE}", _markdown(*summary_table(actuator))]
     parts.append("\n".join(f"* {line}" for line in (*LEGEND, *NOTES, *summary(actuator))))
+    for title, headings, rows in measure_tables(actuator):
+        parts += [f"### {title}", _markdown(headings, rows)]
+    return "\n\n".join(parts) + "\n"
+
+
+def summary_table(actuator: Actuator) -> tuple[Texts, list[Texts]]:
+    """Return headings and rows of the table, as text."""
+    return ("method", *_headings(actuator)), [(row.label, *_fields(row)) for row in actuator.rows]
+
+
+def measure_tables(actuator: Actuator) -> Iterator[tuple[str, Texts, list[Texts]]]:
+    """Return title, headings and rows of a table for each measure, by coefficient."""
+    names = tuple(actuator.record.true)
     for title, prefix, write in (
         ("Index J of each coefficient", "J", _scientific),
         ("Time [s] from which on it stays within 10 %", "settled", _short),
         ("Roughness [%] of each coefficient", "roughness", _short),
     ):
-        rows = [
+        rows: list[Texts] = [
             (row.label, *(write(_figures(row)[f"{prefix}_{name}"]) for name in names))
             for row in actuator.rows
             if row.measures is not None
         ]
-        parts += [f"### {title}", _markdown(("method", *names), rows)]
-    return "\n\n".join(parts) + "\n"
+        yield title, ("method", *names), rows
 
 
 def as_rich(actuator: Actuator) -> RichTable:

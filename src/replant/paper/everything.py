@@ -84,8 +84,11 @@ def drawings(outcome: Outcome, names: Sequence[str]) -> Iterator[tuple[str, Any]
             yield f"{name}-exact", draw_transients(name, outcome.actuator, "exact")
 
 
-def save(outcome: Outcome, names: Sequence[str], folder: Path) -> Iterator[list[Path]]:
-    """Draw the figures among ``names`` into ``folder``, PNG and SVG; yield the paths of each as it is written."""
+def save(outcome: Outcome, names: Sequence[str], folder: Path) -> Iterator[tuple[str, Any, list[Path]]]:
+    """Draw the figures among ``names`` into ``folder``, PNG and SVG; yield name, matplotlib figure and paths of each.
+
+    A figure is to be used at once, while its fonts are set.
+    """
     from replant.report.style import font
 
     with font():
@@ -93,7 +96,7 @@ def save(outcome: Outcome, names: Sequence[str], folder: Path) -> Iterator[list[
             paths = [folder / f"{name}.png", folder / f"{name}.svg"]
             canvas.savefig(paths[0], dpi=DOTS)
             canvas.savefig(paths[1], metadata={"Date": None})
-            yield paths
+            yield name, canvas, paths
 
 
 def _needs_runs(names: Sequence[str]) -> bool:

@@ -92,7 +92,7 @@ def _html_table(contenders: Sequence[Contender], labels: Sequence[str], samples:
         rows.append([name, verdict, *outcome, *map(_two_lines, cells[len(outcome) :])])
     headings = ("method", "verdict", "simulated fit", "one-step fit", "time", *labels)
     return (
-        tables.table(headings, rows, "Methods compared", "table wide")
+        tables.table(headings, rows, "Methods compared", "table wide methods")
         + '<p class="note">Estimate ± standard deviation, where the method tells one.</p>'
     )
 

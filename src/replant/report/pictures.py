@@ -103,8 +103,11 @@ def correlation_pictures(material: Material) -> tuple[str, str]:
     return svg(left.figure, "auto"), svg(right.figure, "cross")
 
 
-def svg(figure: Any, name: str) -> str:
-    """Return a figure as an ``svg`` element; ``name`` keeps its ids apart from other figures'."""
+def svg(figure: Any, name: str, *, themed: bool = True) -> str:
+    """Return a figure as an ``svg`` element; ``name`` keeps its ids apart from other figures'.
+
+    Its colours follow the page's where ``themed``, else they are those that it was drawn in.
+    """
     import matplotlib as mpl
 
     buffer = io.StringIO()
@@ -118,8 +121,8 @@ def svg(figure: Any, name: str) -> str:
     text = re.sub(r'\bid="', f'id="{name}-', text)
     text = re.sub(r'(href="#|url\(#)', rf"\1{name}-", text)
     text = re.sub(r'(?<= d=")[^"]*', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), text)
-    for colour, variable in _VARIABLES.items():
-        text = re.sub(rf"{colour}\b", f"var(--{variable})", text, flags=re.IGNORECASE)
+    for colour, name_there in _VARIABLES.items() if themed else ():
+        text = re.sub(rf"{colour}\b", f"var(--{name_there})", text, flags=re.IGNORECASE)
     return text
 
 

@@ -1,0 +1,146 @@
+"""The report of `replant reproduce`: every table and figure of the article beside ours, on one page."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from replant.paper import actuator_rendering
+from replant.paper.actuator import DEFAULT, NOTES, Actuator
+from replant.paper.everything import ACTUATOR_FIGURES, Outcome
+from replant.paper.figures import FIGURES
+from replant.paper.rendering import SOURCE, notes, summary
+from replant.paper.reproduction import Cell, TableResult
+from replant.report.numbers import number
+from replant.report.page import Html, code, facts, icon, section, write_page
+from replant.report.pictures import svg
+from replant.report.tables import table, versions
+
+TITLE = "The buffered optimization methods, reproduced"
+LEDE = (
+    "J. Bernat and J. Kolota (2023), The buffered optimization methods for online transfer function identification "
+    "employed on DEAP actuator, Archives of Control Sciences 33(3), 565-587, doi 10.24425/acs.2023.146960"
+)
+_TRANSIENTS = "Each parameter's estimate over time, by method; true values dashed."
+#: What each figure shows, for those who do not see it.
+CAPTIONS = {
+    **dict.fromkeys(FIGURES, _TRANSIENTS),
+    "fig6": "The simulated actuator: its input, its output over the whole record and in two windows of it, with the "
+    "free runs of the models that least squares finds offline.",
+    "fig7": f"{_TRANSIENTS} Gradient and IntegralCost with the article's filters.",
+    "fig7-exact": f"{_TRANSIENTS} Gradient and IntegralCost with exact filters.",
+    "fig8": f"{_TRANSIENTS} AMSGrad and Adam with the article's filters.",
+    "fig8-exact": f"{_TRANSIENTS} AMSGrad and Adam with exact filters.",
+}
+
+
+def as_element(canvas: Any, name: str) -> str:
+    """Return a matplotlib figure as an ``svg`` element whose text is text, in the colours of paper."""
+    import matplotlib as mpl
+
+    with mpl.rc_context({"svg.fonttype": "none"}):
+        return svg(canvas, name, themed=False)
+
+
+def write_report(path: Path, outcome: Outcome, pictures: Mapping[str, str], command: str = "") -> Path:
+    """Write tables and figures into one HTML file that opens offline, and return its path.
+
+    Parameters
+    ----------
+    path : Path
+        The file to write; its folder is made where it is missing.
+    outcome : Outcome
+    pictures : dict
+        By the name of the figure, from `as_element`.
+    command : str
+        The command line that repeats it.
+    """
+    parts = {f"table{name[3:]}": _pair(f"table{name[3:]}", outcome, pictures) for name in FIGURES}
+    parts["actuator"] = _actuator(outcome.actuator, pictures)
+    shown = {name: (title, body) for name, (title, body) in parts.items() if body}
+    links = "".join(f'<li><a href="#{name}">{html.escape(title)}</a></li>' for name, (title, _) in shown.items())
+    body = [
+        section("", _outcome(outcome), f'<nav aria-label="Contents"><ul>{links}</ul></nav>'),
+        *(section(title, f'<span id="{name}"></span>', part) for name, (title, part) in shown.items()),
+        section("To repeat this", code("shell", command)) if command else "",
+        section("Where it comes from", facts([("article", LEDE), ("versions", versions())])),
+    ]
+    return write_page(path, title=TITLE, eyebrow="The article beside ours", lede=LEDE, body="".join(body))
+
+
+def _outcome(outcome: Outcome) -> str:
+    """Return what came out, in sentences."""
+    results = list(outcome.tables.values())
+    claims = "".join(f'<p class="claim">{html.escape(line)}</p>' for line in summary(results))
+    return claims + (f'<p class="note">{html.escape(SOURCE)}</p>' if results else "")
+
+
+def _pair(name: str, outcome: Outcome, pictures: Mapping[str, str]) -> tuple[str, str]:
+    """Return title and body of a table with the figure that shows its runs."""
+    result = outcome.tables.get(name)
+    figure = f"fig{name[5:]}"
+    title = result.table.title if result else FIGURES[figure].title.replace("$", "").replace("_", "")
+    return title, (_table(result) if result else "") + _sheet(figure, pictures)
+
+
+def _table(result: TableResult) -> str:
+    headings = (result.table.heading, *(_index(index) for index in result.table.indices))
+    rows = [[row.row.label, *map(_cell, row.cells)] for row in result.rows]
+    return table(headings, rows, result.table.title, "table wide") + _notes(notes(result))
+
+
+def _cell(cell: Cell) -> Html:
+    """Return our figure, and below it the printed one with what the comparison comes to."""
+    sign = icon("good" if cell.agrees else "warn")
+    std = "" if cell.std is None else f" ± {number(cell.std, 2)}"
+    printed = f"{number(cell.published, 3)} printed, {cell.verdict}"
+    return Html(
+        f'<span class="status">{sign}{number(cell.ours, 3)}{std}</span><small>{html.escape(printed)}</small>'
+    )  # fmt: skip
+
+
+def _index(index: str) -> Html:
+    """Return the name of an index as it is printed."""
+    return Html(f"J<sub>{html.escape(index.removeprefix('J_'))}</sub>")
+
+
+def _actuator(actuator: Actuator | None, pictures: Mapping[str, str]) -> tuple[str, str]:
+    figures = {name: _sheet(name, pictures) for name in CAPTIONS if name.partition("-")[0] in ACTUATOR_FIGURES}
+    title = "The actuator"
+    if actuator is None:
+        return title, "".join(figures.values())
+    headings, rows = actuator_rendering.summary_table(actuator)
+    first = table(headings, map(_emphasised, rows), actuator_rendering.TITLE, "table wide")
+    claims = "".join(f"<p>{html.escape(line)}</p>" for line in actuator_rendering.summary(actuator))
+    more = "".join(
+        f"<details><summary>{html.escape(name)}</summary>{table(heads, lines, name, 'table wide')}</details>"
+        for name, heads, lines in actuator_rendering.measure_tables(actuator)
+    )
+    body = [figures.pop("fig6"), f"<h3>{html.escape(actuator_rendering.TITLE)}</h3>", first,
+            _notes([*actuator_rendering.LEGEND, *NOTES]), f'<div class="said">{claims}</div>', more]  # fmt: skip
+    return title, "".join([*body, *figures.values()])
+
+
+def _emphasised(row: Sequence[str]) -> list[str]:
+    """Return a row, in bold where it is that of replant's default."""
+    if not row[0].startswith(DEFAULT):
+        return list(row)
+    return [Html(f"<b>{html.escape(cell)}</b>") for cell in row]
+
+
+def _sheet(name: str, pictures: Mapping[str, str]) -> str:
+    """Return a figure on white, whatever the colour of the page; nothing where it was not drawn."""
+    if name not in pictures:
+        return ""
+    said = html.escape(CAPTIONS[name])
+    drawn = pictures[name].replace("<svg", f'<svg role="img" aria-label="{said}"', 1)
+    return (
+        f'<figure class="sheet"><div class="paper" tabindex="0">{drawn}</div><figcaption>{said}</figcaption></figure>'
+    )
+
+
+def _notes(lines: Iterable[str]) -> str:
+    items = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
+    return f'<ul class="note">{items}</ul>' if items else ""
