@@ -41,7 +41,7 @@ def settle(request: Request, u: FloatArray, y: FloatArray, length: int | None = 
     if isinstance(chosen, RefinedFilter) and not structure.bias:
         preprocess = centre(preprocess, u, y)
     scaling = request.scaling
-    if scaling is None or (scaling == AUTO and optimizer.keeps_covariance):
+    if scaling is None or (scaling == AUTO and optimizer.keeps_colour):  # its estimate does not depend on the scaling
         scaling = Scaling.none(structure)
     elif not isinstance(scaling, Scaling):
         assumed = chosen if isinstance(chosen, StateVariableFilter) else choose_filter(structure, dt, preprocess, u, y)

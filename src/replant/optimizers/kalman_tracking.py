@@ -25,8 +25,9 @@ class KalmanTracking(Optimizer):
     ----------
     process_noise : float or sequence of float
         q, how much variance a parameter gains in a second: one number each, in the order of ``Structure.names`` and
-        in the squared unit of the parameter, or one for all scaled parameters.  A parameter that changes by about d
-        within T seconds has q = d^2 / T.
+        in the squared unit of the parameter, or one for all scaled parameters.  A parameter that walks about, by d
+        within T seconds, has q = d^2 / T; for one that goes steadily through a range d within T seconds a quarter of
+        the range counts, q = (d/4)^2 / T.
     noise_time_constant : float
         Memory in s of the residual's variance.
     initial_covariance : float
