@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: demo test lint types check bench clean help
+.PHONY: demo test lint types check bench accuracy clean help
 
 help:            ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 10
@@ -29,6 +29,9 @@ types: $(READY)  ## mypy strict
 
 bench: $(READY)  ## speed, as ratios to a C program measured in the same run
 	$(BIN)/python benchmarks/kernels.py
+
+accuracy: $(READY)  ## accuracy, Monte Carlo beside what is promised; writes docs/accuracy.md and out/accuracy
+	$(BIN)/python benchmarks/accuracy $(ARGS)
 
 clean:           ## remove everything that was generated
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -42,6 +42,8 @@ class Experiment:
         Methods whose coverage is promised; that of the others is reported.
     reads_data : bool
         Whether it needs recorded logs.
+    beside : bool
+        Whether it is a neighbour of what is promised, shown for honesty: its bounds are compared, not promised.
     """
 
     key: str
@@ -56,6 +58,7 @@ class Experiment:
     counted: int = 0
     covered: tuple[str, ...] = ()
     reads_data: bool = False
+    beside: bool = False
 
     @property
     def scenario(self) -> str:

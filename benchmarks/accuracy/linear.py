@@ -88,6 +88,7 @@ def scenario_a() -> Iterator[Experiment]:
             truth_of(PLANT_A, OF_A),
             bounds,
             covered=(DEFAULT, OFFLINE),
+            beside=key == "random-1",
         )
 
 
@@ -193,4 +194,5 @@ def scenario_f() -> Iterator[Experiment]:
                 BOTH,
                 truth_of(PLANT_A, OF_A),
                 (Bound(DEFAULT, "bias", same(NAMES_A, 2.0)),),
+                beside=hold == 1,
             )

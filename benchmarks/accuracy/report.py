@@ -17,6 +17,7 @@ from accuracy.work import RIGHT, WRONG, Assessed
 
 Verdicts = dict[str, list[Assessed]]
 MARK = {True: "met", False: "**not met**"}
+BESIDE = {True: "met beside", False: "not met beside"}
 
 FEWEST_RUNS = 100  # from which a coverage is judged
 TITLE = "# Accuracy, measured"
@@ -79,6 +80,7 @@ def markdown(summaries: Sequence[Summary], verdicts: Verdicts) -> str:
 
     lines = [TITLE, "", INTRODUCTION]
     lines += ["## What is promised, and what was measured", ""]
+    lines += ['"beside" marks neighbours of what is promised: the same with a harder or an easier input.', ""]
     lines += table(("experiment", "method", "bound", "measured", ""), promised(summaries, verdicts))
     covered = [each for each in summaries if each.experiment.covered]
     if covered:
@@ -147,7 +149,8 @@ def _line(promise: Promise) -> Sequence[str]:
         f"{'**' * (name in promise.broken)}{name} {number(value, 3)}{'**' * (name in promise.broken)}"
         for name, value in promise.measured.items()
     )
-    return promise.experiment.key, promise.bound.method, promise.bound.words, measured, MARK[promise.is_met]
+    mark = (BESIDE if promise.experiment.beside else MARK)[promise.is_met]
+    return promise.experiment.key, promise.bound.method, promise.bound.words, measured, mark
 
 
 def _coverage(summary: Summary, names: Sequence[str]) -> Iterator[Sequence[str]]:

@@ -53,6 +53,7 @@ def scenario_c() -> Iterator[Experiment]:
             Varying(hold),
             methods,
             bounds=(Bound(KALMAN, "at most", limits),),
+            beside=hold != 10,
         )
 
 
