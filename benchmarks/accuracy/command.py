@@ -1,5 +1,6 @@
 """`make accuracy`: Monte Carlo over scenarios and methods; one page of Markdown, one file of JSON.
 
+A whole run writes docs/accuracy.md and the measured table of docs/methods.md; a part of it writes beside its JSON.
 Exit code 1 says that a promise is not kept, 2 that there was nothing to measure.
 """
 
@@ -15,14 +16,15 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from accuracy import work
+from accuracy import guide, work
 from accuracy.report import MARK, promised, write
 from accuracy.rigs import data_folder
 from accuracy.scenarios import LETTERS, VERDICTS, chosen
 from accuracy.summary import summarise
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE, PARTIAL, DATA = ROOT / "docs/accuracy.md", "accuracy.md", "accuracy.json"
+PAGE, GUIDE = ROOT / "docs/accuracy.md", ROOT / "docs/methods.md"
+PARTIAL, DATA = "accuracy.md", "accuracy.json"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -44,6 +46,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     whole = not options.scenario and not options.runs
     page = PAGE if whole else options.out / PARTIAL
     write(summaries, results.verdicts, page, options.out / DATA)
+    if whole:
+        guide.insert(GUIDE, summaries)
     met = show(console, list(promised(summaries, results.verdicts)))
     console.print(f"wrote {page} and {options.out / DATA}")
     return 0 if met else 1

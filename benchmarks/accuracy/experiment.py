@@ -39,7 +39,9 @@ class Experiment:
     counted : int
         Runs that enter the bounds and statistics, where coverage is measured on more; 0 for all.
     covered : sequence of str
-        Methods whose coverage is promised; that of the others is reported.
+        Methods whose coverage is promised.
+    shows_coverage : bool
+        Whether the coverage of every method that prints an interval is reported.
     reads_data : bool
         Whether it needs recorded logs.
     beside : bool
@@ -57,6 +59,7 @@ class Experiment:
     bounds: tuple[Bound, ...] = ()
     counted: int = 0
     covered: tuple[str, ...] = ()
+    shows_coverage: bool = False
     reads_data: bool = False
     beside: bool = False
 

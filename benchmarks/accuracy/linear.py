@@ -8,12 +8,12 @@ from collections.abc import Iterator, Mapping
 import replant as rp
 from accuracy.bounds import Bound
 from accuracy.experiment import Experiment, Method, truth_of
-from accuracy.methods import LeastSquares, Offline, Online
+from accuracy.methods import Offline, Online
 from accuracy.records import PLANT_A, PLANT_B, Excited, Irregular
 from replant.filters import StateVariableFilter
 from replant.optimizers import OPTIMIZERS, Adam, AMSGrad, RecursiveLeastSquares
 
-DEFAULT, OFFLINE = "default", "offline SRIVC"
+DEFAULT, OFFLINE, LEAST_SQUARES = "default", "offline SRIVC", "offline least squares"
 BOTH: dict[str, Method] = {DEFAULT: Online(), OFFLINE: Offline()}
 
 #: A: step size of the buffered optimizers, the same with and without instruments.
@@ -74,7 +74,7 @@ def scenario_a() -> Iterator[Experiment]:
         *(Bound(name, "bias", same(NAMES_A, 3.0)) for name in compared if "with instruments" in name),
     )
     for key, (words, hold, bits) in inputs.items():
-        methods: Mapping[str, Method] = BOTH | {"offline least squares": LeastSquares()} | compared
+        methods: Mapping[str, Method] = BOTH | {LEAST_SQUARES: Offline("least_squares")} | compared
         if key == "prbs":
             methods = methods | buffered() | with_intervals(article)
         yield Experiment(
@@ -88,6 +88,7 @@ def scenario_a() -> Iterator[Experiment]:
             truth_of(PLANT_A, OF_A),
             bounds,
             covered=(DEFAULT, OFFLINE),
+            shows_coverage=True,
             beside=key == "random-1",
         )
 
@@ -106,6 +107,7 @@ def scenario_coloured() -> Iterator[Experiment]:
                 Excited(PLANT_A, 0.05, samples, 10.0, 8, 8, colour),
                 BOTH | {"pure recursion: RLS, memory of 10^7 s": Online({"optimizer": pure})},
                 truth_of(PLANT_A, OF_A),
+                shows_coverage=True,
             )
 
 
@@ -120,7 +122,7 @@ def scenario_b() -> Iterator[Experiment]:
         0.01,
         200,
         Excited(PLANT_B, 0.01, 7161, 10.0, 7, 10),
-        BOTH | {"offline least squares": LeastSquares()} | buffered(cutoff) | with_intervals(cutoff),
+        BOTH | {LEAST_SQUARES: Offline("least_squares")} | buffered(cutoff) | with_intervals(cutoff),
         truth_of(PLANT_B, OF_B),
         (
             Bound(DEFAULT, "bias", same(NAMES_B, 1.0, b0=3.0)),
@@ -128,6 +130,7 @@ def scenario_b() -> Iterator[Experiment]:
         ),
         counted=100,
         covered=(DEFAULT, OFFLINE),
+        shows_coverage=True,
     )
     yield Experiment(
         "B 0dB",
@@ -136,7 +139,7 @@ def scenario_b() -> Iterator[Experiment]:
         0.01,
         100,
         Excited(PLANT_B, 0.01, 7161, 0.0, 7, 10),
-        BOTH | {"offline least squares": LeastSquares()},
+        BOTH | {LEAST_SQUARES: Offline("least_squares")},
         truth_of(PLANT_B, OF_B),
         (
             Bound(OFFLINE, "near", STD_B_0DB),

@@ -15,7 +15,6 @@ import numpy as np
 import replant as rp
 from accuracy.records import Measured
 from replant.identifier import Identifier
-from replant.refined import Record, refine
 from replant.uncertainty import Uncertainty
 from replant.validation import FloatArray
 
@@ -44,27 +43,26 @@ class Online:
 
 @dataclass(frozen=True)
 class Offline:
-    """Refined instrumental variables (SRIVC) on the whole record at once."""
+    """`replant.fit` on the whole record at once.
+
+    Attributes
+    ----------
+    method : str
+        "srivc", refined instrumental variables, or "least_squares", the article's reference.
+    """
+
+    method: str = "srivc"
 
     def __call__(self, structure: rp.Structure, dt: float, measured: Measured) -> Figures:
         """Return the parameters and the modes."""
-        t, size = measured.t, structure.size
-        intervals = np.array([dt]) if t is None else np.diff(t, prepend=t[0] - dt)
-        u = measured.preprocess.map_input(measured.u)
-        found = refine(structure, Record(u - u.mean(), measured.y - measured.y.mean(), intervals))
-        if found is None:
-            return figures_of(Uncertainty(structure, np.full(size, np.nan), np.full((size, size), np.nan)))
-        return figures_of(Uncertainty(structure, found.theta[:size], found.covariance[:size, :size]))
-
-
-@dataclass(frozen=True)
-class LeastSquares:
-    """Least squares on the whole record at once, the filter chosen from the data: the article's reference."""
-
-    def __call__(self, structure: rp.Structure, dt: float, measured: Measured) -> Figures:
-        """Return the parameters and the modes."""
-        found = rp.fit(measured.u, measured.y, dt, structure, method="least_squares", preprocess=measured.preprocess)
-        return figures_of(Uncertainty(structure, found.parameters, np.full((structure.size, structure.size), np.nan)))
+        unknown = np.full((structure.size, structure.size), np.nan)
+        try:
+            found = rp.fit(
+                measured.u, measured.y, dt, structure, method=self.method, preprocess=measured.preprocess, t=measured.t
+            )
+        except rp.InvalidArgumentError:  # no model found
+            return figures_of(Uncertainty(structure, unknown[0], unknown))
+        return figures_of(found.uncertainty or Uncertainty(structure, found.parameters, unknown))
 
 
 @dataclass(frozen=True)
@@ -117,6 +115,8 @@ class Tracked:
         rms = np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))
         share = 100.0 * np.mean(inside, axis=0)
         figures = {f"rms {name}": (float(value), math.nan) for name, value in zip(ident.names, rms, strict=True)}
+        if np.isnan(share).any():  # it prints no intervals
+            return figures
         return figures | {f"inside {name}": (float(v), math.nan) for name, v in zip(ident.names, share, strict=True)}
 
 

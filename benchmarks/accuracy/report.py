@@ -82,7 +82,7 @@ def markdown(summaries: Sequence[Summary], verdicts: Verdicts) -> str:
     lines += ["## What is promised, and what was measured", ""]
     lines += ['"beside" marks neighbours of what is promised: the same with a harder or an easier input.', ""]
     lines += table(("experiment", "method", "bound", "measured", ""), promised(summaries, verdicts))
-    covered = [each for each in summaries if each.experiment.covered]
+    covered = [each for each in summaries if each.experiment.shows_coverage]
     if covered:
         lines += ["", "## G: coverage of nominal 95 % intervals, in percent", ""]
         lines += [f"Bound: {COVERAGE[0]:g} to {COVERAGE[1]:g} % for the default and for offline SRIVC.", ""]
@@ -115,8 +115,17 @@ def write(summaries: Sequence[Summary], verdicts: Verdicts, page: Path, data: Pa
     for path in (page, data):
         path.parent.mkdir(parents=True, exist_ok=True)
     page.write_text(markdown(summaries, verdicts), encoding="utf-8")
-    text = json.dumps(document(summaries, verdicts), indent=1, allow_nan=True)
-    data.write_text(text.replace("NaN", "null") + "\n", encoding="utf-8")
+    text = json.dumps(_finite(document(summaries, verdicts)), indent=1, allow_nan=False)
+    data.write_text(text + "\n", encoding="utf-8")
+
+
+def _finite(value: Any) -> Any:
+    """Return the same with None for numbers that JSON does not know."""
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _runs(summary: Summary) -> int:
@@ -158,14 +167,14 @@ def _coverage(summary: Summary, names: Sequence[str]) -> Iterator[Sequence[str]]
         if prints_intervals(figures):
             inside = [figures[name].coverage for name in names]
             mark = _covered_mark(summary, inside)
-            if method not in summary.experiment.covered:
+            if method not in summary.experiment.covered:  # nothing is promised of it
                 mark = {MARK[True]: "within", MARK[False]: "outside"}.get(mark, mark)
             yield method, *(f"{percent:.1f}" for percent in inside), mark
 
 
 def _covered_mark(summary: Summary, inside: Sequence[float]) -> str:
     """Return the mark of a row of coverages; they mean nothing over a few runs."""
-    if _runs(summary) < FEWEST_RUNS:
+    if summary.experiment.covered and _runs(summary) < FEWEST_RUNS:
         return f"fewer than {FEWEST_RUNS} runs"
     return MARK[all(is_covered(percent) for percent in inside)]
 

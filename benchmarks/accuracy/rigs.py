@@ -13,13 +13,13 @@ import numpy as np
 import replant as rp
 from accuracy.bounds import Bound
 from accuracy.experiment import Experiment, Method, truth_of
-from accuracy.linear import DEFAULT, OFFLINE, buffered, same
-from accuracy.methods import Article, Figures, LeastSquares, Offline, Online, Tracked
+from accuracy.linear import DEFAULT, LEAST_SQUARES, OFFLINE, buffered, same
+from accuracy.methods import Article, Figures, Offline, Online, Tracked
 from accuracy.records import Measured
 from accuracy.tracking import DT, Varying
 from replant.assessment import simulate
 from replant.logs import read_log
-from replant.optimizers import AMSGrad, KalmanTracking
+from replant.optimizers import KalmanTracking
 from replant.rigs import deap_rig, deap_voltage
 
 # C. What an engineer knows beforehand: a1 goes through a range of 40 in 1000 s, a0 through one of 180 in 500 s, and
@@ -85,8 +85,8 @@ def scenario_d() -> Iterator[Experiment]:
             OFFLINE: Offline(),
             "article: buffered AMSGrad, gbt filters": Article("gbt"),
             "article: buffered AMSGrad, exact filters": Article("exact"),
-            "buffered AMSGrad, with instruments": Online({"optimizer": AMSGrad(1e-4), "instruments": True}),
-            "offline least squares": LeastSquares(),
+            "buffered amsgrad, with instruments": Online({"optimizer": "amsgrad", "instruments": True}),
+            LEAST_SQUARES: Offline("least_squares"),
         },
         truth_of(rig.plant, structure),
         (Bound(DEFAULT, "error", same(structure.names, 5.0, a1=0.5, b1=0.5, a2=2.0)),),

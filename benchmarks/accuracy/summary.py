@@ -70,7 +70,7 @@ def tabulate(experiment: Experiment, runs: Sequence[Mapping[str, Figures]]) -> T
     """Return statistics by method and figure; figures without a truth are kept where the experiment has none."""
     table: Table = {}
     for method in experiment.methods:
-        figures = list(experiment.truth) or list(_names(run[method] for run in runs))
+        figures = list(experiment.truth) or _names(run[method] for run in runs)
         table[method] = {}
         for figure in figures:
             found = [run[method].get(figure, (math.nan, math.nan)) for run in runs]
