@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: demo test lint types check bench accuracy clean help
+.PHONY: demo test slow lint types check bench accuracy clean help
 
 help:            ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 10
@@ -19,6 +19,9 @@ demo: $(READY)   ## identify a simulated actuator while it runs; plots in out/de
 
 test: lint types $(READY)   ## lint, types, doctests, tests
 	$(BIN)/pytest -n 2
+
+slow: $(READY)   ## the tests that take minutes: a hundred million idle samples
+	$(BIN)/pytest -m slow
 
 lint: $(READY)   ## ruff: style and format
 	$(BIN)/ruff check .

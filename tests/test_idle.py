@@ -1,0 +1,182 @@
+"""An input that rests: nothing is forgotten, nothing grows, however long it takes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replant as rp
+from builders import DT, identifier, is_finite, record, true_parameters, two_modes
+from replant.factors import compose
+from replant.kernels import layout as at
+
+STRUCTURE, PLANT = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
+TRUE = true_parameters(PLANT, 1)
+CHUNK = 100_000
+
+OPTIMIZERS = {
+    "default": rp.RecursiveLeastSquares(),
+    "forgetting": rp.RecursiveLeastSquares(forgetting_factor=0.99),
+    "tracking": rp.KalmanTracking(1e-3),
+}
+
+
+def factors(ident: rp.Identifier) -> tuple[np.ndarray, np.ndarray]:
+    size = ident._state.entries
+    memory = ident._state.block(at.AT_MEMORY, size * size + size)
+    return memory[: size * size].reshape(size, size).copy(), memory[size * size :].copy()
+
+
+def converged(optimizer: Any, **arguments: Any) -> rp.Identifier:
+    u, y = record(PLANT, seed=1, samples=20_000, dt=DT, hold=8, noise=0.02)
+    ident = rp.Identifier(STRUCTURE, DT, optimizer=optimizer, **arguments)
+    ident.update_many(u, y)
+    return ident
+
+
+def idle(ident: rp.Identifier, samples: int, level: float, noise: float = 0.02) -> None:
+    """A constant input and the plant's answer to it, noise going on; first the plant's transient."""
+    settling = PLANT.simulate(np.full(2000, level), DT)
+    generator = np.random.default_rng(2)
+    y = level + noise * generator.standard_normal(CHUNK)  # the static gain is one
+    u = np.full(CHUNK, level)
+    ident.update_many(np.full(2000, level), settling + noise * generator.standard_normal(2000))
+    for _ in range(-(-samples // CHUNK)):
+        ident.update_many(u, y)
+
+
+def assert_positive_definite(ident: rp.Identifier) -> None:
+    U, D = factors(ident)
+    assert np.isfinite(U).all()
+    assert np.isfinite(D).all()
+    assert (D > 0).all()
+    covariance = compose(U, D)
+    std = np.sqrt(np.diag(covariance))
+    assert np.linalg.eigvalsh(covariance / np.outer(std, std)).min() > -1e-12
+
+
+def rest(name: str, samples: int) -> None:
+    """What idle time may not do, whichever optimizer.
+
+    The moving variance of the input takes some 14 memories of it to fall to the millionth at which it rests: up to
+    110 000 samples, in which noise is still learned.
+    """
+    ident = converged(OPTIMIZERS[name])
+    start = ident.parameters
+    np.testing.assert_allclose(start, TRUE, rtol=0.1)
+    idle(ident, 200_000, 1.0)
+    if name == "default":  # what remembers everything does not lose it to noise meanwhile
+        np.testing.assert_allclose(ident.parameters, start, rtol=1e-3)
+    before, (U, D) = ident.parameters, factors(ident)
+    sizes = [array.nbytes for array in (ident._state.reals, ident._state.recent)]
+    rested = int(ident._state.ints[at.RESTED])
+    u, y = np.full(CHUNK, 1.0), 1.0 + 0.02 * np.random.default_rng(3).standard_normal(CHUNK)
+    for _ in range(samples // CHUNK):
+        ident.update_many(u, y)
+    assert int(ident._state.ints[at.RESTED]) - rested == samples
+    np.testing.assert_array_equal(ident.parameters, before)
+    np.testing.assert_array_equal(factors(ident)[0], U)
+    np.testing.assert_array_equal(factors(ident)[1], D)
+    assert_positive_definite(ident)
+    assert ident.status == "running"
+    assert [array.nbytes for array in (ident._state.reals, ident._state.recent)] == sizes
+    assert is_finite(ident._state)
+
+
+def test_without_noise_idle_time_changes_nothing_from_the_first_sample_on() -> None:
+    """Within 1e-6: also while the input's variance has not yet fallen."""
+    u, y = record(PLANT, seed=1, samples=12_000, dt=DT, hold=8)
+    idle_u = np.full(300_000, 1.0)
+    whole_u = np.concatenate([u, idle_u])
+    whole_y = PLANT.simulate(whole_u, DT)
+    ident = rp.Identifier(STRUCTURE, DT)
+    ident.update_many(u, y)
+    before = ident.parameters
+    trace = ident.update_many(idle_u, whole_y[12_000:])
+    np.testing.assert_allclose(trace.parameters[::1000], np.tile(before, (300, 1)), rtol=1e-6)
+    assert_positive_definite(ident)
+    assert int(ident._state.ints[at.RESTED]) > 150_000
+
+
+@pytest.mark.parametrize("name", OPTIMIZERS)
+def test_two_million_idle_samples_change_nothing(name: str) -> None:
+    rest(name, 2_000_000)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", OPTIMIZERS)
+def test_a_hundred_million_idle_samples_change_nothing(name: str) -> None:
+    """A day and a half at 1 kHz: one to two minutes for each optimizer."""
+    rest(name, 100_000_000)
+
+
+def test_when_the_input_moves_again_learning_goes_on() -> None:
+    ident = converged(rp.RecursiveLeastSquares(time_constant=50.0))
+    idle(ident, 500_000, 1.0)
+    rested, before = int(ident._state.ints[at.RESTED]), ident.parameters
+    u, y = record(PLANT, seed=4, samples=20_000, dt=DT, hold=8, noise=0.02)
+    u, y = u + 1.0, y + 1.0
+    ident.update_many(u, y)
+    assert int(ident._state.ints[at.RESTED]) - rested < 50
+    assert (ident.parameters != before).all()
+    np.testing.assert_allclose(ident.parameters, TRUE, rtol=0.05)
+
+
+def test_an_input_that_moves_a_little_does_not_rest() -> None:
+    """A thousandth of the amplitude is a millionth of the variance: where rest begins, once the past has faded."""
+    for amplitude, rests in ((0.01, False), (1e-4, True)):
+        ident = converged(rp.RecursiveLeastSquares())
+        before = int(ident._state.ints[at.RESTED])
+        u, y = record(PLANT, seed=5, samples=200_000, dt=DT, hold=8)
+        ident.update_many(amplitude * u, amplitude * y)
+        assert (int(ident._state.ints[at.RESTED]) - before > 1000) == rests
+
+
+# --- without the guard: no instruments, nothing that says whether the input rests
+
+
+@pytest.mark.parametrize("forgetting", [0.9, 0.99, 0.9999])
+@pytest.mark.parametrize("level", [0.0, 1.0])
+def test_forgetting_stops_at_its_cap(forgetting: float, level: float) -> None:
+    """A million samples; unbounded, P would have left float64 after 70 000 at 0.99.  U stays tame too."""
+    optimizer = rp.RecursiveLeastSquares(forgetting, initial_covariance=1e4)
+    ident = identifier(optimizer, structure=STRUCTURE, dt=DT, filter=rp.StateVariableFilter(3.0))
+    ident.update_many(*record(PLANT, seed=1, samples=5000, dt=DT, hold=8, noise=0.02))
+    before = ident.parameters
+    idle(ident, 1_000_000, level)
+    assert_positive_definite(ident)
+    U, D = factors(ident)
+    assert (D <= 1e4).all()
+    assert np.abs(U).max() < 1e6
+    assert ident.status == "running"
+    assert np.isfinite(ident.parameters).all()
+    assert np.isfinite(before).all()
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0])
+def test_tracking_walks_on_but_does_not_break(level: float) -> None:
+    """What is not seen walks at random: P grows in proportion to time, and no faster."""
+    noise, seconds = 1e-3, 1_000_000 * DT
+    ident = identifier(rp.KalmanTracking(noise), structure=STRUCTURE, dt=DT, filter=rp.StateVariableFilter(3.0))
+    ident.update_many(*record(PLANT, seed=1, samples=5000, dt=DT, hold=8, noise=0.02))
+    idle(ident, 1_000_000, level)
+    assert_positive_definite(ident)
+    assert np.diag(compose(*factors(ident))).max() < 2 * noise * seconds
+    assert ident.status == "running"
+    ident.update_many(*record(PLANT, seed=2, samples=5000, dt=DT, hold=8, noise=0.02))
+    assert ident.status == "running"
+    np.testing.assert_allclose(ident.parameters, TRUE, rtol=0.3)
+
+
+def test_a_dead_sensor_and_a_dead_input_leave_no_noise_to_divide_by() -> None:
+    """Zeros for so long that the tracked variance of the residual reaches the smallest number there is."""
+    optimizer = rp.KalmanTracking(1e-3, noise_time_constant=0.5)
+    ident = identifier(optimizer, structure=STRUCTURE, dt=DT, filter=rp.StateVariableFilter(3.0))
+    ident.update_many(np.zeros(20_000), np.zeros(20_000))
+    assert is_finite(ident._state)
+    ident.update_many(*record(PLANT, seed=2, samples=5000, dt=DT, hold=8, noise=0.02))
+    assert ident.status == "running"
+    assert is_finite(ident._state)
+    assert_positive_definite(ident)
