@@ -212,7 +212,7 @@ def test_defaults_identify_real_rigs(capsys, datasets: Path, name: str, command:
 def test_demo_finds_the_actuator(capsys, tmp_path: Path) -> None:
     code, out, err = call(capsys, "demo", "--out", tmp_path)
     assert (code, err) == (0, "")
-    assert {path.name for path in tmp_path.iterdir()} == {"fit.png", "parameters.png"}
+    assert {path.name for path in tmp_path.iterdir()} == {"fit.png", "parameters.png", "report.html"}
     rows = re.findall(r"^\s*([ab]\d)\s+(\S+)\s+(\S+)\s+([+-]\S+) %$", out, re.MULTILINE)
     assert [row[0] for row in rows] == ["a2", "a1", "a0", "b1", "b0"]
     true = dict(zip([row[0] for row in rows], [*DEAP.den[1:], *DEAP.num], strict=True))

@@ -38,7 +38,7 @@ def assert_pictures(folder, *names):
         svg = (folder / f"{name}.svg").read_text(encoding="utf-8")
         assert svg.startswith("<?xml")
         assert svg.rstrip().endswith("</svg>")
-    assert {path.name for path in folder.iterdir() if path.suffix != ".json" and path.suffix != ".md"} == {
+    assert {path.name for path in folder.iterdir() if path.suffix not in (".json", ".md", ".html")} == {
         f"{name}.{kind}" for name in names for kind in ("png", "svg")
     }
 
@@ -68,6 +68,9 @@ def test_without_names_everything_is_reproduced(capsys, tmp_path, monkeypatch, s
     assert_pictures(out, "fig1", "fig2", "fig3", "fig4", "fig6", "fig7", "fig7-exact", "fig8", "fig8-exact")
     page = (out / "tables.md").read_text()
     assert page.count("\n## ") == 4 + 1 + 1  # the tables, their summary, the actuator
+    report = (out / "report.html").read_text(encoding="utf-8")
+    assert report.count('<figure class="sheet">') == 9
+    assert len(report) < 3_000_000
 
 
 def test_named_tables_run_alone_and_once(capsys, tmp_path, monkeypatch):

@@ -13,7 +13,7 @@ from replant.paper.everything import ACTUATOR_FIGURES, Outcome
 from replant.paper.figures import FIGURES
 from replant.paper.rendering import SOURCE, notes, summary
 from replant.paper.reproduction import Cell, TableResult
-from replant.report.numbers import number
+from replant.report.numbers import number, uncertain
 from replant.report.page import Html, code, facts, icon, section, write_page
 from replant.report.pictures import svg
 from replant.report.tables import table, versions
@@ -63,7 +63,7 @@ def write_report(path: Path, outcome: Outcome, pictures: Mapping[str, str], comm
     links = "".join(f'<li><a href="#{name}">{html.escape(title)}</a></li>' for name, (title, _) in shown.items())
     body = [
         section("", _outcome(outcome), f'<nav aria-label="Contents"><ul>{links}</ul></nav>'),
-        *(section(title, f'<span id="{name}"></span>', part) for name, (title, part) in shown.items()),
+        *(section(title, part, anchor=name) for name, (title, part) in shown.items()),
         section("To repeat this", code("shell", command)) if command else "",
         section("Where it comes from", facts([("article", LEDE), ("versions", versions())])),
     ]
@@ -94,10 +94,10 @@ def _table(result: TableResult) -> str:
 def _cell(cell: Cell) -> Html:
     """Return our figure, and below it the printed one with what the comparison comes to."""
     sign = icon("good" if cell.agrees else "warn")
-    std = "" if cell.std is None else f" ± {number(cell.std, 2)}"
+    ours = number(cell.ours, 3) if cell.std is None else uncertain(cell.ours, cell.std)
     printed = f"{number(cell.published, 3)} printed, {cell.verdict}"
     return Html(
-        f'<span class="status">{sign}{number(cell.ours, 3)}{std}</span><small>{html.escape(printed)}</small>'
+        f'<span class="status">{sign}{ours}</span><small>{html.escape(printed)}</small>'
     )  # fmt: skip
 
 

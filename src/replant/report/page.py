@@ -70,10 +70,11 @@ def icon(gravity: str) -> str:
     return f'<svg class="icon {gravity}" viewBox="0 0 24 24" aria-hidden="true">{_ICONS[gravity]}</svg>'
 
 
-def section(name: str, *parts: str) -> str:
-    """Return a section of a page; ``parts`` are HTML."""
+def section(name: str, *parts: str, anchor: str = "") -> str:
+    """Return a section of a page; ``parts`` are HTML, ``anchor`` is what a link to it names."""
     title = f"<h2>{html.escape(name)}</h2>" if name else ""
-    return f"<section>{title}{''.join(parts)}</section>"
+    place = f' id="{html.escape(anchor)}"' if anchor else ""
+    return f"<section{place}>{title}{''.join(parts)}</section>"
 
 
 def facts(rows: Iterable[tuple[str, str]]) -> str:
