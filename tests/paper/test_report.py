@@ -77,7 +77,7 @@ def test_its_pictures_are_those_of_the_files(tmp_path):
         assert len(curves) == len(shown) > 2
         assert sum(map(len, curves)) == sum(map(len, shown)) > 1000
         for ours, theirs in zip(chain(*shown), chain(*curves), strict=True):
-            assert abs(float(ours) - float(theirs)) <= 0.01
+            assert abs(float(ours) - float(theirs)) < 0.02  # of a point, 72 to the inch
         assert "<text" in on_page, "text is text"
         assert "var(--" not in on_page, "on white, whatever the page's colours"
 
