@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -112,11 +113,24 @@ def _remarks(contenders: Sequence[Contender], samples: int) -> str:
             found = [each for each in findings(entry.result, samples) if each.gravity != GOOD]
         news += [(each.gravity != BAD, entry.name, each) for each in found]
     items = "".join(
-        f"<li>{icon(each.gravity)}<span><b>{html.escape(name)}: {html.escape(each.headline.lower())}.</b> "
-        f"{html.escape(each.text.replace(' %', NO_BREAK + '%'))}</span></li>"
+        f"<li>{icon(each.gravity)}<div><b>{html.escape(name)}: {html.escape(each.headline.lower())}.</b> "
+        f"{_shortened(each.text)}</div></li>"
         for _, name, each in sorted(news, key=lambda entry: entry[0])
     )
     return f'<ul class="remarks">{items}</ul>' if items else ""
+
+
+def _shortened(text: str) -> str:
+    """Return the first two sentences, the others to be unfolded.
+
+    Examples
+    --------
+    >>> _shortened("It fails. It does. Why? See.")
+    'It fails. It does. <details><summary>More</summary>Why? See.</details>'
+    """
+    sentences = re.split(r"(?<=[.?!]) (?=[A-Z0-9])", html.escape(text.replace(" %", NO_BREAK + "%")))
+    first, rest = " ".join(sentences[:2]), " ".join(sentences[2:])
+    return f"{first} <details><summary>More</summary>{rest}</details>" if rest else first
 
 
 def _results(contenders: Sequence[Contender]) -> dict[str, Result]:
