@@ -407,7 +407,7 @@ def identify(
                 buffer.append(k)
             else:
                 buffer[k % replay.capacity] = k
-            if len(buffer) > replay.warmup:
+            if len(buffer) > replay.warmup or len(buffer) == replay.capacity:
                 others = range(drawn, drawn + replay.batch_size - 1)
                 batch = [buffer[draw_below(replay.seed, i, len(buffer))] for i in others] + [k]
                 drawn += len(others)

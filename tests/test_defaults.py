@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,13 +26,15 @@ def test_what_is_given_stays_as_it_is() -> None:
         rp.Scaling(1.0, [1.0] * 4),
         rp.Adam(0.1),
         rp.Replay(7),
-        False,
-        rp.Preprocess("square", 1.0, 2.0),
+        instruments=False,
+        normalize=False,
+        preprocess=rp.Preprocess("square", 1.0, 2.0),
     )
     settled = settle(request, U, Y)
     for field in dataclasses.fields(request):
-        assert getattr(settled, field.name) is getattr(request, field.name) or field.name == "dt"
+        assert getattr(settled, field.name) is getattr(request, field.name) or field.name in ("dt", "startup")
     assert settled.dt == 0.01
+    assert settled.startup == U.size  # what the choices were made from
 
 
 def test_none_means_no_scaling_and_no_replay() -> None:
@@ -43,7 +46,7 @@ def test_none_means_no_scaling_and_no_replay() -> None:
 def test_auto_scaling_makes_every_signal_of_size_one() -> None:
     structure, state_filter = rp.Structure(2, 1, bias=True), rp.StateVariableFilter(10.0)
     preprocess = rp.Preprocess(output_offset="mean")
-    settled = settle(Request(structure, 0.01, state_filter, preprocess=preprocess), U, Y)
+    settled = settle(Request(structure, 0.01, state_filter, optimizer="amsgrad", preprocess=preprocess), U, Y)
     assert settled.preprocess.output_offset == pytest.approx(Y.mean())
     phi, _ = regressors(structure, 0.01, state_filter, settled.preprocess, U, Y)
     scaled = phi / settled.scaling.sigmas(structure)
@@ -59,10 +62,38 @@ def test_an_optimizer_by_name_comes_with_settings_that_can_be_typed_again(name: 
         assert type(optimizer) is OPTIMIZERS[name]
         for field in dataclasses.fields(optimizer):
             value = getattr(optimizer, field.name)
-            assert value == float(f"{value:.3g}")
+            assert value is None or value == float(f"{value:.3g}")
 
 
-@pytest.mark.parametrize("plant", [G1, G2, random_plant(3, 3, 1)])
+@pytest.mark.parametrize(
+    ("optimizer", "instruments", "refined"),
+    [
+        ("auto", "auto", True),
+        ("recursive-least-squares", "auto", True),
+        (rp.KalmanTracking(0.1), "auto", True),
+        (rp.KalmanTracking(0.1), True, True),
+        (rp.RecursiveLeastSquares(), False, False),
+        ("amsgrad", "auto", False),
+        (rp.AMSGrad(0.01), True, False),
+    ],
+    ids=str,
+)
+def test_the_refined_filter_goes_with_instruments_and_a_covariance(
+    optimizer: Any, instruments: Any, refined: bool
+) -> None:
+    """And no scaling with what does not depend on it: least squares does not, a walk at random does."""
+    settled = settle(Request(rp.Structure(2, 1), 0.01, optimizer=optimizer, instruments=instruments), U, Y)
+    assert isinstance(settled.filter, rp.RefinedFilter) == refined
+    assert settled.instruments == (instruments if isinstance(instruments, bool) else refined)
+    least_squares = isinstance(settled.optimizer, rp.RecursiveLeastSquares)
+    assert (settled.scaling == rp.Scaling.none(rp.Structure(2, 1))) == least_squares
+    assert (settled.replay is None) == settled.optimizer.keeps_covariance
+    if refined:  # beside the constant that is estimated, the mean is the working point
+        assert settled.preprocess.output_offset == pytest.approx(Y.mean())
+        assert settled.preprocess.input_offset == pytest.approx(U.mean())
+
+
+@pytest.mark.parametrize("plant", [G1, G2, random_plant(3, 3, 1)], ids=["G1", "G2", "random"])
 def test_the_chosen_cutoff_suits_the_plant(plant: rp.TransferFunction) -> None:
     """It lies among the plant's speeds: between a tenth of the slowest pole and thirty times the fastest."""
     n = plant.den.size - 1
@@ -83,7 +114,8 @@ def test_time_in_another_unit_chooses_the_same_filter_in_that_unit() -> None:
 @pytest.mark.parametrize("bad", [np.nan, 1e308])
 def test_a_sample_that_is_rejected_has_no_say(bad: float) -> None:
     """At the end, where it does not interrupt the record."""
-    request = Request(rp.Structure(2, 1), 0.01, preprocess=rp.Preprocess("identity", "mean", "mean"))
+    means = rp.Preprocess("identity", "mean", "mean")
+    request = Request(rp.Structure(2, 1), 0.01, optimizer="amsgrad", preprocess=means)
     clean = settle(request, U, Y)
     settled = settle(request, np.append(U, [1.0, bad]), np.append(Y, [bad, 1.0]))
     assert settled.preprocess == clean.preprocess

@@ -88,7 +88,8 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "backward Euler": {"state_filter": rp.StateVariableFilter(2.0, method="gbt", alpha=1.0)},
     "one row of memory": {"replay": rp.Replay(capacity=1, batch_size=3, warmup=0)},
     "batch above capacity": {"replay": rp.Replay(capacity=5, batch_size=8, warmup=2, seed=2**62 + 3)},
-    "batches that never begin": {"replay": rp.Replay(capacity=5, batch_size=8, warmup=5)},
+    "batches that wait for a full buffer": {"replay": rp.Replay(capacity=5, batch_size=8, warmup=50)},
+    "batches that never begin": {"replay": rp.Replay(capacity=500, batch_size=8, warmup=400)},
 }
 
 
