@@ -78,10 +78,11 @@ def test_instruments_lie_beside_the_regressor_and_carry_the_weight() -> None:
     np.testing.assert_array_equal(state.buffer[0], [3.0, 4.0, 7.0, 1.0 / 6.0, 1.0, 2.0])
 
 
-@pytest.mark.parametrize(("capacity", "warmup"), [(8, 0), (8, 3), (8, 7), (8, 8), (50, 20)])
-def test_batches_begin_once_more_than_the_warm_up_is_stored(capacity: int, warmup: int) -> None:
+@pytest.mark.parametrize(("capacity", "warmup"), [(8, 0), (8, 3), (8, 7), (8, 8), (8, 99), (50, 20)])
+def test_batches_begin_once_more_than_the_warm_up_is_stored_or_the_buffer_is_full(capacity: int, warmup: int) -> None:
     _, batches = remember_many(rp.Replay(capacity=capacity, batch_size=5, warmup=warmup), 3 * capacity)
-    assert [rows.size for rows in batches] == [5 if min(k + 1, capacity) > warmup else 1 for k in range(3 * capacity)]
+    first = min(warmup + 1, capacity)
+    assert [rows.size for rows in batches] == [5 if k + 1 >= first else 1 for k in range(3 * capacity)]
 
 
 @pytest.mark.parametrize("seed", [0, 1, 12345])
