@@ -1,4 +1,4 @@
-"""Fit percent, the free run with offset and initial state, and the verdict."""
+"""Fit percent, and the free run with offset and initial state."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy import signal
 
 import replant as rp
 from builders import G1, G2, binary, random_plant
-from replant.assessment import judge, simulate
+from replant.assessment import simulate
 
 Y = np.random.default_rng(0).standard_normal(300)
 
@@ -126,35 +126,3 @@ def test_a_model_that_explodes_is_told_and_does_not_crash() -> None:
 
 def test_no_output_at_all_is_told_and_does_not_crash() -> None:
     assert simulate(G1, binary(1, 300), np.full(300, np.nan), 0.1).fit == -math.inf
-
-
-# --- the verdict
-
-
-GOOD = {"refused": False, "condition": 20.0, "simulated": 90.0, "drift": 0.01}
-
-
-@pytest.mark.parametrize(
-    ("changes", "status"),
-    [
-        ({}, "trusted"),
-        ({"refused": True}, "diverged"),
-        ({"condition": math.inf}, "not excited"),
-        ({"condition": math.nan}, "not excited"),
-        ({"condition": 1e12}, "not excited"),
-        ({"simulated": 10.0}, "inconsistent"),
-        ({"simulated": -math.inf}, "inconsistent"),
-        ({"simulated": math.nan}, "inconsistent"),
-        ({"drift": 0.5}, "converging"),
-        ({"drift": math.inf}, "converging"),
-        ({"refused": True, "condition": math.inf, "simulated": 0.0, "drift": 1.0}, "diverged"),
-        ({"condition": math.inf, "simulated": 0.0, "drift": 1.0}, "not excited"),
-        ({"simulated": 0.0, "drift": 1.0}, "inconsistent"),
-    ],
-    ids=repr,
-)
-def test_the_gravest_finding_makes_the_verdict(changes: dict[str, Any], status: str) -> None:
-    verdict = judge(**{**GOOD, **changes})
-    assert verdict.status == status
-    assert verdict.reasons
-    assert all(reason and "\n" not in reason for reason in verdict.reasons)

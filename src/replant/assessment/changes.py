@@ -20,10 +20,11 @@ MATTERS = 0.01
 BLOCKS = (32, 64, 128, 256, 512)
 FEWEST_BLOCKS = 8  # of the same length before it
 # ... as a residual whose power is so many times the largest that it has been over as long,
-BURST = 1.5
+BURST = 2.0
 # ... and by so much of the output's power larger than the usual one.
 BURST_MATTERS = 0.05
 LONGEST_MEMORY = 500  # lags over which the residual's colour is counted
+PARTS = 25  # of a residual, whose scatter tells how sure its power is
 
 
 def growth_finding(evidence: Evidence, runs: Runs, figures: dict[str, Any]) -> list[Finding]:
@@ -44,9 +45,7 @@ def growth_finding(evidence: Evidence, runs: Runs, figures: dict[str, Any]) -> l
 
 
 def growth(before: FloatArray, after: FloatArray) -> tuple[float, float]:
-    r"""Return by how much the residual's power grew, and that in standard deviations of its logarithm.
-
-    A sample variance of N samples has the relative variance :math:`2 \sum_\tau r^2(\tau) / N` (Bartlett).
+    """Return by how much the residual's power grew, and that in standard deviations of its logarithm.
 
     Examples
     --------
@@ -59,17 +58,23 @@ def growth(before: FloatArray, after: FloatArray) -> tuple[float, float]:
     p, q = float(np.mean(first**2)), float(np.mean(second**2))
     if not (p > 0.0 and q > 0.0):
         return (1.0, 0.0) if p == q else (math.inf if q > p else 0.0, math.inf if q > p else -math.inf)
-    spread = math.sqrt(2.0 * _memory(first) / first.size + 2.0 * _memory(second) / second.size)
-    return q / p, math.log(q / p) / spread
+    return q / p, math.log(q / p) / math.hypot(_doubt(first), _doubt(second))
 
 
-def _memory(error: FloatArray) -> float:
-    """Return sum r^2 over all lags, the factor by which colour makes samples fewer."""
+def _doubt(error: FloatArray) -> float:
+    r"""Return the relative standard deviation of the mean of e^2.
+
+    The larger of two: by Bartlett's formula, :math:`\sqrt{2 \sum_\tau r^2(\tau) / N}`, which counts the colour of
+    normal noise, and from the scatter of the means of a few parts, which counts outliers.
+    """
     from scipy.signal import correlate
 
     lags = min(error.size // 4, LONGEST_MEMORY)
     whole = correlate(error, error, method="fft")[error.size - 1 : error.size + lags]
-    return float(2.0 * np.sum((whole / whole[0]) ** 2) - 1.0)
+    memory = float(2.0 * np.sum((whole / whole[0]) ** 2) - 1.0)
+    means = (error[: error.size // PARTS * PARTS] ** 2).reshape(PARTS, -1).mean(axis=1)
+    scatter = float(means.std(ddof=1)) / math.sqrt(PARTS) / float(means.mean())
+    return max(math.sqrt(2.0 * memory / error.size), scatter)
 
 
 def burst_finding(evidence: Evidence, runs: Runs) -> list[Finding]:

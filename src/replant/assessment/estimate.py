@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.assessment import residual_tests
+from replant.assessment.cross_test import FALSE_ALARM
+from replant.assessment.distance import distance as distance_of
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.verdict import Finding
 
@@ -40,9 +41,9 @@ class Certainty:
         """Examine the estimate."""
         size, span = evidence.coefficients, evidence.record.span
         if evidence.instruments:
-            away = residual_tests.distance(runs.now, evidence.known)
+            away = distance_of(runs.now, evidence.known, FALSE_ALARM)
         else:
-            away = residual_tests.distance(runs.now, slice(0, evidence.samples), SUSPECT)
+            away = distance_of(runs.now, slice(0, evidence.samples), SUSPECT)
         known = away.covariance if evidence.covariance is None else evidence.covariance[:size, :size]
         std = np.sqrt(np.maximum(np.diag(known), 0.0))
         uncertainty = runs.size(std[: evidence.structure.poles], span)

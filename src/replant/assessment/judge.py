@@ -16,20 +16,23 @@ from typing import Any
 
 import numpy as np
 
-from replant.assessment import residual_tests, sensor
+from replant.assessment import sensor
 from replant.assessment.changes import burst_finding, growth_finding
+from replant.assessment.cross_test import unexplained
 from replant.assessment.estimate import Certainty
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.excitation import LEAST_POWER, excitation
 from replant.assessment.simulation import fit_percent
 from replant.assessment.verdict import Assessment, Finding, conclude
+from replant.assessment.whitening import whiteness
 
 # Simulated fit in percent below which the input explains next to nothing: at a fit of 10 the noise has four times the
 # power of the model's output, and a right model of such a plant is of little use.
 POOREST_FIT = 10.0
 # Part of the output's power that the input could still explain, up to which a model is trusted with a caveat: a
-# twentieth of the output's amplitude.  Real plants are never quite linear, nor of finite order.
-LARGEST_PART = 0.003
+# sixteenth of the output's amplitude.  Real plants are never quite linear, nor of finite order.  The surest of the
+# tests must stay below it with its doubt added.
+LARGEST_PART = (1.0 / 16.0) ** 2
 # ... and below which it is not worth a word: a hundredth of the amplitude.
 NEGLIGIBLE = 1e-4
 RESTING = 1e-12  # relative movement of the input that is rounding
@@ -101,9 +104,10 @@ def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
     count = len(y[newest])
     intervals = evidence.record.intervals
     steps = np.full(count, intervals[0]) if intervals.size == 1 else intervals[newest]
+    resolved = sensor.is_resolved(y, noise)
     return [
-        *sensor.saturation_finding(y[newest], modelled[newest]),
-        *sensor.stuck_finding(y[newest], modelled[newest], noise, np.cumsum(steps)),
+        *sensor.saturation_finding(y[newest], modelled[newest], resolved),
+        *sensor.stuck_finding(y[newest], modelled[newest], noise, resolved, np.cumsum(steps)),
     ]
 
 
@@ -129,7 +133,7 @@ def _gravity(status: str) -> int:
 def _fit(evidence: Evidence, runs: Runs, figures: Figures) -> list[Finding]:
     y = evidence.record.y[evidence.newest]
     figures["fit"] = fit = fit_percent(y, y - runs.error)
-    figures["whiteness"] = residual_tests.whiteness(runs.error)
+    figures["whiteness"] = whiteness(runs.error)
     if fit >= POOREST_FIT:
         return []
     if math.isnan(fit):
@@ -146,15 +150,17 @@ def _unexplained(evidence: Evidence, runs: Runs, figures: Figures) -> list[Findi
         tested.append((runs.old, evidence.newest, evidence.held_out / max(evidence.learned, 1)))
     parts = []
     for run, rows, surplus in tested:
-        found = residual_tests.unexplained(run, rows, evidence.dt, surplus)
-        power = float(np.var(evidence.record.y[rows]))
-        parts.append((min(found.power, float(np.var(run.error[rows]))) / power if power > 0.0 else 0.0, found))
-    part, found = max(parts, key=lambda each: (each[1].statistic > 1.0) * (1.0 + each[0]))
-    figures |= {"explained": part, "explained_limit": found.statistic}
-    if found.statistic <= 1.0 or part < NEGLIGIBLE:
+        found = unexplained(run, rows, evidence.dt, surplus)
+        whole, left = float(np.var(evidence.record.y[rows])), float(np.var(run.error[rows]))
+        size = max(whole, np.finfo(float).tiny)
+        parts.append((found.statistic, min(found.power, left) / size, found.doubt / size))
+    statistic, surest, doubt = max(parts)
+    part = max(part for each, part, _ in parts if each > 1.0 or each == statistic)
+    figures |= {"explained": part, "explained_limit": statistic}
+    if statistic <= 1.0 or part < NEGLIGIBLE:
         return []
     reason = f"the input could explain another {100 * part:.2g} % of the output's power, which the model leaves"
-    if part > LARGEST_PART:
+    if part > LARGEST_PART or surest + doubt > LARGEST_PART:
         reason += ": too few poles or zeros, a wrong dead time, or a plant that changes or is not linear"
         return [Finding("inconsistent", reason)]
     return [Finding("trusted", f"{reason}; small, but no chance")]

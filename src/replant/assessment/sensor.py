@@ -17,15 +17,20 @@ AT_THE_END = 0.02
 # ... if the model says that the output was elsewhere meanwhile, by more than this part of its spread (a plant that
 # comes to rest reaches one value again and again as well, but the model is there, too).
 ELSEWHERE = 0.01
+# Where noise lets two samples in a row be equal more seldom than so, in some part of the record at least (the sensor
+# may fail in others), it resolves the scale: equal samples are then no chance.
+SELDOM, SECTIONS = 0.005, 8
+# So many at an extreme of the newest samples are enough then, over windows so long, so that a failure is found soon.
+TIES, WINDOWS = 6, (64, 256, 1024)
 # A sensor is stuck, or for a while at the end of its scale, if at least so many samples in a row are equal to the bit
 STUCK_SAMPLES = 8
 # ... while the model's output moved by so many standard deviations of the residual: a still output is no chance then
 STUCK_MOVED = 4.0
+# ... or at all, where noise resolves the scale,
+MOVED_AT_ALL = 0.25
 # ... and by more than so many of the sensor's steps: a coarse scale stands still by itself while a slow output passes.
 STUCK_STEPS = 3.0
-# Where the noise is so many steps of the sensor or more, and more than rounding, no two samples are equal but by rare
-# chance: it is enough then that the model's output moved at all.
-RESOLVED_STEPS, ROUNDING, MOVED_AT_ALL = 3.0, 1e-6, 0.25
+ROUNDING = 1e-6  # part of the output's spread below which a residual is no noise
 
 
 def clock_finding(usual: float, dt: float) -> list[Finding]:
@@ -56,23 +61,50 @@ def level_finding(u: FloatArray, y: FloatArray) -> list[Finding]:
     ]
 
 
-def saturation_finding(y: FloatArray, modelled: FloatArray) -> list[Finding]:
-    """Say whether the output sits at the end of its scale while the modelled output (K,) is elsewhere."""
+def is_resolved(y: FloatArray, noise: float) -> bool:
+    """Return whether noise of the standard deviation ``noise`` keeps neighbouring samples apart."""
+    if y.size < 2 * SECTIONS or noise <= ROUNDING * float(y.std()):
+        return False
+    equal = y[1:] == y[:-1]
+    return bool(min(part.mean() for part in np.array_split(equal, SECTIONS)) < SELDOM)
+
+
+def saturation_finding(y: FloatArray, modelled: FloatArray, resolved: bool) -> list[Finding]:
+    """Say whether the output sits at the end of its scale.
+
+    Parameters
+    ----------
+    y, modelled : (K,) arrays
+        Measured and modelled output, of the recent past.
+    resolved : bool
+        See `is_resolved`.
+    """
+    if resolved:
+        for window in (*WINDOWS, y.size):
+            newest = y[-window:]
+            if max(np.count_nonzero(newest == newest.max()), np.count_nonzero(newest == newest.min())) >= TIES:
+                return [_saturated(newest)]
     values = np.unique(y)
     if values.size <= MANY_LEVELS:
         return []
-    step = smallest_step(values)
-    for end, words in ((values[-1], "largest"), (values[0], "smallest")):
+    least = max(ELSEWHERE * float(y.std()), smallest_step(values))
+    for end in (values[0], values[-1]):
         there = y == end
-        share = float(there.mean())
         elsewhere = float(np.sqrt(np.mean((modelled[there] - end) ** 2)))
-        if share > AT_THE_END and elsewhere > max(ELSEWHERE * float(y.std()), step):
-            reason = f"{100 * share:.0f} % of the samples lie exactly at the {words} output: a sensor at its limit"
-            return [Finding("inconsistent", reason)]
+        if float(there.mean()) > AT_THE_END and elsewhere > least:
+            return [_saturated(y)]
     return []
 
 
-def stuck_finding(y: FloatArray, modelled: FloatArray, noise: float, seconds: FloatArray) -> list[Finding]:
+def _saturated(y: FloatArray) -> Finding:
+    share = 100.0 * max(float((y == y.max()).mean()), float((y == y.min()).mean()))
+    reason = f"{share:.0f} % of the newest {y.size} samples lie exactly at an extreme of the output"
+    return Finding("inconsistent", f"{reason}: a sensor at its limit, or stuck")
+
+
+def stuck_finding(
+    y: FloatArray, modelled: FloatArray, noise: float, resolved: bool, seconds: FloatArray
+) -> list[Finding]:
     """Say whether the output lately stood still to the bit while it should have moved.
 
     Parameters
@@ -80,15 +112,15 @@ def stuck_finding(y: FloatArray, modelled: FloatArray, noise: float, seconds: Fl
     y, modelled : (K,) arrays
         Measured and modelled output, of the recent past.
     noise : float
-        Standard deviation of the residual as it was before.
+        Standard deviation of the residual.
+    resolved : bool
+        See `is_resolved`.
     seconds : (K,) array
         Time of each sample, in s.
     """
     begins = np.flatnonzero(np.concatenate([[True], y[1:] != y[:-1]]))
     ends = np.append(begins[1:], y.size)
-    step = smallest_step(np.unique(y))
-    resolved = noise > max(RESOLVED_STEPS * step, ROUNDING * float(y.std()))
-    least = max((MOVED_AT_ALL if resolved else STUCK_MOVED) * noise, STUCK_STEPS * step)
+    least = max((MOVED_AT_ALL if resolved else STUCK_MOVED) * noise, STUCK_STEPS * smallest_step(np.unique(y)))
     for run in np.flatnonzero(ends - begins >= STUCK_SAMPLES)[::-1]:
         begin, end = int(begins[run]), int(ends[run])
         moved = float(np.ptp(modelled[begin:end]))
@@ -96,7 +128,7 @@ def stuck_finding(y: FloatArray, modelled: FloatArray, noise: float, seconds: Fl
             duration = seconds[end - 1] - seconds[begin]
             now = "stands" if end == y.size else "stood"
             reason = f"the output {now} still to the bit for {duration:.3g} s while it should have moved by {moved:.3g}"
-            return [Finding("inconsistent", f"{reason}: a stuck or saturated sensor, or a cable off")]
+            return [Finding("inconsistent", f"{reason}: a stuck or saturated sensor, a cable off, or friction")]
     return []
 
 

@@ -1,0 +1,135 @@
+r"""Whether the input could still explain some of what a model leaves.
+
+The residual of a right model is independent of the input.  The test regresses it on what an input does to an output
+that a model may miss: the states s^i/A u and the input at several delays, the slopes of the simulated output, its
+powers.  Both sides are first filtered by the autoregression that makes the residual white, so that the explained part,
+over the residual's variance, is :math:`\chi^2` with as many degrees of freedom as there are independent columns.  An
+input yet to come is left out: where there is feedback it answers to the residual, and that is no fault of the model.
+
+Sources: Ljung (1999), "System Identification: Theory for the User", sections 16.5 and 16.6; Soderstrom and Stoica
+(1989), "System Identification", section 11.2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.assessment.model_run import ModelRun
+from replant.assessment.sums import lengths_of, orthogonal, products
+from replant.assessment.whitening import autoregression, filtered
+from replant.validation import FloatArray
+
+FALSE_ALARM = 1e-4  # chance that the test finds something where there is nothing
+# Two sets of columns are tried.  A few find most faults of a model with the least to pay for chance,
+CORE_STATE_DELAYS = (0, 2)  # in steps of FAST_STEP times the fastest time constant
+CORE_INPUT_DELAYS = (0, 2, 5, 13)  # samples
+# ... and many more those that are spread wide.
+STATE_DELAYS = (1, 4, 8)
+INPUT_DELAYS = (1, 3, 8)
+SLOW_DELAYS = (0.5, 1.0, 2.0)  # of the input, in slowest time constants
+FAST_STEP = 0.5
+FARTHEST = 0.02  # of the record: longest step of a delay of the states
+PER_COLUMN = 8  # samples that each column of the regression needs at the least
+FILTERED_AWAY = 1e-9  # relative size of a column behind the filter, below which nothing of it is left
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """What of a residual the input could still explain.
+
+    Attributes
+    ----------
+    power : float
+        Mean square of that part, what chance adds taken off; in the output's unit squared.
+    doubt : float
+        Its standard deviation.
+    statistic : float
+        The test's, over its limit: above 1 it is no chance.
+    """
+
+    power: float
+    doubt: float
+    statistic: float
+
+
+def unexplained(run: ModelRun, rows: slice, dt: float, surplus: float = 0.0) -> Unexplained:
+    """Return what of a run's residual over ``rows`` the input could still explain.
+
+    ``surplus`` is how much larger the statistic is by the estimate's own error: rows over samples learned.
+    """
+    columns, few = _columns(run, rows, dt)
+    error, columns = run.error[rows] - run.error[rows].mean(), columns - columns.mean(axis=0)
+    model = autoregression(error)
+    e, z = filtered(model, error), filtered(model, columns)
+    lengths = lengths_of(z)
+    left = lengths > FILTERED_AWAY * lengths_of(columns)
+    if not left.any() or not float(e @ e) > 0.0:
+        return Unexplained(0.0, 0.0, 0.0)
+    few = int(left[:few].sum())
+    # what the filter has not seen whole must not count afterwards either
+    columns, z = columns[model.size - 1 :, left] / lengths[left], z[:, left] / lengths[left]
+    seen, made, along = products(z, z), products(columns, columns), products(z, e[:, None])[:, 0]
+    learned = surplus * run.zeta.shape[1]
+    tried = [_regression(seen[:k, :k], made[:k, :k], along[:k], e, learned) for k in {few, along.size} - {0}]
+    return max(tried, key=lambda found: found.statistic)
+
+
+def _regression(
+    seen: FloatArray, made: FloatArray, along: FloatArray, error: FloatArray, learned: float
+) -> Unexplained:
+    """Regress the white error (K,) on columns whose sums are given: filtered, as they are, and with the error."""
+    from scipy.stats import chi2
+
+    basis = orthogonal(seen)
+    amounts = basis.T @ along
+    count, part = len(amounts), float(amounts @ amounts)
+    variance = max(float(error @ error) - part, 0.0) / max(error.size - count, 1)
+    # in the output: what the columns so weighted make, less what noise alone would give them
+    gram = basis.T @ made @ basis
+    output = gram @ amounts
+    power = (float(amounts @ output) - variance * float(np.trace(gram))) / error.size
+    doubt = math.sqrt(variance * (2.0 * variance * float(np.sum(gram**2)) + 4.0 * float(output @ output))) / error.size
+    limit = float(chi2.ppf(1.0 - FALSE_ALARM / 2.0, count)) * (1.0 + learned / count)
+    return Unexplained(max(power, 0.0), doubt, part / variance / limit if variance > 0.0 else math.inf)
+
+
+def _columns(run: ModelRun, rows: slice, dt: float) -> tuple[FloatArray, int]:
+    """Return what the residual is regressed on, and how many of the columns are the few that come first."""
+    samples, n = len(run.error), run.structure.poles
+    begin, end, _ = rows.indices(samples)
+    index = np.arange(begin, end)
+    slowest, fastest = _time_constants(run.parameters[:n], samples * dt)
+    step = min(max(1, round(FAST_STEP * fastest / dt)), max(1, int(FARTHEST * samples)))
+    far = [min(round(part * slowest / dt), samples // 4) for part in SLOW_DELAYS]
+    room = (end - begin) // PER_COLUMN
+    states = (room - 5 * n - len(INPUT_DELAYS) - len(far)) // run.states.shape[1]
+
+    def delayed(signal: FloatArray, delay: int) -> FloatArray:
+        return np.asarray(signal[np.clip(index - delay, 0, samples - 1)])
+
+    def inputs(delays: Iterable[int]) -> FloatArray:
+        return np.column_stack([delayed(run.u, delay) for delay in delays])
+
+    output = run.forced[rows] - run.forced[rows].mean()
+    parts = [
+        *(delayed(run.states, delay * step) for delay in CORE_STATE_DELAYS),
+        run.zeta[rows, :n],
+        inputs(CORE_INPUT_DELAYS),
+        np.column_stack([output**2, output**3]),
+    ]
+    few = sum(part.shape[1] for part in parts)
+    if states > 0:  # enough samples for more
+        parts += [delayed(run.states, delay * step) for delay in STATE_DELAYS[:states]]
+        parts.append(inputs({*INPUT_DELAYS, *far} - set(CORE_INPUT_DELAYS)))
+    return np.hstack(parts), few
+
+
+def _time_constants(a: FloatArray, longest: float) -> tuple[float, float]:
+    """Return the slowest and the fastest time constant of a denominator, in s, at most ``longest``."""
+    poles = np.roots(np.concatenate([[1.0], a]))
+    slowest, fastest = float(np.abs(poles.real).min()), float(np.abs(poles).max())
+    return 1.0 / max(slowest, 1.0 / longest), 1.0 / max(fastest, 1.0 / longest)
