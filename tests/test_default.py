@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -230,6 +231,31 @@ def test_any_working_point_is_right_because_a_constant_is_estimated(preprocess: 
     ident = rp.Identifier(structure, DT, preprocess=preprocess)
     ident.update_many(u + OFFSET_U, y)
     np.testing.assert_allclose(ident.parameters, true_parameters(plant, 1), rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("input_map", "by_hand"), [("square", np.square), (np.cbrt, np.cbrt)], ids=["square", "callable"]
+)
+def test_a_mapped_input_is_as_one_mapped_by_hand(input_map: Any, by_hand: Any) -> None:
+    """To the bit, through start-up and every new solution of the record."""
+    structure, plant = SMOOTH
+    u = 2.0 + prbs(3000, bits=9, hold=6)
+    y = plant.simulate(by_hand(u), DT) + 0.1 * np.random.default_rng(0).standard_normal(3000)
+    inside = rp.Identifier(structure, DT, preprocess=rp.Preprocess(input_map)).update_many(u, y)
+    outside = rp.Identifier(structure, DT).update_many(by_hand(u), y)
+    np.testing.assert_array_equal(inside.parameters, outside.parameters)
+    np.testing.assert_array_equal(inside.errors, outside.errors)
+
+
+def test_rejected_samples_shift_no_new_solution() -> None:
+    """Wherever bad samples fall, also just before twice the start-up: the estimate is that of the others."""
+    u, y = made("order 2", noise=0.1)
+    clean, spoiled = (rp.Identifier(AWKWARD["order 2"][0], DT) for _ in range(2))
+    expected = clean.update_many(u, y).parameters
+    bad = [3, 499, 600, 998, 999, 999, 1000, 1500, 2001, 3998]
+    trace = spoiled.update_many(np.insert(u, bad, np.nan), np.insert(y, bad, 0.0))
+    np.testing.assert_array_equal(trace.parameters[np.isfinite(np.insert(u, bad, np.nan))], expected)
+    assert spoiled.rejected["not finite"] == len(bad)
 
 
 def test_the_bias_of_the_refined_filter_is_the_constant_of_the_equation() -> None:
