@@ -56,6 +56,7 @@ def test_least_squares_agrees_with_a_direct_fit(actuator):
             actuator.record.y,
             DT,
             rp.Structure(poles=3, zeros=1, bias=True),
+            method="least_squares",
             filter=rp.StateVariableFilter(cutoff=50.0, method=filters),
             preprocess=actuator.record.rig.preprocess,
         )
@@ -116,7 +117,7 @@ def test_every_configuration_is_there_once(actuator):
 def test_gains_carry_the_sampling_time_where_the_article_says_so():
     """ "The difference of gains is equalized by the sampling time": a step of 5e-5 g_n for each."""
     for gain in GAINS.values():
-        assert OPTIMIZERS["Gradient"](gain).settings(DT)[0] == pytest.approx(5e-5 * gain)
+        assert OPTIMIZERS["Gradient"](gain).settings(DT, np.ones(5))[0] == pytest.approx(5e-5 * gain)
         assert OPTIMIZERS["AMSGrad"](gain).step_size == OPTIMIZERS["Adam"](gain).step_size
         assert OPTIMIZERS["AMSGrad"](gain).step_size == pytest.approx(5e-5 * gain)
         integral = OPTIMIZERS["IntegralCost"](gain)

@@ -35,6 +35,12 @@ def identify(u: np.ndarray, y: np.ndarray, **request: Any) -> Result:
         return run_online(Request(dt=DT, **settings), u, y)
 
 
+def without_covariance(result: Result) -> Result:
+    """Return the result as of an estimator that does not tell how sure it is."""
+    assert result.history is not None
+    return dataclasses.replace(result, covariance=None, history=dataclasses.replace(result.history, std=None))
+
+
 def with_covariance(result: Result, relative: float = 0.03) -> Result:
     """The same result with a made-up covariance, correlated, and standard deviations over time."""
     assert result.history is not None
@@ -63,7 +69,7 @@ def plain() -> Case:
     """A good model of a record without surprises, nothing known of its uncertainty."""
     u = steps(4000)
     y = PLANT.simulate(u, DT) + 0.02 * np.random.default_rng(2).standard_normal(u.size)
-    return Case(identify(u, y), as_log(u, y))
+    return Case(without_covariance(identify(u, y)), as_log(u, y))
 
 
 @pytest.fixture(scope="session")

@@ -47,7 +47,7 @@ def assess_record(
     >>> u = np.where(np.arange(400) // 50 % 2 == 0, 1.0, -1.0)
     >>> y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, 0.1)
     >>> verdict = assess_record(Structure(1), np.array([0.5, 2.0]), Record(u, y, np.array([0.1])), 0.1)
-    >>> verdict.status, verdict.fit
+    >>> verdict.status, round(verdict.fit, 6)
     ('trusted', 100.0)
     """
     count = record.u.size

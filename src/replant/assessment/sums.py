@@ -39,6 +39,8 @@ def lengths_of(columns: FloatArray) -> FloatArray:
 
 def orthogonal(matrix: FloatArray) -> FloatArray:
     """Return T (P, R) with T' M T = 1 for a symmetric M of rank R; what is not there is left out."""
+    if not np.isfinite(matrix).all():
+        return np.zeros((len(matrix), 0))
     values, vectors = np.linalg.eigh(matrix)
     kept = values > WEAKEST * max(float(values[-1]), np.finfo(float).tiny)
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))

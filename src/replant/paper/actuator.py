@@ -179,7 +179,15 @@ def fit_offline(record: Record, on_run: Callable[[], None] = lambda: None) -> di
     """Return least squares over the whole record, by filters: the article's way to its Table 6."""
     fits = {}
     for name, chosen in FILTERS.items():
-        fits[name] = fit(record.u, record.y, record.rig.dt, STRUCTURE, filter=chosen, preprocess=record.rig.preprocess)
+        fits[name] = fit(
+            record.u,
+            record.y,
+            record.rig.dt,
+            STRUCTURE,
+            method="least_squares",
+            filter=chosen,
+            preprocess=record.rig.preprocess,
+        )
         on_run()
     return fits
 
