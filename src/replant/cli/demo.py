@@ -40,7 +40,7 @@ def command(out: Path, full: bool) -> None:
 
     console = Console()
     rig = deap_rig()
-    u = deap_voltage(SAMPLES)
+    u = deap_voltage(SAMPLES, seed=6)  # one that still moves at the end, for a verdict on samples held out
     y = rig.measure(u)
     request = Request(
         Structure(poles=3, zeros=1),
