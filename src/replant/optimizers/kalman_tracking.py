@@ -9,7 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from replant.errors import InvalidArgumentError
-from replant.optimizers.optimizer import Optimizer
+from replant.optimizers.optimizer import Optimizer, rounded
 from replant.validation import FloatArray, coefficients, positive
 
 
@@ -58,8 +58,8 @@ class KalmanTracking(Optimizer):
 
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:
-        """Return a walk that could double a scaled parameter in ten times the samples to come."""
-        return cls(process_noise=0.1 / (updates * dt))
+        """Return a walk by a tenth of a scaled parameter over the samples to come."""
+        return cls(process_noise=rounded(0.1**2 / (updates * dt)))
 
     def check(self, size: int) -> None:
         """Refuse a sequence of another length than ``size``."""
