@@ -28,6 +28,10 @@ says. "default" is `Identifier(structure, dt)` and nothing else, in one pass; "o
 variables on the whole record at once. Which method to use when: [methods.md](methods.md).
 """
 
+EVERY = """\
+std is over the runs, printed std the root mean square of what the method itself says, failed the runs without an
+estimate. The poles' figures are in out/accuracy/accuracy.json."""
+
 NOTES = """\
 * **A.** The input is left open by the scenario: a PRBS of 8 bits held 8 samples (0.4 s, about the geometric mean of
   the plant's two time constants) runs through its period once; the random binary input has the same hold and is
@@ -93,7 +97,7 @@ def markdown(summaries: Sequence[Summary], verdicts: Verdicts) -> str:
     if verdicts:
         lines += ["", "## H: verdicts", ""]
         lines += table(("case", "cases", *(TRUSTED,), "other"), _verdicts(verdicts))
-    lines += ["", "## Every figure", "", "std is over the runs, printed std what the method itself says.", ""]
+    lines += ["", "## Every figure", "", EVERY, ""]
     header = ("experiment", "method", "figure", "truth", "mean", "std", "bias", "RMSE", "printed std", "failed")
     lines += table(header, _figures(summaries))
     lines += ["", "## The experiments", ""]
@@ -190,9 +194,19 @@ def _verdicts(verdicts: Verdicts) -> Iterator[Sequence[str]]:
 
 def _figures(summaries: Sequence[Summary]) -> Iterator[Sequence[str]]:
     for summary in summaries:
+        poles = poles_of(summary)
         for method, figures in summary.table.items():
             for name, each in figures.items():
+                if name in poles:
+                    continue
                 yield summary.experiment.key, method, name, *_cells(each)
+
+
+def poles_of(summary: Summary) -> set[str]:
+    """Return the names of the figures that follow from the coefficients: the poles' frequencies and dampings."""
+    experiment = summary.experiment
+    names = set(experiment.structure.names)
+    return set(experiment.truth) - names if names <= set(experiment.truth) else set()
 
 
 def _cells(each: Statistics) -> tuple[str, ...]:
