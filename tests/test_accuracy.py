@@ -190,11 +190,11 @@ def few(key: str, runs: int) -> None:
 
 @pytest.mark.parametrize("key", ["A prbs", "A random"])
 def test_scenario_a_on_a_few_runs(key: str) -> None:
-    few(key, 8)
+    few(key, 40)
 
 
 def test_scenario_b_on_a_few_runs() -> None:
-    few("B 10dB", 4)
+    few("B 10dB", 20)
 
 
 @pytest.mark.parametrize("key", [key for key in EXPERIMENTS if key.startswith("E")])
