@@ -10,7 +10,7 @@ import numpy as np
 from replant.assessment.cross_test import FALSE_ALARM
 from replant.assessment.distance import distance as distance_of
 from replant.assessment.evidence import Evidence, Runs
-from replant.assessment.verdict import Finding
+from replant.assessment.verdict import Finding, percent
 
 # Standard deviation of a coefficient of the denominator, as a part of its size, beyond which it is not known yet: the
 # 95 % interval is then wider than a third either way.
@@ -72,10 +72,10 @@ def _scatter(evidence: Evidence, runs: Runs, covariance: np.ndarray) -> float:
 def _of_uncertainty(uncertainty: float, scatter: float) -> list[Finding]:
     findings = []
     if not uncertainty <= MOST_UNCERTAIN:
-        reason = f"a coefficient is known to {100 * uncertainty:.2g} % only"
+        reason = f"a coefficient is known to {percent(uncertainty)} only"
         findings.append(Finding("converging", f"{reason}: take more samples, move the input more, or ask for less"))
     if not scatter <= MOST_SCATTER:
-        reason = f"the estimate's own uncertainty makes {100 * scatter:.2g} % of the simulated output"
+        reason = f"the estimate's own uncertainty makes {percent(scatter)} of the simulated output"
         findings.append(Finding("converging", reason))
     return findings
 
@@ -83,14 +83,14 @@ def _of_uncertainty(uncertainty: float, scatter: float) -> list[Finding]:
 def _of_movement(evidence: Evidence, moved: float, sigmas: float, improves: bool) -> list[Finding]:
     if not (moved > MOST_MOVED and (sigmas > MOVED_SIGMAS or improves)):
         return []
-    reason = f"a coefficient has moved by {100 * moved:.2g} % over {evidence.span} ({sigmas:.2g} standard deviations)"
+    reason = f"a coefficient has moved by {percent(moved)} over {evidence.span} ({sigmas:.2g} standard deviations)"
     return [Finding("converging", reason)]
 
 
 def _of_distance(evidence: Evidence, distance: float, statistic: float) -> list[Finding]:
     if not (statistic > 1.0 and distance > FARTHEST):
         return []
-    reason = f"the samples would put a coefficient {100 * distance:.2g} % elsewhere"
+    reason = f"the samples would put a coefficient {percent(distance)} elsewhere"
     if not evidence.adapts:
         return [Finding("inconsistent", f"{reason}: the estimate is frozen, and the plant has changed")]
     if not evidence.instruments:

@@ -16,7 +16,7 @@ import numpy as np
 
 from replant.assessment.model_run import ModelRun
 from replant.assessment.sums import products, without
-from replant.assessment.verdict import Finding
+from replant.assessment.verdict import Finding, percent
 
 #: Condition number of the scaled regressors beyond which float64 does not tell the parameters apart.
 WORST_CONDITION = 1e7
@@ -24,8 +24,8 @@ WORST_CONDITION = 1e7
 # they show speaks for or against the model: their standard deviations would be ten times those of as many others.
 LEAST_SHARE = 0.01
 # Variance of the input over the newest samples, as a part of the largest that it has been, below which it rests: a
-# thirtieth of the amplitude.
-LEAST_POWER = 1e-3
+# hundredth of the amplitude.
+LEAST_POWER = 1e-4
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class Excitation:
             reason = f"the input does not excite every coefficient (condition number {figure}): move it more"
             return [Finding("not excited", f"{reason}, or ask for fewer poles and zeros")]
         if not self.share >= LEAST_SHARE:
-            reason = "the input hardly moves any more: the newest samples hold"
-            return [Finding("not excited", f"{reason} {100 * max(self.share, 0.0):.2g} % of the usual information")]
+            reason = f"the newest samples hold {percent(max(self.share, 0.0))} of the usual information"
+            return [Finding("not excited", f"the input hardly moves any more: {reason}")]
         return []
 
 

@@ -12,6 +12,7 @@ of time.  With stamps it is found.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,12 @@ import numpy as np
 from replant.assessment import sensor
 from replant.assessment.changes import burst_finding, growth_finding
 from replant.assessment.cross_test import unexplained
-from replant.assessment.estimate import Certainty
+from replant.assessment.estimate import MOVED_SIGMAS, Certainty
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.excitation import LEAST_POWER, excitation
+from replant.assessment.model_run import ModelRun
 from replant.assessment.simulation import fit_percent
-from replant.assessment.verdict import Assessment, Finding, conclude
+from replant.assessment.verdict import Assessment, Finding, conclude, percent
 from replant.assessment.whitening import whiteness
 
 # Simulated fit in percent below which the input explains next to nothing: at a fit of 10 the noise has four times the
@@ -87,9 +89,9 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
         findings.append(Finding("converging", reason))
         return findings
     if np.var(u[evidence.newest]) < LEAST_POWER * evidence.largest_power:
-        reason = f"the input hardly moves any more: its variance over {evidence.span} is"
-        part = 100.0 * float(np.var(u[evidence.newest])) / evidence.largest_power
-        findings.append(Finding("not excited", f"{reason} {part:.2g} % of what it was"))
+        part = percent(float(np.var(u[evidence.newest])) / evidence.largest_power)
+        reason = f"the input hardly moves any more: its variance over {evidence.span} is {part} of what it was"
+        findings.append(Finding("not excited", reason))
     if evidence.is_young:
         reason = f"{evidence.unseen} samples that the estimate has not seen are too few to judge it by"
         findings.append(Finding("converging", reason))
@@ -144,26 +146,50 @@ def _fit(evidence: Evidence, runs: Runs, figures: Figures) -> list[Finding]:
 
 
 def _unexplained(evidence: Evidence, runs: Runs, figures: Figures) -> list[Finding]:
-    """Test both runs: the earlier estimate over the samples held out, the present one over all that it should know."""
-    tested = [(runs.now, evidence.known, 0.0)]
+    """Test both runs: the present estimate over all that it should know, the earlier one over the samples held out."""
+    present = Part.of(evidence, runs.now, evidence.known, 0.0)
+    parts = [present]
     if evidence.held_out:
-        tested.append((runs.old, evidence.newest, evidence.held_out / max(evidence.learned, 1)))
-    parts = []
-    for run, rows, surplus in tested:
-        found = unexplained(run, rows, evidence.dt, surplus)
-        whole, left = float(np.var(evidence.record.y[rows])), float(np.var(run.error[rows]))
-        size = max(whole, np.finfo(float).tiny)
-        parts.append((found.statistic, min(found.power, left) / size, found.doubt / size))
-    statistic, surest, doubt = max(parts)
-    part = max(part for each, part, _ in parts if each > 1.0 or each == statistic)
-    figures |= {"explained": part, "explained_limit": statistic}
-    if statistic <= 1.0 or part < NEGLIGIBLE:
+        parts.append(Part.of(evidence, runs.old, evidence.newest, evidence.held_out / max(evidence.learned, 1)))
+    surest = max(parts, key=lambda part: part.statistic)
+    largest = max((part for part in parts if part.is_sure or part is surest), key=lambda part: part.size)
+    figures |= {"explained": largest.size, "explained_limit": surest.statistic}
+    if not surest.is_sure or largest.size < NEGLIGIBLE:
         return []
-    reason = f"the input could explain another {100 * part:.2g} % of the output's power, which the model leaves"
-    if part > LARGEST_PART or surest + doubt > LARGEST_PART:
-        reason += ": too few poles or zeros, a wrong dead time, or a plant that changes or is not linear"
-        return [Finding("inconsistent", reason)]
-    return [Finding("trusted", f"{reason}; small, but no chance")]
+    reason = f"the input could explain another {percent(min(largest.size, 1.0))} of the output's power"
+    if largest.size <= LARGEST_PART and surest.size + surest.doubt <= LARGEST_PART:
+        return [Finding("trusted", f"{reason}, which the model leaves; small, but no chance")]
+    if evidence.adapts and figures["movement"] > MOVED_SIGMAS and not (present.is_sure and present.is_large):
+        return [Finding("converging", f"{reason}, which the estimate of {evidence.span} ago left, and the present not")]
+    reason += ", which the model leaves: too few poles or zeros, a wrong dead time, or a plant that changes or is not"
+    return [Finding("inconsistent", f"{reason} linear")]
+
+
+@dataclass(frozen=True)
+class Part:
+    """What the input could still explain, as a part of the output's power, and how sure that is."""
+
+    size: float
+    doubt: float
+    statistic: float
+
+    @classmethod
+    def of(cls, evidence: Evidence, run: ModelRun, rows: slice, surplus: float) -> Part:
+        """Test a run over ``rows``."""
+        found = unexplained(run, rows, evidence.dt, surplus)
+        output, error = float(np.var(evidence.record.y[rows])), float(np.var(run.error[rows]))
+        power = max(output, np.finfo(float).tiny)
+        return cls(min(found.power, error) / power, found.doubt / power, found.statistic)
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether it is no chance."""
+        return self.statistic > 1.0
+
+    @property
+    def is_large(self) -> bool:
+        """Whether it may be more than what a trusted model may leave."""
+        return self.size + self.doubt > LARGEST_PART
 
 
 def _in_favour(evidence: Evidence, figures: Figures) -> str:
@@ -172,5 +198,5 @@ def _in_favour(evidence: Evidence, figures: Figures) -> str:
     seen = "in sample" if evidence.in_sample else "which it had not seen"
     return (
         f"run from the input alone over {evidence.span}, {seen}, the model fits the output to {fit:.1f} %; "
-        f"its coefficients are known to {100 * uncertainty:.2g} %"
+        f"its coefficients are known to {percent(uncertainty)}"
     )

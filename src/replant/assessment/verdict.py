@@ -80,6 +80,17 @@ class Finding:
     reason: str
 
 
+def percent(part: float) -> str:
+    """Return a part in percent, with two digits.
+
+    Examples
+    --------
+    >>> percent(0.12345), percent(0.00123), percent(6.789)
+    ('12 %', '0.12 %', '680 %')
+    """
+    return f"{float(f'{100.0 * part:.2g}'):g} %"
+
+
 def conclude(findings: list[Finding], otherwise: str) -> tuple[str, tuple[str, ...]]:
     """Return the status of the gravest finding and every reason, the gravest first.
 
