@@ -69,17 +69,18 @@ def unexplained(run: ModelRun, rows: slice, dt: float, surplus: float = 0.0) -> 
     left = lengths > FILTERED_AWAY * lengths_of(columns)
     if not left.any() or not float(e @ e) > 0.0:
         return Unexplained(0.0, 0.0, 0.0)
-    few = int(left[:few].sum())
+    z, few = z[:, left] / lengths[left], int(left[:few].sum())
     # what the filter has not seen whole must not count afterwards either
-    columns, z = columns[model.size - 1 :, left] / lengths[left], z[:, left] / lengths[left]
-    seen, made, along = products(z, z), products(columns, columns), products(z, e[:, None])[:, 0]
+    whole = columns[model.size - 1 :, left] / lengths[left]
+    seen, made, along = products(z, z), products(whole, whole), products(z, e[:, None])[:, 0]
     learned = surplus * run.zeta.shape[1]
-    tried = [_regression(seen[:k, :k], made[:k, :k], along[:k], e, learned) for k in {few, along.size} - {0}]
-    return max(tried, key=lambda found: found.statistic)
+    tried = [_regression(seen[:k, :k], made[:k, :k], along[:k], e, learned) for k in sorted({few, along.size} - {0})]
+    # the few tell for sure, all tell how much: a part that the columns do not span is measured wrong
+    return Unexplained(tried[-1].power, tried[-1].doubt, max(found.statistic for found in tried))
 
 
 def _regression(
-    seen: FloatArray, made: FloatArray, along: FloatArray, error: FloatArray, learned: float
+    seen: FloatArray, made: FloatArray, along: FloatArray, white: FloatArray, learned: float
 ) -> Unexplained:
     """Regress the white error (K,) on columns whose sums are given: filtered, as they are, and with the error."""
     from scipy.stats import chi2
@@ -87,14 +88,12 @@ def _regression(
     basis = orthogonal(seen)
     amounts = basis.T @ along
     count, part = len(amounts), float(amounts @ amounts)
-    if count == 0:
-        return Unexplained(0.0, 0.0, 0.0)
-    variance = max(float(error @ error) - part, 0.0) / max(error.size - count, 1)
+    variance = max(float(white @ white) - part, 0.0) / max(white.size - count, 1)
     # in the output: what the columns so weighted make, less what noise alone would give them
     gram = basis.T @ made @ basis
     output = gram @ amounts
-    power = (float(amounts @ output) - variance * float(np.trace(gram))) / error.size
-    doubt = math.sqrt(variance * (2.0 * variance * float(np.sum(gram**2)) + 4.0 * float(output @ output))) / error.size
+    power = (float(amounts @ output) - variance * float(np.trace(gram))) / white.size
+    doubt = math.sqrt(variance * (2.0 * variance * float(np.sum(gram**2)) + 4.0 * float(output @ output))) / white.size
     limit = float(chi2.ppf(1.0 - FALSE_ALARM / 2.0, count)) * (1.0 + learned / count)
     return Unexplained(max(power, 0.0), doubt, part / variance / limit if variance > 0.0 else math.inf)
 

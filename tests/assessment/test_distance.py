@@ -1,0 +1,89 @@
+"""How far an estimate lies from where a record would put it: the step, and whether it is chance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import chi2
+
+import replant as rp
+from builders import binary
+from replant.assessment.changes import growth
+from replant.assessment.distance import Distance, distance
+from replant.assessment.model_run import run_model
+from replant.assessment.whitening import whiteness
+from replant.refined import Record
+
+DT, SAMPLES = 0.05, 2000
+PLANT, STRUCTURE, TRUE = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]), rp.Structure(2), np.array([4.0, 3.0, 2.0])
+
+
+def coloured(seed: int, colour: float, samples: int = SAMPLES) -> np.ndarray:
+    made = lfilter([1.0], [1.0, -colour], np.random.default_rng(seed).standard_normal(samples + 500))[500:]
+    return np.asarray(made * np.sqrt(1.0 - colour**2))
+
+
+def distance_of(estimate: np.ndarray, seed: int, noise: float, colour: float = 0.0) -> Distance:
+    u = binary(seed, SAMPLES, 8)
+    y = PLANT.simulate(u, DT) + noise * coloured(seed, colour)
+    run = run_model(STRUCTURE, estimate, Record(u, y, np.array([DT])), DT)
+    assert run is not None
+    return distance(run, slice(0, SAMPLES), 0.05)
+
+
+def test_without_noise_the_step_leads_to_the_truth() -> None:
+    """To first order: what is left is the square of what was wrong, within a factor of ten."""
+    for wrong in (1e-3, 1e-4):
+        estimate = TRUE * (1.0 + wrong * np.array([1.0, -1.0, 0.5]))
+        found = distance_of(estimate, seed=1, noise=0.0)
+        assert (np.abs(estimate + found.step - TRUE) < 10 * wrong**2 * TRUE).all()
+        assert found.statistic > 1.0
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.8])
+def test_its_covariance_is_honest(colour: float) -> None:
+    """200 records, run with the true model: step' C^-1 step is chi2 with three degrees of freedom.
+
+    Its mean lies within four standard errors of 3, a tenth more for a covariance that is itself estimated, and is
+    allowed to be too large a covariance by a fifth; alarms at 5 % are below 11 % (four standard deviations).
+    """
+    found = [distance_of(TRUE, seed, 0.05, colour) for seed in range(200)]
+    squares = np.array([each.step @ np.linalg.solve(each.covariance, each.step) for each in found])
+    error = np.sqrt(6.0 / 200)
+    assert 3.0 * 0.8 - 4 * error < squares.mean() < 3.0 * 1.1 + 4 * error
+    alarms = np.mean([each.statistic > 1.0 for each in found])
+    assert alarms < 0.05 + 4 * np.sqrt(0.05 * 0.95 / 200)
+    np.testing.assert_allclose([each.statistic for each in found], squares / chi2.ppf(0.95, 3), rtol=1e-6)
+
+
+# --- whiteness, and the residual's growth
+
+
+def test_white_noise_is_called_white() -> None:
+    """The limit is that of 1 %: of 300, at most 10 beyond it (but for one in a thousand)."""
+    statistics = np.array([whiteness(np.random.default_rng(seed).standard_normal(1000)) for seed in range(300)])
+    assert np.count_nonzero(statistics > 1.0) <= 10
+    assert whiteness(coloured(1, 0.3)) > 1.0
+    assert whiteness(np.zeros(100)) == 0.0
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.9])
+@pytest.mark.parametrize("tails", [False, True], ids=["normal", "outliers"])
+def test_noise_that_does_not_grow_is_not_accused(colour: float, tails: bool) -> None:
+    """400 pairs: four of its standard deviations are beyond chance, also for colour and outliers."""
+    worst = 0.0
+    for seed in range(400):
+        noise = coloured(seed, colour)
+        if tails:
+            hit = np.random.default_rng([seed, 1]).random(SAMPLES) < 0.01
+            noise = noise + 5.0 * hit * np.random.default_rng([seed, 2]).standard_normal(SAMPLES)
+        worst = max(worst, abs(growth(noise[:1200], noise[1200:])[1]))
+    assert worst < (5.0 if tails else 4.0)
+
+
+def test_growth_has_no_unit_and_no_fear_of_zero() -> None:
+    noise = coloured(1, 0.5)
+    assert growth(noise[:1000], 3.0 * noise[1000:]) == pytest.approx(growth(1e9 * noise[:1000], 3e9 * noise[1000:]))
+    assert growth(np.zeros(200), np.zeros(200)) == (1.0, 0.0)
+    assert growth(np.zeros(200), noise[:200])[1] == np.inf

@@ -1,0 +1,107 @@
+"""From figures to a word: the gravest finding makes it, and every status has its reason."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replant as rp
+from builders import binary
+from replant.assessment import Assessment, assess_record
+from replant.assessment.evidence import Evidence
+from replant.assessment.judge import LARGEST_PART, NEGLIGIBLE, judge
+from replant.assessment.verdict import STATUSES, Finding, conclude, percent
+from replant.refined import Record
+
+DT, SAMPLES = 0.05, 4000
+STRUCTURE, TRUE = rp.Structure(2), np.array([4.0, 3.0, 2.0])
+U = binary(1, SAMPLES, 8)
+Y = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]).simulate(U, DT)
+Y = Y + 0.1 * Y.std() * np.random.default_rng(0).standard_normal(SAMPLES)
+STD = 0.005 * TRUE
+
+
+def evidence(**changes: Any) -> Evidence:
+    """A right estimate, known to half a percent, that has not seen the last quarter."""
+    record = Record(changes.pop("u", U), changes.pop("y", Y), changes.pop("intervals", np.array([DT])))
+    sound: dict[str, Any] = {
+        "structure": STRUCTURE, "dt": DT, "record": record, "estimate": TRUE, "covariance": np.diag(STD**2),
+        "earlier": TRUE, "unseen": 1000, "learned": 3000,
+    }  # fmt: skip
+    return Evidence(**{**sound, **changes})
+
+
+def test_a_right_estimate_is_trusted_and_its_figures_are_there() -> None:
+    verdict = judge(evidence())
+    assert verdict.status == "trusted"
+    assert len(verdict.reasons) == 1
+    assert (verdict.samples, verdict.held_out) == (SAMPLES, 1000)
+    figures = [getattr(verdict, field.name) for field in dataclasses.fields(Assessment)[2:]]
+    assert np.isfinite(figures).all()
+    assert verdict.fit == pytest.approx(90.0, abs=1.0)
+    assert verdict.uncertainty == pytest.approx(0.005 * 3.0 / 3.0, rel=0.3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "status", "words"),
+    [
+        ({"refused": True}, "diverged", "float64"),
+        ({"u": np.ones(SAMPLES)}, "not excited", "stands still"),
+        ({"u": np.where(np.arange(SAMPLES) < 2500, U, 1.0)}, "not excited", "hardly moves"),
+        ({"largest_power": 1e5}, "not excited", "variance"),
+        ({"usual_interval": 0.5}, "inconsistent", "time stamps"),
+        ({"y": U, "u": Y}, "inconsistent", "swapped"),
+        ({"y": np.ones(SAMPLES)}, "inconsistent", "stands still"),
+        ({"y": Y - np.mean(Y) + 5.0 * binary(7, SAMPLES, 3)}, "inconsistent", "next to nothing"),
+        ({"y": np.roll(Y, 20)}, "inconsistent", "could explain another"),
+        ({"y": Y + np.where(np.arange(SAMPLES) > 3000, 0.3, 0.0) * np.sin(2.1 * np.arange(SAMPLES))}, "inconsistent",
+         "has grown"),
+        ({"y": np.where(np.arange(SAMPLES) > 3950, 0.5, Y)}, "inconsistent", "still to the bit"),
+        ({"y": Y + np.where(np.arange(SAMPLES) > 3960, 1.0, 0.0)}, "inconsistent", "that it ever left"),
+        ({"estimate": np.array([-9.0, 3.0, 2.0]), "earlier": np.array([-9.0, 3.0, 2.0])}, "inconsistent", "bounds"),
+        ({"unseen": 20}, "converging", "20 samples"),
+        ({"covariance": np.diag((0.5 * TRUE) ** 2)}, "converging", "known to"),
+        ({"earlier": TRUE * [1.5, 1.0, 1.0]}, "converging", "has moved"),
+        ({"earlier": TRUE * 0.8, "estimate": TRUE * 0.8, "adapts": False}, "inconsistent", "frozen"),
+        ({"earlier": TRUE * 0.9, "estimate": TRUE * 0.9, "instruments": False}, "inconsistent", "noise biases"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)  # fmt: skip
+def test_each_finding_has_its_word_and_its_reason(changes: dict[str, Any], status: str, words: str) -> None:
+    verdict = judge(evidence(**changes))
+    assert verdict.status == status, verdict.reasons
+    assert any(words in reason for reason in verdict.reasons), verdict.reasons
+
+
+def test_a_small_part_that_is_left_is_a_caveat() -> None:
+    """Nearly free of noise, the plant bends a little: the square of its output is added, which no G(s) makes."""
+    clean = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]).simulate(U, DT)
+    missing = clean**2
+    clean = clean + 1e-3 * clean.std() * np.random.default_rng(1).standard_normal(SAMPLES)
+    for part, status in ((NEGLIGIBLE / 100, ""), (np.sqrt(NEGLIGIBLE * LARGEST_PART), "trusted"), (0.05, "wrong")):
+        y = clean + np.sqrt(part) * clean.std() / missing.std() * missing
+        fitted = rp.fit(U, y, DT, STRUCTURE)
+        verdict = assess_record(STRUCTURE, fitted.parameters, Record(U, y, np.array([DT])), DT, fitted.covariance)
+        assert (verdict.status == "trusted") == (status != "wrong"), verdict
+        assert ("could explain another" in " ".join(verdict.reasons)) == (status != "")
+
+
+def test_the_gravest_finding_comes_first_and_trust_only_without_any() -> None:
+    findings = [Finding(status, status) for status in reversed(STATUSES)]
+    assert conclude(findings, "good") == ("diverged", STATUSES)
+    assert conclude([], "good") == ("trusted", ("good",))
+    assert conclude([Finding("trusted", "but")], "good") == ("trusted", ("good", "but"))
+
+
+def test_percent_has_no_exponent() -> None:
+    assert [percent(part) for part in (0.0, 1e-4, 0.0561, 1.0, 63.4)] == ["0 %", "0.01 %", "5.6 %", "100 %", "6300 %"]
+
+
+def test_of_a_long_record_the_newest_samples_are_judged() -> None:
+    u, y = np.tile(U, 15), np.tile(Y, 15)
+    for intervals in (np.array([DT]), np.full(u.size, DT)):
+        verdict = assess_record(STRUCTURE, TRUE, Record(u, y, intervals), DT)
+        assert (verdict.samples, verdict.held_out) == (50_000, 0)
