@@ -16,7 +16,7 @@ Discretisations are kept by the interval they belong to, a few at a time: a regu
 time three, and a clock that jitters makes a new one each time.
 """
 
-from replant.kernels.compiled import cut, part, rare
+from replant.kernels.compiled import part, rare, seldom
 from replant.kernels.matrix_exponential import exponential
 
 OUTPUT, INPUT, MODEL, IMPULSE, CONSTANT = range(5)
@@ -64,26 +64,7 @@ def size(n: int, T: int) -> int:
     return DENOMINATOR + 2 * n + 2 * T + CHANNELS * n + KEPT * (1 + n * n + 2 * n)
 
 
-@cut
-def states_of(bank, n, T, channel):
-    """Return the states (n,) of a channel."""
-    at = DENOMINATOR + 2 * n + 2 * T + channel * n
-    return bank[at : at + n]
-
-
-@cut
-def gains_of(bank, n, T):
-    """Return the gains (T,)."""
-    return bank[DENOMINATOR + 2 * n : DENOMINATOR + 2 * n + T]
-
-
-@cut
-def characteristic_of(bank, n):
-    """Return the scaled characteristic polynomial (n,)."""
-    return bank[DENOMINATOR + n : DENOMINATOR + 2 * n]
-
-
-@rare
+@seldom
 def set_denominator(bank, n, T, inputs, constant, nuisances, fixed, denominator, sigma):
     """Give the bank a denominator d_{n-1} .. d_0: time scale, characteristic, gains; forget the discretisations.
 
@@ -97,7 +78,7 @@ def set_denominator(bank, n, T, inputs, constant, nuisances, fixed, denominator,
         c = 1.0
     bank[SCALE] = c
     scale = 1.0
-    gain = at_gain(n)
+    gain = DENOMINATOR + 2 * n
     characteristic = DENOMINATOR + n
     for i in range(n):  # entry i belongs to s^(n-1-i), scaled by c^(i+1)
         scale *= c
@@ -114,12 +95,12 @@ def set_denominator(bank, n, T, inputs, constant, nuisances, fixed, denominator,
     if constant:
         last = 1.0 if fixed else c**n
         bank[gain + n + inputs] = 1.0 / (last * sigma[n + inputs])
-    kept, size = at_kept(n, T), 1 + n * n + 2 * n
+    kept, size = DENOMINATOR + 2 * n + 2 * T + CHANNELS * n, 1 + n * n + 2 * n
     for slot in range(KEPT):
         bank[kept + slot * size] = -1.0
 
 
-@cut
+@rare
 def discretization(bank, n, T, interval, work):
     """Return where the exact solution over ``interval`` lies in the bank, computing it if it is not there."""
     kept, size = at_kept(n, T), 1 + n * n + 2 * n
@@ -144,7 +125,7 @@ def new_discretization(bank, n, T, interval, work):
     for i in range(wide * wide):
         matrix[i] = 0.0
     rate = bank[SCALE] * interval
-    characteristic = characteristic_of(bank, n)
+    characteristic = bank[DENOMINATOR + n : DENOMINATOR + 2 * n]
     for i in range(n):
         matrix[i] = -rate * characteristic[i]
     for i in range(1, n):
@@ -161,10 +142,11 @@ def new_discretization(bank, n, T, interval, work):
     return at
 
 
-@part
+@rare
 def advance_channel(bank, n, T, channel, at, start, end, work):
     """Carry one channel over the interval of the discretisation ``at``; its signal runs straight, start to end."""
-    x, new = states_of(bank, n, T, channel), work[:n]
+    states = DENOMINATOR + 2 * n + 2 * T + channel * n
+    x, new = bank[states : states + n], work[:n]
     A = bank[at + 1 : at + 1 + n * n]
     constant, ramp = bank[at + 1 + n * n : at + 1 + n * n + n], bank[at + 1 + n * n + n : at + 1 + n * n + 2 * n]
     rise = end - start
@@ -177,11 +159,11 @@ def advance_channel(bank, n, T, channel, at, start, end, work):
         x[i] = new[i]
 
 
-@rare
+@seldom
 def take_states(bank, other, n, T):
     """Copy the states of another bank, in this bank's own time scale."""
     ratio = bank[SCALE] / other[SCALE]
-    states = at_states(n, T)
+    states = DENOMINATOR + 2 * n + 2 * T
     for channel in range(CHANNELS):
         factor = 1.0
         for i in range(n):
@@ -190,70 +172,60 @@ def take_states(bank, other, n, T):
     bank[MODEL_OUTPUT] = other[MODEL_OUTPUT]
 
 
-@rare
+@seldom
 def begin(bank, n, T):
     """Put every channel at rest, but for the impulse that has just come in."""
-    states = at_states(n, T)
+    states = DENOMINATOR + 2 * n + 2 * T
     for i in range(CHANNELS * n):
         bank[states + i] = 0.0
     bank[states + IMPULSE * n] = bank[SCALE]
     bank[MODEL_OUTPUT] = 0.0
 
 
-@part
-def input_entries(bank, n, T, inputs, u, phi):
-    """Fill the regressor's entries of the input, s^m/D u .. s^0/D u, u being its delayed value now."""
-    w = states_of(bank, n, T, INPUT)
-    if inputs == n + 1:
-        gains, entries = gains_of(bank, n, T)[n + 1 :], phi[n + 1 :]
-        characteristic = characteristic_of(bank, n)
-        highest = u
-        for i in range(w.size):
-            highest -= characteristic[i] * w[i]
-            entries[i] = gains[i] * w[i]
-        phi[n] = gains_of(bank, n, T)[n] * highest
-    else:
-        gains, entries, lower = gains_of(bank, n, T)[n:], phi[n:], w[n - inputs :]
-        for j in range(lower.size):
-            entries[j] = gains[j] * lower[j]
+@rare
+def fill_known_entries(bank, n, T, inputs, u, constant, nuisances, fixed, phi):
+    """Fill the regressor's entries that no output enters: those of the input, the constant and the initial state.
 
-
-@part
-def nuisance_entries(bank, n, T, inputs, constant, nuisances, fixed, phi):
-    """Fill the regressor's entries of the constant and of the initial state."""
-    gains, entries = gains_of(bank, n, T)[n + inputs :], phi[n + inputs :]
-    if constant:
-        entries[0] = gains[0] * (1.0 if fixed else states_of(bank, n, T, CONSTANT)[n - 1])
-    if nuisances:
-        w = states_of(bank, n, T, IMPULSE)
-        for i in range(w.size):
-            entries[1 + i] = gains[1 + i] * w[i]
-
-
-@part
-def output_entries(bank, n, T, channel, entries):
-    """Fill the entries -s^(n-1)/D y .. -s^0/D y of the measured output or, for instruments, of the model's."""
-    gains, w = gains_of(bank, n, T), states_of(bank, n, T, channel)
+    The input's are s^m/D u .. s^0/D u, ``u`` being its delayed value now.  Returns the auxiliary model's output: its
+    weights on these entries.
+    """
+    characteristic, gain, states = DENOMINATOR + n, DENOMINATOR + 2 * n, DENOMINATOR + 2 * n + 2 * T
+    proper = min(inputs, n)
+    w = bank[states + INPUT * n + n - proper : states + INPUT * n + n]
+    first, last = n + inputs - proper, n + inputs
+    gains, entries = bank[gain + first : gain + last], phi[first:last]
     for i in range(w.size):
         entries[i] = gains[i] * w[i]
+    if inputs == n + 1:  # as many zeros as poles: the first entry is s^n/D u
+        highest, d = u, bank[characteristic : characteristic + n]
+        for i in range(w.size):
+            highest -= d[i] * w[i]
+        phi[n] = bank[gain + n] * highest
+    if constant:
+        phi[last] = bank[gain + last] * (1.0 if fixed else bank[states + CONSTANT * n + n - 1])
+    if nuisances:
+        gains, entries = bank[gain + last + 1 : gain + last + 1 + n], phi[last + 1 : last + 1 + n]
+        w = bank[states + IMPULSE * n : states + IMPULSE * n + n]
+        for i in range(w.size):
+            entries[i] = gains[i] * w[i]
+    weight, output = DENOMINATOR + 2 * n + T, 0.0
+    weights, known = bank[weight + n : weight + T], phi[n:T]
+    for i in range(known.size):
+        output += weights[i] * known[i]
+    return output
 
 
-@cut
-def highest_derivative(bank, n, T, y):
-    """Return s^n/D y, from y and its filtered derivatives."""
-    characteristic, w = characteristic_of(bank, n), states_of(bank, n, T, OUTPUT)
-    total = y
+@rare
+def fill_output_entries(bank, n, T, channel, y, phi):
+    """Fill the entries -s^(n-1)/D y .. -s^0/D y of the signal in this channel, and return s^n/D y.
+
+    The signal is the measured output or, for instruments, the model's; ``y`` its value now.
+    """
+    gain, states = DENOMINATOR + 2 * n, DENOMINATOR + 2 * n + 2 * T + channel * n
+    characteristic, gains = bank[DENOMINATOR + n : DENOMINATOR + 2 * n], bank[gain : gain + n]
+    w, entries = bank[states : states + n], phi[:n]
+    highest = y
     for i in range(w.size):
-        total -= characteristic[i] * w[i]
-    return total
-
-
-@cut
-def model_output(bank, n, T, phi):
-    """Return the auxiliary model's output: its weights on the regressor's entries that the output does not enter."""
-    at = at_weights(n, T)
-    weights, entries = bank[at + n : at + T], phi[n:T]
-    total = 0.0
-    for i in range(entries.size):
-        total += weights[i] * entries[i]
-    return total
+        entries[i] = gains[i] * w[i]
+        highest -= characteristic[i] * w[i]
+    return highest

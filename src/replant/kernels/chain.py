@@ -6,7 +6,7 @@ serves while the other warms up.  With the refined filter the serving bank makes
 
 from replant.kernels import bank as bk
 from replant.kernels import layout as at
-from replant.kernels.compiled import cut, part, rare
+from replant.kernels.compiled import rare
 from replant.kernels.stability import all_left_of, bandwidth, slowest_decay
 
 WARM_TIME_CONSTANTS = 10.0  # of the new model's slowest pole, before a warming bank takes over
@@ -31,7 +31,7 @@ def begin(ints, reals, banks, u, y):
     ints[at.STARTED] = 1
 
 
-@cut
+@rare
 def remember_input(ints, reals, u, interval):
     """Put the newest input into the ring that the dead time looks back on.
 
@@ -48,23 +48,6 @@ def remember_input(ints, reals, u, interval):
     reals[ints[at.AT_INPUTS] + newest] = u
     reals[ints[at.AT_HELD] + newest] = last + (1.0 - known) * MOVED * (u - last)
     reals[ints[at.AT_INTERVALS] + newest] = interval
-
-
-@cut
-def advance_input(ints, reals, bank, interval, slot, work):
-    """Carry the INPUT channel over the newest interval; ``slot``: the discretisation of the whole of it."""
-    n, T, newest, straight = ints[at.ORDER], ints[at.ENTRIES], ints[at.NEWEST], ints[at.STRAIGHT_INPUT] == 1
-    if reals[at.DELAY] > 0.0:
-        advance_delayed_input(ints, reals, bank, interval, slot, work)
-        return
-    end = reals[ints[at.AT_INPUTS] + newest]
-    if straight:
-        start = reals[ints[at.AT_INPUTS] + (newest - 1 if newest > 0 else ints[at.RING] - 1)]
-        bk.advance_channel(bank, n, T, bk.INPUT, slot, start, end, work)
-    else:
-        start = reals[ints[at.AT_HELD] + newest]
-        bk.advance_channel(bank, n, T, bk.INPUT, slot, start, start, work)
-    reals[at.INPUT_NOW] = end
 
 
 @rare
@@ -117,39 +100,33 @@ def advance_delayed_input(ints, reals, bank, interval, slot, work):
         reals[at.INPUT_NOW] = inputs[newer]
 
 
-@cut
+@rare
 def advance_bank(ints, reals, bank, interval, y, channels):
-    """Carry the channels of a bank but MODEL, whose newest value is not known yet, over the newest interval."""
-    n, T = ints[at.ORDER], ints[at.ENTRIES]
+    """Carry the channels of a bank but MODEL, whose newest value is not known yet, over the newest interval.
+
+    Returns the discretisation of that interval.
+    """
+    n, T, newest = ints[at.ORDER], ints[at.ENTRIES], ints[at.NEWEST]
     work = reals[ints[at.AT_WORK] :]
     slot = bk.discretization(bank, n, T, interval, work)
-    advance_input(ints, reals, bank, interval, slot, work)
     for channel in range(channels):
         if channel == bk.OUTPUT:
-            bk.advance_channel(bank, n, T, channel, slot, reals[at.LAST_OUTPUT], y, work)
-        elif channel >= bk.IMPULSE:
-            constant = 1.0 if channel == bk.CONSTANT else 0.0
-            bk.advance_channel(bank, n, T, channel, slot, constant, constant, work)
-
-
-@cut
-def follow_model(ints, reals, bank, interval, output, first):
-    """Carry the MODEL channel to the auxiliary model's newest output."""
-    if not first:
-        n, T = ints[at.ORDER], ints[at.ENTRIES]
-        work = reals[ints[at.AT_WORK] :]
-        slot = bk.discretization(bank, n, T, interval, work)
-        bk.advance_channel(bank, n, T, bk.MODEL, slot, bank[bk.MODEL_OUTPUT], output, work)
-    bank[bk.MODEL_OUTPUT] = output
-
-
-@cut
-def simulate_model(ints, reals, bank, entries):
-    """Return the auxiliary model's output now; ``entries`` (T,) is work."""
-    n, T, inputs = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES]
-    bk.input_entries(bank, n, T, inputs, reals[at.INPUT_NOW], entries)
-    bk.nuisance_entries(bank, n, T, inputs, ints[at.CONSTANT] == 1, ints[at.REFINED] == 1, False, entries)
-    return bk.model_output(bank, n, T, entries)
+            start, end = reals[at.LAST_OUTPUT], y
+        elif channel == bk.INPUT and reals[at.DELAY] > 0.0:
+            advance_delayed_input(ints, reals, bank, interval, slot, work)
+            continue
+        elif channel == bk.INPUT:
+            now = reals[ints[at.AT_INPUTS] + newest]
+            start = end = reals[ints[at.AT_HELD] + newest]
+            if ints[at.STRAIGHT_INPUT] == 1:
+                start, end = reals[ints[at.AT_INPUTS] + (newest - 1 if newest > 0 else ints[at.RING] - 1)], now
+            reals[at.INPUT_NOW] = now
+        elif channel == bk.MODEL:
+            continue
+        else:
+            start = end = 1.0 if channel == bk.CONSTANT else 0.0
+        bk.advance_channel(bank, n, T, channel, slot, start, end, work)
+    return slot
 
 
 @rare
@@ -161,7 +138,7 @@ def install_model(ints, reals, banks, which, theta):
     work = reals[ints[at.AT_WORK] :]
     for i in range(n):
         work[i] = theta[i] * reals[ints[at.AT_UNIT] + i]
-    bk.set_denominator(bank, n, T, inputs, ints[at.CONSTANT] == 1, ints[at.REFINED] == 1, False, work[:n], sigma)
+    bk.set_denominator(bank, n, T, inputs, ints[at.CONSTANT] == 1, ints[at.REFINED] == 1, which == 0, work[:n], sigma)
     weights = bk.at_weights(n, T)
     for i in range(T):
         bank[weights + i] = theta[i] * reals[at.OUTPUT_SCALE]
@@ -202,27 +179,26 @@ def renew_model(ints, reals, banks):
     return taken_over
 
 
-@cut
+@rare
 def fill_regressor(ints, reals, bank, y, fixed):
     """Fill phi and zeta from a bank and return the scaled target s^n/D y.
 
     The linear form is (4) with lambda moved to the left: s^n/Lambda y = phi' [a, b], so that the estimate is in the
     plant's parameters whatever the filter is, and the error is that of (8).
     """
-    n, T, inputs = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES]
+    n, T, inputs, constant = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES], ints[at.CONSTANT] == 1
     phi = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + T]
-    bk.output_entries(bank, n, T, bk.OUTPUT, phi)
-    bk.input_entries(bank, n, T, inputs, reals[at.INPUT_NOW], phi)
-    bk.nuisance_entries(bank, n, T, inputs, ints[at.CONSTANT] == 1, ints[at.REFINED] == 1, fixed, phi)
+    target = bk.fill_output_entries(bank, n, T, bk.OUTPUT, y, phi)
+    bk.fill_known_entries(bank, n, T, inputs, reals[at.INPUT_NOW], constant, ints[at.REFINED] == 1, fixed, phi)
     if ints[at.INSTRUMENTS] == 1:
         zeta = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + T]
         for i in range(n, T):
             zeta[i] = phi[i]
-        bk.output_entries(bank, n, T, bk.MODEL, zeta)
-    return bk.highest_derivative(bank, n, T, y) / reals[at.OUTPUT_SCALE]
+        bk.fill_output_entries(bank, n, T, bk.MODEL, bank[bk.MODEL_OUTPUT], zeta)
+    return target / reals[at.OUTPUT_SCALE]
 
 
-@cut
+@rare
 def observe(ints, reals, banks, u, y, interval):
     """Take an accepted sample through dead time, filters and auxiliary model; return the scaled target.
 
@@ -230,48 +206,32 @@ def observe(ints, reals, banks, u, y, interval):
     """
     if ints[at.SAMPLES] > 0:
         reals[at.ELAPSED] += interval
-    if ints[at.INSTRUMENTS] == 1:
-        target = observe_with_model(ints, reals, banks, u, y, interval)
-    else:
-        target = observe_plainly(ints, reals, banks, u, y, interval)
-    reals[at.LAST_OUTPUT] = y
-    return target
-
-
-@part
-def observe_plainly(ints, reals, banks, u, y, interval):
-    """Carry the fixed filter over the newest interval, and make the regressor of it."""
-    bank = banks[0]
-    if ints[at.STARTED] == 0:
-        begin(ints, reals, banks, u, y)
-    else:
-        remember_input(ints, reals, u, interval)
-        advance_bank(ints, reals, bank, interval, y, 1)
-    return fill_regressor(ints, reals, bank, y, True)
-
-
-@rare
-def observe_with_model(ints, reals, banks, u, y, interval):
-    """Carry the auxiliary model and the filters over the newest interval, and make regressor and instruments."""
-    first, refined = ints[at.STARTED] == 0, ints[at.REFINED] == 1
+    n, T, inputs, constant = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES], ints[at.CONSTANT] == 1
+    first, refined, modelled = ints[at.STARTED] == 0, ints[at.REFINED] == 1, ints[at.INSTRUMENTS] == 1
     if first:
         begin(ints, reals, banks, u, y)
     else:
         remember_input(ints, reals, u, interval)
-    entries = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + ints[at.ENTRIES]]
-    serving = 0.0
-    for b in range(2, -1, -1):  # the models first: the fixed filter needs the serving one's output
+    entries = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + T]  # work: filled last of all
+    serving, slot = 0.0, 0
+    for b in range(2 if modelled else 0, -1, -1):  # the models first: the fixed filter needs the serving one's output
         idle = b == 3 - ints[at.ACTIVE] and ints[at.WARMING] == 0
         if idle or (b == 0 and refined):
             continue
         bank = banks[b]
         if not first:
-            advance_bank(ints, reals, bank, interval, y, bk.CHANNELS if b > 0 else 1)
+            slot = advance_bank(ints, reals, bank, interval, y, bk.CHANNELS if b > 0 else bk.INPUT + 1)
+        if not modelled:
+            continue
         output = serving
         if b > 0:
-            output = simulate_model(ints, reals, bank, entries)
+            output = bk.fill_known_entries(bank, n, T, inputs, reals[at.INPUT_NOW], constant, refined, b == 0, entries)
             if b == ints[at.ACTIVE]:
                 serving = output
         if refined or b == 0:
-            follow_model(ints, reals, bank, interval, output, first)
+            if not first:
+                work = reals[ints[at.AT_WORK] :]
+                bk.advance_channel(bank, n, T, bk.MODEL, slot, bank[bk.MODEL_OUTPUT], output, work)
+            bank[bk.MODEL_OUTPUT] = output
+    reals[at.LAST_OUTPUT] = y
     return fill_regressor(ints, reals, banks[ints[at.ACTIVE] if refined else 0], y, not refined)

@@ -17,7 +17,7 @@ from numba import njit
 def compiled(**how):
     """Return the decorator that compiles a kernel so, and as ``how`` says."""
     # Numba's own parts use _nrt; its type hints leave it out
-    return njit(cache=True, nogil=True, error_model="numpy", _nrt=False, **how)  # type: ignore[call-overload]
+    return njit(cache=True, nogil=True, error_model="numpy", _nrt=False, no_cfunc_wrapper=True, **how)  # type: ignore[call-overload]
 
 
 #: What Python calls.
@@ -29,5 +29,9 @@ part = compiled(forceinline=True)
 #: A part that returns an array, or that one place alone needs: its source is copied into the caller and compiled once.
 cut = compiled(inline="always")
 
-#: What a kernel needs now and then, or as a whole: compiled by itself, called as a function.
+#: What a kernel needs as a whole: compiled by itself, called as a function.
 rare = compiled()
+
+#: What a kernel needs once in many samples: called as a function, and not optimised, which would take longer than all
+#: of its calls together.  It calls nothing compiled itself: what is left of such names, unoptimised, forbids the cache.
+seldom = compiled(_dbg_optnone=True)

@@ -5,10 +5,10 @@ A polynomial s^n + a[0] s^(n-1) + ... + a[n-1] is given by its n lower coefficie
 
 import math
 
-from replant.kernels.compiled import rare
+from replant.kernels.compiled import rare, seldom
 
 
-@rare
+@seldom
 def all_left_of(a, margin, work):
     """Return whether every root has a real part below -margin; ``work`` holds 3 (n + 2) numbers."""
     n = a.size
@@ -57,7 +57,7 @@ def slowest_decay(a, work):
     return 0.0
 
 
-@rare
+@seldom
 def bandwidth(a):
     """Return max |a_i|^(1/(i+1)): no root is larger than twice this, the largest not smaller than an n-th of it."""
     largest = 0.0
