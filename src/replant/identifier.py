@@ -20,7 +20,7 @@ from replant.refined import Record, refine
 from replant.replay import Replay
 from replant.scaling import Scaling
 from replant.settings import AUTO, Request, Settings
-from replant.startup import LARGEST, carry_over, first_model, ready_record, seed, warm_up
+from replant.startup import LARGEST, carry_over, first_model, kernels_for, ready_record, seed, warm_up
 from replant.state import State
 from replant.structure import Structure
 from replant.trace import Trace
@@ -314,6 +314,8 @@ class Identifier:
         if isinstance(chosen, StateVariableFilter) and chosen.method == "gbt":
             raise InvalidArgumentError("the gbt filter knows a regular clock only: give no t, or use method='exact'")
         t = number("t", t)
+        if self._settings is not None and self._regular:
+            self._choose_kernels(regular=False)
         return t if math.isfinite(t) else math.inf
 
     def _stamps(self, t: Any, samples: int) -> FloatArray:
@@ -342,8 +344,6 @@ class Identifier:
 
     def _begin(self, *, at_any_rate: bool = False) -> float:
         """Make every setting definite, lay out the state and learn the held samples; return the last one's error."""
-        from replant.kernels.step import step, steps
-
         u, y, t = np.array(self._held, np.float64).reshape(-1, 3).T.copy()
         settings = settle(self._request, u, y)
         refined = None
@@ -354,8 +354,8 @@ class Identifier:
             if refined is None or not (refined.acceptable or at_any_rate or 2 * self._hold > LARGEST):
                 return self._wait_longer()
         self._settings, self._mapped = settings, callable(self._request.preprocess.input_map)
-        self._step, self._steps = step, steps
         self._state = State.of_settings(settings, RECENT)
+        self._choose_kernels(regular=bool(np.isnan(t).any()) or not t.size)
         self._state.ints[[at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER]] = list(self._held_rejects.values())
         self._held = []
         if u.size == 0:
@@ -368,6 +368,11 @@ class Identifier:
         seed(self._state, settings, refined, ready)
         errors = self._warm_up(u, y, t, learn=not settings.optimizer.keeps_covariance)
         return float(errors[-1])
+
+    def _choose_kernels(self, *, regular: bool) -> None:
+        """Choose who takes the samples; those for a regular clock do until the first time stamp."""
+        self._regular = regular
+        self._step, self._steps = kernels_for(self._state, regular=regular)
 
     def _warm_up(self, u: FloatArray, y: FloatArray, t: FloatArray, *, learn: bool) -> FloatArray:
         errors = warm_up(self._state, u, y, REGULAR if np.isnan(t).any() else t, learn=learn)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from replant.defaults import centre
@@ -18,14 +21,31 @@ LARGEST = 20_000  # samples held back at the most, before a start-up that does n
 ROOM = 1e6  # how far forgetting may let the variances grow beyond those of the start-up
 
 
+def kernels_for(state: State, *, regular: bool) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return who takes the samples of this state, one by one and many; ``regular``: without time stamps.
+
+    Compiling takes long, so each does no more than it must.  All work on the same arrays: another can go on where one
+    stopped, as when stamps begin to come.
+    """
+    from replant.kernels import first_order, plain, step
+
+    ints = state.ints
+    if ints[at.ALGORITHM] not in first_order.CODES:
+        return step.step, step.steps
+    without_model = ints[at.INSTRUMENTS] == 0 and ints[at.GUARD] == 0
+    strictly_proper = ints[at.INPUT_ENTRIES] <= ints[at.ORDER]
+    if regular and without_model and strictly_proper and state.reals[at.DELAY] == 0.0:
+        return plain.step, plain.steps
+    return step.gradient_step, step.gradient_steps
+
+
 def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn: bool) -> FloatArray:
     """Run held samples through the kernel and return the errors (K,).
 
     Without ``learn`` only filters, counters and kept samples follow: the estimate has been solved for.  No estimate
     is kept meanwhile: choices were made, or the estimate solved for, with all of these samples.
     """
-    from replant.kernels.step import steps
-
+    _, steps = kernels_for(state, regular=t.size == 0)
     errors, unseen = np.empty(u.size), np.empty((u.size, 0))
     rested = state.ints[at.RESTED]
     state.ints[at.ADAPT] = learn

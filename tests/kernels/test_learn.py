@@ -8,7 +8,7 @@ import pytest
 import replant as rp
 from references import TWINS, extended
 from replant.kernels import layout as at
-from replant.kernels.step import learn
+from replant.kernels.step import learn_by_gradient, learn_with_covariance
 from replant.optimizers import OPTIMIZERS
 from replant.state import State
 
@@ -33,6 +33,7 @@ def test_kernel_equals_its_twin(name: str, normalize: bool, instruments: bool) -
     target = phi @ np.arange(1.0, P + 1) + 0.1 * generator.standard_normal(ROWS)
     update = TWINS[name].rule(optimizer, P, DT, normalize)
     expected = extended(np.zeros(P))
+    learn = learn_with_covariance if optimizer.keeps_covariance else learn_by_gradient
     memory = state.block(at.AT_MEMORY, int(state.ints[at.MEMORY_SIZE]))
     for k in range(ROWS):
         along = zeta[k] if instruments else phi[k]
@@ -47,7 +48,8 @@ def test_kernel_equals_its_twin(name: str, normalize: bool, instruments: bool) -
 
 @pytest.mark.parametrize("name", OPTIMIZERS)
 def test_codes_name_the_kernels(name: str) -> None:
-    """The number that `kernels.step` branches on is spelled there as the optimizer is here."""
-    from replant.kernels import step
+    """The number that a kernel branches on is spelled there as the optimizer is here."""
+    from replant.kernels import first_order, step
 
-    assert getattr(step, name.replace("-", "_").upper()) == OPTIMIZERS[name].code
+    kernels = step if OPTIMIZERS[name].keeps_covariance else first_order
+    assert getattr(kernels, name.replace("-", "_").upper()) == OPTIMIZERS[name].code

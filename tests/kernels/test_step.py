@@ -10,7 +10,7 @@ import pytest
 import replant as rp
 from builders import is_finite
 from replant.kernels import layout as at
-from replant.kernels.step import remember, step
+from replant.kernels.step import gradient_step, remember
 from replant.state import State
 
 
@@ -32,7 +32,7 @@ def arrays(state: State) -> tuple[np.ndarray, ...]:
 
 
 def take(state: State, u: float, y: float, t: float = np.nan) -> float:
-    return step(*arrays(state), u, y, t)
+    return gradient_step(*arrays(state), u, y, t)
 
 
 def learn_number(state: State, k: float) -> int:

@@ -13,7 +13,11 @@ where that vector begins, 0 or P + 2.
 
 import math
 
-from replant.kernels.compiled import part, rare
+from replant.kernels.compiled import cut, part
+
+# The optimizers' codes; `replant.optimizers` names them by the same numbers.
+CODES = range(8)
+GRADIENT, ADAM, AMSGRAD, ADAGRAD, RMSPROP, NADAM, ADADELTA, INTEGRAL_COST = CODES
 
 
 @part
@@ -26,7 +30,7 @@ def normalized_error(theta, row):
     return (row[P] - prediction) * row[P + 1]
 
 
-@rare
+@part
 def gradient(theta, memory, settings, buffer, rows, batch, direction):
     """(17): theta += Tp gamma epsilon_I phi; settings [Tp gamma]."""
     gain = settings[0]
@@ -37,7 +41,7 @@ def gradient(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] += step * along[i]
 
 
-@rare
+@part
 def adam(theta, memory, settings, buffer, rows, batch, direction):
     """Algorithm 1; settings [alpha, beta1, beta2, epsilon], memory [beta1^t, beta2^t, m (P,), v (P,)]."""
     P = theta.size
@@ -58,7 +62,7 @@ def adam(theta, memory, settings, buffer, rows, batch, direction):
     memory[0], memory[1] = power1, power2
 
 
-@rare
+@part
 def amsgrad(theta, memory, settings, buffer, rows, batch, direction):
     """Algorithm 2, no bias correction; settings [alpha, beta1, beta2, epsilon], memory [m, v, max v], (P,) each."""
     P = theta.size
@@ -75,7 +79,7 @@ def amsgrad(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] -= alpha * m[i] / (math.sqrt(largest[i]) + epsilon)
 
 
-@rare
+@part
 def adagrad(theta, memory, settings, buffer, rows, batch, direction):
     """Sum of squared gradients; settings [alpha, epsilon], memory [sum g^2 (P,)]."""
     alpha, epsilon = settings[0], settings[1]
@@ -88,7 +92,7 @@ def adagrad(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] -= alpha * g / (math.sqrt(memory[i]) + epsilon)
 
 
-@rare
+@part
 def rmsprop(theta, memory, settings, buffer, rows, batch, direction):
     """Moving mean of squared gradients; settings [alpha, rho, epsilon], memory [v (P,)]."""
     alpha, rho, epsilon = settings[0], settings[1], settings[2]
@@ -101,7 +105,7 @@ def rmsprop(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] -= alpha * g / (math.sqrt(memory[i]) + epsilon)
 
 
-@rare
+@part
 def nadam(theta, memory, settings, buffer, rows, batch, direction):
     """Adam with Nesterov's look-ahead; settings and memory as `adam`."""
     P = theta.size
@@ -124,7 +128,7 @@ def nadam(theta, memory, settings, buffer, rows, batch, direction):
     memory[0], memory[1] = power1, power2
 
 
-@rare
+@part
 def adadelta(theta, memory, settings, buffer, rows, batch, direction):
     """Steps in the unit of theta; settings [alpha, rho, epsilon], memory [mean g^2 (P,), mean step^2 (P,)]."""
     P = theta.size
@@ -141,7 +145,7 @@ def adadelta(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] -= alpha * step
 
 
-@rare
+@part
 def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
     """(19); settings [Tp, Gamma, beta], memory [R (P P,), Q (P,), room for the slope R theta + Q (P,)].
 
@@ -165,3 +169,24 @@ def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
             Q[i] = keep * Q[i] - weighted * y
             for j in range(P):
                 R[i * P + j] = keep * R[i * P + j] + weighted * phi[j]
+
+
+@cut
+def learn(algorithm, theta, memory, settings, buffer, rows, batch, direction):
+    """Let the optimizer of this code consume the first ``batch`` of the drawn rows."""
+    if algorithm == GRADIENT:
+        gradient(theta, memory, settings, buffer, rows, batch, direction)
+    elif algorithm == ADAM:
+        adam(theta, memory, settings, buffer, rows, batch, direction)
+    elif algorithm == AMSGRAD:
+        amsgrad(theta, memory, settings, buffer, rows, batch, direction)
+    elif algorithm == ADAGRAD:
+        adagrad(theta, memory, settings, buffer, rows, batch, direction)
+    elif algorithm == RMSPROP:
+        rmsprop(theta, memory, settings, buffer, rows, batch, direction)
+    elif algorithm == NADAM:
+        nadam(theta, memory, settings, buffer, rows, batch, direction)
+    elif algorithm == ADADELTA:
+        adadelta(theta, memory, settings, buffer, rows, batch, direction)
+    elif algorithm == INTEGRAL_COST:
+        integral_cost(theta, memory, settings, buffer, rows, batch, direction)

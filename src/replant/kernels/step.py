@@ -9,12 +9,11 @@ from replant.kernels import chain, residuals
 from replant.kernels import first_order as first
 from replant.kernels import layout as at
 from replant.kernels import second_order as second
-from replant.kernels.compiled import cut, kernel, rare
+from replant.kernels.compiled import cut, kernel, part, rare, seldom
 from replant.kernels.random_stream import draw_below
 from replant.kernels.stability import slowest_decay
 
-# The optimizers' codes; `replant.optimizers` names them by the same numbers.
-GRADIENT, ADAM, AMSGRAD, ADAGRAD, RMSPROP, NADAM, ADADELTA, INTEGRAL_COST = range(8)
+# The codes of the optimizers that keep a covariance; `replant.optimizers` names them by the same numbers.
 RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9
 
 AT_REST = 1e-6  # moving variance of the input, relative to its largest, below which the input rests
@@ -26,53 +25,28 @@ KEEP_AFTER_PART, KEEP_AFTER_LEAST = 8, 32
 
 
 @rare
-def learn(ints, reals, theta, memory, buffer, batch, interval):
-    """Let the optimizer consume the drawn rows."""
+def learn_with_covariance(ints, reals, theta, memory, buffer, batch, interval):
+    """Let an optimizer that keeps a covariance consume the drawn rows."""
     settings, rows = reals[ints[at.AT_SETTINGS] : ints[at.AT_SETTINGS] + ints[at.SETTINGS_SIZE]], ints[at.ROWS :]
     direction = theta.size + 2 if ints[at.INSTRUMENTS] == 1 else 0
-    algorithm = ints[at.ALGORITHM]
-    if algorithm == GRADIENT:
-        first.gradient(theta, memory, settings, buffer, rows, batch, direction)
-    elif algorithm == ADAM:
-        first.adam(theta, memory, settings, buffer, rows, batch, direction)
-    elif algorithm == AMSGRAD:
-        first.amsgrad(theta, memory, settings, buffer, rows, batch, direction)
-    elif algorithm == ADAGRAD:
-        first.adagrad(theta, memory, settings, buffer, rows, batch, direction)
-    elif algorithm == RMSPROP:
-        first.rmsprop(theta, memory, settings, buffer, rows, batch, direction)
-    elif algorithm == NADAM:
-        first.nadam(theta, memory, settings, buffer, rows, batch, direction)
-    elif algorithm == ADADELTA:
-        first.adadelta(theta, memory, settings, buffer, rows, batch, direction)
-    elif algorithm == INTEGRAL_COST:
-        first.integral_cost(theta, memory, settings, buffer, rows, batch, direction)
-    elif algorithm == RECURSIVE_LEAST_SQUARES:
+    if ints[at.ALGORITHM] == RECURSIVE_LEAST_SQUARES:
         second.recursive_least_squares(theta, memory, settings, buffer, rows, batch, direction)
-    elif algorithm == KALMAN_TRACKING:
+    elif ints[at.ALGORITHM] == KALMAN_TRACKING:
         second.kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, interval)
 
 
-@cut
-def remember(ints, reals, buffer, target):
-    """Store the sample in the buffer (over the oldest once it is full) and draw the rows of this sample's batch.
+@rare
+def learn_by_gradient(ints, reals, theta, memory, buffer, batch, interval):
+    """Let an optimizer that follows the gradient consume the drawn rows."""
+    settings, rows = reals[ints[at.AT_SETTINGS] : ints[at.AT_SETTINGS] + ints[at.SETTINGS_SIZE]], ints[at.ROWS :]
+    direction = theta.size + 2 if ints[at.INSTRUMENTS] == 1 else 0
+    first.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, direction)
 
-    Algorithm 3 of the article, mended: as printed it takes the buffer for empty again each time the index wraps.
-    """
-    T, head, capacity = ints[at.ENTRIES], ints[at.HEAD], ints[at.CAPACITY]
-    phi, rows, row = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + T], ints[at.ROWS :], buffer[head]
-    squares = 0.0
-    for i in range(phi.size):
-        row[i] = phi[i]
-        squares += phi[i] * phi[i]
-    if ints[at.INSTRUMENTS] == 1:
-        zeta, companion = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + T], row[T + 2 :]
-        squares = 0.0
-        for i in range(zeta.size):
-            companion[i] = zeta[i]
-            squares += zeta[i] * zeta[i]
-    row[T] = target
-    row[T + 1] = 1.0 / (1.0 + squares) if ints[at.NORMALIZE] == 1 else 1.0
+
+@part
+def draw_rows(ints, rows):
+    """Draw the rows of the newest sample's batch into ``rows``, and move on in the buffer; return how many."""
+    head, capacity = ints[at.HEAD], ints[at.CAPACITY]
     ints[at.HEAD] = head + 1 if head + 1 < capacity else 0
     filled = min(ints[at.FILLED] + 1, capacity)
     ints[at.FILLED] = filled
@@ -85,7 +59,30 @@ def remember(ints, reals, buffer, target):
     return batch
 
 
-@cut
+@rare
+def remember(ints, reals, buffer, target):
+    """Store the sample in the buffer (over the oldest once it is full) and draw the rows of this sample's batch.
+
+    Algorithm 3 of the article, mended: as printed it takes the buffer for empty again each time the index wraps.
+    """
+    T, row = ints[at.ENTRIES], buffer[ints[at.HEAD]]
+    phi = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + T]
+    squares = 0.0
+    for i in range(phi.size):
+        row[i] = phi[i]
+        squares += phi[i] * phi[i]
+    if ints[at.INSTRUMENTS] == 1:
+        zeta, companion = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + T], row[T + 2 :]
+        squares = 0.0
+        for i in range(zeta.size):
+            companion[i] = zeta[i]
+            squares += zeta[i] * zeta[i]
+    row[T] = target
+    row[T + 1] = 1.0 / (1.0 + squares) if ints[at.NORMALIZE] == 1 else 1.0
+    return draw_rows(ints, ints[at.ROWS :])
+
+
+@part
 def acceptable(ints, u, y):
     """Count and turn away a sample that no filter may see; all else stays as it was, to the bit."""
     if abs(u) <= at.LARGEST and abs(y) <= at.LARGEST:
@@ -97,7 +94,7 @@ def acceptable(ints, u, y):
     return False
 
 
-@cut
+@rare
 def input_rests(ints, reals, u):
     """Follow the input's moving variance; return whether it has come to rest."""
     if ints[at.SAMPLES] == 0:
@@ -124,7 +121,7 @@ def interrupt(ints, reals, banks, interval):
     reals[at.READY] = reals[at.LEARN_FROM]
 
 
-@cut
+@part
 def left_float64(theta, unit, memory):
     """Say whether a physical parameter, or a number of the optimizer's memory, is not finite."""
     for i in range(theta.size):
@@ -137,8 +134,8 @@ def left_float64(theta, unit, memory):
 
 
 @cut
-def update_estimate(ints, reals, buffer, target, interval):
-    """Learn the newest sample and its batch; undo what leaves float64."""
+def update_estimate(ints, reals, buffer, target, interval, learn):
+    """Let ``learn`` take in the newest sample and its batch; undo what leaves float64."""
     T, M, kept = ints[at.ENTRIES], ints[at.MEMORY_SIZE], ints[at.AT_BACKUP]
     theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]
     memory = reals[ints[at.AT_MEMORY] : ints[at.AT_MEMORY] + M]
@@ -158,7 +155,7 @@ def update_estimate(ints, reals, buffer, target, interval):
             memory[i] = kept_memory[i]
 
 
-@cut
+@rare
 def record_residual(ints, reals, error):
     """Keep power and colour of the residual, where the optimizer keeps a covariance."""
     T = ints[at.ENTRIES]
@@ -173,7 +170,7 @@ def record_residual(ints, reals, error):
     residuals.record(colour, error, alpha, forgetting, zeta)
 
 
-@rare
+@seldom
 def keep_estimate(ints, reals):
     """Keep the estimate as it is now, in the place of the oldest one kept: later samples are held out from it."""
     T, samples = ints[at.ENTRIES], ints[at.SAMPLES]
@@ -187,7 +184,7 @@ def keep_estimate(ints, reals):
     ints[at.PAST_DUE] = samples + min(max(samples // KEEP_AFTER_PART, KEEP_AFTER_LEAST), ints[at.PAST_STEP])
 
 
-@cut
+@part
 def keep_sample(ints, recent, u, y, interval):
     """Keep the raw sample, over the oldest one."""
     head = ints[at.RECENT_HEAD]
@@ -196,11 +193,11 @@ def keep_sample(ints, recent, u, y, interval):
     ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT] else 0
 
 
-@kernel
-def step(ints, reals, banks, buffer, recent, u, y, t):
+@cut
+def take(ints, reals, banks, buffer, recent, u, y, t, learn):
     """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected.
 
-    ``t`` is its time stamp in s, or NaN where the clock is regular.
+    ``t`` is its time stamp in s, or NaN where the clock is regular; ``learn`` one of the two functions above.
     """
     if ints[at.SQUARE_INPUT] == 1:
         u = u * u
@@ -242,7 +239,7 @@ def step(ints, reals, banks, buffer, recent, u, y, t):
     if at_rest or ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM]:
         ints[at.RESTED] += 1
     else:
-        update_estimate(ints, reals, buffer, target, interval)
+        update_estimate(ints, reals, buffer, target, interval, learn)
         ints[at.LEARNED] = ints[at.SAMPLES]
         if ints[at.COLOURED] == 1:
             record_residual(ints, reals, error)
@@ -251,8 +248,8 @@ def step(ints, reals, banks, buffer, recent, u, y, t):
     return error * reals[at.OUTPUT_SCALE]
 
 
-@kernel
-def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
+@cut
+def take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, learn):
     """Take many samples; write the error and the estimate (physical units) after each.
 
     ``t`` holds a time stamp for each sample, or is empty where the clock is regular.
@@ -260,9 +257,36 @@ def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
     theta, unit = ints[at.AT_THETA], ints[at.AT_UNIT]
     for k in range(u.size):
         stamp = t[k] if t.size > 0 else np.nan
-        errors[k] = step(ints, reals, banks, buffer, recent, u[k], y[k], stamp)
+        errors[k] = take(ints, reals, banks, buffer, recent, u[k], y[k], stamp, learn)
         for i in range(parameters.shape[1]):
             parameters[k, i] = reals[theta + i] * reals[unit + i]
+
+
+# A user needs one pair, and mostly one of the two: each is compiled by itself.
+
+
+@kernel
+def step(ints, reals, banks, buffer, recent, u, y, t):
+    """Take one sample as `take` does, with an optimizer that keeps a covariance."""
+    return take(ints, reals, banks, buffer, recent, u, y, t, learn_with_covariance)
+
+
+@kernel
+def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
+    """Take many samples as `take_many` does, with an optimizer that keeps a covariance."""
+    take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, learn_with_covariance)
+
+
+@kernel
+def gradient_step(ints, reals, banks, buffer, recent, u, y, t):
+    """Take one sample as `take` does, with an optimizer that follows the gradient."""
+    return take(ints, reals, banks, buffer, recent, u, y, t, learn_by_gradient)
+
+
+@kernel
+def gradient_steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
+    """Take many samples as `take_many` does, with an optimizer that follows the gradient."""
+    take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, learn_by_gradient)
 
 
 @kernel

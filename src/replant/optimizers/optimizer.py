@@ -23,7 +23,7 @@ def rounded(value: float) -> float:
 class Optimizer:
     """Base of the optimizers, which are frozen dataclasses of their settings; the state lives in the identifier."""
 
-    code: ClassVar[int]  # of its kernel, as `replant.kernels.step` numbers them
+    code: ClassVar[int]  # of its kernel, as `replant.kernels` numbers them
     keeps_covariance: ClassVar[bool] = False  # whether its memory begins with the factors U and D of a covariance
     keeps_colour: ClassVar[bool] = False  # whether it leaves alpha at the end of its memory, and forgets by settings[0]
 

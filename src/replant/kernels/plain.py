@@ -1,0 +1,221 @@
+"""What happens to one sample in the article's method: a fixed filter and a regular clock.
+
+No instruments, no dead time, fewer zeros than poles, no covariance.
+The same numbers as `step` makes of the same arrays, to the bit, so that either can go on where the other stopped; but
+as fast as C.  With one interval there is one discretisation, so every array that a sample needs is cut once a call.
+"""
+
+import numpy as np
+
+from replant.kernels import bank as bk
+from replant.kernels import chain
+from replant.kernels import first_order as first
+from replant.kernels import layout as at
+from replant.kernels.compiled import cut, kernel, part
+from replant.kernels.step import acceptable, draw_rows, keep_estimate, keep_sample, left_float64
+
+
+@part
+def place_of(bank, n, T, interval):
+    """Return where in the bank the exact solution over ``interval`` lies, or will lie once it is computed."""
+    kept, size = bk.at_kept(n, T), 1 + n * n + 2 * n
+    for slot in range(bk.KEPT):
+        if abs(bank[kept + slot * size] - interval) <= 1e-9 * interval:
+            return kept + slot * size
+    return kept + int(bank[bk.NEXT]) * size
+
+
+@cut
+def cut_filters(ints, reals, banks):
+    """Return the arrays of `advance_filters`, n numbers each but the interval (1), A (n n) and the rings (RING).
+
+    The interval that A belongs to, A, the responses to a constant and to a ramp; the states of output and input; room
+    for the new ones; the rings of past inputs, held inputs and intervals.
+    """
+    n, T, ring, bank = ints[at.ORDER], ints[at.ENTRIES], ints[at.RING], banks[0]
+    place, states, room = place_of(bank, n, T, reals[at.INTERVAL]), bk.at_states(n, T), ints[at.AT_WORK]
+    constant = place + 1 + n * n
+    inputs, held, intervals = ints[at.AT_INPUTS], ints[at.AT_HELD], ints[at.AT_INTERVALS]
+    return (
+        bank[place : place + 1],
+        bank[place + 1 : constant],
+        bank[constant : constant + n],
+        bank[constant + n : constant + 2 * n],
+        bank[states + bk.OUTPUT * n : states + bk.OUTPUT * n + n],
+        bank[states + bk.INPUT * n : states + bk.INPUT * n + n],
+        reals[room : room + n],
+        reals[room + n : room + 2 * n],
+        reals[inputs : inputs + ring],
+        reals[held : held + ring],
+        reals[intervals : intervals + ring],
+    )
+
+
+@cut
+def cut_regressor(ints, reals, banks):
+    """Return the arrays of `fill_regressor`: those of the output (n numbers each), then those of the input.
+
+    d_i / c^(n-i), gain, filter state, phi; gain, the filter states that enter the regressor, phi.  The last entry of
+    phi and of its gain is the constant where there is one.
+    """
+    n, T, inputs, bank = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES], banks[0]
+    characteristic, gain, states, phi = bk.DENOMINATOR + n, bk.at_gain(n), bk.at_states(n, T), ints[at.AT_PHI]
+    wy, wu = states + bk.OUTPUT * n, states + bk.INPUT * n
+    return (
+        bank[characteristic : characteristic + n],
+        bank[gain : gain + n],
+        bank[wy : wy + n],
+        reals[phi : phi + n],
+        bank[gain + n : gain + T],
+        bank[wu + n - inputs : wu + n],
+        reals[phi + n : phi + T],
+    )
+
+
+@cut
+def cut_estimate(ints, reals):
+    """Return what is learned, and with what.
+
+    theta (T,) and the optimizer's memory (M,); both as they were before the newest sample; phi (T,); the unit of
+    theta (T,); the optimizer's settings (S,); the drawn rows (BATCH,).
+    """
+    T, M, S = ints[at.ENTRIES], ints[at.MEMORY_SIZE], ints[at.SETTINGS_SIZE]
+    theta, memory, backup = ints[at.AT_THETA], ints[at.AT_MEMORY], ints[at.AT_BACKUP]
+    phi, unit, settings = ints[at.AT_PHI], ints[at.AT_UNIT], ints[at.AT_SETTINGS]
+    return (
+        reals[theta : theta + T],
+        reals[memory : memory + M],
+        reals[backup : backup + T],
+        reals[backup + T : backup + T + M],
+        reals[phi : phi + T],
+        reals[unit : unit + T],
+        reals[settings : settings + S],
+        ints[at.ROWS : at.ROWS + ints[at.BATCH]],
+    )
+
+
+@cut
+def advance_filters(ints, reals, banks, filters, u, y):
+    """Carry the filter states from the sample before to this one, as (6)-(7) do."""
+    kept, A, constant, ramp, wy, wu, new_wy, new_wu, inputs, held, intervals = filters
+    n, interval, last, last_y = wy.size, reals[at.INTERVAL], reals[at.INPUT_NOW], reals[at.LAST_OUTPUT]
+    if not abs(kept[0] - interval) <= 1e-9 * interval:
+        bk.new_discretization(banks[0], n, ints[at.ENTRIES], interval, reals[ints[at.AT_WORK] :])
+    newest = np.uint64(ints[at.NEWEST] + 1)  # unsigned: need not be checked when it serves as index
+    if newest == np.uint64(inputs.size):
+        newest = np.uint64(0)
+    ints[at.NEWEST] = newest
+    inputs[newest], held[newest], intervals[newest] = u, last, interval
+    rise = u - last if ints[at.STRAIGHT_INPUT] == 1 else 0.0
+    rise_y = y - last_y
+    for i in range(n):
+        sy = constant[i] * last_y + ramp[i] * rise_y
+        su = constant[i] * last + ramp[i] * rise
+        for j in range(n):
+            sy += A[i * n + j] * wy[j]
+            su += A[i * n + j] * wu[j]
+        new_wy[i] = sy
+        new_wu[i] = su
+    for i in range(n):
+        wy[i] = new_wy[i]
+        wu[i] = new_wu[i]
+    reals[at.INPUT_NOW] = u
+
+
+@cut
+def fill_regressor(reals, regressor, y):
+    """Fill the scaled regressor phi of (12) and return the scaled target s^n/Lambda y."""
+    characteristic, gain_y, wy, phi_y, gain_u, wu, phi_u = regressor
+    target = y
+    for i in range(wy.size):
+        target -= characteristic[i] * wy[i]
+        phi_y[i] = gain_y[i] * wy[i]
+    for i in range(wu.size):
+        phi_u[i] = gain_u[i] * wu[i]
+    if phi_u.size > wu.size:
+        phi_u[wu.size] = gain_u[wu.size]
+    return target / reals[at.OUTPUT_SCALE]
+
+
+@cut
+def remember(ints, phi, buffer, rows, target):
+    """Store the sample in the buffer and draw the rows of its batch, as `step.remember` does."""
+    T, row = phi.size, buffer[ints[at.HEAD]]
+    squares = 0.0
+    for i in range(phi.size):
+        row[i] = phi[i]
+        squares += phi[i] * phi[i]
+    row[T] = target
+    row[T + 1] = 1.0 / (1.0 + squares) if ints[at.NORMALIZE] == 1 else 1.0
+    return draw_rows(ints, rows)
+
+
+@cut
+def update_estimate(ints, buffer, estimate, target):
+    """Learn the newest sample and its batch; undo what leaves float64."""
+    theta, memory, kept_theta, kept_memory, phi, unit, settings, rows = estimate
+    for i in range(theta.size):
+        kept_theta[i] = theta[i]
+    for i in range(memory.size):
+        kept_memory[i] = memory[i]
+    batch = remember(ints, phi, buffer, rows, target)
+    first.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, 0)
+    if left_float64(theta, unit, memory):
+        ints[at.REFUSED] += 1
+        for i in range(theta.size):
+            theta[i] = kept_theta[i]
+        for i in range(memory.size):
+            memory[i] = kept_memory[i]
+
+
+@part
+def take(ints, reals, banks, buffer, recent, filters, regressor, estimate, u, y):
+    """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected."""
+    if ints[at.SQUARE_INPUT] == 1:
+        u = u * u
+    u -= reals[at.INPUT_OFFSET]
+    y -= reals[at.OUTPUT_OFFSET]
+    if not acceptable(ints, u, y):
+        return np.nan
+    if ints[at.RECENT] > 0:
+        keep_sample(ints, recent, u, y, reals[at.INTERVAL])
+    if ints[at.SAMPLES] > 0:
+        reals[at.ELAPSED] += reals[at.INTERVAL]
+    if ints[at.STARTED] == 0:
+        chain.begin(ints, reals, banks, u, y)
+    else:
+        advance_filters(ints, reals, banks, filters, u, y)
+    reals[at.LAST_OUTPUT] = y
+    target = fill_regressor(reals, regressor, y)
+    error = target
+    theta, phi = estimate[0], estimate[4]
+    for i in range(theta.size):
+        error -= theta[i] * phi[i]
+    ints[at.SAMPLES] += 1
+    if ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM]:
+        ints[at.RESTED] += 1
+    else:
+        update_estimate(ints, buffer, estimate, target)
+        ints[at.LEARNED] = ints[at.SAMPLES]
+    if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
+        keep_estimate(ints, reals)
+    return error * reals[at.OUTPUT_SCALE]
+
+
+@kernel
+def step(ints, reals, banks, buffer, recent, u, y, t):
+    """Take one sample; return its error as `take` does.  ``t`` must be NaN: the clock is regular."""
+    filters, regressor = cut_filters(ints, reals, banks), cut_regressor(ints, reals, banks)
+    return take(ints, reals, banks, buffer, recent, filters, regressor, cut_estimate(ints, reals), u, y)
+
+
+@kernel
+def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
+    """Take many samples; write the error and the estimate (physical units) after each.  ``t`` must be empty."""
+    filters, regressor = cut_filters(ints, reals, banks), cut_regressor(ints, reals, banks)
+    estimate = cut_estimate(ints, reals)
+    theta, unit = estimate[0], estimate[5]
+    for k in range(u.size):
+        errors[k] = take(ints, reals, banks, buffer, recent, filters, regressor, estimate, u[k], y[k])
+        for i in range(parameters.shape[1]):
+            parameters[k, i] = theta[i] * unit[i]

@@ -1,0 +1,124 @@
+"""The lean kernels of the article's method beside the general ones: the same bits in every array."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.kernels import layout as at
+from replant.kernels import plain
+from replant.kernels.step import gradient_step, gradient_steps, step, steps
+from replant.optimizers import OPTIMIZERS
+from replant.startup import kernels_for
+from replant.state import State
+
+Kernel = Callable[..., Any]
+
+DT, SAMPLES, REGULAR = 0.1, 600, np.zeros(0)
+FILTERS = {
+    "held": rp.StateVariableFilter(cutoff=2.0),
+    "straight": rp.StateVariableFilter(cutoff=2.0, input_hold="foh"),
+    "gbt": rp.StateVariableFilter(cutoff=2.0, method="gbt"),
+}
+GRADIENTS = [name for name in OPTIMIZERS if not OPTIMIZERS[name].keeps_covariance]
+
+
+def state_of(structure: rp.Structure, optimizer: str, which: str = "held", replay: rp.Replay | None = None) -> State:
+    ident = rp.Identifier(
+        structure, DT, filter=FILTERS[which], scaling=None, optimizer=OPTIMIZERS[optimizer].suggested(DT, 5),
+        replay=replay, instruments=False, preprocess=rp.Preprocess("square", 0.3, -0.2),
+    )  # fmt: skip
+    assert ident.settings is not None
+    return State.of_settings(ident.settings, recent=50)
+
+
+def arrays(state: State) -> tuple[np.ndarray, ...]:
+    return state.ints, state.reals, state.banks, state.buffer, state.recent
+
+
+def run(state: State, one: Kernel, many: Kernel) -> tuple[np.ndarray, np.ndarray]:
+    """Take a record with rejected samples: its beginning and its end one by one, the rest at once."""
+    generator = np.random.default_rng(1)
+    u = generator.choice([-1.0, 0.5], SAMPLES // 10).repeat(10)
+    y = generator.standard_normal(SAMPLES)
+    u[[0, 40]], y[[7, 300]] = np.nan, (np.inf, 1e200)
+    errors, parameters = np.zeros(SAMPLES), np.zeros((SAMPLES, state.entries))
+    middle = slice(5, SAMPLES - 5)
+    for k in range(5):
+        errors[k] = one(*arrays(state), u[k], y[k], np.nan)
+    many(*arrays(state), u[middle], y[middle], REGULAR, errors[middle], parameters[middle])
+    state.ints[at.ADAPT] = 0
+    for k in range(SAMPLES - 5, SAMPLES):
+        errors[k] = one(*arrays(state), u[k], y[k], np.nan)
+    state.block(at.AT_WORK, 4 * (int(state.ints[at.ORDER]) + 2) ** 2)[:] = 0.0  # no part of the state
+    return errors, parameters
+
+
+@pytest.mark.parametrize("replay", [None, rp.Replay(capacity=40, batch_size=5, warmup=3)], ids=["alone", "replay"])
+@pytest.mark.parametrize("which", FILTERS)
+@pytest.mark.parametrize("structure", [(1, 0, False), (2, 1, False), (3, 0, True), (4, 2, True)], ids=str)
+@pytest.mark.parametrize("optimizer", GRADIENTS)
+def test_same_bits_as_the_general_kernels(
+    optimizer: str, structure: tuple[int, int, bool], which: str, replay: rp.Replay | None
+) -> None:
+    poles, zeros, bias = structure
+    ours, general = (state_of(rp.Structure(poles, zeros, bias=bias), optimizer, which, replay) for _ in range(2))
+    results = run(ours, plain.step, plain.steps), run(general, gradient_step, gradient_steps)
+    for a, b in zip(*results, strict=True):
+        assert a.tobytes() == b.tobytes()
+    for a, b in zip(arrays(ours), arrays(general), strict=True):
+        assert a.tobytes() == b.tobytes()
+    assert np.isfinite(results[0][1]).all()
+    assert np.abs(results[0][1][-10:]).max() > 0
+
+
+def test_a_rejected_sample_changes_its_count_alone() -> None:
+    state = state_of(rp.Structure(2, 1), "amsgrad")
+    for before in (0, 7):
+        for k in range(before):
+            plain.step(*arrays(state), np.cos(k), np.sin(k), np.nan)
+        expected, others = state.ints.copy(), [array.tobytes() for array in arrays(state)[1:]]
+        expected[at.NOT_FINITE] += 1
+        assert np.isnan(plain.step(*arrays(state), np.nan, 1.0, np.nan))
+        np.testing.assert_array_equal(state.ints, expected)
+        assert [array.tobytes() for array in arrays(state)[1:]] == others
+
+
+def chosen(structure: rp.Structure, optimizer: str, *, regular: bool, **slots: int) -> object:
+    state = state_of(structure, optimizer)
+    for name, value in slots.items():
+        state.ints[getattr(at, name)] = value
+    return kernels_for(state, regular=regular)
+
+
+def test_each_identifier_gets_the_leanest_kernels_that_suit_it() -> None:
+    lean, general = (plain.step, plain.steps), (gradient_step, gradient_steps)
+    assert chosen(rp.Structure(2, 1), "amsgrad", regular=True) == lean
+    assert chosen(rp.Structure(2, 1), "amsgrad", regular=False) == general
+    assert chosen(rp.Structure(2, 2, feedthrough=True), "amsgrad", regular=True) == general
+    assert chosen(rp.Structure(2, 1, delay=0.05), "amsgrad", regular=True) == general
+    assert chosen(rp.Structure(2, 1), "amsgrad", regular=True, INSTRUMENTS=1) == general
+    assert chosen(rp.Structure(2, 1), "recursive-least-squares", regular=True) == (step, steps)
+
+
+def test_with_the_first_stamp_the_general_kernels_go_on_where_the_lean_ones_stopped() -> None:
+    ident = rp.Identifier(
+        rp.Structure(1), DT, filter=FILTERS["held"], scaling=None, optimizer="amsgrad", instruments=False, replay=None
+    )
+    twin = ident.clone()
+    generator = np.random.default_rng(2)
+    u, y = generator.standard_normal((2, 60))
+    t = DT * np.arange(60.0)
+    ident.update_many(u[:30], y[:30])
+    twin._choose_kernels(regular=False)
+    twin.update_many(u[:30], y[:30])
+    for each in (ident, twin):
+        each._state.reals[at.LAST_TIME] = t[29]
+        each.update(u[30], y[30], t[30])
+        each.update_many(u[31:], y[31:], t[31:])
+    assert ident._steps is gradient_steps
+    np.testing.assert_array_equal(ident.parameters, twin.parameters)
