@@ -53,6 +53,7 @@ OTHERS = {
 }
 REPLAY = rp.Replay(capacity=20_000, batch_size=20)
 DT = 1e-3
+RECENT = 10_000  # raw samples kept, as an identifier does
 CHUNK = {True: 1_000, False: 10_000}  # samples, with and without replay: under a millisecond
 SAME = 1e-9  # relative
 REGULAR = np.zeros(0)  # time stamps of a regular clock
@@ -118,20 +119,24 @@ class Program(ctypes.Structure):
 
     SIZES: ClassVar = (
         "order", "entries", "input_entries", "memory_size", "algorithm", "square_input", "normalize", "lag", "capacity",
-        "batch", "warmup", "seed",
+        "batch", "warmup", "seed", "recent_rows",
     )  # fmt: skip
-    NUMBERS: ClassVar = ("input_offset", "output_offset", "output_scale")
+    NUMBERS: ClassVar = ("input_offset", "output_offset", "output_scale", "interval")
     CONSTANTS: ClassVar = (
         "transition", "output_taps", "input_taps", "characteristic", "gain", "unit", "settings",
     )  # fmt: skip
-    COUNTERS: ClassVar = ("started", "samples", "rejected", "refused", "filled", "head", "drawn", "past")
-    STATE: ClassVar = ("output_state", "input_state", "past_inputs", "phi", "theta", "memory", "backup")
+    COUNTERS: ClassVar = ("started", "samples", "rejected", "refused", "filled", "head", "drawn", "past", "recent_head")
+    STATE: ClassVar = (
+        "output_state", "input_state", "past_inputs", "past_held", "past_intervals", "recent", "phi", "theta", "memory",
+        "backup",
+    )  # fmt: skip
     _fields_: ClassVar = [
         *((name, ctypes.c_int64) for name in SIZES),
         *((name, ctypes.c_double) for name in NUMBERS),
         *((name, ctypes.c_void_p) for name in CONSTANTS),
         *((name, ctypes.c_int64) for name in COUNTERS),
         ("last_output", ctypes.c_double),
+        ("elapsed", ctypes.c_double),
         *((name, ctypes.c_void_p) for name in (*STATE, "buffer", "rows")),
     ]
 
@@ -140,13 +145,14 @@ class Program(ctypes.Structure):
         structure, ints = settings.structure, state.ints
         n, inputs, P, M = structure.poles, structure.zeros + 1, state.entries, int(ints[at.MEMORY_SIZE])
         discrete = settings.filter.discretize(n, settings.dt, structure.delay)
-        slots = (at.CAPACITY, at.BATCH, at.WARMUP, at.SEED)
+        slots = (at.CAPACITY, at.BATCH, at.WARMUP, at.SEED, at.RECENT)
         sizes = [n, P, inputs, M, int(ints[at.ALGORITHM]), 0, settings.normalize, discrete.lag]
         super().__init__(
             **dict(zip(self.SIZES, [*sizes, *(int(ints[slot]) for slot in slots)], strict=True)),
             input_offset=settings.preprocess.input_offset,
             output_offset=settings.preprocess.output_offset,
             output_scale=settings.scaling.output,
+            interval=settings.dt,
         )
         signs = np.concatenate([-1 / discrete.scale, 1 / discrete.scale[n - inputs :], np.ones(int(structure.bias))])
         self.arrays = {
@@ -160,6 +166,9 @@ class Program(ctypes.Structure):
             "output_state": np.zeros(n),
             "input_state": np.zeros(n),
             "past_inputs": np.zeros(discrete.lag + 3),
+            "past_held": np.zeros(discrete.lag + 3),
+            "past_intervals": np.zeros(discrete.lag + 3),
+            "recent": state.recent.copy(),
             "phi": np.zeros(P),
             "theta": state.theta.copy(),
             "memory": state.block(at.AT_MEMORY, M).copy(),
@@ -209,11 +218,11 @@ class Result:
 
 def measure(name: str, optimizer: Optimizer, P: int, replay: bool, run: Run, repetitions: int) -> Result:
     """Time both programs on the same chunks in turn, and compare their numbers."""
-    from replant.kernels.step import steps
+    from replant.kernels.plain import steps
 
     structure, size = rp.Structure(poles=P // 2, zeros=P // 2 - 1, bias=bool(P % 2)), CHUNK[replay]
     settings = settings_for(structure, optimizer, replay)
-    state = State.of_settings(settings, 0)
+    state = State.of_settings(settings, RECENT)
     program, arrays = Program(settings, state), (state.ints, state.reals, state.banks, state.buffer, state.recent)
     ours, theirs = (np.empty(size), np.empty((size, P))), (np.empty(size), np.empty((size, P)))
     pointers = [array.ctypes.data for array in theirs]

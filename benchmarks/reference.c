@@ -12,13 +12,13 @@ enum { GRADIENT, ADAM, AMSGRAD, ADAGRAD, RMSPROP, NADAM, ADADELTA, INTEGRAL_COST
 typedef struct {
     /* structure and settings */
     int64_t order, entries, input_entries, memory_size;
-    int64_t algorithm, square_input, normalize, lag, capacity, batch, warmup, seed;
-    double input_offset, output_offset, output_scale;
+    int64_t algorithm, square_input, normalize, lag, capacity, batch, warmup, seed, recent_rows;
+    double input_offset, output_offset, output_scale, interval;
     const double *transition, *output_taps, *input_taps, *characteristic, *gain, *unit, *settings;
     /* state */
-    int64_t started, samples, rejected, refused, filled, head, drawn, past;
-    double last_output;
-    double *output_state, *input_state, *past_inputs, *phi, *theta, *memory, *backup, *buffer;
+    int64_t started, samples, rejected, refused, filled, head, drawn, past, recent_head;
+    double last_output, elapsed;
+    double *output_state, *input_state, *past_inputs, *past_held, *past_intervals, *recent, *phi, *theta, *memory, *backup, *buffer;
     int64_t *rows;
 } identifier;
 
@@ -219,7 +219,7 @@ static void advance_filters(identifier *id, double u, double y)
     double *restrict wy = id->output_state, *restrict wu = id->input_state, *restrict spare = id->backup;
     if (!id->started) {
         for (int64_t i = 0; i < ring; i++)
-            id->past_inputs[i] = u;
+            id->past_inputs[i] = id->past_held[i] = u, id->past_intervals[i] = id->interval;
         id->last_output = y;
         id->started = 1;
         return;
@@ -230,6 +230,8 @@ static void advance_filters(identifier *id, double u, double y)
     id->past = newest;
     id->past_inputs[newest] = u;
     double u2 = id->past_inputs[oldest], u1 = id->past_inputs[middle], u0 = id->past_inputs[latest];
+    id->past_held[newest] = u1;
+    id->past_intervals[newest] = id->interval;
     double y1 = id->last_output;
     for (int64_t i = 0; i < n; i++) {
         double sy = G[i] * y1 + G[n + i] * y;
@@ -318,6 +320,15 @@ static int all_finite(const identifier *id)
     return yes;
 }
 
+static void keep_sample(identifier *id, double u, double y)
+{
+    double *restrict row = id->recent + 3 * id->recent_head;
+    row[0] = u;
+    row[1] = y;
+    row[2] = id->interval;
+    id->recent_head = id->recent_head + 1 < id->recent_rows ? id->recent_head + 1 : 0;
+}
+
 static double step(identifier *id, double u, double y)
 {
     if (id->square_input)
@@ -328,6 +339,10 @@ static double step(identifier *id, double u, double y)
         id->rejected++;
         return NAN;
     }
+    if (id->recent_rows > 0)
+        keep_sample(id, u, y);
+    if (id->samples > 0)
+        id->elapsed += id->interval;
     advance_filters(id, u, y);
     double target = regressor(id, y), error = target;
     for (int64_t i = 0; i < id->entries; i++)
