@@ -105,3 +105,18 @@ def test_of_a_long_record_the_newest_samples_are_judged() -> None:
     for intervals in (np.array([DT]), np.full(u.size, DT)):
         verdict = assess_record(STRUCTURE, TRUE, Record(u, y, intervals), DT)
         assert (verdict.samples, verdict.held_out) == (50_000, 0)
+
+
+@pytest.mark.parametrize("powers", [(0, 30), (-40, 3), (300, -300), (-450, -450), (450, 400)], ids=repr)
+def test_the_units_of_input_and_output_do_not_matter(powers: tuple[int, int]) -> None:
+    """By powers of two not by a bit, from one end of float64 to the other; working points are off by then."""
+    of_input, of_output = (2.0**power for power in powers)
+    factors = np.array([1.0, 1.0, of_output / of_input])
+    for wrong in (1.0, 0.9):
+        for adapts in (True, False):
+            plain = evidence(estimate=wrong * TRUE, earlier=wrong * TRUE, adapts=adapts)
+            other = evidence(
+                u=of_input * U, y=of_output * Y, estimate=wrong * TRUE * factors, earlier=wrong * TRUE * factors,
+                covariance=np.diag((STD * factors) ** 2), adapts=adapts,
+            )  # fmt: skip
+            assert repr(judge(other)) == repr(judge(plain))

@@ -88,6 +88,8 @@ def _regression(
     basis = orthogonal(seen)
     amounts = basis.T @ along
     count, part = len(amounts), float(amounts @ amounts)
+    if count == 0:
+        return Unexplained(0.0, 0.0, 0.0)
     variance = max(float(white @ white) - part, 0.0) / max(white.size - count, 1)
     # in the output: what the columns so weighted make, less what noise alone would give them
     gram = basis.T @ made @ basis

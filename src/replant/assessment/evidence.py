@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,6 +50,8 @@ class Evidence:
         Largest moving variance that the input has had; 0 where it is not known.
     usual_interval : float
         Median time between samples in s, interruptions included; 0 where there are no time stamps.
+    output_unit : float
+        What the output of the record counts in, in the user's unit.
     """
 
     structure: Structure
@@ -65,6 +69,29 @@ class Evidence:
     follows: bool = False
     largest_power: float = 0.0
     usual_interval: float = 0.0
+    output_unit: float = 1.0
+
+    def in_own_units(self) -> Evidence:
+        """Return the same with input and output about one: no square of theirs leaves float64.
+
+        By powers of two, so that the bits of the samples stay as they are.
+        """
+        of_input, of_output = _power_of_two(self.record.u), _power_of_two(self.record.y)
+        n = self.structure.poles
+        with np.errstate(over="ignore"):
+            factors = np.full(self.estimate.size, of_input / of_output)
+        factors[:n] = 1.0
+        factors[self.coefficients :] = 1.0 / of_output
+        record = dataclasses.replace(self.record, u=self.record.u / of_input, y=self.record.y / of_output)
+        return dataclasses.replace(
+            self,
+            record=record,
+            estimate=self.estimate * factors,
+            earlier=self.earlier * factors,
+            covariance=None if self.covariance is None else self.covariance * factors * factors[:, None],
+            largest_power=self.largest_power / of_input / of_input,
+            output_unit=self.output_unit * of_output,
+        )
 
     @property
     def coefficients(self) -> int:
@@ -160,3 +187,9 @@ class Runs:
             return largest
         made = np.abs(step[n:]) * self.now.zeta[:, n:].std(axis=0) / output
         return max(largest, 0.5 * float(made.max()))
+
+
+def _power_of_two(signal: FloatArray) -> float:
+    """Return the power of two next to the largest magnitude of a signal, 1 for one that is zero."""
+    largest = float(np.abs(signal).max(initial=0.0))
+    return 2.0 ** math.floor(math.log2(largest)) if largest > 0.0 else 1.0

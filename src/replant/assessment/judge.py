@@ -44,6 +44,7 @@ Figures = dict[str, Any]
 
 def judge(evidence: Evidence) -> Assessment:
     """Return the verdict on an estimate from the evidence."""
+    evidence = evidence.in_own_units()
     figures: Figures = {"samples": evidence.samples, "held_out": evidence.held_out}
     findings = _of_samples(evidence)
     stop = any(finding.status != "converging" for finding in findings) or evidence.samples < evidence.enough
@@ -109,7 +110,7 @@ def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
     resolved = sensor.is_resolved(y, noise)
     return [
         *sensor.saturation_finding(y[newest], modelled[newest], resolved),
-        *sensor.stuck_finding(y[newest], modelled[newest], noise, resolved, np.cumsum(steps)),
+        *sensor.stuck_finding(y[newest], modelled[newest], noise, resolved, np.cumsum(steps), evidence.output_unit),
     ]
 
 

@@ -50,26 +50,24 @@ def assess_record(
     >>> verdict.status, round(verdict.fit, 6)
     ('trusted', 100.0)
     """
-    count = record.u.size
     irregular = record.intervals.size > 1
-    usual_interval = float(np.median(record.intervals[1:])) if irregular else 0.0
-    if count > MOST_SAMPLES:
-        intervals = record.intervals[-MOST_SAMPLES:] if irregular else record.intervals
-        record = dataclasses.replace(
-            record, u=record.u[-MOST_SAMPLES:], y=record.y[-MOST_SAMPLES:], intervals=intervals
-        )  # fmt: skip
-    known = None if covariance is None or not np.isfinite(covariance).all() else covariance
     evidence = Evidence(
         structure,
         dt,
-        record,
-        parameters,
-        known,
+        _newest(record),
+        estimate=parameters,
+        covariance=None if covariance is None or not np.isfinite(covariance).all() else covariance,
         earlier=parameters,
         unseen=0,
-        learned=count,
+        learned=record.u.size,
         in_sample=True,
         instruments=instruments,
-        usual_interval=usual_interval,
+        usual_interval=float(np.median(record.intervals[1:])) if irregular else 0.0,
     )
     return judge(evidence)
+
+
+def _newest(record: Record) -> Record:
+    """Return the newest samples of a record that is longer than what is looked at."""
+    intervals = record.intervals if record.intervals.size == 1 else record.intervals[-MOST_SAMPLES:]
+    return dataclasses.replace(record, u=record.u[-MOST_SAMPLES:], y=record.y[-MOST_SAMPLES:], intervals=intervals)

@@ -55,45 +55,44 @@ def assess_starting(request: Request, held: Sequence[tuple[float, float, float]]
 def evidence_of(state: State, settings: Settings) -> Evidence:
     """Return the evidence that a state holds."""
     ints, dt, size = state.ints, settings.dt, settings.structure.size
-    recent = unrolled(state)
-    usual_interval = float(np.median(recent[1:, 2])) if len(recent) > 1 else 0.0
-    recent = since_last_gap(recent, dt)
-    regular = bool((recent[1:, 2] == dt).all())
-    if not regular:
-        recent = recent[-MOST_IRREGULAR:]
-    samples = int(ints[at.SAMPLES])
-    unit = state.unit[:size]
-    record = Record(
-        recent[:, 0].copy(),
-        recent[:, 1].copy(),
-        np.array([dt]) if regular else recent[:, 2].copy(),
-        settings.filter.input_hold,
-    )
-    estimate = state.theta[:size] * unit
-    learned, earlier = int(ints[at.LEARNED]), estimate
-    kept = state.past[: min(int(ints[at.PAST_KEPT]), at.PAST)]
-    if len(kept):
-        oldest = kept[np.argmin(kept[:, 0])]
-        if oldest[0] < learned:
-            learned, earlier = int(oldest[0]), oldest[1 : 1 + size] * unit
-    unseen = min(samples - learned, len(recent) // 2)
+    kept = unrolled(state)
+    record = _record(since_last_gap(kept, dt), dt, settings.filter.input_hold)
+    learned, earlier = earlier_estimate(state, size)
     known = covariance(state, settings)
     return Evidence(
         settings.structure,
         dt,
         record,
-        estimate,
-        known if np.isfinite(known).all() else None,
-        earlier,
-        unseen,
-        learned,
+        estimate=state.theta[:size] * state.unit[:size],
+        covariance=known if np.isfinite(known).all() else None,
+        earlier=earlier,
+        unseen=min(int(ints[at.SAMPLES]) - learned, record.u.size // 2),
+        learned=learned,
         refused=bool(ints[at.REFUSED]),
         adapts=bool(ints[at.ADAPT]),
         instruments=settings.instruments,
         follows=bool(ints[at.PAST_STEP] == SHORTEST_STEP),
         largest_power=float(state.reals[at.LARGEST_POWER]),
-        usual_interval=usual_interval,
+        usual_interval=float(np.median(kept[1:, 2])) if len(kept) > 1 else 0.0,
     )
+
+
+def earlier_estimate(state: State, size: int) -> tuple[int, FloatArray]:
+    """Return the oldest past estimate (P,), or the present one if nothing was learned since, and its samples."""
+    learned, estimate = int(state.ints[at.LEARNED]), state.theta
+    kept = state.past[: min(int(state.ints[at.PAST_KEPT]), at.PAST)]
+    oldest = kept[np.argmin(kept[:, 0])] if len(kept) else np.array([np.inf])
+    if oldest[0] < learned:
+        learned, estimate = int(oldest[0]), oldest[1:]
+    return learned, estimate[:size] * state.unit[:size]
+
+
+def _record(samples: FloatArray, dt: float, input_hold: str) -> Record:
+    """Return raw samples (K, 3) as a record."""
+    if bool((samples[1:, 2] == dt).all()):
+        return Record(samples[:, 0].copy(), samples[:, 1].copy(), np.array([dt]), input_hold)
+    u, y, intervals = samples[-MOST_IRREGULAR:].T.copy()
+    return Record(u, y, intervals, input_hold)
 
 
 def unrolled(state: State) -> FloatArray:

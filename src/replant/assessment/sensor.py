@@ -103,7 +103,7 @@ def _saturated(y: FloatArray) -> Finding:
 
 
 def stuck_finding(
-    y: FloatArray, modelled: FloatArray, noise: float, resolved: bool, seconds: FloatArray
+    y: FloatArray, modelled: FloatArray, noise: float, resolved: bool, seconds: FloatArray, unit: float = 1.0
 ) -> list[Finding]:
     """Say whether the output lately stood still to the bit while it should have moved.
 
@@ -117,6 +117,8 @@ def stuck_finding(
         See `is_resolved`.
     seconds : (K,) array
         Time of each sample, in s.
+    unit : float
+        What the outputs count in.
     """
     begins = np.flatnonzero(np.concatenate([[True], y[1:] != y[:-1]]))
     ends = np.append(begins[1:], y.size)
@@ -127,8 +129,13 @@ def stuck_finding(
         if moved > least:
             duration = seconds[end - 1] - seconds[begin]
             now = "stands" if end == y.size else "stood"
-            reason = f"the output {now} still to the bit for {duration:.3g} s while it should have moved by {moved:.3g}"
-            return [Finding("inconsistent", f"{reason}: a stuck or saturated sensor, a cable off, or friction")]
+            reason = f"the output {now} still to the bit for {duration:.3g} s while it should have moved by"
+            return [
+                Finding(
+                    "inconsistent",
+                    f"{reason} {moved * unit:.3g}: a stuck or saturated sensor, a cable off, or friction",
+                )
+            ]
     return []
 
 
