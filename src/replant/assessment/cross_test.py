@@ -96,8 +96,6 @@ def _regression(
     output = gram @ amounts
     power = (float(amounts @ output) - variance * float(np.trace(gram))) / white.size
     doubt = math.sqrt(variance * (2.0 * variance * float(np.sum(gram**2)) + 4.0 * float(output @ output))) / white.size
-    if count == 0:
-        return Unexplained(0.0, 0.0, 0.0)
     limit = float(chi2.ppf(1.0 - FALSE_ALARM / 2.0, count)) * (1.0 + learned / count)
     return Unexplained(max(power, 0.0), doubt, part / variance / limit if variance > 0.0 else math.inf)
 
