@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from kernels import DT, FLAGS, SAME, chunks, describe_machine, distance
 
 import replant as rp
+from kernels import DT, FLAGS, SAME, chunks, describe_machine, distance
 from replant.kernels import bank as bk
 from replant.kernels import chain, second_order
 from replant.kernels import layout as at
@@ -104,15 +104,19 @@ def filter_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, Run]]:
         plant = np.poly(-np.geomspace(5.0, 50.0, n))
         fixed = rp.StateVariableFilter(cutoff=50.0)
         for part, state_filter, instruments in (
-            ("filters", fixed, False), ("filters, instruments", fixed, True), ("refined filters, instruments", None, True)
-        ):  # fmt: skip
+            ("filters", fixed, False),
+            ("filters, instruments", fixed, True),
+            ("refined filters, instruments", None, True),
+        ):
             state = State.build(structure, DT, state_filter=state_filter, instruments=instruments)
             theta = np.zeros(state.entries)
             theta[:n], theta[2 * n - 1] = plant[1:], plant[-1]
             if instruments:
                 state.install(theta)
             u, y = next(chunks(structure, 10, 1))
-            run_filters(state.ints, state.reals, state.banks, u, y, np.empty(10))  # the first sample, the discretisation
+            run_filters(
+                state.ints, state.reals, state.banks, u, y, np.empty(10)
+            )  # the first sample, the discretisation
             state.ints[at.SAMPLES] = 10
 
             def ours(arrays: Arrays, u: np.ndarray, y: np.ndarray) -> None:
