@@ -9,9 +9,9 @@ import tracemalloc
 from typing import Any
 
 import numpy as np
-from kernels import DT, REPLAY, chunks
 
 import replant as rp
+from kernels import DT, REPLAY, chunks
 
 STRUCTURE = rp.Structure(poles=3, zeros=1)
 CASES: dict[str, dict[str, Any]] = {

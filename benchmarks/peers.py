@@ -2,9 +2,9 @@
 
 Tasks: recursive least squares, least mean squares, and Adam and AMSGrad on twenty rows of a buffer a sample, in the
 same random order.  Ours takes (u, y) and filters them itself.  The other libraries know regressors only: they get
-them from the same filter as one product of a NumPy matrix and vector a sample ("from u, y"), which is the same task, or,
-to see the update alone, ready made ("regressor given").  Each library and ours take the same chunks of samples in turn;
-a ratio is the median, over the chunks, of processor times of the whole process.
+them from the same filter as one product of a NumPy matrix and vector a sample ("from u, y"), which is the same task,
+or, to see the update alone, ready made ("regressor given").  Each library and ours take the same chunks of samples in
+turn; a ratio is the median, over the chunks, of processor times of the whole process.
 """
 
 from __future__ import annotations

@@ -13,9 +13,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from kernels import DT
 
 import replant as rp
+from kernels import DT
 from replant.kernels import chain, first_order, second_order
 from replant.kernels import layout as at
 from replant.kernels.compiled import kernel
