@@ -115,7 +115,7 @@ def test_saved_and_loaded_after_every_single_sample(kind: str, stamped: bool) ->
     assert repr(again(whole).assess()) == repr(whole.assess())
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(
     kind=st.sampled_from(list(KINDS)),
     seed=st.integers(0, 10_000),
