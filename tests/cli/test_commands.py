@@ -213,14 +213,19 @@ def test_demo_finds_the_actuator(capsys, tmp_path: Path) -> None:
     code, out, err = call(capsys, "demo", "--out", tmp_path)
     assert (code, err) == (0, "")
     assert {path.name for path in tmp_path.iterdir()} == {"fit.png", "parameters.png", "report.html"}
-    rows = re.findall(r"^\s*([ab]\d)\s+(\S+)\s+(\S+)\s+([+-]\S+) %$", out, re.MULTILINE)
+    rows = re.findall(r"^\s*([ab]\d)\s+(\S+)\s+(\S+)\s+(\S+)\s+([+-]\S+) %$", out, re.MULTILINE)
     assert [row[0] for row in rows] == ["a2", "a1", "a0", "b1", "b0"]
     true = dict(zip([row[0] for row in rows], [*DEAP.den[1:], *DEAP.num], strict=True))
-    for name, identified, printed_truth, off in rows:
+    for name, identified, std, printed_truth, off in rows:
         assert float(printed_truth) == pytest.approx(true[name], rel=1e-3)
-        allowed = 25.0 if name in ("a0", "b0") else 10.0
-        assert abs(float(identified) / true[name] - 1) * 100 < allowed
+        assert abs(float(off)) < 0.1
+        assert abs(float(off)) / 100 * true[name] < 4 * float(std)
         assert float(off) == pytest.approx((float(identified) / true[name] - 1) * 100, abs=0.06)
+    beside = re.findall(r"^([ab]\d)\s+([+-]\S+) %\s+([+-]\S+) %$", out, re.MULTILINE)
+    assert [name for name, *_ in beside] == [row[0] for row in rows]
+    assert [ours for _, ours, _ in beside] == [row[-1] for row in rows]
+    assert all(abs(float(ours)) < 0.1 * abs(float(theirs)) < 0.5 for _, ours, theirs in beside)
+    assert re.search(r"^verdict\s+trusted\s+inconsistent$", out, re.MULTILINE)
 
 
 @pytest.mark.parametrize("arguments", [["-c", "import replant"], ["-m", "replant", "--help"]])

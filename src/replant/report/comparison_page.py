@@ -19,9 +19,8 @@ from replant.report.numbers import duration, number, percent
 from replant.report.page import Html, code, facts, icon, section, write_page
 from replant.report.pictures import HALF, look, svg, variable
 from replant.report.style import blank_figure
+from replant.report.tables import NO_BREAK
 from replant.runs import Result
-
-NO_BREAK = "\u00a0"  # a space at which a line may not end
 
 
 def write_comparison(

@@ -14,7 +14,7 @@ MANY_REJECTED = 0.01  # part of the record
 
 # status: gravity, headline, what it means
 _VERDICTS = {
-    "trusted": (GOOD, "Trusted", "Run from the input alone, the model follows the measured output."),
+    "trusted": (GOOD, "Trusted", "The model explains the record."),
     "converging": (WARN, "Still converging", "The estimate had not come to rest when the record ended."),
     "not excited": (BAD, "Not excited", "The record does not tell the parameters apart: do not use this model."),
     "inconsistent": (BAD, "Inconsistent", "The model does not explain the record: do not use it as it is."),

@@ -16,6 +16,7 @@ import numpy as np
 from replant.errors import MissingDependencyError
 from replant.filters import StateVariableFilter
 from replant.logs import Log
+from replant.optimizers import RecursiveLeastSquares
 from replant.preprocess import Preprocess
 from replant.report import pictures, recipe, tables, words
 from replant.report.figures import style
@@ -25,6 +26,7 @@ from replant.report.numbers import duration, mathml, number, percent, uncertain
 from replant.report.page import asset, code, heading, icon, today
 from replant.report.series import charts
 from replant.runs import Result
+from replant.settings import Settings
 
 
 def write_report(
@@ -137,7 +139,8 @@ def _figure(said: str, picture: str, plots: Sequence[dict[str, Any]] = ()) -> st
 
 def _room(plot: dict[str, Any]) -> str:
     name, label = html.escape(plot["name"]), html.escape(plot["label"])
-    nothing = '<p class="nothing">no finite values</p>' if plot["empty"] else ""
+    words = "no estimate" if name.startswith("parameter") else "no finite values"
+    nothing = f'<p class="nothing">{words}</p>' if plot["empty"] else ""
     keys = "Arrow keys move, plus and minus zoom, Escape shows everything."
     return (
         f'<div class="chart"><div class="head"><span class="name">{label}</span><span class="legend"></span></div>'
@@ -150,11 +153,18 @@ def _lede(material: Material) -> str:
     result, log = material.result, material.log
     how = "fitted to the whole record"
     if result.settings is not None:
-        how = f"identified online by {type(result.settings.optimizer).__name__}"
+        how = f"identified online by {_method(result.settings)}"
     return (
         f"{log.input_name} → {log.output_name}, {how}; {len(log):,} samples, "
         f"{duration(len(log) * log.dt)} at {number(log.dt, 6)} s"
     )
+
+
+def _method(settings: Settings) -> str:
+    """Return the estimator in words."""
+    if settings.instruments and isinstance(settings.optimizer, RecursiveLeastSquares):
+        return "recursive refined instrumental variables"
+    return type(settings.optimizer).__name__ + (" with instruments" if settings.instruments else "")
 
 
 def _verdict(found: Sequence[Finding]) -> str:

@@ -81,6 +81,20 @@ def percent(value: float) -> str:
     return f"{value:.1f} %".replace("-", MINUS)
 
 
+def off_by(value: float, true: float) -> str:
+    """Return how far ``value`` is from ``true``, in percent.
+
+    Examples
+    --------
+    >>> off_by(5877.0, 5891.0), off_by(5890.9, 5891.0), off_by(2.0, 0.0)
+    ('-0.24 %', '-0.0017 %', 'no figure')
+    """
+    if true == 0.0:
+        return "no figure"
+    percent = 100.0 * (value / true - 1.0)
+    return f"{percent:+.2g} %" if abs(percent) < 0.1 else f"{percent:+.2f} %"
+
+
 def complex_number(value: complex, digits: int = 4) -> str:
     """Return a root; of a conjugate pair, given with positive imaginary part, both.
 

@@ -62,7 +62,7 @@ def _parameter_charts(material: Material) -> list[dict[str, Any]]:
     charts = []
     for i, (name, label) in enumerate(zip(structure.names, labels, strict=True)):
         true = None if material.truth is None else float(material.truth[i])
-        values, std = history.parameters[:, i], None if history.std is None else history.std[:, i]
+        values, std = style.estimates(history)[:, i], None if history.std is None else history.std[:, i]
         limits = style.settled_limits(values, style.near_the_end(values, std, true))
         curves = [_curve(within_reason(values, limits), "model", "estimate", points=points)]
         if std is not None and np.isfinite(std).any():

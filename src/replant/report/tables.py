@@ -16,12 +16,13 @@ from replant.logs import Log
 from replant.report.figures import style
 from replant.report.figures.poles import regions
 from replant.report.material import Material
-from replant.report.numbers import complex_number, duration, number, uncertain
+from replant.report.numbers import MINUS, complex_number, duration, number, off_by, uncertain
 from replant.report.page import Html, facts
 from replant.runs import Result
 
 UNCERTAIN = "Estimate ± standard deviation."
 NO_STD = "This estimator gives no standard deviations."
+NO_BREAK = "\u00a0"  # a space at which a line may not end
 PACKAGES = ("replant", "numpy", "scipy", "numba", "matplotlib")
 
 
@@ -40,7 +41,10 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[str]], name: str, kin
 
 
 def _escaped(cell: str) -> str:
-    return cell if isinstance(cell, Html) else html.escape(cell)
+    """Return a cell that breaks, if it must, before its plus-minus sign and nowhere behind a figure."""
+    if isinstance(cell, Html):
+        return cell
+    return html.escape(cell.replace("± ", "±" + NO_BREAK).replace(" %", NO_BREAK + "%"))
 
 
 def coefficients(material: Material) -> str:
@@ -56,7 +60,7 @@ def coefficients(material: Material) -> str:
     if material.truth is not None:
         headings += ["true", "off by"]
         for row, value, true in zip(rows, result.parameters.tolist(), material.truth, strict=True):
-            row += [number(float(true)), f"{number(100.0 * (value / true - 1.0), 3)} %" if true else "–"]
+            row += [number(float(true)), off_by(value, float(true)).replace("-", MINUS)]
     note = NO_STD if known is None else UNCERTAIN
     return table(headings, rows, "Coefficients") + f'<p class="note">{note}</p>'
 

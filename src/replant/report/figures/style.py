@@ -12,7 +12,7 @@ from replant.labels import unit_of as unit_of
 from replant.labels import without_unit
 from replant.report.numbers import number
 from replant.report.style import BLUE, VERMILION, blank_figure
-from replant.runs import Result
+from replant.runs import History, Result
 from replant.structure import Structure
 from replant.validation import FloatArray
 
@@ -72,9 +72,13 @@ def _plain(axis: Any) -> None:
 
 def label_time(axes: list[Any]) -> None:
     """Name the time below every axis that has none beneath it."""
-    for axis in axes:
-        place = axis.get_subplotspec()
-        if place is None or place.is_last_row() or axis is axes[-1]:
+    places = [axis.get_subplotspec() for axis in axes]
+    for axis, place in zip(axes, places, strict=True):
+        beneath = place is not None and any(
+            other is not None and other.colspan == place.colspan and other.rowspan.start >= place.rowspan.stop
+            for other in places
+        )
+        if not beneath:
             axis.set_xlabel("time [s]")
 
 
@@ -177,6 +181,19 @@ def mapped_label(label: str, input_map: object) -> str:
     unit = unit_of(label)
     name = without_unit(label)
     return f"{name}² [{unit}²]" if input_map == "square" and unit else f"{name}²" if input_map == "square" else name
+
+
+def first_estimate(history: History) -> int:
+    """Return the first row with an estimate: zero throughout is none, samples are held back until there is one."""
+    moved = (history.parameters != 0.0).any(axis=1)
+    return int(moved.argmax()) if moved.any() else history.samples.size
+
+
+def estimates(history: History) -> FloatArray:
+    """Return the estimate over time (H, P), NaN as long as there is none."""
+    values = history.parameters.copy()
+    values[: first_estimate(history)] = np.nan
+    return values
 
 
 def settled_limits(values: FloatArray, extra: Sequence[float] = ()) -> tuple[float, float]:

@@ -119,10 +119,9 @@ def draw_transients(
         if history is None or not history.samples.size:
             style.say(axis, "no history")
             continue
-        values, std = history.parameters[:, i], None if history.std is None else history.std[:, i]
-        _transient(
-            axis, np.asarray(history.samples * dt, np.float64), values, std, None if truth is None else float(truth[i])
-        )
+        std = None if history.std is None else history.std[:, i]
+        t = np.asarray(history.samples * dt, np.float64)
+        _transient(axis, t, style.estimates(history)[:, i], std, None if truth is None else float(truth[i]))
     style.label_time(axes)
     if axes[0].get_legend_handles_labels()[0]:
         style.legend(axes[0], 3)
@@ -133,6 +132,9 @@ def _transient(axis: Any, t: FloatArray, values: FloatArray, std: FloatArray | N
     axis.set_xlim(0.0, float(t[-1]))
     if abs(float(values[-1])) > style.FARTHEST:
         style.say(axis, "beyond every scale")
+        return
+    if not np.isfinite(values).any():
+        style.say(axis, "no estimate")
         return
     step = float(t[1] - t[0]) if t.size > 1 else 0.0
     drawn = thin(values, style.SHOWN_SMALL)
