@@ -24,6 +24,7 @@ from replant.report.findings import BAD, Finding, findings
 from replant.report.material import Material
 from replant.report.numbers import duration, mathml, number, percent, uncertain
 from replant.report.page import asset, code, heading, icon, today
+from replant.report.page import words as in_words
 from replant.report.series import charts
 from replant.runs import Result
 from replant.settings import Settings
@@ -134,7 +135,7 @@ def _figure(said: str, picture: str, plots: Sequence[dict[str, Any]] = ()) -> st
     columns = " halves" if len(plots) > 1 and not any(plot["name"] == "output" for plot in plots) else ""
     live = f'<div class="live{columns}">{rooms}</div>' if plots else ""
     kind = ' class="both"' if plots else ""
-    return f'<figure{kind}>{live}<div class="still">{drawn}</div><figcaption>{html.escape(said)}</figcaption></figure>'
+    return f'<figure{kind}>{live}<div class="still">{drawn}</div><figcaption>{in_words(said)}</figcaption></figure>'
 
 
 def _room(plot: dict[str, Any]) -> str:
@@ -171,12 +172,12 @@ def _verdict(found: Sequence[Finding]) -> str:
     first, *others = found
     more = "".join(
         f'<li class="{other.gravity}">{icon(other.gravity)}<span><b>{html.escape(other.headline)}.</b> '
-        f"{html.escape(other.text)}</span></li>"
+        f"{in_words(other.text)}</span></li>"
         for other in others
     )
     return (
         f'<section class="verdict {first.gravity}" aria-label="Verdict">{icon(first.gravity)}<div>'
-        f"<h2>{html.escape(first.headline)}</h2><p>{html.escape(first.text)}</p>"
+        f"<h2>{html.escape(first.headline)}</h2><p>{in_words(first.text)}</p>"
         + (f"<ul>{more}</ul>" if more else "")
         + "</div></section>"
     )

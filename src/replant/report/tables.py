@@ -17,12 +17,11 @@ from replant.report.figures import style
 from replant.report.figures.poles import regions
 from replant.report.material import Material
 from replant.report.numbers import MINUS, complex_number, duration, number, off_by, uncertain
-from replant.report.page import Html, facts
+from replant.report.page import Html, facts, words
 from replant.runs import Result
 
 UNCERTAIN = "Estimate ± standard deviation."
 NO_STD = "This estimator gives no standard deviations."
-NO_BREAK = "\u00a0"  # a space at which a line may not end
 PACKAGES = ("replant", "numpy", "scipy", "numba", "matplotlib")
 
 
@@ -41,10 +40,7 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[str]], name: str, kin
 
 
 def _escaped(cell: str) -> str:
-    """Return a cell that breaks, if it must, before its plus-minus sign and nowhere behind a figure."""
-    if isinstance(cell, Html):
-        return cell
-    return html.escape(cell.replace("± ", "±" + NO_BREAK).replace(" %", NO_BREAK + "%"))
+    return cell if isinstance(cell, Html) else words(cell)
 
 
 def coefficients(material: Material) -> str:

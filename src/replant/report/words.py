@@ -70,9 +70,10 @@ def of_poles(material: Material) -> str:
     model = material.result.transfer_function
     poles = ", ".join(complex_number(mode.pole) for mode in model.modes)
     zeros = ", ".join(complex_number(zero) for zero in model.zeros.tolist() if zero.imag >= 0)
-    tail = f"; zeros at {zeros} rad/s" if zeros else ""
+    tail = f"; zero{'s' if model.zeros.size > 1 else ''} at {zeros} rad/s" if zeros else ""
     region = " Coloured: 95 % regions." if material.uncertainty is not None else ""
-    return f"Poles at {poles} rad/s{tail}. Grey: the right half-plane, where a pole is unstable.{region}"
+    heads = f"Pole{'s' if model.poles.size > 1 else ''} at {poles} rad/s{tail}"
+    return f"{heads}. Grey: the right half-plane, where a pole is unstable.{region}"
 
 
 def of_bode(material: Material) -> str:

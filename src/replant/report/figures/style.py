@@ -131,7 +131,7 @@ def symbol(name: str) -> str:
 
 
 def symbols(structure: Structure, input_label: str, output_label: str) -> list[str]:
-    """Return each parameter's symbol with its unit, in the order of the names.
+    """Return each parameter's symbol with its unit, in the order of the names; b has one where both signals have.
 
     Examples
     --------
@@ -146,7 +146,7 @@ def symbols(structure: Structure, input_label: str, output_label: str) -> list[s
         else:
             order = structure.poles - int(name[1:])
             seconds = "s" + (str(order).translate(_SUPERSCRIPT) if order > 1 else "")
-            unit = f"1/{seconds}" if name[0] == "a" or not per else f"{per}/{seconds}"
+            unit = f"1/{seconds}" if name[0] == "a" else f"{per}/{seconds}" if per else ""
         labels.append(f"{symbol(name)} [{unit}]" if unit else symbol(name))
     return labels
 
