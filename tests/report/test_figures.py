@@ -204,6 +204,13 @@ def test_excitation_over_time() -> None:
     assert (top.get_yscale(), bottom.get_yscale()) == ("log", "log")
 
 
+def test_a_signal_that_stands_still_gets_an_axis_worth_reading() -> None:
+    """A model that differs from it by rounding does not make ticks that all read the same."""
+    low, high = style.output_limits(np.full(10, 3.0), np.full(10, 3.0 + 1e-15))
+    assert low < 2.0 < 4.0 < high
+    assert style.output_limits(np.zeros(10), np.zeros(10)) == pytest.approx((-0.55, 0.55))
+
+
 def test_every_figure_draws_into_the_axes_it_is_given(uncertain) -> None:
     result, u, y, dt = record(uncertain)
     figure = Figure()

@@ -235,7 +235,7 @@ def first_words(page: Page) -> str:
 SAID = {
     "diverged": ["Diverged", "do not use"],
     "still": ["Not excited", "do not use"],
-    "three": ["Too short", "3 samples"],
+    "three": ["Too short 3 samples cannot settle 4 parameters: record at least 40."],
     "rejected": ["No sample used", "Every sample was rejected", "500 not finite"],
     "empty": ["No sample used", "empty"],
     "beyond float32": [],
@@ -248,6 +248,8 @@ def test_bad_news_come_first(bad_report) -> None:
     page = Page(text)
     for words in SAID[name]:
         assert words in first_words(page)
+    assert ("could not be estimated" in page.text) == (name in ("still", "three", "rejected", "empty"))
+    assert "identified online" in page.text
     if SAID[name]:
         assert 'class="verdict bad"' in text
         assert "Not to be used" in page.text

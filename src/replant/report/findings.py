@@ -52,8 +52,8 @@ def _of_verdict(result: Result) -> list[Finding]:
     if result.samples == 0:
         why = "Every sample was rejected" if any(result.rejected.values()) else "The record is empty"
         return [Finding(BAD, "No sample used", f"{why}: nothing here tells of the plant.")]
-    if gravity != BAD and result.samples < FEW_SAMPLES * result.structure.size:
-        return []  # of a handful of samples no verdict means a thing
+    if status != "diverged" and result.samples < FEW_SAMPLES * result.structure.size:
+        return []  # of a handful of samples no verdict means a thing, but that they are few
     return [Finding(gravity, headline, " ".join([meaning, *map(_sentence, reasons)]).strip())]
 
 

@@ -29,6 +29,8 @@ from replant.report.series import charts
 from replant.runs import Result
 from replant.settings import Settings
 
+NO_MODEL = "<p>G(s) could not be estimated.</p>"
+
 
 def write_report(
     path: Path,
@@ -90,7 +92,7 @@ def _fields(material: Material, title: str, command: str, python: str) -> dict[s
         "date": today(),
         "verdict": _verdict(found),
         "model_note": '<p class="note">Not to be used: see above.</p>' if found[0].gravity == BAD else "",
-        "math": mathml(material.result.transfer_function),
+        "math": mathml(material.result.transfer_function) if material.result.parameters.any() else NO_MODEL,
         "figures": _figures(material),
         **_sections(material, plots),
         "coefficients": tables.coefficients(material),
@@ -153,8 +155,8 @@ def _room(plot: dict[str, Any]) -> str:
 def _lede(material: Material) -> str:
     result, log = material.result, material.log
     how = "fitted to the whole record"
-    if result.settings is not None:
-        how = f"identified online by {_method(result.settings)}"
+    if result.history is not None:
+        how = "identified online" + (f" by {_method(result.settings)}" if result.settings else "")
     return (
         f"{log.input_name} → {log.output_name}, {how}; {len(log):,} samples, "
         f"{duration(len(log) * log.dt)} at {number(log.dt, 6)} s"

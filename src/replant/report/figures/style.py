@@ -29,6 +29,7 @@ SIGMAS = 2.0  # half-width of every band, in standard deviations
 NO_EXCITATION, NO_CONDITION = 1e-12, 1e10  # beyond which eigenvalue and condition number are round-off
 SHOWN = 3_000  # points a curve; beyond it min and max of each stretch stand for the stretch
 SHOWN_SMALL = 1_000  # in a panel of half the width
+LEVEL = 1e-9  # part of a signal's size: what moves less stands still
 FARTHEST = 1e30  # that an axis reaches: what diverged is not worth more
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -238,6 +239,6 @@ def output_limits(measured: FloatArray, *others: FloatArray) -> tuple[float, flo
         if known.size:
             bottom, top = min(bottom, float(known.min())), max(top, float(known.max()))
     bottom, top = max(bottom, low - span), min(top, high + span)
-    if bottom == top:
-        bottom, top = bottom - 0.5 * span, top + 0.5 * span
+    if top - bottom <= LEVEL * max(abs(low), abs(high)):  # what rounding leaves is not worth an axis
+        bottom, top = bottom - 0.5 * (abs(high) or 1.0), top + 0.5 * (abs(high) or 1.0)
     return bottom - 0.05 * (top - bottom), top + 0.05 * (top - bottom)
