@@ -111,7 +111,8 @@ def mathml(model: TransferFunction) -> str:
     """Return G(s) as MathML, long polynomials in several lines."""
     dead_time = ""
     if model.delay:
-        dead_time = f"<msup><mi>e</mi><mrow><mo>{MINUS}</mo>{_math_number(model.delay)}<mi>s</mi></mrow></msup>"
+        delay = "" if model.delay == 1.0 else _math_number(model.delay)
+        dead_time = f"<msup><mi>e</mi><mrow><mo>{MINUS}</mo>{delay}<mi>s</mi></mrow></msup>"
     lines = [*_lines(model.num), *_lines(model.den)]
     longest = max(map(_width, lines)) + 7 + (7 if model.delay else 0)
     name = '<mi>G</mi><mo stretchy="false">(</mo><mi>s</mi><mo stretchy="false">)</mo><mo>=</mo>'
