@@ -163,6 +163,24 @@ def test_a_wrong_call_is_one_line_and_exit_code_2(capsys, arguments, words) -> N
     assert all(word in err for word in words), err
 
 
+@pytest.mark.parametrize("command", ["run", "fit", "compare", "demo"])
+@pytest.mark.parametrize("blocked", ["", "report.html"])
+def test_a_place_that_cannot_be_written_is_one_line(capsys, log: Path, tmp_path, monkeypatch, command, blocked) -> None:
+    """A file where the folder should be, or a folder where the report should be."""
+    monkeypatch.setattr("replant.cli.demo.SAMPLES", 20_000)
+    out = tmp_path / "out"
+    if blocked:
+        (out / blocked).mkdir(parents=True)
+    else:
+        out.write_text("")
+    arguments = () if command == "demo" else (log, *COLUMNS, "--json")
+    code, _, err = call(capsys, command, *arguments, "--out", out)
+    assert code == 2
+    assert err.startswith("replant: ")
+    assert err.count("\n") == 1
+    assert str(out / blocked) in err
+
+
 @pytest.mark.parametrize("command", ["run", "fit"])
 def test_bad_samples_are_counted_not_fatal(capsys, tmp_path: Path, command: str) -> None:
     u = prbs(1000, hold=10)

@@ -146,7 +146,7 @@ def test_the_creep_is_what_weighs_on_the_default():
 def test_every_configuration_is_there_once(actuator):
     keys = [(row.method, row.variant, row.filters) for row in actuator.rows]
     assert len(keys) == len(set(keys)) == 4 * 3 * 2 + 2 + 2 + 1
-    assert len(actuator.article_rows()) == 12
+    assert len(actuator.online_rows()) == 12
     assert len({row.label for row in actuator.rows}) == len(keys)
     with pytest.raises(KeyError):
         actuator.row("Newton")

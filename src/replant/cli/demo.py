@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from replant.cli.output import command_line
+from replant.cli.output import command_line, make_folder, writable
 from replant.cli.reproduce import deliver
 from replant.filters import StateVariableFilter
 from replant.logs import Log
@@ -47,6 +47,7 @@ def command(out: Path, full: bool) -> None:
         return
     from rich.console import Console
 
+    make_folder(out)
     console = Console()
     rig = deap_rig()
     u = deap_voltage(SAMPLES, seed=VOLTAGE)
@@ -109,7 +110,8 @@ def _print_beside(console: Any, results: Mapping[str, Result], true: Sequence[fl
 def _write(out: Path, result: Result, rig: Rig, u: FloatArray, y: FloatArray) -> list[Path]:
     truth = true_parameters(rig.plant)
     labels = dict(zip(("input_label", "output_label"), SIGNALS, strict=True))
-    paths = save_figures(out, result, u, y, rig.dt, truth=truth, **labels)
     log = Log(u, y, rig.dt, None, *SIGNALS, Path())
-    paths.append(write_report(out / "report.html", result, log, truth=truth, command=command_line(), title=TITLE))
+    with writable(out):
+        paths = save_figures(out, result, u, y, rig.dt, truth=truth, **labels)
+        paths.append(write_report(out / "report.html", result, log, truth=truth, command=command_line(), title=TITLE))
     return paths

@@ -161,9 +161,9 @@ class Actuator:
                 return row
         raise KeyError((method, variant, filters))
 
-    def article_rows(self) -> list[Row]:
-        """Return the twelve runs with the article's own filters."""
-        return [row for row in self.rows if row.method in OPTIMIZERS and row.filters == "gbt"]
+    def online_rows(self, filters: str = "gbt") -> list[Row]:
+        """Return the twelve runs of the article's methods, with its own filters or with others."""
+        return [row for row in self.rows if row.method in OPTIMIZERS and row.filters == filters]
 
 
 def measure_rig(samples: int = SAMPLES, seed: int = 0) -> Record:
