@@ -42,6 +42,7 @@ _PRINTED = (
     (r"\^(\d)", r"<sup>\1</sup>"),
     (r"\b([Jg])_(sum|n)\b", r"\1<sub>\2</sub>"),
     (r"\b([ab])(\d)\b", r"\1<sub>\2</sub>"),
+    (r"(<sub>\d</sub>) (?=\d)", "\\1\u00a0"),
     (r"(?<![\w.])-(?=\d)", "−"),
     (r"\bLambda\b", "Λ"),
     (r" um\b", "\u00a0µm"),
