@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import shlex
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +31,9 @@ def deliver(result: Result, log: Log, *, as_json: bool, out: Path | None, **repo
         from replant.report.html import write_report
 
         names: Any = {"input_label": log.input_name, "output_label": log.output_name}
-        paths = save_figures(out, result, log.input, log.output, log.dt, **names)
-        paths.append(write_report(out / "report.html", result, log, command=command_line(), **report))
+        with writable(out):
+            paths = save_figures(out, result, log.input, log.output, log.dt, **names)
+            paths.append(write_report(out / "report.html", result, log, command=command_line(), **report))
     if as_json:
         click.echo(json.dumps(result_as_json(result), allow_nan=False))
         return
@@ -40,6 +43,22 @@ def deliver(result: Result, log: Log, *, as_json: bool, out: Path | None, **repo
         click.echo(f"\nChosen from the data; to repeat by hand:\n{identifier_as_python(result.settings)}")
     for path in paths:
         click.echo(f"wrote {path}")
+
+
+@contextmanager
+def writable(out: Path) -> Iterator[None]:
+    """Turn what the file system refuses into a line that names it."""
+    try:
+        yield
+    except OSError as cause:
+        where = cause.filename or out
+        raise click.BadParameter(f"cannot write {where}: {cause.strerror}", param_hint="--out") from cause
+
+
+def make_folder(out: Path) -> None:
+    """Make the folder that results go to: before the work, so that nothing is lost where that cannot be."""
+    with writable(out):
+        out.mkdir(parents=True, exist_ok=True)
 
 
 def progress_bar() -> Any:

@@ -17,10 +17,24 @@ _ICONS = {  # told apart by shape as well as by colour
 }
 
 
+NO_BREAK = "\u00a0"  # a space at which a line may not end
+
+
 class Html(str):
     """Text that is HTML already, where plain text would be escaped."""
 
     __slots__ = ()
+
+
+def words(text: str) -> Html:
+    r"""Return plain text as HTML whose lines break before a plus-minus sign, if at all, and nowhere behind a figure.
+
+    Examples
+    --------
+    >>> words("2 ± 1, <5 %")
+    '2 ±\xa01, &lt;5\xa0%'
+    """
+    return Html(html.escape(text.replace("± ", "±" + NO_BREAK).replace(" %", NO_BREAK + "%")))
 
 
 @cache

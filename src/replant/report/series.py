@@ -62,7 +62,7 @@ def _parameter_charts(material: Material) -> list[dict[str, Any]]:
     charts = []
     for i, (name, label) in enumerate(zip(structure.names, labels, strict=True)):
         true = None if material.truth is None else float(material.truth[i])
-        values, std = history.parameters[:, i], None if history.std is None else history.std[:, i]
+        values, std = style.estimates(history)[:, i], None if history.std is None else history.std[:, i]
         limits = style.settled_limits(values, style.near_the_end(values, std, true))
         curves = [_curve(within_reason(values, limits), "model", "estimate", points=points)]
         if std is not None and np.isfinite(std).any():
@@ -87,7 +87,7 @@ def _excitation_charts(found: Excitation | None, dt: float) -> list[dict[str, An
     number = [_curve(condition, "residual", "1 at best", "decades")]
     return [
         _chart("eigenvalue", "smallest eigenvalue", 140, stride, eigenvalue, _decades(smallest), first),
-        _chart("condition", "condition number", 140, stride, number, _decades(condition), first),
+        _chart("condition", "condition number", 140, stride, number, _decades(condition, 0), first),
     ]
 
 
@@ -153,5 +153,5 @@ def _stride(samples: Any) -> float:
     return float(samples[1] - samples[0]) if samples.size > 1 else 1.0
 
 
-def _decades(logarithms: FloatArray) -> tuple[float, float]:
-    return math.floor(float(logarithms.min()) - 0.05), math.ceil(float(logarithms.max()) + 0.05)
+def _decades(logarithms: FloatArray, lowest: float = -math.inf) -> tuple[float, float]:
+    return max(lowest, math.floor(float(logarithms.min()) - 0.05)), math.ceil(float(logarithms.max()) + 0.05)

@@ -119,10 +119,9 @@ def draw_transients(
         if history is None or not history.samples.size:
             style.say(axis, "no history")
             continue
-        values, std = history.parameters[:, i], None if history.std is None else history.std[:, i]
-        _transient(
-            axis, np.asarray(history.samples * dt, np.float64), values, std, None if truth is None else float(truth[i])
-        )
+        std = None if history.std is None else history.std[:, i]
+        t = np.asarray(history.samples * dt, np.float64)
+        _transient(axis, t, style.estimates(history)[:, i], std, None if truth is None else float(truth[i]))
     style.label_time(axes)
     if axes[0].get_legend_handles_labels()[0]:
         style.legend(axes[0], 3)
@@ -133,6 +132,9 @@ def _transient(axis: Any, t: FloatArray, values: FloatArray, std: FloatArray | N
     axis.set_xlim(0.0, float(t[-1]))
     if abs(float(values[-1])) > style.FARTHEST:
         style.say(axis, "beyond every scale")
+        return
+    if not np.isfinite(values).any():
+        style.say(axis, "no estimate")
         return
     step = float(t[1] - t[0]) if t.size > 1 else 0.0
     drawn = thin(values, style.SHOWN_SMALL)
@@ -178,17 +180,17 @@ def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None) ->
         return np.array([top, bottom], dtype=object)
     t = np.asarray(found.samples * dt, np.float64)
     _decades(top, t, np.clip(found.smallest, style.NO_EXCITATION, None), style.INPUT)
-    _decades(bottom, t, np.clip(found.condition, None, style.NO_CONDITION), style.RESIDUAL)
+    _decades(bottom, t, np.clip(found.condition, None, style.NO_CONDITION), style.RESIDUAL, lowest=0.0)
     if found.condition.max() > WORST_CONDITION / 100:
         bottom.axhline(WORST_CONDITION, color=style.MODEL, lw=1.1, ls=(0, (5, 3)), label="too poor to identify from")
         style.legend(bottom, 1)
     return np.array([top, bottom], dtype=object)
 
 
-def _decades(axis: Any, t: FloatArray, values: FloatArray, colour: str) -> None:
+def _decades(axis: Any, t: FloatArray, values: FloatArray, colour: str, lowest: float = -np.inf) -> None:
     axis.semilogy(t, values, color=colour, lw=1.4, marker="o" if t.size == 1 else None)
     low, high = np.floor(np.log10(values.min()) - 0.05), np.ceil(np.log10(values.max()) + 0.05)
-    axis.set_ylim(10.0**low, 10.0**high)
+    axis.set_ylim(10.0 ** max(low, lowest), 10.0**high)
     axis.set_xlim(0.0, float(t[-1]))
     style.logarithmic(axis.yaxis)
 
