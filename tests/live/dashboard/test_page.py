@@ -22,6 +22,8 @@ PATIENCE = 60.0  # s, only against hanging
 TOKEN = "a-token-of-some-length"
 
 PIXELS = "name => document.querySelector(`#${name} canvas`).toDataURL()"
+CUT_OFF = """[...document.querySelectorAll("main *, header *")]
+  .filter(element => element.getBoundingClientRect().right > innerWidth + 1).length"""
 OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 FOCUS = """() => {
   const at = document.activeElement, style = getComputedStyle(at);
@@ -264,6 +266,12 @@ def test_another_page_can_neither_act_nor_listen_nor_frame(
     }"""
     assert page.evaluate(tried, at) == ["refused", "refused"]
     assert feed.commands == []
+    framed = "at => { const f = document.createElement('iframe'); f.src = `http://${at}/`; document.body.append(f); }"
+    with page.expect_event(
+        "framenavigated", predicate=lambda frame: frame.url not in ("about:blank", page.url)
+    ) as came:
+        page.evaluate(framed, at)
+    assert came.value.url.startswith("chrome-error:")
     page.close()
 
 
@@ -373,8 +381,7 @@ def test_it_can_be_read_and_fits(browser, learned: tuple[Feed, Dashboard], feed:
     )
     opened.page.wait_for_timeout(300)  # sizes have settled
     assert opened.page.evaluate(OVERFLOW) == 0
-    cut = "[...document.querySelectorAll('main *, header *')].filter(e => e.getBoundingClientRect().right > innerWidth + 1).length"
-    assert opened.page.evaluate(cut) == 0
+    assert opened.page.evaluate(CUT_OFF) == 0
     for verdict in ("trusted", "converging", "inconsistent"):
         feed.change = {"verdict": verdict}
         feed.advance()
