@@ -1,4 +1,4 @@
-"""Parser: blocks of lines into samples; in C where a block is clean, else line by line."""
+"""Parser: blocks of lines into samples; at once where a block is clean, else line by line."""
 
 from __future__ import annotations
 
@@ -11,10 +11,19 @@ from replant.logs.layout import is_data
 from replant.sources.batch import Batch
 from replant.sources.lines import LONGEST
 from replant.sources.numbering import take
-from replant.sources.rows import BY_WIDTH, Malformed, Row, check_width, from_cells, from_json
+from replant.sources.rows import (
+    BY_WIDTH,
+    Malformed,
+    Row,
+    check_width,
+    from_cells,
+    from_json,
+    table_from_cells,
+    table_from_json,
+)
 from replant.validation import FloatArray
 
-#: A block of fewer lines is read line by line: calling the reader in C costs as much as ten lines.
+#: A block of so many lines is read line by line: reading at once costs as much as ten of them.
 FEW = 10
 #: Whole numbers up to here are exact in float64.
 LARGEST_NUMBER = 2.0**53
@@ -54,7 +63,10 @@ class Parser:
 
     def tables(self, block: bytes) -> list[FloatArray]:
         """Return the rows in whole lines, each of `columns`."""
-        return self._tables(block.decode("ascii", "replace").replace("\r\n", "\n").split("\n"))
+        lines = block.decode("ascii", "replace").replace("\r\n", "\n").split("\n")
+        if not lines[-1]:
+            lines.pop()  # what follows the last line's end
+        return self._tables(lines)
 
     def finish(self, arrived: float) -> Batch | None:
         """Return the first line if no other came to confirm it."""
@@ -98,21 +110,15 @@ class Parser:
         """Return the rows of lines; a block that is off is halved until what is off stands alone."""
         if self.columns is None or len(lines) <= FEW:
             return self._one_by_one(lines)
-        table = self._in_c(lines)
+        table = None
+        if lines[0].startswith("{"):
+            table = table_from_json(lines, self.columns)
+        elif any(map(str.strip, lines)):  # of a block without data loadtxt would warn
+            table = table_from_cells(lines, len(self.columns))
         if table is not None:
             return [table]
         middle = len(lines) // 2
         return self._tables(lines[:middle]) + self._tables(lines[middle:])
-
-    def _in_c(self, lines: list[str]) -> FloatArray | None:
-        """Read lines at once, or return None if they are anything but a full grid of numbers."""
-        if lines[0].startswith(("{", "[")) or not any(map(str.strip, lines)):
-            return None
-        try:
-            table = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
-        except ValueError:
-            return None
-        return table if table.shape[1] == len(self.columns or ()) else None
 
     def _one_by_one(self, lines: list[str]) -> list[FloatArray]:
         rows: list[Row] = []
