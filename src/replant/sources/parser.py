@@ -10,7 +10,6 @@ import numpy as np
 from replant.logs.layout import is_data
 from replant.sources.batch import Batch
 from replant.sources.lines import LONGEST
-from replant.sources.numbering import take
 from replant.sources.rows import (
     BY_WIDTH,
     Malformed,
@@ -27,6 +26,8 @@ from replant.validation import FloatArray
 FEW = 10
 #: Whole numbers up to here are exact in float64.
 LARGEST_NUMBER = 2.0**53
+#: What is wrong with a row whose time stamp or number cannot be one.
+REASONS = {"n": "not a sequence number", "t": "time not finite"}
 
 
 class Parser:
@@ -80,31 +81,26 @@ class Parser:
         """Return rows of `columns` as samples; those whose number or time stamp cannot be one are counted."""
         if not tables or self.columns is None:
             return None
-        table = np.concatenate(tables) if len(tables) > 1 else tables[0]
-        by_name = dict(zip(self.columns, table.T, strict=True))
-        kept = np.ones(table.shape[0], dtype=bool)
-        if "t" in by_name:
-            kept &= self._refuse(np.isfinite(by_name["t"]), "time not finite")
-        if "n" in by_name:
-            number = by_name["n"]
-            with np.errstate(invalid="ignore"):
-                whole = (number >= 0.0) & (number < LARGEST_NUMBER) & (number == np.floor(number))
-            kept &= self._refuse(whole | ~kept, "not a sequence number")
-        sequence = np.where(kept, by_name["n"], 0.0).astype(np.int64) if "n" in by_name else None
-        time = by_name["t"].copy() if "t" in by_name else None
-        batch = Batch(by_name["u"].copy(), by_name["y"].copy(), time, sequence, arrived)
-        return batch if kept.all() else take(batch, kept)
+        table = self._believable(np.concatenate(tables) if len(tables) > 1 else tables[0])
+        by_name = {name: table[:, column].copy() for column, name in enumerate(self.columns)}
+        sequence = by_name["n"].astype(np.int64) if "n" in by_name else None
+        return Batch(by_name["u"], by_name["y"], by_name.get("t"), sequence, arrived)
+
+    def _believable(self, table: FloatArray) -> FloatArray:
+        """Return the rows whose number and time stamp can be one."""
+        for column, name in enumerate(self.columns or ()):
+            if name in REASONS:
+                values = table[:, column]
+                fine = np.isfinite(values) if name == "t" else is_number(values)
+                if not fine.all():
+                    self.count(REASONS[name], int(fine.size - fine.sum()))
+                    table = table[fine]
+        return table
 
     def count(self, reason: str, samples: int = 1) -> None:
         """Count lines or samples that were refused."""
         if samples:
             self._counters[reason] += samples
-
-    def _refuse(
-        self, fine: np.ndarray[tuple[int], np.dtype[np.bool_]], reason: str
-    ) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        self.count(reason, int(fine.size - fine.sum()))
-        return fine
 
     def _tables(self, lines: list[str]) -> list[FloatArray]:
         """Return the rows of lines; a block that is off is halved until what is off stands alone."""
@@ -154,3 +150,8 @@ class Parser:
             return []
         self.columns, self._waiting = BY_WIDTH[len(row)], None
         return [first, row]
+
+
+def is_number(values: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Tell which values can be sequence numbers: whole, not negative, exact in float64."""
+    return np.asarray((values >= 0.0) & (values < LARGEST_NUMBER) & (values == np.trunc(values)))
