@@ -144,4 +144,9 @@ def open_mqtt(address: Address, columns: tuple[str, ...] | None) -> MqttSource:
         raise InvalidArgumentError(f"{address.name}: the broker is missing; write {EXAMPLE}")
     if not address.path:
         raise InvalidArgumentError(f"{address.name}: the topic is missing; write {EXAMPLE}")
+    *above, last = address.path.split("/")
+    if any("#" in level for level in above) or any(
+        mark in level and level != mark for level in (*above, last) for mark in "#+"
+    ):
+        raise InvalidArgumentError(f"{address.name}: + stands for a whole level, # for all that follow; write rig/+")
     return MqttSource(address, columns)
