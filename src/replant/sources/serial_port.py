@@ -48,7 +48,7 @@ class SerialSource(Reader):
         self._port: Any = None
         try:
             self._port = self._open()
-        except (*broken(), ValueError) as error:
+        except broken() as error:
             raise InvalidArgumentError(f"{name}: cannot be opened ({reason_of(error)}); {remedy(port)}") from None
 
     def seek(self, sequence: int) -> None:
@@ -101,8 +101,8 @@ def broken() -> tuple[type[Exception], ...]:
     try:
         import termios
     except ImportError:  # Windows
-        return OSError, TypeError
-    return OSError, TypeError, termios.error
+        return OSError, TypeError, ValueError
+    return OSError, TypeError, ValueError, termios.error
 
 
 def reason_of(error: Exception) -> str:
