@@ -48,7 +48,7 @@ HEAVY = {"numba", "scipy", "matplotlib", "control", "pyarrow", "pandas", "xarray
 #: Modules whose classes are made of another package's, which nothing of ours imports.
 ADAPTERS = {"sklearn": {"sklearn"}}
 TERMINAL = {"click", "rich"}
-FILES = {"pathlib", "os", "io", "shutil", "tempfile", "glob", "socket", "subprocess", "sys", "logging"}
+FILES = {"pathlib", "os", "io", "shutil", "tempfile", "glob", "socket", "select", "subprocess", "sys", "logging"}
 
 
 def name_of(path: Path) -> str:

@@ -130,7 +130,14 @@ def _samples(item: dict[str, Any], columns: Sequence[str]) -> list[Row]:
         fields["n"] = list(range(fields["n"], fields["n"] + count))
     if any(not isinstance(values, list) or len(values) != count for values in fields.values()):
         raise Malformed("arrays of different lengths")
-    return list(zip(*([_number(name, value) for value in values] for name, values in fields.items()), strict=True))
+    return list(zip(*(_numbers(name, values) for name, values in fields.items()), strict=True))
+
+
+def _numbers(name: str, values: Sequence[Any]) -> list[float]:
+    if set(map(type, values)) <= {float, int}:
+        with contextlib.suppress(OverflowError):
+            return list(map(float, values))
+    return [_number(name, value) for value in values]
 
 
 def _number(name: str, value: Any) -> float:
