@@ -45,7 +45,7 @@ OUTSIDE = {"checkpoint.files", "logs", "sources", "report", "live", "paper", "cl
 #: May be imported anywhere, at any time; everything else that is not Python's own or replant's is heavy.
 LIGHT = {"numpy"}
 HEAVY = {"numba", "scipy", "matplotlib", "control", "pyarrow", "pandas", "xarray", "sklearn"}
-HEAVY |= {"starlette", "uvicorn"}
+HEAVY |= {"paho", "serial", "starlette", "uvicorn"}
 #: Modules that are made of another package's classes: nothing of ours imports them but where it uses them.
 ADAPTERS = {
     "sklearn": {"sklearn"},
@@ -53,7 +53,7 @@ ADAPTERS = {
     "live.dashboard.security": {"starlette"},
 }
 TERMINAL = {"click", "rich"}
-FILES = {"pathlib", "os", "io", "shutil", "tempfile", "glob", "socket", "subprocess", "sys", "logging"}
+FILES = {"pathlib", "os", "io", "shutil", "tempfile", "glob", "socket", "select", "subprocess", "sys", "logging"}
 
 
 def name_of(path: Path) -> str:
