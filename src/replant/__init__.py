@@ -5,6 +5,7 @@
 """
 
 from replant.assessment import fit_percent
+from replant.ensemble import Ensemble
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, MissingDependencyError, ReplantError
 from replant.filters import RefinedFilter, StateVariableFilter
 from replant.identifier import Identifier
@@ -38,6 +39,7 @@ __all__ = [
     "AdaGrad",
     "Adam",
     "ArgumentTypeError",
+    "Ensemble",
     "FitResult",
     "Gradient",
     "Identifier",
