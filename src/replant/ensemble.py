@@ -200,25 +200,26 @@ class Ensemble:
         for block, start in self._form_blocks(reached):
             tasks.append(partial(block.take, start, *chunk))
             reached = {n: k for n, k in reached.items() if n not in block.numbers}
-        tasks += [partial(self._take_alone, number, start, *chunk) for number, start in reached.items()]
+        tasks += [partial(self._take_alone, n, start, len(u), *chunk) for n, start in reached.items() if start < len(u)]
         _carry_out(tasks, threads)
         return chunk[2], chunk[3]
 
-    def _lead_in(self, number: int, u: FloatArray, y: FloatArray, errors: FloatArray, parameters: FloatArray) -> int:
+    def _lead_in(self, number: int, *chunk: FloatArray) -> int:
         """Take a member's first samples by itself, until it may join a block; return how many."""
         member, taken = self._members[number], 0
-        while taken < u.shape[0] and may_join(member) and not is_ready(member):
-            self._take_alone(number, taken, u[: taken + 1], y[: taken + 1], errors, parameters)
+        while taken < chunk[0].shape[0] and may_join(member) and not is_ready(member):
+            self._take_alone(number, taken, taken + 1, *chunk)
             taken += 1
         return taken
 
-    def _take_alone(
-        self, number: int, start: int, u: FloatArray, y: FloatArray, errors: FloatArray, parameters: FloatArray
-    ) -> None:
-        """Take the samples from ``start`` on as a single identifier does."""
-        own_u, own_y = (number if each.shape[1] > 1 else 0 for each in (u, y))
-        trace = self._members[number].update_many(u[start:, own_u], y[start:, own_y])
-        end = u.shape[0]
+    def _take_alone(self, number: int, start: int, end: int, *chunk: FloatArray) -> None:
+        """Take the samples from ``start`` to ``end`` as a single identifier does."""
+        u, y, errors, parameters = chunk
+        member, own_u, own_y = self._members[number], number * (u.shape[1] > 1), number * (y.shape[1] > 1)
+        if u.shape[0] == 1 and not parameters.size:
+            errors[number, 0] = member.update(float(u[0, own_u]), float(y[0, own_y]))
+            return
+        trace = member.update_many(u[start:end, own_u], y[start:end, own_y])
         errors[number, start:end] = trace.errors
         parameters[number, start:end] = trace.parameters[:, : parameters.shape[2]]
 
