@@ -48,7 +48,7 @@ class Block:
     members : int
         How many there are.
     ints, reals, banks, buffer, recent : arrays
-        As of `State`; the member axis is the first of ``ints`` and ``recent``, the last of the others.
+        As of `State`; the member axis is the first of ``ints``, the last of the others.
     """
 
     numbers: IntArray
@@ -82,7 +82,7 @@ class Block:
             side_by_side([state.reals for state in lanes]),
             side_by_side([state.banks for state in lanes]),
             side_by_side([state.buffer for state in lanes]),
-            np.stack([state.recent for state in lanes]),
+            side_by_side([state.recent for state in lanes]),
             work,
         )
 
@@ -93,7 +93,7 @@ class Block:
             self.reals[:, lane],
             self.banks[..., lane],
             self.buffer[..., lane],
-            self.recent[lane],
+            self.recent[..., lane],
         )
 
     def take(self, start: int, u: FloatArray, y: FloatArray, errors: FloatArray, parameters: FloatArray) -> None:

@@ -1,12 +1,12 @@
 """What happens to one sample of each of `LANES` identifiers at once: `plain`, in vectors.
 
-The arrays are those of one identifier (see `layout`), stacked: ``reals``, ``banks`` and ``buffer`` with the member
-axis last, so that a quantity of all members is one vector; ``ints`` and ``recent``, which are taken member by member,
-with the member axis first.  All arithmetic is that of `plain` and `first_order`, compiled for vectors (see `vector`),
-so a member gets the same bits here as there and can go on at either place.
+The arrays are those of one identifier (see `layout`), stacked: with the member axis last, so that a quantity of all
+members is one vector, but for ``ints``, where it comes first.  All arithmetic is that of `plain` and `first_order`,
+compiled for vectors (see `vector`), so a member gets the same bits here as there and can go on at either place.
 
-Where every member has the same random stream and as many samples in its buffer, the drawn rows are the same, and each
-is read where it lies.  Else every member draws for itself, and the rows of the batch are gathered first.
+As long as no member rejects a sample that others accept, they are level: what counts samples is kept by the first of
+them for all.  Where they have the same random stream too, the drawn rows are the same, and each is read where it lies;
+else every member draws for itself, and the rows of the batch are gathered first.
 
 A member whose sample is rejected goes through the arithmetic with the others, on its last sample over again, and is put
 back afterwards.
@@ -26,6 +26,12 @@ from replant.kernels.vector import LANES, vectors
 INPUT, OUTPUT, ERROR, FINITE, ASIDE = range(5)
 ASIDE_SCALARS = 3
 
+# What is the same for level members.
+LEVEL = (
+    at.SAMPLES, at.RESTED, at.LEARNED, at.FILLED, at.HEAD, at.DRAWN, at.NEWEST, at.RECENT_HEAD, at.PAST_KEPT,
+    at.PAST_DUE,
+)  # fmt: skip
+
 
 @cut
 def cut_filters(ints, reals, banks):
@@ -44,14 +50,22 @@ def cut_filters(ints, reals, banks):
     )
 
 
-@part
-def in_step(ints):
-    """Say whether all members draw the same rows: the same stream, at the same place, from as full a buffer."""
+@rare
+def are_level(ints):
+    """Say whether all members have counted the same."""
     same = True
     for lane in range(1, LANES):
-        for slot in (at.SEED, at.DRAWN, at.FILLED, at.HEAD):
+        for slot in LEVEL:
             same &= ints[lane, slot] == ints[0, slot]
     return same
+
+
+@rare
+def spread(ints):
+    """Let all members know what the first has counted for them."""
+    for lane in range(1, LANES):
+        for slot in LEVEL:
+            ints[lane, slot] = ints[0, slot]
 
 
 @rare
@@ -89,28 +103,53 @@ def write_estimate(ints, reals, source, row, lane):
 
 
 @part
-def admit(ints, reals, recent, lane, u, y):
-    """Take one member's sample in, into its rings of past inputs and raw samples; return whether it is accepted."""
+def read(ints, reals, numbers, u, y):
+    """Fetch the members' samples, mapped, into the work space; return whether every one is acceptable.
+
+    ``u`` and ``y`` hold one for each member, or one for all.
+    """
+    r, row = vectors(reals), ints[at.AT_WORK] + 2 * ints[at.ORDER]
+    own_u, own_y = min(u.size - 1, 1), min(y.size - 1, 1)
+    for lane in range(LANES):
+        reals[row + INPUT, lane], reals[row + OUTPUT, lane] = u[own_u * numbers[lane]], y[own_y * numbers[lane]]
     if ints[at.SQUARE_INPUT] == 1:
-        u = u * u
-    u -= reals[at.INPUT_OFFSET, lane]
-    y -= reals[at.OUTPUT_OFFSET, lane]
-    row = ints[at.AT_WORK] + 2 * ints[at.ORDER]
-    if not acceptable(ints, u, y):
-        reals[row + INPUT, lane], reals[row + OUTPUT, lane] = reals[at.INPUT_NOW, lane], reals[at.LAST_OUTPUT, lane]
-        return False
-    reals[row + INPUT, lane], reals[row + OUTPUT, lane] = u, y
-    interval = reals[at.INTERVAL, lane]
+        r[row + INPUT] *= r[row + INPUT]
+    r[row + INPUT] -= r[at.INPUT_OFFSET]
+    r[row + OUTPUT] -= r[at.OUTPUT_OFFSET]
+    fine = True
+    for lane in range(LANES):
+        fine &= abs(reals[row + INPUT, lane]) <= at.LARGEST
+        fine &= abs(reals[row + OUTPUT, lane]) <= at.LARGEST
+    return fine
+
+
+@part
+def admit(ints, reals, recent, u, y, interval):
+    """Put an accepted sample among the raw samples and the past inputs: those of one member, or level ones'."""
     if ints[at.RECENT] > 0:
         keep_sample(ints, recent, u, y, interval)
     newest = ints[at.NEWEST] + 1
     if newest == ints[at.RING]:
         newest = 0
     ints[at.NEWEST] = newest
-    reals[ints[at.AT_INPUTS] + newest, lane] = u
-    reals[ints[at.AT_HELD] + newest, lane] = reals[at.INPUT_NOW, lane]
-    reals[ints[at.AT_INTERVALS] + newest, lane] = interval
-    return True
+    reals[ints[at.AT_INPUTS] + newest] = u
+    reals[ints[at.AT_HELD] + newest] = reals[at.INPUT_NOW]
+    reals[ints[at.AT_INTERVALS] + newest] = interval
+
+
+@rare
+def admit_each(ints, reals, banks, recent, live):
+    """Admit or reject the samples that were read, member by member."""
+    row = ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
+    for lane in range(LANES):
+        u, y = reals[row + INPUT, lane], reals[row + OUTPUT, lane]
+        if acceptable(ints[lane], u, y):
+            live[lane] = 1
+            admit(ints[lane], reals[:, lane], recent[:, :, lane], u, y, reals[at.INTERVAL, lane])
+        else:
+            live[lane] = 0
+            reals[row + INPUT, lane], reals[row + OUTPUT, lane] = reals[at.INPUT_NOW, lane], reals[at.LAST_OUTPUT, lane]
+            set_aside(ints[lane], reals, banks[0], lane, False)
 
 
 @rare
@@ -164,19 +203,16 @@ def learn_each_its_own(ints, reals, live, buffer, drawn, order, spare, estimate)
 
 
 @cut
-def update_estimate(ints, reals, live, together, buffer, drawn, order, spare, estimate, target):
+def update_estimate(ints, reals, live, shared, buffer, drawn, order, spare, estimate, target):
     """Learn the newest samples and their batches; return 0 for members all of whose numbers are finite, else NaN."""
     theta, memory, kept_theta, kept_memory, phi, unit, settings, rows = estimate
     for i in range(theta.size):
         kept_theta[i] = theta[i]
     for i in range(memory.size):
         kept_memory[i] = memory[i]
-    if together:
+    if shared:
         stored = vectors(buffer)
         batch = plain.remember(ints[0], phi, stored, rows, target)
-        for lane in range(1, LANES):
-            for slot in (at.HEAD, at.FILLED, at.DRAWN):
-                ints[lane, slot] = ints[0, slot]
         learn(ints[0], theta, memory, settings, stored, rows, batch)
     else:
         plain.write_row(ints[0], vectors(drawn)[order.size - 1], phi, target)
@@ -190,8 +226,8 @@ def update_estimate(ints, reals, live, together, buffer, drawn, order, spare, es
 
 
 @part
-def take(ints, reals, banks, buffer, recent, live, drawn, order, spare, together, filters, regressor, estimate):
-    """Take the samples that were admitted; leave the errors in the work space, NaN where a sample was rejected."""
+def take(ints, reals, buffer, live, drawn, order, spare, shared, filters, regressor, estimate):
+    """Take the samples that were admitted; leave the errors in the work space.  ``shared``: all draw the same rows."""
     r, work = vectors(reals), ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
     A, constant, ramp, wy, wu, new_wy, new_wu = filters
     u, y, last_u, last_y = r[work + INPUT], r[work + OUTPUT], r[at.INPUT_NOW], r[at.LAST_OUTPUT]
@@ -205,30 +241,42 @@ def take(ints, reals, banks, buffer, recent, live, drawn, order, spare, together
         error -= theta[i] * phi[i]
     r[work + ERROR] = error * r[at.OUTPUT_SCALE]
     if ints[0, at.ADAPT] == 1:
-        r[work + FINITE] = update_estimate(ints, reals, live, together, buffer, drawn, order, spare, estimate, target)
+        r[work + FINITE] = update_estimate(ints, reals, live, shared, buffer, drawn, order, spare, estimate, target)
 
 
 @part
-def settle(ints, reals, bank, live, lane):
-    """Count one member's sample; undo an update that left float64, and all that a rejected sample did."""
-    work, backup = ints[at.AT_WORK] + 2 * ints[at.ORDER], ints[at.AT_BACKUP]
-    adapts = ints[at.ADAPT] == 1
-    if not live:
-        set_aside(ints, reals, bank, lane, True)
+def undo(ints, reals, bank, live):
+    """Undo the updates that left float64, and all that rejected samples did."""
+    work, backup, adapts = ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER], ints[0, at.AT_BACKUP], ints[0, at.ADAPT] == 1
+    for lane in range(LANES):
+        if live[lane] == 0:
+            set_aside(ints[lane], reals, bank, lane, True)
+            reals[work + ERROR, lane] = np.nan
+        elif not adapts or reals[work + FINITE, lane] == 0.0:
+            continue
+        else:
+            ints[lane, at.REFUSED] += 1
         if adapts:
-            write_estimate(ints, reals, reals, backup, lane)
-        reals[work + ERROR, lane] = np.nan
-        return
+            write_estimate(ints[lane], reals, reals, backup, lane)
+
+
+@part
+def count(ints):
+    """Count a sample, of one member or of level ones; return whether the estimate is to be kept."""
     ints[at.SAMPLES] += 1
-    if not adapts:
+    if ints[at.ADAPT] == 0:
         ints[at.RESTED] += 1
     else:
-        if not reals[work + FINITE, lane] == 0.0:
-            ints[at.REFUSED] += 1
-            write_estimate(ints, reals, reals, backup, lane)
         ints[at.LEARNED] = ints[at.SAMPLES]
-    if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
-        keep_estimate(ints, reals[:, lane])
+    return ints[at.SAMPLES] >= ints[at.PAST_DUE]
+
+
+@rare
+def count_each(ints, reals, live, counted):
+    """Count the accepted samples member by member, unless that is done, and keep the estimates that are due."""
+    for lane in range(LANES):
+        if live[lane] == 1 and (counted or count(ints[lane])):
+            keep_estimate(ints[lane], reals[:, lane])
 
 
 @kernel
@@ -244,23 +292,30 @@ def steps(
     r, b = vectors(reals), vectors(banks)
     filters, regressor = cut_filters(ints[0], r, b), plain.cut_regressor(ints[0], r, b)
     estimate = plain.cut_estimate(ints[0], r)
-    theta, unit, error = ints[0, at.AT_THETA], ints[0, at.AT_UNIT], ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER] + ERROR
-    own_u, own_y = min(u.shape[1] - 1, 1), min(y.shape[1] - 1, 1)
-    together = in_step(ints)
+    theta, unit, row = ints[0, at.AT_THETA], ints[0, at.AT_UNIT], ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
+    level, one_stream = are_level(ints), True
+    for lane in range(LANES):
+        live[lane] = 1
+        one_stream &= ints[lane, at.SEED] == ints[0, at.SEED]
     for k in range(start, u.shape[0]):
-        accepted = True
-        for lane in range(LANES):
-            number = numbers[lane]
-            live[lane] = admit(ints[lane], reals, recent[lane], lane, u[k, own_u * number], y[k, own_y * number])
-            if live[lane] == 0:
-                set_aside(ints[lane], reals, banks[0], lane, False)
-                accepted = together = False
-        take(ints, reals, banks, buffer, recent, live, drawn, order, spare, together, filters, regressor, estimate)
-        for lane in range(LANES):
-            settle(ints[lane], reals, banks[0], live[lane], lane)
-        if not accepted:
-            together = in_step(ints)
+        fine = read(ints[0], reals, numbers, u[k], y[k])
+        if level and not fine:
+            spread(ints)
+            level = False
+        if level:
+            admit(ints[0], r, vectors(recent), r[row + INPUT], r[row + OUTPUT], r[at.INTERVAL])
+        else:
+            admit_each(ints, reals, banks, recent, live)
+        take(ints, reals, buffer, live, drawn, order, spare, level and one_stream, filters, regressor, estimate)
+        undo(ints, reals, banks[0], live)
+        if not level:
+            count_each(ints, reals, live, False)
+        elif count(ints[0]):
+            spread(ints)
+            count_each(ints, reals, live, True)
         for lane in range(members):
-            errors[numbers[lane], k] = reals[error, lane]
+            errors[numbers[lane], k] = reals[row + ERROR, lane]
             for i in range(parameters.shape[2]):
                 parameters[numbers[lane], k, i] = reals[theta + i, lane] * reals[unit + i, lane]
+    if level:
+        spread(ints)
