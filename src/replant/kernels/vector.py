@@ -17,6 +17,7 @@ from typing import Any
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.imputils import impl_ret_borrowed
 from numba.core.typeconv.castgraph import Conversion
 from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model, type_callable
 
@@ -113,10 +114,8 @@ def _vectors(typingctx, array):
     kind = types.Array(VECTOR, array.ndim - 1, "C", aligned=False)  # aligned to a float64, no more
 
     def code(context, builder, signature, args):
-        source, view = (
-            context.make_array(signature.args[0])(context, builder, args[0]),
-            context.make_array(kind)(context, builder),
-        )
+        source = context.make_array(signature.args[0])(context, builder, args[0])
+        view = context.make_array(kind)(context, builder)
         size = source.nitems.type
         view.data = builder.bitcast(source.data, view.data.type)
         view.nitems = builder.sdiv(source.nitems, ir.Constant(size, LANES))
@@ -124,7 +123,7 @@ def _vectors(typingctx, array):
         view.shape = cgutils.pack_array(builder, cgutils.unpack_tuple(builder, source.shape)[:-1])
         view.strides = cgutils.pack_array(builder, cgutils.unpack_tuple(builder, source.strides)[:-1])
         view.meminfo, view.parent = source.meminfo, source.parent
-        return view._getvalue()
+        return impl_ret_borrowed(context, builder, signature.return_type, view._getvalue())
 
     return kind(array), code
 
