@@ -19,8 +19,9 @@ from replant.kernels import first_order as first
 from replant.kernels import layout as at
 from replant.kernels import plain
 from replant.kernels.compiled import cut, kernel, part, rare
+from replant.kernels.random_stream import draw_below
 from replant.kernels.step import acceptable, draw_rows, keep_estimate, keep_sample
-from replant.kernels.vector import LANES, vectors
+from replant.kernels.vector import LANES, prefetch, vectors
 
 # Rows of the work space, after the 2 n that `plain.advance_states` uses.
 INPUT, OUTPUT, ERROR, FINITE, ASIDE = range(5)
@@ -153,6 +154,16 @@ def admit_each(ints, reals, banks, recent, live):
 
 
 @rare
+def fetch_ahead(ints, buffer):
+    """Ask the memory for the rows that the next sample will draw: where a sample is, no cache can guess."""
+    filled, drawn = min(ints[at.FILLED] + 1, ints[at.CAPACITY]), ints[at.DRAWN]
+    for i in range(ints[at.BATCH] - 1):
+        row = draw_below(ints[at.SEED], drawn + i, filled)
+        for j in range(buffer.shape[1]):
+            prefetch(buffer, row, j)
+
+
+@rare
 def learn(ints, theta, memory, settings, buffer, rows, batch):
     """Let the members' optimizer consume the first ``batch`` of the rows."""
     first.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, 0)
@@ -213,6 +224,8 @@ def update_estimate(ints, reals, live, shared, buffer, drawn, order, spare, esti
     if shared:
         stored = vectors(buffer)
         batch = plain.remember(ints[0], phi, stored, rows, target)
+        if ints[0, at.BATCH] > 1:
+            fetch_ahead(ints[0], stored)
         learn(ints[0], theta, memory, settings, stored, rows, batch)
     else:
         plain.write_row(ints[0], vectors(drawn)[order.size - 1], phi, target)

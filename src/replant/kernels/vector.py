@@ -130,3 +130,21 @@ def _vectors(typingctx, array):
 
 #: In kernels: return the float64 array (..., LANES), in C order, as an array (...) of vectors, of the same memory.
 vectors: Any = intrinsic(_vectors)
+
+
+def _prefetch(typingctx, array, row, column):
+    def code(context, builder, signature, args):
+        view = context.make_array(signature.args[0])(context, builder, args[0])
+        place = cgutils.get_item_pointer(context, builder, signature.args[0], view, args[1:])
+        anywhere, whole = cgutils.voidptr_t, ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [anywhere, whole, whole, whole])
+        function = builder.module.declare_intrinsic("llvm.prefetch", [anywhere], kind)
+        to_read, and_to_keep, data = (ir.Constant(whole, number) for number in (0, 3, 1))
+        builder.call(function, [builder.bitcast(place, anywhere), to_read, and_to_keep, data])
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, types.intp), code
+
+
+#: In kernels: ask the memory for one element of a matrix ahead of its use.
+prefetch: Any = intrinsic(_prefetch)
