@@ -49,6 +49,8 @@ class Block:
         How many there are.
     ints, reals, banks, buffer, recent : arrays
         As of `State`; the member axis is the first of ``ints``, the last of the others.
+    apart : bool
+        Whether the members have random streams of their own; then the member axis of ``buffer`` is the first.
     """
 
     numbers: IntArray
@@ -58,6 +60,7 @@ class Block:
     banks: FloatArray
     buffer: FloatArray
     recent: FloatArray
+    apart: bool
     work: tuple[np.ndarray, ...] = field(repr=False)
 
     @classmethod
@@ -67,12 +70,14 @@ class Block:
 
         lanes = [*states, *[states[0]] * (LANES - len(states))]
         rows = [*numbers, *[numbers[0]] * (LANES - len(numbers))]
-        first = states[0]
+        first, buffers = states[0], [state.buffer for state in lanes]
+        apart = len({int(state.ints[at.SEED]) for state in states}) > 1
         batch, memory = int(first.ints[at.BATCH]), int(first.ints[at.MEMORY_SIZE])
         work = (
             np.ones(LANES, np.int64),
             aligned((batch, first.buffer.shape[1], LANES)),
             np.arange(batch),
+            np.zeros(LANES, np.uint64),
             aligned((first.entries + memory, LANES)),
         )
         return cls(
@@ -81,8 +86,9 @@ class Block:
             np.stack([state.ints for state in lanes]),
             side_by_side([state.reals for state in lanes]),
             side_by_side([state.banks for state in lanes]),
-            side_by_side([state.buffer for state in lanes]),
+            np.stack(buffers) if apart else side_by_side(buffers),
             side_by_side([state.recent for state in lanes]),
+            apart,
             work,
         )
 
@@ -92,7 +98,7 @@ class Block:
             self.ints[lane],
             self.reals[:, lane],
             self.banks[..., lane],
-            self.buffer[..., lane],
+            self.buffer[lane] if self.apart else self.buffer[..., lane],
             self.recent[..., lane],
         )
 
@@ -101,8 +107,8 @@ class Block:
         from replant.kernels import lanes
 
         lanes.steps(
-            self.ints, self.reals, self.banks, self.buffer, self.recent, *self.work, self.numbers, self.members,
-            start, u, y, errors, parameters,
+            self.ints, self.reals, self.banks, self.buffer, self.recent, *self.work, self.apart, self.numbers,
+            self.members, start, u, y, errors, parameters,
         )  # fmt: skip
 
 

@@ -170,34 +170,50 @@ def learn(ints, theta, memory, settings, buffer, rows, batch):
 
 
 @rare
-def gather(ints, live, buffer, drawn):
-    """Store each member's newest sample, the last row of ``drawn``, draw its batch, and lay that before it there.
-
-    Returns the smallest and the largest batch.
-    """
-    last, width = drawn.shape[0] - 1, drawn.shape[1]
-    fewest, most = drawn.shape[0], 0
+def draw_each(ints, live, buffer, newest, apart):
+    """Store each member's newest sample and draw its rows; return the smallest and the largest batch."""
+    fewest, most, width = ints[0, at.BATCH], 0, newest.shape[0]
     for lane in range(LANES):
         if live[lane] == 1:
             head = ints[lane, at.HEAD]
             for i in range(width):
-                buffer[head, i, lane] = drawn[last, i, lane]
+                if apart:
+                    buffer[lane, head, i] = newest[i, lane]
+                else:
+                    buffer[head, i, lane] = newest[i, lane]
             batch = draw_rows(ints[lane], ints[lane, at.ROWS :])
             fewest, most = min(fewest, batch), max(most, batch)
-    for k in range(most - 1):
-        row = drawn[last + 1 - most + k]
-        for i in range(width):
-            for lane in range(LANES):
-                row[i, lane] = buffer[ints[lane, at.ROWS + k], i, lane]
+            if apart:
+                for k in range(batch - 1):
+                    prefetch(buffer[lane], ints[lane, at.ROWS + k], 0)
+                    prefetch(buffer[lane], ints[lane, at.ROWS + k], width - 1)  # may lie on the next line
     return fewest, most
 
 
+@rare
+def gather(ints, buffer, drawn, picked, most, apart):
+    """Lay the batch that each member has drawn before its newest sample, the last row of ``drawn``."""
+    for k in range(most - 1):
+        row = drawn[drawn.shape[0] - most + k]
+        for lane in range(LANES):
+            picked[lane] = ints[lane, at.ROWS + k]
+        for i in range(row.shape[0]):
+            if apart:
+                for lane in range(LANES):
+                    row[i, lane] = buffer[lane, picked[lane], i]
+            else:
+                for lane in range(LANES):
+                    row[i, lane] = buffer[picked[lane], i, lane]
+
+
 @cut
-def learn_each_its_own(ints, reals, live, buffer, drawn, order, spare, estimate):
+def learn_each_its_own(ints, reals, live, buffer, apart, work, estimate):
     """Let every member learn the rows that it draws for itself."""
     theta, memory, kept_theta, kept_memory, _, _, settings, _ = estimate
+    drawn, order, picked, spare = work
     rows, last, learned = vectors(drawn), order.size - 1, vectors(spare)
-    fewest, most = gather(ints, live, buffer, drawn)
+    fewest, most = draw_each(ints, live, buffer, drawn[last], apart)
+    gather(ints, buffer, drawn, picked, most, apart)
     if fewest < most:  # some buffers are not warm yet: their members learn the newest sample alone
         learn(ints[0], theta, memory, settings, rows, order[last:], fewest)  # which is one
         for i in range(theta.size):
@@ -214,7 +230,7 @@ def learn_each_its_own(ints, reals, live, buffer, drawn, order, spare, estimate)
 
 
 @cut
-def update_estimate(ints, reals, live, shared, buffer, drawn, order, spare, estimate, target):
+def update_estimate(ints, reals, live, shared, buffer, apart, work, estimate, target):
     """Learn the newest samples and their batches; return 0 for members all of whose numbers are finite, else NaN."""
     theta, memory, kept_theta, kept_memory, phi, unit, settings, rows = estimate
     for i in range(theta.size):
@@ -228,8 +244,8 @@ def update_estimate(ints, reals, live, shared, buffer, drawn, order, spare, esti
             fetch_ahead(ints[0], stored)
         learn(ints[0], theta, memory, settings, stored, rows, batch)
     else:
-        plain.write_row(ints[0], vectors(drawn)[order.size - 1], phi, target)
-        learn_each_its_own(ints, reals, live, buffer, drawn, order, spare, estimate)
+        plain.write_row(ints[0], vectors(work[0])[ints[0, at.BATCH] - 1], phi, target)
+        learn_each_its_own(ints, reals, live, buffer, apart, work, estimate)
     finite = 0.0
     for i in range(theta.size):
         finite += 0.0 * (theta[i] * unit[i])
@@ -239,11 +255,11 @@ def update_estimate(ints, reals, live, shared, buffer, drawn, order, spare, esti
 
 
 @part
-def take(ints, reals, buffer, live, drawn, order, spare, shared, filters, regressor, estimate):
+def take(ints, reals, live, shared, buffer, apart, work, filters, regressor, estimate):
     """Take the samples that were admitted; leave the errors in the work space.  ``shared``: all draw the same rows."""
-    r, work = vectors(reals), ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
+    r, row = vectors(reals), ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
     A, constant, ramp, wy, wu, new_wy, new_wu = filters
-    u, y, last_u, last_y = r[work + INPUT], r[work + OUTPUT], r[at.INPUT_NOW], r[at.LAST_OUTPUT]
+    u, y, last_u, last_y = r[row + INPUT], r[row + OUTPUT], r[at.INPUT_NOW], r[at.LAST_OUTPUT]
     r[at.ELAPSED] += r[at.INTERVAL]
     rise = u - last_u if ints[0, at.STRAIGHT_INPUT] == 1 else 0.0
     plain.advance_states(A, constant, ramp, wy, wu, new_wy, new_wu, last_y, y - last_y, last_u, rise)
@@ -252,9 +268,9 @@ def take(ints, reals, buffer, live, drawn, order, spare, shared, filters, regres
     error, theta, phi = target, estimate[0], estimate[4]
     for i in range(theta.size):
         error -= theta[i] * phi[i]
-    r[work + ERROR] = error * r[at.OUTPUT_SCALE]
+    r[row + ERROR] = error * r[at.OUTPUT_SCALE]
     if ints[0, at.ADAPT] == 1:
-        r[work + FINITE] = update_estimate(ints, reals, live, shared, buffer, drawn, order, spare, estimate, target)
+        r[row + FINITE] = update_estimate(ints, reals, live, shared, buffer, apart, work, estimate, target)
 
 
 @part
@@ -294,22 +310,24 @@ def count_each(ints, reals, live, counted):
 
 @kernel
 def steps(
-    ints, reals, banks, buffer, recent, live, drawn, order, spare, numbers, members, start, u, y, errors, parameters
-):
+    ints, reals, banks, buffer, recent, live, drawn, order, picked, spare, apart, numbers, members, start, u, y, errors,
+    parameters,
+):  # fmt: skip
     """Take the samples from ``start`` on; write error and estimate (physical units) of each of the first ``members``.
 
     ``u`` and ``y`` have a row a sample, and a column for each of the ensemble's members or one for all; ``errors`` and
     ``parameters`` have a row a member.  ``numbers`` says which of the ensemble's members these are; lanes beyond
-    ``members`` repeat the first.  ``live``, ``drawn``, ``order`` (0, 1, 2, ...) and ``spare`` are work.
+    ``members`` repeat the first.  ``apart`` says that the members have random streams of their own, and that
+    ``buffer`` has the member axis first, so that a row of one member lies together.  ``live``, ``drawn``, ``order``
+    (0, 1, 2, ...), ``picked`` and ``spare`` are work.
     """
     r, b = vectors(reals), vectors(banks)
     filters, regressor = cut_filters(ints[0], r, b), plain.cut_regressor(ints[0], r, b)
     estimate = plain.cut_estimate(ints[0], r)
     theta, unit, row = ints[0, at.AT_THETA], ints[0, at.AT_UNIT], ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
-    level, one_stream = are_level(ints), True
+    level, work = are_level(ints), (drawn, order, picked, spare)
     for lane in range(LANES):
         live[lane] = 1
-        one_stream &= ints[lane, at.SEED] == ints[0, at.SEED]
     for k in range(start, u.shape[0]):
         fine = read(ints[0], reals, numbers, u[k], y[k])
         if level and not fine:
@@ -319,7 +337,7 @@ def steps(
             admit(ints[0], r, vectors(recent), r[row + INPUT], r[row + OUTPUT], r[at.INTERVAL])
         else:
             admit_each(ints, reals, banks, recent, live)
-        take(ints, reals, buffer, live, drawn, order, spare, level and one_stream, filters, regressor, estimate)
+        take(ints, reals, live, level and not apart, buffer, apart, work, filters, regressor, estimate)
         undo(ints, reals, banks[0], live)
         if not level:
             count_each(ints, reals, live, False)
