@@ -2,8 +2,9 @@
 
 One identifier and every ensemble take the same chunk of samples in turn; a ratio is the median, over the repetitions,
 of their rates in the same turn, so that what else the machine does hardly counts.  Times on one thread are processor
-times of the thread.  Those of several threads cannot be: they are compared with one thread by the clock, and the share
-of the processors that the process got meanwhile says how far such a ratio is to be believed.
+times of the thread.  Several threads are compared with one by the clock, which counts for something only on an idle
+machine: beside it stand how many processors the process had meanwhile, and its processor time on one thread by that on
+several, which is 1 where the threads do not hinder each other.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ BATCH, CAPACITY = 10, 5000  # those of the article's tables
 PROMISED, PROMISED_MEMBERS = 3.5, 64  # times the rate of one stream, on one thread
 TASK = 200_000  # updates of an ensemble that are timed at once, about
 
-Clock = Callable[[], int]
+Clock = Callable[[], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,8 @@ class Rate:
     quartiles : tuple of float
     processors : float
         How many the process had, on the mean: of several threads alone.
+    efficiency : float
+        Processor time on one thread by that on several.
     """
 
     optimizer: str
@@ -65,6 +68,7 @@ class Rate:
     ratio: float
     quartiles: tuple[float, float]
     processors: float = 1.0
+    efficiency: float = 1.0
 
 
 def measure(members: Sequence[int] = MEMBERS, repetitions: int = 15) -> dict[str, object]:
@@ -119,8 +123,8 @@ def beside_one(optimizer: str, buffer: str, members: int, repetitions: int) -> R
     one.update_many(u[:, 0], y[:, 0])
     times = []
     for _ in range(repetitions):
-        mine = timed(lambda: one.update_many(u[:, 0], y[:, 0]), time.thread_time_ns) / alone
-        theirs = timed(lambda: ensemble.update_many(all_u, all_y), time.thread_time_ns) / (many * members)
+        mine = timed(lambda: one.update_many(u[:, 0], y[:, 0]), thread_clock)[0] / alone
+        theirs = timed(lambda: ensemble.update_many(all_u, all_y), thread_clock)[0] / (many * members)
         times.append((mine, theirs))
     ratios, rate = quotient(times), updates * 1e9 / float(np.median([theirs for _, theirs in times]))
     return Rate(optimizer, buffer, members, 1, rate, ratios[1], (ratios[0], ratios[2]))
@@ -134,16 +138,15 @@ def beside_one_thread(optimizer: str, buffer: str, members: int, threads: int, r
     u, y = streams(members, samples)
     for ensemble in pair:
         fill(ensemble, u, y)
-    times, processors = [], []
+    times, used = [], []
     for _ in range(repetitions):
-        alone = timed(lambda: pair[0].update_many(u, y), time.perf_counter_ns)
-        used = time.process_time_ns()
-        shared = timed(lambda: pair[1].update_many(u, y), time.perf_counter_ns)
-        processors.append((time.process_time_ns() - used) / shared)
-        times.append((alone, shared))
+        turn = [(timed(lambda each=each: each.update_many(u, y), both_clocks)) for each in pair]
+        times.append((turn[0][0], turn[1][0]))
+        used.append((turn[0][1], turn[1][1]))
     ratios, rate = quotient(times), updates * members * samples * 1e9 / float(np.median([t for _, t in times]))
-    had = float(np.median(processors))
-    return Rate(optimizer, buffer, members, threads, rate, ratios[1], (ratios[0], ratios[2]), had)
+    had = float(np.median([processor / clock for (_, clock), (_, processor) in zip(times, used, strict=True)]))
+    quartiles = (ratios[0], ratios[2])
+    return Rate(optimizer, buffer, members, threads, rate, ratios[1], quartiles, had, quotient(used)[1])
 
 
 def fill(ensemble: rp.Ensemble, u: np.ndarray, y: np.ndarray) -> None:
@@ -152,10 +155,19 @@ def fill(ensemble: rp.Ensemble, u: np.ndarray, y: np.ndarray) -> None:
         ensemble.update_many(u, y)
 
 
-def timed(task: Callable[[], object], clock: Clock) -> int:
+def timed(task: Callable[[], object], clock: Clock) -> np.ndarray:
+    """Return how far the clock, or each of several, went on during the task, in ns."""
     start = clock()
     task()
     return clock() - start
+
+
+def thread_clock() -> np.ndarray:
+    return np.array([time.thread_time_ns()])
+
+
+def both_clocks() -> np.ndarray:
+    return np.array([time.perf_counter_ns(), time.process_time_ns()])
 
 
 def quotient(times: list[tuple[float, float]]) -> list[float]:
@@ -170,13 +182,15 @@ def tables(result: dict[str, object]) -> list[Table]:
     several = Table(title=f"{PROMISED_MEMBERS} members on several threads, beside one thread", box=box.MARKDOWN)
     for table, key in ((alone, "one_thread"), (several, "threads")):
         columns = ["optimizer", "buffer", "members", "threads", "million updates/s", "ratio", "quartiles"]
-        for column in [*columns, "processors"] if key == "threads" else columns:
+        for column in [*columns, "processors", "efficiency"] if key == "threads" else columns:
             table.add_column(column, justify="left" if column in ("optimizer", "buffer") else "right")
         for each in result[key]:  # type: ignore[attr-defined]
             low, high = each["quartiles"]
             cells = [each["optimizer"], each["buffer"], str(each["members"]), str(each["threads"])]
             cells += [f"{each['updates_per_second'] / 1e6:.1f}", f"{each['ratio']:.2f}", f"{low:.2f}..{high:.2f}"]
-            table.add_row(*cells, *([f"{each['processors']:.2f}"] if key == "threads" else []))
+            table.add_row(
+                *cells, *([f"{each['processors']:.2f}", f"{each['efficiency']:.2f}"] if key == "threads" else [])
+            )
     return [alone, several]
 
 
