@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numba import njit
+from numba import TypingError, njit
 
-from replant.kernels.vector import LANES, vectors
+from replant.kernels.vector import LANES, prefetch, vectors
 
 generator = np.random.default_rng(5)
 A, B = generator.standard_normal((2, 3, LANES))
@@ -76,3 +76,20 @@ def test_the_vectors_of_an_array_are_the_same_memory_row_by_row() -> None:
     np.testing.assert_array_equal(array[0, 1:], before[3, 1:])
     np.testing.assert_array_equal(array[0, 0], before[0, 0])
     np.testing.assert_array_equal(array[1:], before[1:])
+
+
+@pytest.mark.parametrize("array", [np.zeros((LANES, 3)).T, np.zeros((3, LANES), np.float32)], ids=["order", "type"])
+def test_only_contiguous_float64_can_be_seen_as_vectors(array: np.ndarray) -> None:
+    with pytest.raises(TypingError):
+        njit(lambda a: vectors(a).size)(array)
+
+
+def test_prefetch_reaches_the_compiler_and_changes_nothing() -> None:
+    @njit
+    def ask(a):  # type: ignore[no-untyped-def]
+        prefetch(a, 1, 2)
+
+    array = np.arange(12.0).reshape(3, 4)
+    ask(array)
+    assert "call void @llvm.prefetch" in next(iter(ask.inspect_llvm().values()))
+    np.testing.assert_array_equal(array, np.arange(12.0).reshape(3, 4))

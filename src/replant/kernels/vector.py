@@ -111,6 +111,8 @@ _unary(_root, math.sqrt)
 
 
 def _vectors(typingctx, array):
+    if array.layout != "C" or array.dtype != types.float64:
+        return None  # Numba then names the call and the type that came
     kind = types.Array(VECTOR, array.ndim - 1, "C", aligned=False)  # aligned to a float64, no more
 
     def code(context, builder, signature, args):
