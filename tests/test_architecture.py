@@ -27,13 +27,13 @@ LEVELS: list[set[str]] = [
     {"settings", "uncertainty"},
     # the numbers of one record or one identifier, and what is read off them
     {"state"},
-    {"regression", "refined", "covariance", "free_run", "prediction"},
+    {"regression", "refined", "blocks", "covariance", "free_run", "prediction"},
     {"assessment"},
     # the estimators
     {"defaults"},
     {"startup"},
     {"identifier", "offline", "checkpoint"},
-    {"search", "runs", "comparison", "sklearn"},
+    {"search", "runs", "comparison", "sklearn", "ensemble"},
     # what touches the outside
     {"logs", "sources", "report", "live", "paper"},
     {"__init__"},
@@ -44,7 +44,7 @@ LEVELS: list[set[str]] = [
 OUTSIDE = {"checkpoint.files", "logs", "sources", "report", "live", "paper", "cli", "__main__"}
 #: May be imported anywhere, at any time; everything else that is not Python's own or replant's is heavy.
 LIGHT = {"numpy"}
-HEAVY = {"numba", "scipy", "matplotlib", "control", "pyarrow", "pandas", "xarray", "sklearn"}
+HEAVY = {"numba", "llvmlite", "scipy", "matplotlib", "control", "pyarrow", "pandas", "xarray", "sklearn"}
 HEAVY |= {"paho", "serial", "starlette", "uvicorn"}
 #: Modules that are made of another package's classes: nothing of ours imports them but where it uses them.
 ADAPTERS = {
@@ -168,7 +168,7 @@ def test_imports_make_no_circle() -> None:
 
 @pytest.mark.parametrize("module", [module for module in MODULES if module.partition(".")[0] == "kernels"])
 def test_kernels_know_numpy_math_numba_and_each_other(module: str) -> None:
-    assert outside(module) <= {"__future__", "math", "numpy", "numba"}
+    assert outside(module) <= {"__future__", "math", "operator", "typing", "numpy", "numba", "llvmlite"}
     assert {name.partition(".")[0] for name in own(module)} <= {"kernels"}
 
 

@@ -6,6 +6,7 @@
 
 from replant.assessment import fit_percent
 from replant.checkpoint.resume import load
+from replant.ensemble import Ensemble
 from replant.errors import (
     ArgumentTypeError,
     CheckpointError,
@@ -50,6 +51,7 @@ __all__ = [
     "ArgumentTypeError",
     "CheckpointError",
     "DamagedCheckpointError",
+    "Ensemble",
     "FitResult",
     "Gradient",
     "Identifier",
