@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.errors import LogError, MissingDependencyError
+from replant.logs.ahead import ahead
 from replant.logs.damage import damage_refused
 from replant.logs.table import Table
+
+BLOCK_ROWS = 1 << 16  # read at a time
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
@@ -29,11 +33,11 @@ def read(path: Path) -> Table:
         If the file is not a Parquet file, or has no column.
     """
     with _opened(path) as file:
-        schema = file.schema_arrow
+        schema, rows = file.schema_arrow, int(file.metadata.num_rows)
     if not schema.names:
         raise LogError(f"{path}: the file has no columns; write the log's signals into it")
     stamps = frozenset(number for number, field in enumerate(schema) if _is_stamp(field.type))
-    return Table(path, tuple(schema.names), partial(_load, path), in_seconds=stamps)
+    return Table(path, tuple(schema.names), partial(_blocks, path), in_seconds=stamps, about=rows, exactly=True)
 
 
 @contextmanager
@@ -48,18 +52,27 @@ def _opened(path: Path) -> Iterator[Any]:
         yield file
 
 
-def _load(path: Path, columns: Sequence[int]) -> list[NDArray[np.float64]]:
+def _blocks(path: Path, columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
     with _opened(path) as file:
         schema = file.schema_arrow
         for number in columns:
             _check_type(path, schema.field(number))
         names = [schema.names[number] for number in columns]
-        table = file.read(columns=sorted(set(names)))
         twins = [schema.names[:number].count(name) for number, name in zip(columns, names, strict=True)]
-        return [
-            _as_float(table.column(table.schema.get_all_field_indices(name)[twin]))
-            for name, twin in zip(names, twins, strict=True)
-        ]
+        origins: list[list[int]] = [[] for _ in names]
+        batches = file.iter_batches(BLOCK_ROWS, columns=sorted(set(names)), use_threads=False)
+
+        def take() -> list[NDArray[np.float64]] | None:
+            batch = next(batches, None)
+            if batch is None:
+                return None
+            places = [batch.schema.get_all_field_indices(name)[twin] for name, twin in zip(names, twins, strict=True)]
+            return [_as_float(batch.column(at), origin) for at, origin in zip(places, origins, strict=True)]
+
+        for block in ahead(repeat(take), workers=1):
+            if block is None:
+                return
+            yield block
 
 
 def _is_stamp(kind: Any) -> bool:
@@ -78,20 +91,25 @@ def _check_type(path: Path, field: Any) -> None:
         )
 
 
-def _as_float(column: Any) -> NDArray[np.float64]:
-    """Convert a column of numbers or time stamps to float64; a null is NaN."""
+def _as_float(column: Any, origin: list[int]) -> NDArray[np.float64]:
+    """Convert a column of numbers or time stamps to float64; a null is NaN.
+
+    ``origin`` holds the first stamp of the file, once there is one.
+    """
     import pyarrow
     from pyarrow import types
 
     if not _is_stamp(column.type):
         if types.is_boolean(column.type):
             column = column.cast(pyarrow.int8())
-        values = column.cast(pyarrow.float64(), safe=False).to_numpy()
+        values = column.cast(pyarrow.float64(), safe=False).to_numpy(zero_copy_only=False)
         return np.array(values, dtype=np.float64)
     counts = column.cast(pyarrow.int64())
-    valid = np.asarray(counts.is_valid().to_numpy())
+    valid = np.asarray(counts.is_valid().to_numpy(zero_copy_only=False))
     exact = np.asarray(counts.fill_null(0).to_numpy())  # int64: nanoseconds since 1970 do not fit a float64
     seconds = np.full(exact.shape, np.nan)
     if valid.any():
-        seconds[valid] = (exact[valid] - exact[valid][0]) * _SECONDS[column.type.unit]
+        if not origin:
+            origin.append(int(exact[valid][0]))
+        seconds[valid] = (exact[valid] - origin[0]) * _SECONDS[column.type.unit]
     return seconds
