@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from replant.errors import LogError
-from replant.logs import read_columns, read_log
 from replant.logs import csv as csv_module
+from replant.logs import read_columns, read_log
 from replant.logs.csv import parse_block
 from replant.logs.layout import Layout, sniff
 

@@ -52,14 +52,12 @@ class Recording:
         if self.held is not None:
             yield self.held.input, self.held.output
             return
-        for u, y in self.table.stream(self.columns):
-            yield u, y
+        yield from ((u, y) for u, y in self.table.stream(self.columns))
 
     def newest(self, u: NDArray[np.float64], y: NDArray[np.float64]) -> Log:
         """Return the whole log where it is held, else its newest samples ``u`` and ``y`` (K,)."""
         if self.held is not None:
             return self.held
-        earlier = self.samples - u.size
-        time = self.dt * np.arange(earlier, self.samples) if self.stamped else None
-        names = (self.table.names[column] for column in self.columns)
-        return Log(u, y, self.dt, time, *names, self.path, earlier)
+        earlier, (of_input, of_output) = self.samples - u.size, self.columns
+        time = np.asarray(self.dt * np.arange(earlier, self.samples), np.float64) if self.stamped else None
+        return Log(u, y, self.dt, time, self.table.names[of_input], self.table.names[of_output], self.path, earlier)

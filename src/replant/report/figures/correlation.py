@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from replant.report.diagnostics import BAND_95, BAND_99, Correlations
-from replant.report.downsample import thin
 from replant.report.figures import style
+from replant.thinning import thin
 from replant.validation import FloatArray
 
 FEW = 60  # lags that can be told apart as stems
