@@ -141,6 +141,7 @@ class _ErrorSums:
         size = LAGS + 2
         #: Of (e_k .. e_{k-LAGS}, 1): over every sample (unknown ones are zeros), over those with a known past, the rest
         self._all, self._usable, self._rest = np.zeros((size, size)), np.zeros((size, size)), np.zeros((2, 2))
+        self._head, self._known_head = np.zeros(0), np.zeros(0, bool)  # the first samples
         self._pairs = np.zeros(LAGS + 1)  # known samples whose partner so many samples ago is known as well
         self._sums = np.zeros(LAGS + 1)  # of e_k + e_{k-lag} over them
 
@@ -157,14 +158,15 @@ class _ErrorSums:
             self._pairs[lag] += np.count_nonzero(both)
             self._sums[lag] += float(((error + stack[:, lag]) * both).sum())
         self._all[0] += stack[:, 0] @ stack
-        lost = ~there
-        if self._samples == 0:
-            lost[:lags] = False  # before the record nothing is missing: there the residual is zero
-        unusable = np.convolve(lost, np.ones(lags + 1), mode="full")[lags : lags + count] > 0
-        usable = stack[~unusable] if unusable.any() else stack
+        follows = np.convolve(~there, np.ones(lags + 1))[lags : lags + count] == 0  # on a known past
+        alone = known & ~follows
+        if self._samples == 0:  # before the record there is nothing, where the mean is not to be taken off either
+            self._head, self._known_head = error[:lags], known[:lags]
+            alone[:lags] = False
+        usable = stack if follows.all() else stack[follows]
         self._usable += usable.T @ usable
-        alone = np.stack([error[unusable & known], np.ones(np.count_nonzero(unusable & known))])
-        self._rest += alone @ alone.T
+        single = np.stack([error[alone], np.ones(np.count_nonzero(alone))])
+        self._rest += single @ single.T
         self._past, self._known_past = whole[-lags:].copy(), there[-lags:].copy()
         self._samples += count
 
@@ -186,7 +188,14 @@ class _ErrorSums:
         residuals.autoregression(self._covariances(mean), model, np.empty(self._lags + 1))
         weights = np.append(model, -mean * model.sum())
         alone = np.array([1.0, -mean])
-        return float(weights @ self._usable @ weights + alone @ self._rest @ alone)
+        return float(weights @ self._usable @ weights + alone @ self._rest @ alone) + self._of_head(model, mean)
+
+    def _of_head(self, model: FloatArray, mean: float) -> float:
+        """Return the part of the first samples, which have no past of full length."""
+        error = np.where(self._known_head, self._head - mean, 0.0)
+        predicted = np.convolve(model, error)[: error.size]
+        follows = np.cumsum(~self._known_head) == 0
+        return float((np.where(follows, predicted, error) ** 2).sum())
 
     def _covariances(self, mean: float) -> FloatArray:
         return self._all[0, :-1] - mean * self._sums + mean**2 * self._pairs

@@ -20,6 +20,8 @@ from replant.report.summary import as_json as result_as_json
 from replant.report.summary import print_result
 from replant.runs import Result
 
+COMPILING = "compiling (once): later runs start at once"
+
 
 def deliver(result: Result, log: Log, *, as_json: bool, out: Path | None, **report: Any) -> None:
     """Print ``result`` and, with ``out``, write its plots and its report; ``report`` is for `write_report`."""
@@ -99,7 +101,7 @@ def announced_compiling() -> Iterator[None]:
             nonlocal said
             if not said:
                 said = True
-                click.echo("compiling (once): later runs start at once", err=True)
+                click.echo(COMPILING, err=True)
 
         def on_end(self, event: Any) -> None:
             pass

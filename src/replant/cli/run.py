@@ -32,7 +32,7 @@ def command(as_json: bool, out: Path | None, full_trace: Path | None, **options:
 
     Cutoff, scaling, step size and buffer are chosen from the data and printed.  LOG may be longer than memory.
     """
-    with announced_compiling(), progress_bar(rate=True) as bar:
+    with progress_bar(rate=True) as bar:
         task = bar.add_task("checking", total=None)
 
         def progress(stage: str, done: int, total: int) -> None:
@@ -42,7 +42,8 @@ def command(as_json: bool, out: Path | None, full_trace: Path | None, **options:
 
         recording = record_of(options, lambda rows, about: progress("checking", rows, about))
         request = request_of(options, recording.dt)
-        result = _run(recording, request, full_trace, lambda stage, done: progress(stage, done, recording.samples))
+        with announced_compiling():
+            result = _run(recording, request, full_trace, lambda stage, done: progress(stage, done, recording.samples))
     shown = result.overview
     log = recording.held if shown is None else recording.newest(shown.newest_input, shown.newest_output)
     assert log is not None

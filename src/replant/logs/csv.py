@@ -121,7 +121,8 @@ def _texts(path: Path, layout: Layout) -> Iterator[tuple[int, bytes]]:
 
 
 def _lone_returns(text: bytes) -> int:
-    return text.count(b"\r") - text.count(b"\r\n")
+    returns = text.count(b"\r")
+    return returns - text.count(b"\r\n") if returns else 0
 
 
 def _parse(

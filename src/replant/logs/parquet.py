@@ -1,4 +1,4 @@
-"""Parquet files (.parquet, .pq), with pyarrow: only the columns asked for are read."""
+"""Parquet files (.parquet, .pq), or a folder of them, with pyarrow: only the columns asked for are read."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from replant.errors import LogError, MissingDependencyError
 from replant.logs.ahead import ahead
 from replant.logs.damage import damage_refused
-from replant.logs.table import Table
+from replant.logs.table import Table, nth_row
 
 BLOCK_ROWS = 1 << 16  # read at a time
 
@@ -23,21 +23,47 @@ _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 def read(path: Path) -> Table:
-    """Open a Parquet file; columns of time stamps come in seconds since the first row.
+    """Open a Parquet file, or a folder of them in the order of their names, which have the same columns.
+
+    Columns of time stamps come in seconds since the first row.
 
     Raises
     ------
     MissingDependencyError
         If pyarrow is not installed.
     LogError
-        If the file is not a Parquet file, or has no column.
+        If a file is not a Parquet file, has no column, or other columns than the first of its folder.
     """
-    with _opened(path) as file:
-        schema, rows = file.schema_arrow, int(file.metadata.num_rows)
-    if not schema.names:
+    parts = parts_of(path) if path.is_dir() else [path]
+    lengths, schema = [], None
+    for part in parts:
+        with _opened(part) as file:
+            found = file.schema_arrow
+            lengths.append(int(file.metadata.num_rows))
+        if schema is not None and found.names != schema.names:
+            raise LogError(f"{part}: other columns than {parts[0].name} has; keep the parts of one log in a folder")
+        schema = schema or found
+    if schema is None or not schema.names:
         raise LogError(f"{path}: the file has no columns; write the log's signals into it")
     stamps = frozenset(number for number, field in enumerate(schema) if _is_stamp(field.type))
-    return Table(path, tuple(schema.names), partial(_blocks, path), in_seconds=stamps, about=rows, exactly=True)
+    place = partial(_place, parts, lengths) if len(parts) > 1 else nth_row
+    return Table(
+        path, tuple(schema.names), partial(_blocks, parts), place, in_seconds=stamps, about=sum(lengths), exactly=True
+    )
+
+
+def parts_of(folder: Path) -> list[Path]:
+    """Return the Parquet files in a folder in the order of their names."""
+    return sorted(part for part in folder.iterdir() if part.suffix.lower() in (".parquet", ".pq"))
+
+
+def _place(parts: Sequence[Path], lengths: Sequence[int], row: int) -> str:
+    """Name part and row."""
+    for part, length in zip(parts, lengths, strict=True):
+        if row < length:
+            return f"{part.name}, {nth_row(row)}"
+        row -= length
+    return nth_row(row)
 
 
 @contextmanager
@@ -52,14 +78,19 @@ def _opened(path: Path) -> Iterator[Any]:
         yield file
 
 
-def _blocks(path: Path, columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+def _blocks(parts: Sequence[Path], columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+    origins: list[list[int]] = [[] for _ in columns]
+    for part in parts:
+        yield from _blocks_of(part, columns, origins)
+
+
+def _blocks_of(path: Path, columns: Sequence[int], origins: Sequence[list[int]]) -> Iterator[list[NDArray[np.float64]]]:
     with _opened(path) as file:
         schema = file.schema_arrow
         for number in columns:
             _check_type(path, schema.field(number))
         names = [schema.names[number] for number in columns]
         twins = [schema.names[:number].count(name) for number, name in zip(columns, names, strict=True)]
-        origins: list[list[int]] = [[] for _ in names]
         batches = file.iter_batches(BLOCK_ROWS, columns=sorted(set(names)), use_threads=False)
 
         def take() -> list[NDArray[np.float64]] | None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.errors import InvalidArgumentError, LogError
+from replant.logs import parquet
 from replant.logs.log import Log
 from replant.logs.recording import MOST_HELD, Recording
 from replant.logs.table import Table, unreadable
@@ -38,7 +39,8 @@ def read_columns(path: str | os.PathLike[str]) -> Table:
     Parameters
     ----------
     path : path
-        A file .csv .txt .tsv .dat (text), .parquet .pq, .mat (up to v7) or .npz.
+        A file .csv .txt .tsv .dat (text), .parquet .pq, .mat (up to v7) or .npz; or a folder of Parquet files, the
+        parts of one log in the order of their names.
 
     Raises
     ------
@@ -58,14 +60,14 @@ def read_columns(path: str | os.PathLike[str]) -> Table:
     ('t', 'u [V]', 'y') [0.  0.7]
     """
     path = Path(path)
-    suffix = path.suffix.lower()
-    if path.is_dir():
-        raise LogError(f"{path}: a directory; give the log file inside it")
+    suffix = ".parquet" if path.is_dir() else path.suffix.lower()
     if suffix not in FORMATS:
         raise LogError(f"{path}: unknown file type {suffix!r}; a log is one of {' '.join(FORMATS)}")
     module = importlib.import_module(f"replant.logs.{FORMATS[suffix]}")
     try:
-        if path.stat().st_size == 0:
+        if path.is_dir() and not parquet.parts_of(path):
+            raise LogError(f"{path}: a directory without Parquet files; give the log file inside it")
+        if not path.is_dir() and path.stat().st_size == 0:
             raise LogError(f"{path}: the file is empty; record the log again")
         table: Table = module.read(path)
     except FileNotFoundError:
@@ -91,7 +93,8 @@ def read_log(
     Parameters
     ----------
     path : path
-        A file .csv .txt .tsv .dat (text), .parquet .pq, .mat (up to v7) or .npz.
+        A file .csv .txt .tsv .dat (text), .parquet .pq, .mat (up to v7) or .npz; or a folder of Parquet files, the
+        parts of one log in the order of their names.
     input, output : str or int
         The columns, by name or 0-based number. In .mat and .npz files also ``udat[:,0]`` and ``data.udat[:,0]``.
     time : str or int, optional
