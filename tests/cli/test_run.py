@@ -167,11 +167,12 @@ from pathlib import Path
 from replant.logs import open_recording
 from replant.runs import run_source
 from replant.settings import Request
-from replant import Structure
+import replant as rp
 
+QUICK = {"filter": rp.StateVariableFilter(2.0), "optimizer": rp.Gradient(0.1), "scaling": None, "replay": None}
 for path in sys.argv[1:]:
     recording = open_recording(path, input="u", output="y", most_held=0)
-    run_source(Request(Structure(poles=1), recording.dt), recording, newest=1000)
+    run_source(Request(rp.Structure(poles=1), recording.dt, **QUICK), recording, newest=1000)
     status = Path("/proc/self/status").read_text()
     print(next(line for line in status.splitlines() if line.startswith("VmHWM")).split()[1])
 """
@@ -184,7 +185,7 @@ def test_memory_does_not_grow_with_the_log(tmp_path: Path, suffix: str) -> None:
     pyarrow = pytest.importorskip("pyarrow", reason="pip install 'replant[parquet]'")
     from pyarrow import csv, parquet
 
-    lengths = (600_000, 2_000_000)
+    lengths = (1_000_000, 4_000_000)
     for rows in lengths:
         u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], rows // 20), 20)
         columns = {"t": np.round(DT * np.arange(rows), 2), "u": u, "y": np.round(PLANT.simulate(u, DT), 4)}

@@ -18,6 +18,7 @@ from replant.logs.damage import damage_refused
 from replant.logs.table import Table, nth_row
 
 BLOCK_ROWS = 1 << 16  # read at a time
+BUFFER_BYTES = 1 << 20  # of a column
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
@@ -74,7 +75,9 @@ def _opened(path: Path) -> Iterator[Any]:
         raise MissingDependencyError(
             f"{path}: reading Parquet needs pyarrow: pip install 'replant[parquet]'"
         ) from error
-    with damage_refused(path, "Parquet file", "write it again"), parquet.ParquetFile(path) as file:
+    # pre_buffer keeps in memory whatever has been read
+    opened = partial(parquet.ParquetFile, path, pre_buffer=False, buffer_size=BUFFER_BYTES)
+    with damage_refused(path, "Parquet file", "write it again"), opened() as file:
         yield file
 
 
