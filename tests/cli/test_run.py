@@ -170,11 +170,10 @@ from replant.settings import Request
 import replant as rp
 
 QUICK = {"filter": rp.StateVariableFilter(2.0), "optimizer": rp.Gradient(0.1), "scaling": None, "replay": None}
-for path in sys.argv[1:]:
-    recording = open_recording(path, input="u", output="y", most_held=0)
-    run_source(Request(rp.Structure(poles=1), recording.dt, **QUICK), recording, newest=1000)
-    status = Path("/proc/self/status").read_text()
-    print(next(line for line in status.splitlines() if line.startswith("VmHWM")).split()[1])
+recording = open_recording(sys.argv[1], input="u", output="y", most_held=0)
+run_source(Request(rp.Structure(poles=1), recording.dt, **QUICK), recording, newest=1000)
+status = Path("/proc/self/status").read_text()
+print(next(line for line in status.splitlines() if line.startswith("VmHWM")).split()[1])
 """
 
 
@@ -185,15 +184,14 @@ def test_memory_does_not_grow_with_the_log(tmp_path: Path, suffix: str) -> None:
     pyarrow = pytest.importorskip("pyarrow", reason="pip install 'replant[parquet]'")
     from pyarrow import csv, parquet
 
-    lengths = (1_000_000, 4_000_000)
+    peaks, lengths = [], (1_000_000, 4_000_000)
     for rows in lengths:
         u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], rows // 20), 20)
         columns = {"t": np.round(DT * np.arange(rows), 2), "u": u, "y": np.round(PLANT.simulate(u, DT), 4)}
-        save = csv.write_csv if suffix == "csv" else parquet.write_table
-        save(pyarrow.table(columns), tmp_path / f"{rows}.{suffix}")
-    paths = [tmp_path / f"{rows}.{suffix}" for rows in lengths]
-    found = subprocess.run([sys.executable, "-c", PEAK, *paths], capture_output=True, text=True)
-    assert found.returncode == 0, found.stderr
-    first, second = (1024 * int(line) for line in found.stdout.split())
-    assert second - first < 0.5 * 24 * (lengths[1] - lengths[0])
-    assert second < 500e6
+        path = tmp_path / f"{rows}.{suffix}"
+        (csv.write_csv if suffix == "csv" else parquet.write_table)(pyarrow.table(columns), path)
+        found = subprocess.run([sys.executable, "-c", PEAK, path], capture_output=True, text=True)
+        assert found.returncode == 0, found.stderr
+        peaks.append(1024 * int(found.stdout))
+    assert peaks[1] - peaks[0] < 0.5 * 24 * (lengths[1] - lengths[0])
+    assert peaks[1] < 500e6, peaks
