@@ -52,12 +52,7 @@ def draw_fit(
         raise InvalidArgumentError(
             f"u and y must be the record of the result, {model.size} samples long, got {u.size} and {y.size}"
         )
-    shown = result.overview
-    if shown is None:
-        signals = [thin(signal, style.SHOWN) for signal in (u, y, model, _difference(y, model))]
-    else:
-        signals = [each.again(style.SHOWN) for each in (shown.input, shown.output, shown.model, shown.residual)]
-    drawn_u, measured, modelled, residual = signals
+    drawn_u, measured, modelled, residual = _shown(result, u, y)
     _curve(top, drawn_u, dt, color=style.INPUT, lw=0.9)
     _curve(middle, measured, dt, color=style.MEASURED, lw=2.2, label="measured")
     _curve(middle, modelled, dt, color=style.MODEL, lw=1.0, label="model, from the input alone")
@@ -74,9 +69,17 @@ def draw_fit(
     ):
         axis.set_ylabel(label)
         style.tidy(axis)
-        axis.set_xlim(0.0, dt * max(1, (y.size if shown is None else shown.samples) - 1))
+        axis.set_xlim(0.0, dt * max(1, (result.overview.samples if result.overview else y.size) - 1))
     bottom.set_xlabel("time [s]")
     return np.array([top, middle, bottom], dtype=object)
+
+
+def _shown(result: Result, u: FloatArray, y: FloatArray) -> list[Thinned]:
+    """Return input, measured and simulated output, and their difference, as they are drawn."""
+    shown, model = result.overview, result.simulation.output
+    if shown is None:
+        return [thin(signal, style.SHOWN) for signal in (u, y, model, _difference(y, model))]
+    return [signal.again(style.SHOWN) for signal in (shown.input, shown.output, shown.model, shown.residual)]
 
 
 def draw_transients(
