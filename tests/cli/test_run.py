@@ -88,12 +88,14 @@ def test_plots_and_report_show_the_whole_of_a_log_that_is_not_held(
     capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path
 ) -> None:
     pytest.importorskip("matplotlib", reason="pip install 'replant[report]'")
-    run(log, "--out", tmp_path / "out")
+    pytest.importorskip("pyarrow", reason="pip install 'replant[parquet]'")
+    run(log, "--out", tmp_path / "out", "--full-trace", tmp_path / "trace.pq")
     capsys.readouterr()
     assert (tmp_path / "out" / "fit.png").stat().st_size > 10_000
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "5,000 samples" in page
     assert "of the newest 800 samples" in page
+    assert "--full-trace" not in page  # what repeats the result needs no second copy of it
     charts = json.loads(re.search(r'<script[^>]*type="application/json"[^>]*>(.*?)</script>', page, re.DOTALL)[1])
     for chart in charts["fit"]:
         assert chart["start"] + chart["step"] * chart["count"] == pytest.approx(5000 * DT, rel=0.01)

@@ -118,7 +118,7 @@ def command_line() -> str:
         name = parameter.name or ""
         value: Any = context.params.get(name)
         source = context.get_parameter_source(name)
-        if name in ("as_json", "out") or source is not ParameterSource.COMMANDLINE:
+        if name in ("as_json", "out", "full_trace") or source is not ParameterSource.COMMANDLINE:
             continue
         if isinstance(parameter, click.Argument):
             words += map(str, value if isinstance(value, tuple) else (value,))
