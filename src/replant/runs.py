@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,7 @@ from replant.uncertainty import Uncertainty
 from replant.validation import FloatArray
 
 CHUNK = 1 << 14  # samples between two reports of progress
+PIECE = 1 << 15  # samples of the second pass that are looked at together
 MOST_ROWS = 10_000  # of history kept: more than a plot can show
 SETTLED = 1_000_000  # samples looked at where choices are made from the record beforehand
 IDENTIFYING, TESTING = "identifying", "testing"  # the stages of a run
@@ -210,7 +211,7 @@ def _result(
     score = Score(identifier.transfer_function, identifier.dt, hold)
     preprocess = settings.preprocess if settings else None
     kept = Recorder(source.samples, newest)
-    for u, y in batched(source.batches(), FITTED):
+    for u, y in _pieces(source):
         if preprocess is None:  # not one sample could be used
             preprocess = request.preprocess.resolve(u, y)
         mapped = preprocess.map_input(u)
@@ -235,6 +236,15 @@ def _result(
         covariance if np.isfinite(covariance).all() else None,
         kept.overview(score.shift),
     )
+
+
+def _pieces(source: Source) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Go through a record: first what the initial state is fitted over, then pieces that a processor's cache holds."""
+    first = True
+    for u, y in batched(source.batches(), FITTED):
+        size = FITTED if first else PIECE
+        first = False
+        yield from ((u[start : start + size], y[start : start + size]) for start in range(0, max(u.size, 1), size))
 
 
 def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float) -> Result:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
 
-CHECKED = 1 << 18  # stamps checked at once
+CHECKED = 1 << 18  # stamps that the usual interval is taken from
 TOLERANCE = 0.01  # an interval may differ from the sampling time by this share of it
 
 _UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
@@ -72,7 +72,7 @@ class Clock:
     """The sampling time from time stamps that come block by block, in their unit.
 
     It is the mean interval, so rounding of the stamps does not add up. The stamps are regular if each interval is
-    within 1 % of the median (of the first 2^18), or if rounding to their printed digits explains the rest.
+    within 1 % of the median (of the first 2^18, about), or if rounding to their printed digits explains the rest.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class Clock:
         """
         self._waiting.append(stamps)
         self._rows += stamps.size
-        if self._rows - self._seen >= CHECKED:
+        if self._seen or self._rows >= CHECKED:
             self._check()
 
     def step(self, again: Callable[[], Iterable[NDArray[np.float64]]]) -> float:
