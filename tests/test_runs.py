@@ -122,3 +122,13 @@ def test_choices_of_a_long_record_are_made_from_its_beginning(monkeypatch: pytes
     part = run_online(request, u, y).settings
     y[3000:] *= 100.0
     assert run_online(request, u, y).settings == part
+
+
+def test_with_a_start_up_of_ones_own_it_is_what_would_have_been_live() -> None:
+    u, y = record()
+    request = Request(STRUCTURE, DT)
+    live = rp.Identifier(STRUCTURE, DT, startup=700)
+    live.update_many(u, y)
+    result = run_online(request, u, y, startup=700)
+    np.testing.assert_array_equal(result.parameters, live.parameters)
+    assert result.settings == live.settings

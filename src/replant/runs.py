@@ -110,7 +110,12 @@ class Result:
 
 
 def run_online(
-    request: Request, u: FloatArray, y: FloatArray, progress: Callable[[int], None] = lambda samples: None
+    request: Request,
+    u: FloatArray,
+    y: FloatArray,
+    progress: Callable[[int], None] = lambda samples: None,
+    *,
+    startup: int | None = None,
 ) -> Result:
     """Identify in one pass over a record in memory; see `run_source`.
 
@@ -121,13 +126,15 @@ def run_online(
         Raw input and output.
     progress : callable
         Called with the number of samples done, every few thousand.
+    startup : int, optional
+        See `run_source`.
     """
 
     def report(stage: str, samples: int) -> None:
         if stage == IDENTIFYING:
             progress(samples)
 
-    return run_source(request, Arrays(u, y), report)
+    return run_source(request, Arrays(u, y), report, startup=startup)
 
 
 def run_source(
@@ -136,6 +143,7 @@ def run_source(
     progress: Callable[[str, int], None] = lambda stage, samples: None,
     sink: Callable[[Trace], None] = lambda trace: None,
     newest: int | None = None,
+    startup: int | None = None,
 ) -> Result:
     """Identify in one pass over a record of any length; a second pass runs the model beside it.
 
@@ -152,9 +160,11 @@ def run_source(
         Called with the trace of every few thousand samples.
     newest : int, optional
         How many samples of the simulation are kept, where the record is too long for all of them.
+    startup : int, optional
+        Samples held back for the start-up; the run is then, to the bit, what it would have been live.
     """
     begun = time.perf_counter()
-    identifier = _identifier(request, source)
+    identifier = _identifier(request, source, startup)
     history = _History(source.samples, request.structure.size)
     chunk = min(CHUNK, max(1, source.samples // BANDS))
     done = 0
@@ -169,7 +179,9 @@ def run_source(
     return _result(identifier, request, history.history, source, begun, progress, newest)
 
 
-def _identifier(request: Request, source: Source) -> Identifier:
+def _identifier(request: Request, source: Source, startup: int | None) -> Identifier:
+    if startup is not None:
+        return Identifier(**vars(dataclasses.replace(request, startup=startup)))
     if request.wants_instruments:
         startup = min(max(source.samples // 10, 1), LARGEST)
         return Identifier(**vars(dataclasses.replace(request, startup=startup)))

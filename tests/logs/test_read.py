@@ -91,7 +91,7 @@ def test_files_that_are_not_there(tmp_path: Path, suffix: str) -> None:
     with pytest.raises(LogError, match=f"none{suffix}: no such file; check the path"):
         read_log(path, input="u", output="y")
     path.mkdir()
-    with pytest.raises(LogError, match=f"none{suffix}: a directory without Parquet files; give the log file inside it"):
+    with pytest.raises(LogError, match=f"none{suffix}: a directory; give the log file inside it"):
         read_log(path, input="u", output="y")
     path.rmdir()
     path.touch()

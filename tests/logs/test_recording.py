@@ -123,16 +123,20 @@ def test_a_folder_of_parquet_parts_is_one_log(tmp_path: Path) -> None:
     for number, begin in enumerate(range(0, ROWS, 180)):
         part = {name: column[begin : begin + 180] for name, column in columns.items()}
         save(folder / f"part-{number:03}.parquet", part)
-    (folder / "part-004.parquet.part").write_bytes(b"not yet")
+    for unfinished in ("part-004.parquet.part", ".part-004.parquet", "_part-004.parquet"):
+        (folder / unfinished).write_bytes(b"not yet")
     whole = read_log(save(tmp_path / "log.parquet", columns), input="u", output="y")
     for most_held in (0, ROWS):
+        if most_held:  # what records live samples calls their folder so
+            folder.rename(tmp_path / "samples")
+            folder = tmp_path
         recording = open_recording(folder, input="u", output="y", most_held=most_held)
         assert recording.dt == whole.dt
         u, y = (np.concatenate(parts) for parts in zip(*recording.batches(), strict=True))
         np.testing.assert_array_equal(u, whole.input)
         np.testing.assert_array_equal(y, whole.output)
-    save(folder / "part-001.parquet", {"t": columns["t"][180:360], "x": columns["u"][180:360]})
-    with pytest.raises(LogError, match=r"part-001\.parquet: other columns than part-000\.parquet has"):
+    save(folder / "samples" / "part-001.parquet", {"t": columns["t"][180:360], "x": columns["u"][180:360]})
+    with pytest.raises(LogError, match=r"part-001\.parquet: other columns than in part-000\.parquet"):
         open_recording(folder, input="u", output="y")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,19 +17,21 @@ from replant.logs.full_trace import FullTrace
 from replant.optimizers import OPTIMIZERS
 from replant.runs import Result, run_source
 from replant.score import FITTED
+from replant.settings import Request
 
 
 @click.command(name="run")
 @log_options
 @click.option("--optimizer", type=click.Choice(["auto", *OPTIMIZERS]), default="auto", show_default=True)
+@click.option("--startup", type=int, metavar="N", help="Samples that the first model is made from.  [default: a tenth]")
 @click.option(
     "--full-trace",
     type=click.Path(path_type=Path),
     metavar="FILE",
     help="Write the estimate after each sample (.parquet).",
 )
-def command(as_json: bool, out: Path | None, full_trace: Path | None, **options: Any) -> None:
-    """Identify G(s) online from LOG (csv, txt, parquet, mat, npz), one pass, sample by sample.
+def command(as_json: bool, out: Path | None, full_trace: Path | None, startup: int | None, **options: Any) -> None:
+    """Identify G(s) online from LOG (csv, txt, parquet or a folder of it, mat, npz), one pass, sample by sample.
 
     Cutoff, scaling, step size and buffer are chosen from the data and printed.  LOG may be longer than memory.
     """
@@ -43,7 +46,8 @@ def command(as_json: bool, out: Path | None, full_trace: Path | None, **options:
         recording = record_of(options, lambda rows, about: progress("checking", rows, about))
         request = request_of(options, recording.dt)
         with announced_compiling():
-            result = _run(recording, request, full_trace, lambda stage, done: progress(stage, done, recording.samples))
+            stages = partial(_with_total, progress, recording.samples)
+            result = _run(recording, request, full_trace, startup, stages)
     shown = result.overview
     log = recording.held if shown is None else recording.newest(shown.newest_input, shown.newest_output)
     assert log is not None
@@ -52,8 +56,18 @@ def command(as_json: bool, out: Path | None, full_trace: Path | None, **options:
         click.echo(f"wrote {full_trace}")
 
 
-def _run(recording: Recording, request: Any, full_trace: Path | None, progress: Callable[[str, int], None]) -> Result:
+def _with_total(progress: Callable[[str, int, int], None], total: int, stage: str, done: int) -> None:
+    progress(stage, done, total)
+
+
+def _run(
+    recording: Recording,
+    request: Request,
+    full_trace: Path | None,
+    startup: int | None,
+    progress: Callable[[str, int], None],
+) -> Result:
     newest = None if recording.held is not None else FITTED
     with nullcontext() if full_trace is None else FullTrace(full_trace, recording.dt) as trace:
         sink = (lambda rows: None) if trace is None else trace.take
-        return run_source(request, recording, progress, sink, newest)
+        return run_source(request, recording, progress, sink, newest, startup)

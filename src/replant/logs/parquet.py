@@ -19,6 +19,7 @@ from replant.logs.table import Table, nth_row
 
 BLOCK_ROWS = 1 << 16  # read at a time
 BUFFER_BYTES = 1 << 20  # of a column
+SUFFIXES = (".parquet", ".pq")
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
@@ -42,7 +43,7 @@ def read(path: Path) -> Table:
             found = file.schema_arrow
             lengths.append(int(file.metadata.num_rows))
         if schema is not None and found.names != schema.names:
-            raise LogError(f"{part}: other columns than {parts[0].name} has; keep the parts of one log in a folder")
+            raise LogError(f"{part}: other columns than in {parts[0].name}; keep the parts of one log in a folder")
         schema = schema or found
     if schema is None or not schema.names:
         raise LogError(f"{path}: the file has no columns; write the log's signals into it")
@@ -54,8 +55,13 @@ def read(path: Path) -> Table:
 
 
 def parts_of(folder: Path) -> list[Path]:
-    """Return the Parquet files in a folder in the order of their names."""
-    return sorted(part for part in folder.iterdir() if part.suffix.lower() in (".parquet", ".pq"))
+    """Return the Parquet files in a folder, or in its folder ``samples``, in the order of their names.
+
+    Those whose names begin with a dot or an underscore are being written, or are no data.
+    """
+    recorded = folder / "samples"
+    found = (recorded if recorded.is_dir() else folder).iterdir()
+    return sorted(part for part in found if part.suffix.lower() in SUFFIXES and part.name[0] not in "._")
 
 
 def _place(parts: Sequence[Path], lengths: Sequence[int], row: int) -> str:

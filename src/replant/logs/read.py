@@ -66,7 +66,7 @@ def read_columns(path: str | os.PathLike[str]) -> Table:
     module = importlib.import_module(f"replant.logs.{FORMATS[suffix]}")
     try:
         if path.is_dir() and not parquet.parts_of(path):
-            raise LogError(f"{path}: a directory without Parquet files; give the log file inside it")
+            raise LogError(f"{path}: a directory; give the log file inside it, or a folder of Parquet files")
         if not path.is_dir() and path.stat().st_size == 0:
             raise LogError(f"{path}: the file is empty; record the log again")
         table: Table = module.read(path)
