@@ -19,10 +19,21 @@ LEVELS: list[set[str]] = [
     {"validation", "labels"},
     {"interop", "frames"},
     # the models: each knows at most those above its line
-    {"realization", "preprocess", "replay", "trace", "optimizers", "least_squares", "signals", "factors"},
-    {"filters"},
+    {
+        "realization",
+        "preprocess",
+        "replay",
+        "trace",
+        "optimizers",
+        "least_squares",
+        "signals",
+        "factors",
+        "batches",
+        "thinning",
+    },
+    {"filters", "overview"},
     {"transfer_function"},
-    {"structure", "rigs"},
+    {"structure", "rigs", "response"},
     {"scaling"},
     {"settings", "uncertainty"},
     # the numbers of one record or one identifier, and what is read off them
@@ -30,7 +41,7 @@ LEVELS: list[set[str]] = [
     {"regression", "refined", "blocks", "covariance", "free_run", "prediction"},
     {"assessment"},
     # the estimators
-    {"defaults"},
+    {"defaults", "score"},
     {"startup"},
     {"identifier", "offline", "checkpoint"},
     {"search", "runs", "comparison", "sklearn", "ensemble"},

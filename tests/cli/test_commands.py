@@ -10,20 +10,21 @@ import numpy as np
 import pytest
 
 from replant.cli import main
+from replant.cli.output import COMPILING
 from replant.rigs import DEAP, Rig
 from replant.signals import prbs
 from replant.transfer_function import TransferFunction
 
 
 def call(capsys, *arguments: object) -> tuple[int, str, str]:
-    """Run the command line in this process; return exit code, stdout and stderr."""
+    """Run the command line in this process; return exit code, stdout and stderr without word of compiling."""
     try:
         main([str(argument) for argument in arguments])
         code = 0
     except SystemExit as stop:
         code = int(stop.code or 0)
     captured = capsys.readouterr()
-    return code, captured.out, captured.err
+    return code, captured.out, captured.err.replace(COMPILING + "\n", "")
 
 
 @pytest.fixture

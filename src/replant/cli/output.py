@@ -20,6 +20,8 @@ from replant.report.summary import as_json as result_as_json
 from replant.report.summary import print_result
 from replant.runs import Result
 
+COMPILING = "compiling (once): later runs start at once"
+
 
 def deliver(result: Result, log: Log, *, as_json: bool, out: Path | None, **report: Any) -> None:
     """Print ``result`` and, with ``out``, write its plots and its report; ``report`` is for `write_report`."""
@@ -61,13 +63,68 @@ def make_folder(out: Path) -> None:
         out.mkdir(parents=True, exist_ok=True)
 
 
-def progress_bar() -> Any:
-    """Return a progress bar on stderr, shown if a person sees it."""
+def progress_bar(*, rate: bool = False) -> Any:
+    """Return a progress bar on stderr, shown if a person sees it; with ``rate``, samples a second and time left too."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
-    columns = (TextColumn("{task.description:8}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    columns: list[Any] = [TextColumn("{task.description:11}"), BarColumn(), TaskProgressColumn()]
+    columns += [_rate_column(), TimeRemainingColumn(), TextColumn("left")] if rate else [TimeElapsedColumn()]
     return Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty())
+
+
+def _rate_column() -> Any:
+    from rich.progress import ProgressColumn, Task
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            speed = task.finished_speed or task.speed
+            return Text("" if not speed else f"{in_thousands(speed)} samples/s")
+
+    return Rate()
+
+
+def in_thousands(value: float) -> str:
+    """Return a number with three digits and a letter for its thousands.
+
+    Examples
+    --------
+    >>> in_thousands(1234567.0), in_thousands(65432.1), in_thousands(7.0)
+    ('1.23 M', '65.4 k', '7')
+    """
+    for power, letter in ((9, " G"), (6, " M"), (3, " k")):
+        if value >= 10.0**power:
+            return f"{value / 10.0**power:.3g}{letter}"
+    return f"{value:.3g}"
+
+
+@contextmanager
+def announced_compiling() -> Iterator[None]:
+    """Say on stderr, once, that a kernel is being compiled: it takes seconds, and later runs find it in the cache."""
+    from numba.core import event
+
+    said = False
+
+    class Announcer(event.Listener):
+        def on_start(self, event: Any) -> None:
+            nonlocal said
+            if not said:
+                said = True
+                click.echo(COMPILING, err=True)
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Announcer()):
+        yield
 
 
 def command_line() -> str:
@@ -78,7 +135,7 @@ def command_line() -> str:
         name = parameter.name or ""
         value: Any = context.params.get(name)
         source = context.get_parameter_source(name)
-        if name in ("as_json", "out") or source is not ParameterSource.COMMANDLINE:
+        if name in ("as_json", "out", "full_trace") or source is not ParameterSource.COMMANDLINE:
             continue
         if isinstance(parameter, click.Argument):
             words += map(str, value if isinstance(value, tuple) else (value,))

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from replant.overview import POINTS
 from replant.report import words
 from replant.report.diagnostics import Excitation
-from replant.report.downsample import thin
 from replant.report.figures import style
 from replant.report.material import Material
+from replant.thinning import thin
 from replant.validation import FloatArray
 
-POINTS = 36_000  # of each signal at most: a screen is 2,000 columns wide, so nine-fold zoom loses nothing
 PARAMETER_POINTS = 120_000  # of all transients together
 LARGEST = 3e38  # what float32 holds
 
@@ -30,25 +30,27 @@ def charts(material: Material) -> dict[str, list[dict[str, Any]]]:
 
 
 def _fit_charts(material: Material) -> list[dict[str, Any]]:
-    model, dt, unit = material.result.simulation.output, material.dt, style.unit_of(material.output_label)
+    u, y, model, residual, start, step = material.over_time
+    unit = style.unit_of(material.output_label)
     hold = "line" if material.filter is not None and material.filter.input_hold == "foh" else "step"
-    limits = style.output_limits(material.y, model)
+    limits = style.output_limits(y, model)
     drawn = within_reason(model, limits)
     charts = [
         _chart(
-            "input", material.input_label, 130, dt, [_curve(material.u, "input", "input", hold)],
-            style.output_limits(material.u),
+            "input", material.input_label, 130, step, [_curve(u, "input", "input", hold)],
+            style.output_limits(u), start,
         ),
         _chart(
-            "output", material.output_label, 280, dt,
-            [_curve(material.y, "measured", "measured"), _curve(drawn, "model", "model, from the input alone")],
-            limits,
+            "output", material.output_label, 280, step,
+            [_curve(y, "measured", "measured"), _curve(drawn, "model", "model, from the input alone")],
+            limits, start,
         ),
     ]  # fmt: skip
     name = f"residual [{unit}]" if unit else "residual"
-    limits = style.residual_limits(material.residual, material.y)
-    drawn = within_reason(material.residual, limits)
-    charts.append(_chart("residual", name, 140, dt, [_curve(drawn, "residual", "measured − model")], limits))
+    limits = style.residual_limits(residual, y)
+    drawn = within_reason(residual, limits)
+    curves = [_curve(drawn, "residual", "measured − model")]
+    charts.append(_chart("residual", name, 140, step, curves, limits, start))
     return charts
 
 

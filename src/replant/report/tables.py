@@ -99,6 +99,7 @@ def origin(material: Material) -> str:
             *of_record(log),
             ("used", f"{result.samples:,} samples"),
             ("rejected", rejected),
+            *([("residual tests, excitation", f"of the newest {log.input.size:,} samples")] if log.earlier else []),
             ("computed in", f"{number(result.elapsed, 3)} s"),
             ("versions", versions()),
         ]

@@ -25,8 +25,13 @@ def of_fit(material: Material) -> str:
     )
     return (
         f"Input, output and residual over time: the model, run from the input alone, has a fit of {fit}; the residual "
-        f"is {size}{' ' + unit if unit else ''} in the root mean square.{beyond}"
+        f"is {size}{' ' + unit if unit else ''} in the root mean square{_newest(material)}.{beyond}"
     )
+
+
+def _newest(material: Material) -> str:
+    """Return over what the figures are, where it is not the whole record."""
+    return f" over the newest {material.y.size:,} samples" if material.log.earlier else ""
 
 
 def of_transients(material: Material) -> str:

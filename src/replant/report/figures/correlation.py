@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from replant.report.diagnostics import BAND_95, BAND_99, Correlations
-from replant.report.downsample import thin
 from replant.report.figures import style
+from replant.thinning import thin
 from replant.validation import FloatArray
 
 WIDE = 0.2  # a correlation that can be seen on an axis that reaches to 1

@@ -10,9 +10,9 @@ import numpy as np
 from replant.assessment import WORST_CONDITION
 from replant.errors import InvalidArgumentError
 from replant.report.diagnostics import Excitation
-from replant.report.downsample import thin
 from replant.report.figures import style
 from replant.runs import Result
+from replant.thinning import Thinned, thin
 from replant.validation import FloatArray
 
 
@@ -32,7 +32,7 @@ def draw_fit(
     ----------
     result : Result
     u, y : (K,) arrays
-        Raw input and output.
+        Raw input and output; the newest, of a record too long to be held, which is drawn from its overview.
     dt : float
         Sampling time in s.
     axes : three matplotlib axes, optional
@@ -52,14 +52,14 @@ def draw_fit(
         raise InvalidArgumentError(
             f"u and y must be the record of the result, {model.size} samples long, got {u.size} and {y.size}"
         )
-    _curve(top, u, dt, color=style.INPUT, lw=0.9)
-    _curve(middle, y, dt, color=style.MEASURED, lw=2.2, label="measured")
-    _curve(middle, model, dt, color=style.MODEL, lw=1.0, label="model, from the input alone")
-    middle.set_ylim(*style.output_limits(y, model))
+    drawn_u, measured, modelled, residual = _shown(result, u, y)
+    _curve(top, drawn_u, dt, color=style.INPUT, lw=0.9)
+    _curve(middle, measured, dt, color=style.MEASURED, lw=2.2, label="measured")
+    _curve(middle, modelled, dt, color=style.MODEL, lw=1.0, label="model, from the input alone")
+    middle.set_ylim(*style.output_limits(measured.values, modelled.values))
     style.legend(middle, 2)
-    residual = _difference(y, model)
     _curve(bottom, residual, dt, color=style.RESIDUAL, lw=0.8)
-    bottom.set_ylim(*style.residual_limits(residual, y))
+    bottom.set_ylim(*style.residual_limits(residual.values, measured.values))
     unit = style.unit_of(output_label)
     bottom.axhline(0, color=style.MUTED, lw=0.8)
     for axis, label in (
@@ -69,9 +69,17 @@ def draw_fit(
     ):
         axis.set_ylabel(label)
         style.tidy(axis)
-        axis.set_xlim(0.0, dt * max(1, y.size - 1))
+        axis.set_xlim(0.0, dt * max(1, (result.overview.samples if result.overview else y.size) - 1))
     bottom.set_xlabel("time [s]")
     return np.array([top, middle, bottom], dtype=object)
+
+
+def _shown(result: Result, u: FloatArray, y: FloatArray) -> list[Thinned]:
+    """Return input, measured and simulated output, and their difference, as they are drawn."""
+    shown, model = result.overview, result.simulation.output
+    if shown is None:
+        return [thin(signal, style.SHOWN) for signal in (u, y, model, _difference(y, model))]
+    return [signal.again(style.SHOWN) for signal in (shown.input, shown.output, shown.model, shown.residual)]
 
 
 def draw_transients(
@@ -195,8 +203,7 @@ def _decades(axis: Any, t: FloatArray, values: FloatArray, colour: str, lowest: 
     style.logarithmic(axis.yaxis)
 
 
-def _curve(axis: Any, signal: FloatArray, dt: float, **look: Any) -> None:
-    drawn = thin(signal, style.SHOWN)
+def _curve(axis: Any, drawn: Thinned, dt: float, **look: Any) -> None:
     axis.plot(drawn.times(dt), drawn.values, **look)
 
 
