@@ -228,6 +228,11 @@ class Identifier:
             self._resolve_at = 0  # a later solution of the record as a whole would learn what came in meanwhile
 
     @property
+    def request(self) -> Request:
+        """What was asked for, "auto" where the data are to decide."""
+        return self._request
+
+    @property
     def structure(self) -> Structure:
         """The structure that is identified."""
         return self._request.structure

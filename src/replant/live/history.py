@@ -39,6 +39,11 @@ class History:
         self._stride = 1
         self._newest_stays = True
 
+    def restore(self, rows: Rows) -> None:
+        """Begin with rows taken before."""
+        for t, parameters, std in zip(rows.t.tolist(), rows.parameters, rows.std, strict=True):
+            self.append(t, parameters, std)
+
     def append(self, t: float, parameters: FloatArray, std: FloatArray) -> None:
         """Take the newest row; it is shown in any case, and stays if it is a stride away from the one before that did."""
         if self._rows and not self._newest_stays:

@@ -1,0 +1,65 @@
+"""Progress: how far a session has come, as its checkpoint remembers it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.sources import Batch
+from replant.validation import FloatArray
+
+COUNTER = "counter "  # before a counter's name in a checkpoint
+
+
+@dataclass
+class Progress:
+    """How far a session has come.
+
+    Attributes
+    ----------
+    taken : int
+        Samples taken, rejected ones included.
+    at : float
+        Rig time of the newest in s: its stamp, or taken times dt.
+    sequence : int or None
+        Its number, where the device gives one.
+    offset : float
+        What was added to its stamp, in s: see `Clock`.
+    """
+
+    taken: int = 0
+    at: float = 0.0
+    sequence: int | None = None
+    offset: float = 0.0
+
+    def advance(self, batch: Batch, t: FloatArray | None, dt: float) -> FloatArray:
+        """Count the samples of a batch, not empty, with rig time ``t``; return that, or of a regular clock its own."""
+        clock = (self.taken + 1 + np.arange(batch.u.size)) * dt if t is None else t
+        self.taken += batch.u.size
+        if np.isfinite(clock[-1]):
+            self.at = float(clock[-1])
+        if batch.sequence is not None:
+            self.sequence = int(batch.sequence[-1])
+        return clock
+
+    def with_counters(self, counters: Mapping[str, int]) -> dict[str, int | float | str]:
+        """Return what a checkpoint holds beside the identifier."""
+        kept: dict[str, int | float | str] = {"taken": self.taken, "at": self.at, "offset": self.offset}
+        if self.sequence is not None:
+            kept["sequence"] = self.sequence
+        return kept | {COUNTER + name: count for name, count in counters.items()}
+
+    @classmethod
+    def of(cls, kept: Mapping[str, int | float | str]) -> Progress:
+        """Return the progress that a checkpoint holds.
+
+        Examples
+        --------
+        >>> Progress.of(Progress(3, 0.5, 7).with_counters({"lost": 1}))
+        Progress(taken=3, at=0.5, sequence=7, offset=0.0)
+        """
+        sequence = kept.get("sequence")
+        number = None if sequence is None else int(sequence)
+        return cls(int(kept.get("taken", 0)), float(kept.get("at", 0.0)), number, float(kept.get("offset", 0.0)))
