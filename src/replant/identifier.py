@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +28,10 @@ from replant.trace import Trace
 from replant.transfer_function import TransferFunction
 from replant.uncertainty import Uncertainty
 from replant.validation import FloatArray, number, record, vector
+
+if TYPE_CHECKING:
+    from replant.checkpoint.encoding import Progress
+    from replant.checkpoint.files import AnyPath
 
 RECENT = 10_000  # raw samples kept: for solving the start-up again as it grows, and for assessment
 REGULAR = np.zeros(0)  # the time stamps of a regular clock
@@ -129,6 +133,50 @@ class Identifier:
     def clone(self) -> Identifier:
         """Return an independent copy in the same state."""
         return copy.deepcopy(self)
+
+    def save(self, path: AnyPath, progress: Progress | None = None) -> None:
+        """Save everything to a file, from which `replant.load` goes on to the bit.
+
+        The file is whole at every moment, whatever happens; what it was before is kept as ``path`` + ".previous".
+
+        Parameters
+        ----------
+        path : path
+        progress : dict, optional
+            Of int, float and str: kept along, for `replant.checkpoint.load`; how far a source was read, say.
+
+        Raises
+        ------
+        CheckpointError
+            If the file cannot be written; what was there stays.
+        InvalidArgumentError
+            If something cannot be kept, as an ``input_map`` that is a function.
+        """
+        from replant.checkpoint.files import write
+
+        write(path, self.to_bytes(progress))
+
+    def to_bytes(self, progress: Progress | None = None) -> bytes:
+        """Return everything as bytes for `from_bytes`; equal states give equal bytes.  See `save`."""
+        from replant.checkpoint.encoding import encode
+
+        return encode(vars(self), progress)
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Identifier:
+        """Return the identifier whose bytes these are; anything else raises DamagedCheckpointError."""
+        from replant.checkpoint.encoding import decode
+
+        return cls._of(decode(data).attributes)
+
+    @classmethod
+    def _of(cls, attributes: dict[str, Any]) -> Identifier:
+        """Return an identifier with the attributes that a checkpoint held."""
+        restored = cls.__new__(cls)
+        vars(restored).update(attributes)
+        if restored._settings is not None:
+            restored._choose_kernels(regular=restored._regular)
+        return restored
 
     def update(self, u: float, y: float, t: float | None = None) -> float:
         """Take one sample; return its a-priori output error y - theta' phi, in the unit of y.
