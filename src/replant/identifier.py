@@ -355,7 +355,7 @@ class Identifier:
             intervals = np.full(u.size, self.dt) if regular else np.diff(t, prepend=t[:1] - self.dt)
             return np.column_stack([self._request.preprocess.map_input(u), y, intervals])
         rest = self._settings.preprocess
-        return unrolled(self._state) + np.array([float(rest.input_offset), float(rest.output_offset), 0.0])
+        return np.asarray(unrolled(self._state) + np.array([float(rest.input_offset), float(rest.output_offset), 0.0]))
 
     @property
     def status(self) -> str:

@@ -45,7 +45,7 @@ class History:
             self.append(t, parameters, std)
 
     def append(self, t: float, parameters: FloatArray, std: FloatArray) -> None:
-        """Take the newest row; it is shown in any case, and stays if it is a stride away from the one before that did."""
+        """Take the newest row; it is shown in any case, and stays if it is a stride away from the last that did."""
         if self._rows and not self._newest_stays:
             self._rows -= 1
         if self._rows == MOST_ROWS:

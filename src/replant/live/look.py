@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -70,7 +71,7 @@ def look(identifier: Identifier, pulse: Pulse, history: History) -> View:
     )
 
 
-def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str, object]:
+def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str, Any]:
     """Return poles with their covariances, zeros and the static gain; nothing of a model not known yet."""
     if uncertainty is None:
         nothing = np.zeros(0, np.complex128)

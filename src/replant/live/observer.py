@@ -81,6 +81,11 @@ class Observer:
         """The newest view; None before the first, and when it is too old to say anything of the present."""
         return self._view if time.monotonic() - self._viewed < TOO_OLD else None
 
+    @property
+    def last(self) -> View | None:
+        """The newest view however old; None before the first."""
+        return self._view
+
     def show(self, line: str) -> None:
         """Have a line shown at the terminal, above the status where there is one."""
         if self._alive and self._orders.terminal:

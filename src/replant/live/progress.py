@@ -36,7 +36,7 @@ class Progress:
 
     def advance(self, batch: Batch, t: FloatArray | None, dt: float) -> FloatArray:
         """Count the samples of a batch, not empty, with rig time ``t``; return that, or of a regular clock its own."""
-        clock = (self.taken + 1 + np.arange(batch.u.size)) * dt if t is None else t
+        clock = np.asarray((self.taken + 1 + np.arange(batch.u.size)) * dt) if t is None else t
         self.taken += batch.u.size
         if np.isfinite(clock[-1]):
             self.at = float(clock[-1])

@@ -7,6 +7,7 @@ pyarrow, DuckDB and `replant run` read such a folder as one table.
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import time
 from pathlib import Path
@@ -51,10 +52,8 @@ class Recorder:
     interval = 0.1  # s of real time at the least between two recorded estimates
 
     def __init__(self, folder: Path, background: Background, *, go_on: bool = False) -> None:
-        try:
-            import pyarrow.parquet
-        except ImportError:
-            raise MissingDependencyError("--record needs pyarrow: install replant with the extra live") from None
+        if importlib.util.find_spec("pyarrow") is None:
+            raise MissingDependencyError("--record needs pyarrow: pip install 'replant[live]'")
         self._background = background
         self._samples = _Parts(folder / "samples", go_on=go_on)
         self._estimates = _Parts(folder / "estimates", go_on=go_on)
@@ -148,7 +147,8 @@ def _samples_table(taken: list[tuple[npt.NDArray[np.int64] | None, FloatArray, F
     import pyarrow
 
     numbers = [
-        pyarrow.nulls(u.size, pyarrow.int64()) if n is None else pyarrow.array(n, pyarrow.int64()) for n, _, u, _ in taken
+        pyarrow.nulls(u.size, pyarrow.int64()) if n is None else pyarrow.array(n, pyarrow.int64())
+        for n, _, u, _ in taken
     ]
     signals = {name: np.concatenate([entry[k] for entry in taken]) for k, name in ((1, "t"), (2, "u"), (3, "y"))}
     return pyarrow.table({"n": pyarrow.chunked_array(numbers, pyarrow.int64()), **signals})

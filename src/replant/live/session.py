@@ -79,7 +79,7 @@ class Session:
         sinks: Sequence[Sink] = (),
         recorder: Recorder | None = None,
         keeper: Keeper | None = None,
-        limits: Limits = Limits(),  # noqa: B008 - frozen
+        limits: Limits = Limits(),
         progress: Progress | None = None,
     ) -> None:
         self.identifier, self.source = identifier, source
@@ -144,10 +144,13 @@ class Session:
 
     def _stamps(self, batch: Batch) -> FloatArray | None:
         """Return the time stamps to learn with: the device's, or those that its numbers give on a regular clock."""
-        if batch.t is None and batch.sequence is None:
-            return None
+        stamps = batch.t
+        if stamps is None:
+            if batch.sequence is None:
+                return None
+            stamps = np.asarray(batch.sequence * self.identifier.dt)
         before = self._clock.offset
-        t = self._clock.follow(batch.sequence * self.identifier.dt if batch.t is None else batch.t)
+        t = self._clock.follow(stamps)
         if self._clock.offset != before:
             self._observer.show("replant: the device's clock went back: its filters begin anew, the estimate goes on")
             self.progress.offset = self._clock.offset
@@ -189,7 +192,7 @@ class Session:
             try:
                 outlet.sink.send(estimate)
             except BrokenPipeError:  # as `| head` does: nobody wants to know any more
-                    self.stop()
+                self.stop()
             except OSError as error:
                 self._notices.say(outlet.sink.name, f"replant: {outlet.sink.name}: {one_line(error)}; going on")
 

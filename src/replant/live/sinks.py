@@ -73,7 +73,8 @@ class Datagrams:
             found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
         except OSError as error:
             raise InvalidArgumentError(f"--to {self.name}: no such host {host!r} ({error.strerror})") from None
-        family, kind, protocol, _, self._to = found[0]
+        family, kind, protocol, _, to = found[0]
+        self._to: Any = to
         self._socket = socket.socket(family, kind, protocol)
         self._socket.setblocking(False)
 
@@ -102,14 +103,14 @@ class Retained:
             from paho.mqtt.client import Client
             from paho.mqtt.enums import CallbackAPIVersion
         except ImportError:
-            raise MissingDependencyError(
-                "--to mqtt:// needs paho-mqtt: install replant with the extra live"
-            ) from None
+            raise MissingDependencyError("--to mqtt:// needs paho-mqtt: pip install 'replant[live]'") from None
         self._topic = unquote(address.path.lstrip("/"))
         port = _port(address, MQTT_PORT)
         self.name = f"mqtt://{address.hostname}:{port}/{self._topic}"
         if not self._topic or set(self._topic) & set("+#"):
-            raise InvalidArgumentError(f"--to {self.name}: name one topic after the host, as in mqtt://host/rig/1/model")
+            raise InvalidArgumentError(
+                f"--to {self.name}: name one topic after the host, as in mqtt://host/rig/1/model"
+            )
         self._client: Any = Client(CallbackAPIVersion.VERSION2)
         if address.username:
             self._client.username_pw_set(unquote(address.username), unquote(address.password or ""))

@@ -63,6 +63,13 @@ class Status:
             self._live.stop()
 
 
+def print_summary(view: View, truth: TransferFunction | None = None, *, to_stderr: bool = False) -> None:
+    """Print what was found in the end."""
+    from rich.console import Console
+
+    Console(stderr=to_stderr).print(screen(view, truth, running=False))
+
+
 def one_line(view: View) -> str:
     """Return a view in one line: the newest estimate, what it is worth, and how fast samples come."""
     figures = ", ".join(
@@ -76,7 +83,7 @@ def one_line(view: View) -> str:
     return "; ".join(part for part in parts if part)
 
 
-def screen(view: View, truth: TransferFunction | None = None, url: str = "") -> Any:
+def screen(view: View, truth: TransferFunction | None = None, url: str = "", *, running: bool = True) -> Any:
     """Return a view as something that rich draws."""
     from rich.console import Group
     from rich.padding import Padding
@@ -84,7 +91,7 @@ def screen(view: View, truth: TransferFunction | None = None, url: str = "") -> 
 
     shape, colour = LOOKS.get(view.verdict, ("?", "default"))
     frozen = "" if view.adapting else "  (frozen: the estimate stands, samples go on)"
-    rows: list[Any] = [_head(view), Text(_traffic(view), no_wrap=True, overflow="ellipsis"), Text("")]
+    rows: list[Any] = [_head(view), Text(_traffic(view, running=running), no_wrap=True, overflow="ellipsis"), Text("")]
     if view.den.size:
         model = TransferFunction(view.num, view.den, view.delay)
         rows += [Text(line, no_wrap=True, overflow="ellipsis") for line in fraction(model)]
@@ -94,7 +101,8 @@ def screen(view: View, truth: TransferFunction | None = None, url: str = "") -> 
     rows += [Padding(Text(reason), (0, 0, 0, 9)) for reason in view.reasons]
     if url:
         rows.append(Text(f"Open     {url}", no_wrap=True, overflow="ellipsis"))
-    rows.append(Text("Ctrl-C ends", style="dim"))
+    if running:
+        rows.append(Text("Ctrl-C ends", style="dim"))
     return Group(*rows)
 
 
@@ -107,7 +115,9 @@ def _head(view: View) -> Any:
     )  # fmt: skip
 
 
-def _traffic(view: View) -> str:
+def _traffic(view: View, *, running: bool) -> str:
+    if not running:
+        return "   ".join(part for part in (f"{view.at:,.1f} s", f"{view.samples:,} samples", _lost(view)) if part)
     lag = f"{1e3 * view.lag:.1f} ms behind" if view.lag < 1.0 else f"{view.lag:.1f} s behind"
     parts = [f"{view.at:,.1f} s", f"{view.samples:,} samples", f"{view.rate:,.0f}/s", lag, _lost(view)]
     return "   ".join(part for part in parts if part)

@@ -49,7 +49,7 @@ def _record(request: Request) -> tuple[np.ndarray, np.ndarray]:
     speeds = np.geomspace(0.05, 0.2, structure.poles) / dt
     zeros = np.geomspace(0.07, 0.3, structure.zeros) / dt
     den, num = np.poly(-speeds), np.atleast_1d(np.poly(-zeros))
-    plant = TransferFunction(num * den[-1] / num[-1], den)
+    plant = TransferFunction(np.asarray(num * den[-1] / num[-1]), np.asarray(den))
     generator = np.random.default_rng(0)
     u = 2.0 + np.repeat(generator.choice([-1.0, 1.0], SAMPLES // 8), 8)
     mapped = np.asarray(request.preprocess.map_input(u))
