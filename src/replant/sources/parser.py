@@ -1,0 +1,150 @@
+"""Parser: blocks of lines into samples; in C where a block is clean, else line by line."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from replant.logs.layout import is_data
+from replant.sources.batch import Batch
+from replant.sources.lines import LONGEST
+from replant.sources.numbering import take
+from replant.sources.rows import BY_WIDTH, Malformed, Row, check_width, from_cells, from_json
+from replant.validation import FloatArray
+
+#: A block of fewer lines is read line by line: calling the reader in C costs as much as ten lines.
+FEW = 10
+#: Whole numbers up to here are exact in float64.
+LARGEST_NUMBER = 2.0**53
+
+
+class Parser:
+    r"""The reader of one stream's lines: CSV or JSON, each line whichever it is.
+
+    Which columns there are is known by ``columns``, or by the first two lines of CSV that agree in width (the first
+    may have been cut), or by the first JSON object.  Blank lines and comments are passed over.  Every other line is
+    either samples or counted by reason.
+
+    Parameters
+    ----------
+    counters : Counter
+        Gets the reasons.
+    columns : tuple of str or None
+        Of `FIELDS`, in the order of the lines.
+
+    Examples
+    --------
+    >>> counters = Counter()
+    >>> parser = Parser(counters)
+    >>> batch = parser.parse(b"0.0,1,0.5\n0.1,1,abc\n0.2,1,0.7\n", arrived=0.0)
+    >>> batch.t, batch.y, dict(counters)
+    (array([0. , 0.2]), array([0.5, 0.7]), {'not a number': 1})
+    """
+
+    def __init__(self, counters: Counter[str], columns: tuple[str, ...] | None = None) -> None:
+        self.columns = columns
+        self._counters = counters
+        self._waiting: Row | None = None  # a first line that no other has confirmed
+
+    def parse(self, block: bytes, arrived: float) -> Batch | None:
+        """Return the samples in whole lines, None if there are none."""
+        return self.batch(self.tables(block), arrived)
+
+    def tables(self, block: bytes) -> list[FloatArray]:
+        """Return the rows in whole lines, each of `columns`."""
+        return self._tables(block.decode("ascii", "replace").replace("\r\n", "\n").split("\n"))
+
+    def finish(self, arrived: float) -> Batch | None:
+        """Return the first line if no other came to confirm it."""
+        row, self._waiting = self._waiting, None
+        if row is None:
+            return None
+        self.columns = BY_WIDTH[len(row)]
+        return self.batch([np.array([row])], arrived)
+
+    def batch(self, tables: Sequence[FloatArray], arrived: float) -> Batch | None:
+        """Return rows of `columns` as samples; those whose number or time stamp cannot be one are counted."""
+        if not tables or self.columns is None:
+            return None
+        table = np.concatenate(tables) if len(tables) > 1 else tables[0]
+        by_name = dict(zip(self.columns, table.T, strict=True))
+        kept = np.ones(table.shape[0], dtype=bool)
+        if "t" in by_name:
+            kept &= self._refuse(np.isfinite(by_name["t"]), "time not finite")
+        if "n" in by_name:
+            number = by_name["n"]
+            with np.errstate(invalid="ignore"):
+                whole = (number >= 0.0) & (number < LARGEST_NUMBER) & (number == np.floor(number))
+            kept &= self._refuse(whole | ~kept, "not a sequence number")
+        sequence = np.where(kept, by_name["n"], 0.0).astype(np.int64) if "n" in by_name else None
+        time = by_name["t"].copy() if "t" in by_name else None
+        batch = Batch(by_name["u"].copy(), by_name["y"].copy(), time, sequence, arrived)
+        return batch if kept.all() else take(batch, kept)
+
+    def count(self, reason: str, samples: int = 1) -> None:
+        """Count lines or samples that were refused."""
+        if samples:
+            self._counters[reason] += samples
+
+    def _refuse(
+        self, fine: np.ndarray[tuple[int], np.dtype[np.bool_]], reason: str
+    ) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        self.count(reason, int(fine.size - fine.sum()))
+        return fine
+
+    def _tables(self, lines: list[str]) -> list[FloatArray]:
+        """Return the rows of lines; a block that is off is halved until what is off stands alone."""
+        if self.columns is None or len(lines) <= FEW:
+            return self._one_by_one(lines)
+        table = self._in_c(lines)
+        if table is not None:
+            return [table]
+        middle = len(lines) // 2
+        return self._tables(lines[:middle]) + self._tables(lines[middle:])
+
+    def _in_c(self, lines: list[str]) -> FloatArray | None:
+        """Read lines at once, or return None if they are anything but a full grid of numbers."""
+        if lines[0].startswith(("{", "[")) or not any(map(str.strip, lines)):
+            return None
+        try:
+            table = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
+        except ValueError:
+            return None
+        return table if table.shape[1] == len(self.columns or ()) else None
+
+    def _one_by_one(self, lines: list[str]) -> list[FloatArray]:
+        rows: list[Row] = []
+        for line in filter(is_data, lines):
+            try:
+                rows += self._line(line.strip())
+            except Malformed as reason:
+                self.count(str(reason))
+        return [np.array(rows)] if rows else []
+
+    def _line(self, line: str) -> list[Row]:
+        if len(line) > LONGEST:
+            raise Malformed("too long")
+        if line[0] in "{[":
+            columns, rows = from_json(line, self.columns)
+            if self.columns is None and rows:
+                self.columns = columns
+            return rows
+        row = from_cells(line)
+        if self.columns is not None:
+            check_width(row, len(self.columns))
+            return [row]
+        return self._settle(row)
+
+    def _settle(self, row: Row) -> list[Row]:
+        """Choose the columns once two lines in a row agree."""
+        check_width(row, min(max(len(row), min(BY_WIDTH)), max(BY_WIDTH)))
+        first, self._waiting = self._waiting, row
+        if first is None:
+            return []
+        if len(first) != len(row):
+            self.count("fields missing" if len(first) < len(row) else "too many fields")
+            return []
+        self.columns, self._waiting = BY_WIDTH[len(row)], None
+        return [first, row]

@@ -1,0 +1,96 @@
+"""Rows: samples read from text, as numbers; a line that is off is refused with a reason."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from replant.logs.layout import parse_number
+
+#: What a sample consists of: sequence number, time stamp in s, input, output.  In the order of four columns.
+FIELDS = ("n", "t", "u", "y")
+#: What stands in lines of two, three and four columns if nobody says.
+BY_WIDTH = {2: ("u", "y"), 3: ("t", "u", "y"), 4: FIELDS}
+
+Row = tuple[float, ...]
+
+
+class Malformed(Exception):  # noqa: N818 - not an error of the program: a reason to count
+    """A line or message that holds no sample; its text is the reason."""
+
+
+def from_cells(line: str) -> Row:
+    """Read one line of CSV; a missing cell is NaN, as in a log.
+
+    Examples
+    --------
+    >>> from_cells("0.5, 1e-3,")
+    (0.5, 0.001, nan)
+    """
+    try:
+        return tuple(map(parse_number, line.split(",")))
+    except ValueError:
+        raise Malformed("not a number") from None
+
+
+def check_width(row: Row, width: int) -> None:
+    """Refuse a row of another number of cells."""
+    if len(row) != width:
+        raise Malformed("fields missing" if len(row) < width else "too many fields")
+
+
+def from_json(line: str, columns: Sequence[str] | None) -> tuple[tuple[str, ...], list[Row]]:
+    """Read a JSON object, or an array of them; return the columns and the samples.
+
+    ``{"n": 7, "t": 0.7, "u": 1.0, "y": 0.2}`` is one sample; with arrays in the fields it is several, and n may be the
+    number of the first.  null is NaN.
+
+    Parameters
+    ----------
+    line : str
+    columns : sequence of str or None
+        The fields that are wanted; None: those that the first sample has.
+
+    Examples
+    --------
+    >>> from_json('{"n": 7, "u": [1, 2], "y": [0.5, null]}', None)
+    (('n', 'u', 'y'), [(7.0, 1.0, 0.5), (8.0, 2.0, nan)])
+    """
+    try:
+        value = json.loads(line)
+    except (ValueError, RecursionError):
+        raise Malformed("not JSON") from None
+    rows: list[Row] = []
+    for item in value if isinstance(value, list) else [value]:
+        if not isinstance(item, dict):
+            raise Malformed("not an object")
+        if columns is None:
+            columns = [name for name in FIELDS if name in item]
+        if not {"u", "y", *columns} <= item.keys():
+            raise Malformed("fields missing")
+        rows += _samples(item, columns)
+    return tuple(columns or ()), rows
+
+
+def _samples(item: dict[str, Any], columns: Sequence[str]) -> list[Row]:
+    fields = {name: item[name] for name in columns}
+    if not isinstance(item["u"], list):
+        return [tuple(_number(name, value) for name, value in fields.items())]
+    count = len(item["u"])
+    if type(fields.get("n")) is int:
+        fields["n"] = list(range(fields["n"], fields["n"] + count))
+    if any(not isinstance(values, list) or len(values) != count for values in fields.values()):
+        raise Malformed("arrays of different lengths")
+    return list(zip(*([_number(name, value) for value in values] for name, values in fields.items()), strict=True))
+
+
+def _number(name: str, value: Any) -> float:
+    kind = type(value)
+    if kind is float:
+        return float(value)
+    if kind is int and abs(value) < 1 << 1000:
+        return float(value)
+    if value is None and name in ("u", "y"):
+        return float("nan")
+    raise Malformed("not a number")
