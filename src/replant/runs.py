@@ -101,7 +101,12 @@ class Result:
 
 
 def run_online(
-    request: Request, u: FloatArray, y: FloatArray, progress: Callable[[int], None] = lambda samples: None
+    request: Request,
+    u: FloatArray,
+    y: FloatArray,
+    progress: Callable[[int], None] = lambda samples: None,
+    *,
+    startup: int | None = None,
 ) -> Result:
     """Identify in one pass over a record.
 
@@ -115,9 +120,13 @@ def run_online(
         Raw input and output.
     progress : callable
         Called with the number of samples done, every few thousand.
+    startup : int, optional
+        Samples held back for the start-up; the run is then, to the bit, what it would have been live.
     """
     begun = time.perf_counter()
-    if request.wants_instruments:
+    if startup is not None:
+        identifier = Identifier(**vars(dataclasses.replace(request, startup=startup)))
+    elif request.wants_instruments:
         request = dataclasses.replace(request, startup=max(u.size // 10, 1))
         identifier = Identifier(**vars(request))
     else:

@@ -48,6 +48,36 @@ def _opened(path: Path) -> Iterator[Any]:
         yield file
 
 
+def read_folder(folder: Path) -> Table:
+    """Open a folder of Parquet files with the same columns as one log, in the order of their names.
+
+    So `replant live --record` leaves them; of the folder that it was given, the samples are read.
+
+    Raises
+    ------
+    MissingDependencyError
+        If pyarrow is not installed.
+    LogError
+        If there is no Parquet file in it, or one is damaged or has other columns than the first.
+    """
+    recorded = folder / "samples"
+    paths = sorted((recorded if recorded.is_dir() else folder).glob("*.parquet"))
+    if not paths:
+        raise LogError(f"{folder}: a directory; give the log file inside it, or a folder of Parquet files")
+    first = read(paths[0])
+    for path in paths[1:]:
+        if read(path).names != first.names:
+            raise LogError(f"{path}: other columns than in {paths[0].name}; give the log file itself")
+    return Table(folder, first.names, partial(_load_all, paths, first.in_seconds), in_seconds=frozenset())
+
+
+def _load_all(paths: Sequence[Path], stamps: frozenset[int], columns: Sequence[int]) -> list[NDArray[np.float64]]:
+    if stamps & set(columns):  # they count from the first of each file
+        raise LogError(f"{paths[0].parent}: dates in a folder of files are not read; store the time in s as numbers")
+    parts = [_load(path, columns) for path in paths]
+    return [np.concatenate(column) for column in zip(*parts, strict=True)]
+
+
 def _load(path: Path, columns: Sequence[int]) -> list[NDArray[np.float64]]:
     with _opened(path) as file:
         schema = file.schema_arrow

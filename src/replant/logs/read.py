@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.errors import InvalidArgumentError, LogError
+from replant.logs import parquet
 from replant.logs.log import Log
 from replant.logs.table import Table, unreadable
 from replant.logs.time import check_dt, sampling_time, time_candidates, unit_in_seconds
@@ -36,7 +37,7 @@ def read_columns(path: str | os.PathLike[str]) -> Table:
     Parameters
     ----------
     path : path
-        A file .csv .txt .tsv .dat (text), .parquet .pq, .mat (up to v7) or .npz.
+        A file .csv .txt .tsv .dat (text), .parquet .pq, .mat (up to v7) or .npz, or a folder of .parquet files.
 
     Raises
     ------
@@ -58,7 +59,7 @@ def read_columns(path: str | os.PathLike[str]) -> Table:
     path = Path(path)
     suffix = path.suffix.lower()
     if path.is_dir():
-        raise LogError(f"{path}: a directory; give the log file inside it")
+        return parquet.read_folder(path)
     if suffix not in FORMATS:
         raise LogError(f"{path}: unknown file type {suffix!r}; a log is one of {' '.join(FORMATS)}")
     module = importlib.import_module(f"replant.logs.{FORMATS[suffix]}")
@@ -89,7 +90,7 @@ def read_log(
     Parameters
     ----------
     path : path
-        A file .csv .txt .tsv .dat (text), .parquet .pq, .mat (up to v7) or .npz.
+        A file .csv .txt .tsv .dat (text), .parquet .pq, .mat (up to v7) or .npz, or a folder of .parquet files.
     input, output : str or int
         The columns, by name or 0-based number. In .mat and .npz files also ``udat[:,0]`` and ``data.udat[:,0]``.
     time : str or int, optional
