@@ -23,6 +23,7 @@ from replant.report.findings import BAD, Finding, findings
 from replant.report.material import Material
 from replant.report.numbers import duration, mathml, number, percent, uncertain
 from replant.report.page import asset, code, heading, icon, today
+from replant.report.page import style as page_style
 from replant.report.series import charts
 from replant.runs import Result
 
@@ -95,7 +96,7 @@ def _fields(material: Material, title: str, command: str, python: str) -> dict[s
         "reproduce": _reproduce(command, python),
         "origin": tables.origin(material),
         "uplot_css": style_sheet,
-        "css": asset("report.css"),
+        "css": page_style(),
         "uplot_js": script,
         "js": asset("report.js"),
         "data": json.dumps(plots).replace("<", "\\u003c"),

@@ -29,6 +29,11 @@ def asset(name: str) -> str:
     return resources.files("replant.report").joinpath("assets", name).read_text(encoding="utf-8")
 
 
+def style() -> str:
+    """Return the style sheet of every page: the palette, and what is made of it."""
+    return asset("palette.css") + asset("report.css")
+
+
 def today() -> str:
     """Return date and time as a page's foot says them."""
     return datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
@@ -57,7 +62,7 @@ def write_page(path: Path, *, title: str, eyebrow: str, lede: str, body: str) ->
         eyebrow=html.escape(eyebrow),
         lede=html.escape(lede),
         body=body,
-        css=asset("report.css"),
+        css=style(),
         date=today(),
     )
     path.parent.mkdir(parents=True, exist_ok=True)
