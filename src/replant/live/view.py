@@ -156,7 +156,7 @@ class View:
     history: Rows
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain lists and numbers under these very names; what is not finite is None, a root [real, imag]."""
+        """Return plain lists and numbers under these very names; what is not finite is None, a root {real, imag}."""
         plain: dict[str, Any] = _plain(self)
         return plain
 
@@ -165,7 +165,7 @@ def _plain(value: Any) -> Any:
     """Return what JSON can hold."""
     if isinstance(value, np.ndarray):
         if np.iscomplexobj(value):
-            return [[root.real, root.imag] for root in value.tolist()]
+            return [{"real": root.real, "imag": root.imag} for root in value.tolist()]
         if np.isfinite(value).all():
             return value.tolist()
         return _plain(value.tolist())
