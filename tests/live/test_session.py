@@ -273,7 +273,7 @@ def test_a_checkpoint_of_another_structure_is_refused_in_one_line(tmp_path: Path
     rp.Identifier(**vars(REQUEST)).save(path)
     with pytest.raises(rp.InvalidArgumentError, match=r"rig: the checkpoint is of dt 0.05, and 0.1 is asked for now"):
         resume(path, type(REQUEST)(**{**vars(REQUEST), "dt": 0.1}))
-    with pytest.raises(rp.InvalidArgumentError, match="move .* away to begin anew"):
+    with pytest.raises(rp.InvalidArgumentError, match=r"move .* away to begin anew"):
         resume(path, type(REQUEST)(**{**vars(REQUEST), "structure": rp.Structure(2)}))
     assert resume(path, REQUEST) is not None
     assert resume(tmp_path / "none", REQUEST) is None

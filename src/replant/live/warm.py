@@ -12,7 +12,7 @@ from replant.identifier import Identifier
 from replant.settings import Request
 from replant.transfer_function import TransferFunction
 
-PATIENCE = 1.0  # s after which the wait is explained
+PATIENCE = 3.0  # s after which the wait is explained
 STARTUP, SAMPLES = 500, 1200  # enough for a first model, and for the record to be solved again
 
 
@@ -25,7 +25,7 @@ def warm(request: Request, say: Callable[[str], None]) -> None:
     say : callable
         Told why, if it takes long: kernels are compiled once and kept on disk.
     """
-    waiting = threading.Timer(PATIENCE, say, ["replant: compiling (once): some seconds, up to a minute"])
+    waiting = threading.Timer(PATIENCE, say, ["replant: compiling (once): up to a minute"])
     waiting.daemon = True
     waiting.start()
     try:
