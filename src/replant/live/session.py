@@ -92,6 +92,7 @@ class Session:
         last = self.progress.at if self.progress.taken else -np.inf
         self._clock = Clock(identifier.dt, last, self.progress.offset)
         self._learned = self._trusted = False
+        self._verdict = UNKNOWN
         self._stopping = False
 
     def run(self) -> bool:
@@ -139,8 +140,7 @@ class Session:
             self._recorder.take(batch.sequence, clock, batch.u, batch.y)
         self._learned = True
         self._meter.count(batch.u.size, batch.arrived)
-        for outlet in self._outlets:
-            outlet.pending = True
+        self._mark()
 
     def _stamps(self, batch: Batch) -> FloatArray | None:
         """Return the time stamps to learn with: the device's, or those that its numbers give on a regular clock."""
@@ -166,14 +166,26 @@ class Session:
         """Do what is due besides learning."""
         for name in self._observer.poll():
             self._obey(name)
-        view = self._observer.view
-        self._trusted = view is not None and view.verdict == "trusted"
+        self._hear()
         self._send(now)
         if self._observer.hand(self.identifier, self.pulse, learned=self._learned):
             self._learned = False
             self._meter.forget_lag()
         if self._keeper is not None and self._keeper.is_due(now):
             self._keep(self._keeper)
+
+    def _hear(self) -> None:
+        """Take the newest verdict; a new one is worth an estimate even if no sample comes."""
+        view = self._observer.view
+        verdict = UNKNOWN if view is None else view.verdict
+        if verdict != self._verdict and self.progress.taken:
+            self._mark()
+        self._verdict, self._trusted = verdict, verdict == "trusted"
+
+    def _mark(self) -> None:
+        """Note that there is something new to send."""
+        for outlet in self._outlets:
+            outlet.pending = True
 
     def _keep(self, keeper: Keeper) -> None:
         """Keep a checkpoint; what was recorded until then is on the disk before it."""
@@ -207,7 +219,7 @@ class Session:
             identifier.parameters if identifier.settings is not None else unknown,
             unknown if view is None else view.std,
             identifier.status,
-            UNKNOWN if view is None else view.verdict,
+            self._verdict,
         )
 
     def _obey(self, name: str) -> None:
@@ -231,6 +243,7 @@ class Session:
     def _finish(self) -> None:
         """Hand on what is left: the last estimate, the recorded samples, a last checkpoint."""
         self._observer.look_again(self.identifier, self.pulse)
+        self._hear()
         self._send(time.monotonic(), at_any_rate=True)
         for outlet in self._outlets:
             outlet.sink.close()
