@@ -13,51 +13,17 @@ from pathlib import Path
 
 import pytest
 
+from browsing import TEXTS, chromium, contrast, luminance
 from replant.report.html import write_report
 
 SEEN = Path(__file__).resolve().parents[2] / "out" / "report"
-OPTIONS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
-OPTIONS += ["--disable-component-update", "--disable-sync"]
-
 RANGES = "replantCharts.map(chart => [chart.scales.x.min, chart.scales.x.max])"
-
-# every piece of text that is shown, with its colour, what lies behind it and its size
-TEXTS = """() => {
-  const parse = colour => colour.match(/[\\d.]+/g).map(Number);
-  const behind = element => {
-    for (let at = element; at; at = at.parentElement) {
-      const colour = parse(getComputedStyle(at).backgroundColor);
-      if (colour.length === 3 || colour[3] > 0) return colour;
-    }
-    return [255, 255, 255];
-  };
-  const found = [];
-  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
-  while (walker.nextNode()) {
-    const node = walker.currentNode, element = node.parentElement;
-    if (!node.data.trim() || element.closest("script, style") || !element.getClientRects().length) continue;
-    const style = getComputedStyle(element);
-    const colour = element.ownerSVGElement ? style.fill : style.color;
-    found.push([node.data.trim().slice(0, 30), parse(colour), behind(element), style.opacity]);
-  }
-  const root = getComputedStyle(document.documentElement), probe = document.createElement("i");
-  document.body.append(probe);
-  probe.style.color = root.getPropertyValue("--muted");
-  found.push(["axes of the plots", parse(getComputedStyle(probe).color), behind(probe), "1"]);
-  return found;
-}"""
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator:
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        pytest.skip("no chromium on the path: apt-get install chromium")
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    with playwright.sync_playwright() as driver:
-        launched = driver.chromium.launch(executable_path=chromium, args=OPTIONS)
+    with chromium() as launched:
         yield launched
-        launched.close()
 
 
 def opened(browser, path: Path, width: int = 1366, scheme: str = "light"):
@@ -78,18 +44,6 @@ def seen(page, name: str) -> None:
     """Keep a picture of the whole page."""
     SEEN.mkdir(parents=True, exist_ok=True)
     page.screenshot(path=SEEN / f"{name}.png", full_page=True)
-
-
-def luminance(colour: list[float]) -> float:
-    linear = [
-        c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in (value / 255 for value in colour[:3])
-    ]
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-
-def contrast(one: list[float], other: list[float]) -> float:
-    darker, lighter = sorted([luminance(one), luminance(other)])
-    return (lighter + 0.05) / (darker + 0.05)
 
 
 def test_a_million_samples_load_fast_and_alone(browser, long_report) -> None:

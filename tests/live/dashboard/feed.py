@@ -46,10 +46,14 @@ class Feed:
     def __init__(self, plant_record: tuple[np.ndarray, np.ndarray] | None = None) -> None:
         self.u, self.y = plant_record or record()
         self.hub = Hub(command=self.obey, report=self.report)
+        self.forget()
+        self._start()
+
+    def forget(self) -> None:
+        """Be as new, but for what was learned."""
         self.commands: list[str] = []
         self.change: dict[str, Any] = {}  # what every view says instead
-        self.after_report: Callable[[], None] = lambda: None
-        self._start()
+        self.before_report: Callable[[], object] = lambda: None
 
     def _start(self) -> None:
         self.identifier = rp.Identifier(STRUCTURE, DT)
@@ -61,12 +65,12 @@ class Feed:
         self.commands.append(name)
         if name == "reset":
             self._start()
-        else:
+        elif self.identifier.status != "starting":
             self.adapting = name == "adapt"
             (self.identifier.resume if self.adapting else self.identifier.freeze)()
 
     def report(self) -> bytes:
-        self.after_report()
+        self.before_report()
         return b"<!doctype html><title>report</title>"
 
     def advance(self, samples: int = CHUNK) -> dict[str, Any]:

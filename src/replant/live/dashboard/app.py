@@ -89,7 +89,10 @@ def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
         name = request.path_params["name"]
         if name not in COMMANDS:
             return PlainTextResponse(f"There is no command of that name: {', '.join(COMMANDS)}.\n", 404)
-        hub.command(name)
+        try:
+            hub.command(name)
+        except ReplantError as error:
+            return PlainTextResponse(f"{error}\n", 409)
         return Response(status_code=204)
 
     async def report(_: Request) -> Response:

@@ -1,4 +1,4 @@
-"""The server: the dashboard in a thread of its own, on an address that only this machine reaches unless a token guards it."""
+"""The server: the dashboard in a thread, at an address that only this machine reaches unless a token guards it."""
 
 from __future__ import annotations
 

@@ -115,7 +115,8 @@ function showLink() {
   link.dataset.state = state;
   write(link.querySelector("span"), text);
   at("main").dataset.fresh = open ? "yes" : "no";
-  for (const id of ["adapt", "reset"]) at(id).disabled = !open || !view || page.acting;
+  at("reset").disabled = !open || !view || page.acting;
+  at("adapt").disabled = at("reset").disabled || view.status === "starting"; // there is nothing to hold still yet
 }
 
 function connect() {
