@@ -44,7 +44,7 @@ LEVELS: list[set[str]] = [
 OUTSIDE = {"checkpoint.files", "logs", "sources", "report", "live", "paper", "cli", "__main__"}
 #: May be imported anywhere, at any time; everything else that is not Python's own or replant's is heavy.
 LIGHT = {"numpy"}
-HEAVY = {"numba", "scipy", "matplotlib", "control", "pyarrow", "pandas", "xarray", "sklearn"}
+HEAVY = {"numba", "scipy", "matplotlib", "control", "pyarrow", "pandas", "xarray", "sklearn", "paho", "serial"}
 #: Modules whose classes are made of another package's, which nothing of ours imports.
 ADAPTERS = {"sklearn": {"sklearn"}}
 TERMINAL = {"click", "rich"}

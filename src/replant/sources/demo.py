@@ -52,7 +52,7 @@ class DemoSource(Reader):
                 if end > at:
                     sequence = np.arange(at, end)
                     chosen = slice(at - first, end - first)
-                    self._deliver(Batch(u[chosen], y[chosen], sequence * dt, sequence, time.monotonic()))
+                    self._deliver(Batch(u[chosen], y[chosen], np.asarray(sequence * dt), sequence, time.monotonic()))
                     at = end
                 else:
                     self._pace.wait(self._alarm, (at - begun) * dt)

@@ -27,12 +27,17 @@ class Lines:
         self._counters = counters
         self._tail = b""
         self._skipping = False  # until the next line begins
+        self._midway = False  # what is skipped has not been counted
 
     def split(self, data: bytes) -> bytes:
         """Return the lines that are complete with ``data``, each with its end."""
         if self._skipping:
-            _, end, data = data.partition(b"\n")
+            skipped, end, data = data.partition(b"\n")
+            counted = self._midway and bool(skipped.strip())
+            if counted:
+                self._counters["cut off"] += 1
             self._skipping = not end
+            self._midway = self._midway and not end and not counted
         last = data.rfind(b"\n") + 1
         complete = self._tail + data[:last] if last else b""
         tail = data[last:] if last else self._tail + data
@@ -51,9 +56,9 @@ class Lines:
         """Begin anew, with the beginning of a line: half a line that waits for its end never gets it."""
         if self._tail.strip():
             self._counters["cut off"] += 1
-        self._tail, self._skipping = b"", False
+        self._tail, self._skipping, self._midway = b"", False, False
 
     def restart_midway(self) -> None:
         """Begin anew in the middle of a line, of which the rest cannot be believed."""
         self.restart()
-        self._skipping = True
+        self._skipping = self._midway = True

@@ -87,7 +87,7 @@ def open_replay(address: Address, columns: tuple[str, ...] | None) -> ReplaySour
     if stamps is None:
         if dt is None and not math.isinf(speed):
             raise InvalidArgumentError(f"{address.name}: no column is the time; add &time=COLUMN or &dt=SECONDS")
-        return ReplaySource(address.name, record, np.arange(rows) * (dt or 0.0), speed)
+        return ReplaySource(address.name, record, np.arange(rows, dtype=np.float64) * (dt or 0.0), speed)
     unit = 1.0 if stamps in table.in_seconds else unit_in_seconds(table.names[stamps])
     return timed(address.name, record, clock[0][:rows] * unit, speed)
 
