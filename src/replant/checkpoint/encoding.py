@@ -205,10 +205,12 @@ def _contents(header: dict[str, Any], body: memoryview) -> Contents:
     arrays = _arrays(header["arrays"], body, STATE_ARRAYS if running else (HELD,))
     if settings is not None:
         state = State(**arrays)
-        check_state(state, settings)
+        check_state(state, settings, attributes["_resolve_at"])
         attributes |= {STATE: state, HELD: [], "_mapped": False}  # a callable map is not stored
     else:
         attributes[HELD] = [tuple(row) for row in arrays[HELD].reshape(-1, 3).tolist()]
+        if len(attributes[HELD]) >= attributes["_hold"]:
+            raise DamagedCheckpointError("it holds back more samples than it waits for")
     progress = {name: from_plain(plain) for name, plain in header["progress"].items()}
     return Contents(attributes, _checked(progress))
 

@@ -31,8 +31,8 @@ def write(path: AnyPath, data: bytes) -> None:
     CheckpointError
         If it cannot be written: no such folder, a full or read-only disk.  The file is then as it was.
     """
+    file = _behind(path)
     try:
-        file = Path(path).resolve()  # a link stays one: the file behind it is replaced
         if file.exists() and not file.is_file():  # not even root shall replace a device
             raise OSError(errno.EINVAL, "there is something that is not a file")
         _replace(file, data)
@@ -63,13 +63,21 @@ def read(path: AnyPath) -> bytes:
 
 def previous(path: AnyPath) -> Path:
     """Return the name under which `write` keeps what was there before."""
-    return _beside(Path(path).resolve(), ".previous")
+    return _beside(_behind(path), ".previous")
 
 
 def reason_of(error: Exception) -> str:
     """Return the system's own words for an error, on one line."""
     words = (error.strerror if isinstance(error, OSError) else None) or str(error)
     return " ".join(words.split()) or type(error).__name__
+
+
+def _behind(path: AnyPath) -> Path:
+    """Return the file behind a link, for a link to stay one."""
+    try:
+        return Path(path).resolve()
+    except (OSError, ValueError, RuntimeError) as error:  # a circle of links, a zero byte
+        raise CheckpointError(f"{path}: no file can have this name ({reason_of(error)})") from error
 
 
 def _beside(file: Path, ending: str) -> Path:

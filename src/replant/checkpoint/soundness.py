@@ -36,8 +36,11 @@ DECIDED = (
 )  # fmt: skip
 
 
-def check_state(state: State, settings: Settings) -> None:
-    """Raise DamagedCheckpointError unless the kernels can work on this state."""
+def check_state(state: State, settings: Settings, resolve_at: int) -> None:
+    """Raise DamagedCheckpointError unless the kernels can work on this state.
+
+    ``resolve_at`` is how many samples the next solution of the whole record waits for, 0 for none.
+    """
     from replant.kernels import bank
 
     capacity = settings.replay.capacity if settings.replay else 1
@@ -62,6 +65,8 @@ def check_state(state: State, settings: Settings) -> None:
         at.PAST_KEPT: (0, ints[at.SAMPLES]),
     }
     positions = all(low <= ints[slot] <= high for slot, (low, high) in limits.items())
+    if resolve_at and resolve_at <= ints[at.SAMPLES]:
+        raise DamagedCheckpointError("it waits for a sample that has passed")
     nexts = state.banks[:, bank.NEXT]
     if not positions or not ((nexts >= 0) & (nexts < bank.KEPT)).all():
         raise DamagedCheckpointError("its state points outside of its arrays")
