@@ -124,15 +124,17 @@ class Observer:
         bool
             Whether it was handed over.
         """
-        begun = time.monotonic()
-        if not self._alive or self._busy or begun < self._due:
+        now = time.monotonic()
+        if not self._alive or self._busy or now < self._due:
             return False
+        begun = time.thread_time()
         state = identifier.to_bytes() if learned or not self._knows_state else None
+        cost = time.thread_time() - begun
         self._outbox.put(Handover(pulse, tuple(self._lines), state))
         self._lines.clear()
         self._busy = self._knows_state = True
-        self._handed = time.monotonic()
-        self._due = begun + max(INTERVAL, (self._handed - begun) / SHARE)
+        self._handed = now
+        self._due = now + max(INTERVAL, cost / SHARE)
         return True
 
     def look_again(self, identifier: Identifier, pulse: Pulse) -> None:

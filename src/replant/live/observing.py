@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import os
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,8 +19,6 @@ from replant.transfer_function import TransferFunction
 
 if TYPE_CHECKING:
     from replant.live.dashboard.server import Dashboard
-
-POLITE = 5  # how far the observer steps back behind the session, in the scheduler's units
 
 
 @dataclass(frozen=True)
@@ -86,8 +83,6 @@ class Command:
 
 def observe(connection: Connection, orders: Orders) -> None:
     """Run the observer until the session hangs up."""
-    with contextlib.suppress(OSError):
-        os.nice(POLITE)
     with contextlib.suppress(EOFError, OSError):  # the session has gone, whatever the reason
         _Observing(connection, orders).run()
 
