@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from replant.live.notices import Notices
 
-MOST_WAITING = 8
+MOST_WAITING = 16
 
 
 class Background:
@@ -30,7 +30,7 @@ class Background:
         try:
             self._jobs.put_nowait((subject, job))
         except queue.Full:
-            self._notices.say(subject + " late", f"{subject}: the disk is too slow, one was left out")
+            self._notices.say(subject + " late", f"replant: {subject}: the disk is too slow, some of it is left out")
             return False
         return True
 
@@ -45,7 +45,7 @@ class Background:
             try:
                 job()
             except Exception as error:  # a full disk, a folder gone: identification goes on
-                self._notices.say(subject, f"{subject}: {one_line(error)}; going on without")
+                self._notices.say(subject, f"replant: {subject}: {one_line(error)}; going on")
 
 
 def one_line(error: BaseException) -> str:

@@ -61,7 +61,8 @@ def read_folder(folder: Path) -> Table:
         If there is no Parquet file in it, or one is damaged or has other columns than the first.
     """
     recorded = folder / "samples"
-    paths = sorted((recorded if recorded.is_dir() else folder).glob("*.parquet"))
+    found = (recorded if recorded.is_dir() else folder).glob("*.parquet")
+    paths = sorted(path for path in found if not path.name.startswith((".", "_")))  # those are being written
     if not paths:
         raise LogError(f"{folder}: a directory; give the log file inside it, or a folder of Parquet files")
     first = read(paths[0])
