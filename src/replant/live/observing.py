@@ -99,7 +99,7 @@ class _Observing:
         self._identifier: Identifier | None = None
         self._view: View | None = None
         self._publish, self._dashboard = self._serve()
-        self._status = Status(orders.truth, self._dashboard.url if self._dashboard else "") if orders.terminal else None
+        self._status = Status(orders.truth) if orders.terminal else None
 
     def run(self) -> None:
         """Take handovers, one view for each, until the session hangs up."""

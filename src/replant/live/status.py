@@ -30,14 +30,12 @@ class Status:
     ----------
     truth : TransferFunction or None
         The true plant of a simulated rig, shown beside the estimate.
-    url : str
-        Of the dashboard; empty if there is none.
     """
 
-    def __init__(self, truth: TransferFunction | None = None, url: str = "") -> None:
+    def __init__(self, truth: TransferFunction | None = None) -> None:
         from rich.console import Console
 
-        self._truth, self._url = truth, url
+        self._truth = truth
         self._console = Console(stderr=True)
         self._live: Any = None
         self._next = 0.0
@@ -52,7 +50,7 @@ class Status:
         for line in lines:
             self._console.print(line, markup=False, highlight=False, soft_wrap=True)
         if self._live is not None:
-            self._live.update(screen(view, self._truth, self._url), refresh=True)
+            self._live.update(screen(view, self._truth), refresh=True)
         elif time.monotonic() >= self._next:
             self._next = time.monotonic() + LINES_APART
             print(one_line(view), file=sys.stderr, flush=True)
@@ -83,7 +81,7 @@ def one_line(view: View) -> str:
     return "; ".join(part for part in parts if part)
 
 
-def screen(view: View, truth: TransferFunction | None = None, url: str = "", *, running: bool = True) -> Any:
+def screen(view: View, truth: TransferFunction | None = None, *, running: bool = True) -> Any:
     """Return a view as something that rich draws."""
     from rich.console import Group
     from rich.padding import Padding
@@ -99,8 +97,6 @@ def screen(view: View, truth: TransferFunction | None = None, url: str = "", *, 
         rows.append(Text(f"DC gain  {_figure(view.dc_gain, view.dc_gain_std)}    {_fit(view)}"))
     rows.append(Text.assemble("Verdict  ", (f"{shape} {view.verdict}", f"bold {colour}"), frozen))
     rows += [Padding(Text(reason), (0, 0, 0, 9)) for reason in view.reasons]
-    if url:
-        rows.append(Text(f"Open     {url}", no_wrap=True, overflow="ellipsis"))
     if running:
         rows.append(Text("Ctrl-C ends", style="dim"))
     return Group(*rows)

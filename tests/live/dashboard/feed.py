@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -120,24 +119,3 @@ def _bode(model: rp.TransferFunction, known: rp.Uncertainty) -> dict[str, Any]:
     magnitude, phase = 20 * np.log10(np.abs(response)), np.degrees(np.unwrap(np.angle(response)))
     spread = 2 * 20 / np.log(10) * known.response(FREQUENCIES)[0]
     return dict(zip(_BODE, (FREQUENCIES, magnitude, phase, magnitude - spread, magnitude + spread), strict=True))
-
-
-class Running:
-    """A feed that goes on by itself in a thread, within a with block."""
-
-    def __init__(self, feed: Feed, period: float = 0.1) -> None:
-        self.feed, self.period = feed, period
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._go_on)
-
-    def _go_on(self) -> None:
-        while not self._ended.wait(self.period):
-            self.feed.advance()
-
-    def __enter__(self) -> Feed:
-        self._thread.start()
-        return self.feed
-
-    def __exit__(self, *error: object) -> None:
-        self._ended.set()
-        self._thread.join()

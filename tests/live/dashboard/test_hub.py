@@ -10,6 +10,7 @@ import pytest
 
 from replant.errors import ReplantError
 from replant.live.dashboard import Hub
+from replant.live.dashboard import hub as hub_module
 from replant.live.dashboard.hub import COMMANDS, DIGITS
 
 
@@ -83,12 +84,26 @@ def test_what_is_drawn_is_cut_to_the_digits_that_are_seen_and_the_model_is_not()
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
-def test_what_json_does_not_have_is_refused_and_the_view_before_stays(value: float) -> None:
+def test_what_json_does_not_have_is_never_sent(value: float) -> None:
+    """A browser could not read it: what is not known is None."""
     hub = silent()
-    hub.publish(numbered(1))
+    hub.publish({"samples": 2, "window": {"y": [value]}})
     with pytest.raises(ValueError, match="JSON"):
-        hub.publish({"samples": 2, "window": {"y": [value]}})
-    assert hub.newest == numbered(1)
+        asyncio.run(anext(hub.subscribe()))
+
+
+def test_nothing_is_written_while_nobody_watches(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def two_watch() -> None:
+        await asyncio.gather(anext(hub.subscribe()), anext(hub.subscribe()))
+
+    written: list[object] = []
+    monkeypatch.setattr(hub_module, "_text", lambda message: written.append(message) or json.dumps(message))
+    hub = silent()
+    for number in range(5):
+        hub.publish(numbered(number))
+    assert written == []
+    asyncio.run(two_watch())
+    assert written == [{"view": {"samples": 4}}, {"history": {"t": [4.0]}}]  # once for both
 
 
 def test_only_known_commands_pass() -> None:

@@ -80,6 +80,7 @@ def test_a_command_from_its_own_page_arrives(dashboard: Dashboard, feed: Feed) -
         ("Origin: null",),
         ("Origin: http://evil.example",),
         ("Origin: http://127.0.0.1",),
+        ("Origin: http://[",),
         ("Origin: http://127.0.0.1:1",),
         ("Origin: file://127.0.0.1:PORT",),
         ("Referer: http://127.0.0.1:PORT/",),

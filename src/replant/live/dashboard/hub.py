@@ -60,7 +60,7 @@ class Hub:
     def __init__(self, *, command: Callable[[str], None], report: Callable[[], bytes]) -> None:
         self._command = command
         self._report = report
-        self._newest: dict[str, Any] | None = None
+        self._newest: tuple[int, dict[str, Any] | None] = (0, None)
         self._frame: Frame | None = None
         self._waiting: set[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = set()
         self._reporting = threading.Lock()
@@ -68,26 +68,17 @@ class Hub:
     @property
     def newest(self) -> dict[str, Any] | None:
         """The view published last, None before the first."""
-        return self._newest
+        return self._newest[1]
 
     def publish(self, view: dict[str, Any]) -> None:
-        """Replace the newest view; from any thread.
+        """Replace the newest view; from any thread, at the price of a few microseconds while nobody watches.
 
         Parameters
         ----------
         view : dict
             `View.to_json()`: plain JSON values, None where a figure is not known.
-
-        Raises
-        ------
-        ValueError
-            For NaN or infinity, which JSON does not have.
         """
-        number = 1 if self._frame is None else self._frame.number + 1
-        shown = {key: _rounded(value) if key in _DRAWN else value for key, value in view.items()}
-        history = shown.pop("history", None)
-        frame = Frame(number, _text({"view": shown}), _text({"history": history}))
-        self._newest, self._frame = view, frame
+        self._newest = (self._newest[0] + 1, view)
         for loop, event in tuple(self._waiting):
             with contextlib.suppress(RuntimeError):  # its loop has just been closed
                 loop.call_soon_threadsafe(event.set)
@@ -100,7 +91,7 @@ class Hub:
         try:
             while True:
                 entry[1].clear()
-                frame = self._frame
+                frame = self._written()
                 if frame is None or frame.number == seen:
                     await entry[1].wait()
                     continue
@@ -108,6 +99,15 @@ class Hub:
                 yield frame
         finally:
             self._waiting.discard(entry)
+
+    def _written(self) -> Frame | None:
+        """Return the newest view as a frame, written when the first browser asks for it."""
+        number, view = self._newest
+        if view is not None and (self._frame is None or self._frame.number != number):
+            shown = {key: _rounded(value) if key in _DRAWN else value for key, value in view.items()}
+            history = shown.pop("history", None)
+            self._frame = Frame(number, _text({"view": shown}), _text({"history": history}))
+        return self._frame
 
     @property
     def watching(self) -> int:
@@ -128,7 +128,7 @@ class Hub:
 
     def model(self) -> dict[str, Any]:
         """Return the newest model with all its digits; empty before there is one."""
-        view = self._newest or {}
+        view = self.newest or {}
         if not view.get("den"):
             return {}
         keys = ("num", "den", "delay", "names", "parameters", "std", "verdict", "reasons", "samples", "at", "source")

@@ -122,12 +122,15 @@ class Guard:
 
 
 def _query(scope: Scope) -> dict[str, list[str]]:
-    return parse_qs(scope["query_string"].decode("latin-1"), max_num_fields=None)
+    return parse_qs(scope["query_string"].decode("latin-1"))
 
 
 def _is_same_origin(headers: Headers) -> bool:
     """Whether the page that asks was served under the very host and port that it asks."""
-    origin = urlsplit(headers.get("origin", ""))
+    try:
+        origin = urlsplit(headers.get("origin", ""))
+    except ValueError:
+        return False
     return origin.scheme in ("http", "https") and origin.netloc.lower() == headers.get("host", "").lower()
 
 

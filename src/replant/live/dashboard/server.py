@@ -136,7 +136,8 @@ def _names(host: str) -> tuple[str, ...]:
     """Return the names that people may type to get to a server on ``host``."""
     if _is_loopback(host):
         return _LOOPBACK
-    return (host, socket.gethostname(), socket.getfqdn(), *_LOOPBACK)
+    name = socket.gethostname()  # not getfqdn, which without a network waits for a name server
+    return (host, name, f"{name}.local", *_LOOPBACK)
 
 
 def _listen(host: str, port: int) -> socket.socket:

@@ -22,8 +22,8 @@ export function steady(room = 0.08, keep = 0.55) {
   let held = null;
   return (low, high) => {
     if (!known(low) || !known(high)) return held ?? [0, 1];
-    const flat = Math.max(Math.abs(low), Math.abs(high)) * 1e-3 || 1;
-    const width = Math.max(high - low, flat);
+    const size = Math.max(Math.abs(low), Math.abs(high));
+    const width = high - low > 1e-7 * size ? high - low : 1e-3 * size || 1; // a constant gets some room
     const fits = held && low >= held[0] && high <= held[1] && width >= keep * (held[1] - held[0]);
     if (!fits) {
       const middle = (low + high) / 2, half = width * (0.5 + room);
