@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import socket
 import struct
@@ -38,6 +39,42 @@ class Publisher:
     def close(self) -> None:
         self.client.disconnect()
         self.client.loop_stop()
+
+
+class Cable:
+    """A line between source and broker that can be cut."""
+
+    def __init__(self, to: int) -> None:
+        self._to = to
+        self.port = 0
+        self._ends: list[socket.socket] = []
+        self.mend()
+
+    def mend(self) -> None:
+        self._listener = socket.create_server(("127.0.0.1", self.port))
+        self.port = self._listener.getsockname()[1]
+        self._ends.append(self._listener)
+        threading.Thread(target=self._carry, args=[self._listener], daemon=True).start()
+
+    def cut(self) -> None:
+        ends, self._ends = self._ends, []
+        for end in ends:
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+            end.close()
+
+    def _carry(self, listener: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            near, _ = listener.accept()
+            far = socket.create_connection(("127.0.0.1", self._to))
+            self._ends += [near, far]
+            threading.Thread(target=self._copy, args=[far, near], daemon=True).start()
+            self._copy(near, far)
+
+    def _copy(self, one: socket.socket, other: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            while data := one.recv(1 << 16):
+                other.sendall(data)
 
 
 @pytest.fixture
@@ -118,6 +155,31 @@ def test_the_broker_killed_and_started_again(
     reading.stop()
     assert reading.column("sequence").tolist() == list(range(40))
     assert reading.source.counters == {"reconnects": 3, "duplicate": 3}
+
+
+@pytest.mark.parametrize("qos", [0, 1])
+def test_a_network_that_fails_for_a_moment(
+    broker: Broker, publisher: Publisher, read: Callable[..., Reading], qos: int
+) -> None:
+    """With qos 1 the broker keeps what came meanwhile; with qos 0 the gap is told by the numbers."""
+    cable = Cable(broker.port)
+    try:
+        reading = read(open_source(f"mqtt://127.0.0.1:{cable.port}/{TOPIC}?qos={qos}"))
+        for first in (0, 20):
+            reading.wait_state("connected")
+            publisher.send(csv(*(column[first : first + 10] for column in record(30))))
+            reading.wait_for(20 if first and qos == 0 else first + 10)
+            if first == 0:
+                cable.cut()
+                publisher.send(csv(*(column[10:20] for column in record(30))))
+                cable.mend()
+                reading.wait_counted("reconnects", 1)
+        reading.stop()
+    finally:
+        cable.cut()
+    expected = [*range(10), *range(10 if qos else 20, 30)]
+    assert reading.column("sequence").tolist() == expected
+    assert reading.source.counters == {"reconnects": 1, **({} if qos else {"lost": 10})}
 
 
 def test_a_broker_that_comes_later_is_waited_for(broker: Broker, read: Callable[..., Reading]) -> None:

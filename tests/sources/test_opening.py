@@ -33,6 +33,8 @@ from replant.sources.source import STATES
         ("serial://", "the port is missing; write serial:///dev/ttyUSB0?baud=115200"),
         ("serial:///dev/ttyUSB0?baud=fast", "baud must be a whole number"),
         ("mqtt://127.0.0.1", "the topic is missing; write mqtt://127.0.0.1:1883/rig/1"),
+        ("mqtt://127.0.0.1/rig+", "+ stands for a whole level"),
+        ("mqtt://127.0.0.1/rig/%23/1", "# for all that follow"),
         ("mqtt:///rig", "the broker is missing"),
         ("mqtt://127.0.0.1/rig?qos=2", "qos must be one of 0, 1"),
         ("nothing-of-the-kind", "unknown file type"),

@@ -19,7 +19,7 @@ from replant.sources.lines import LONGEST, Lines
 from replant.sources.parser import FEW, Parser
 from replant.sources.payload import MAGIC, Payloads
 
-ANY = settings(derandomize=True, max_examples=300, deadline=None)
+ANY = settings(derandomize=True, max_examples=150, deadline=None)
 COLUMNS = ("n", "t", "u", "y")
 
 
@@ -192,6 +192,47 @@ def test_json_lines_equal_csv_to_the_bit() -> None:
         assert (bits(batch.t), bits(batch.u), bits(batch.y)) == (bits(t), bits(u), bits(y))
         assert batch.sequence.tolist() == list(range(100))
         assert counters == {}
+
+
+ODD_JSON = [
+    '{"u": 1',
+    '"y": 2}',
+    '{"u": 1, "y": 2}, {"u": 3, "y": 4}',
+    '{"u": 1, "y": 2}, null, {"u": 3, "y": 4}',
+    '{"u": [1',
+    '2], "y": [1, 2]}',
+    '{"u": [1, 2], "y": [3, 4]}',
+    '[{"u": 1, "y": 2}]',
+    '{"u": true, "y": 2}',
+    '{"u": "1", "y": 2}',
+    '{"u": null, "y": 2}',
+    '{"u": 1}',
+    '{"u": 1e999, "y": -Infinity}',
+    '{"u": 1' + "0" * 400 + ', "y": 2}',
+    "null",
+    "[]",
+    "3",
+    "5,6",
+    "",
+    "# comment",
+    "[" * 2000,
+]
+
+
+@ANY
+@given(st.lists(st.tuples(st.integers(0, 60), st.sampled_from(ODD_JSON)), max_size=4))
+def test_json_read_at_once_equals_json_read_line_by_line(odd: list[tuple[int, str]]) -> None:
+    lines = [json.dumps({"y": k / 7, "x": "text", "u": k}) for k in range(60)]
+    for place, line in odd:
+        lines.insert(place, line)
+    whole, counters = parse("\n".join(lines) + "\n", ("u", "y"))
+    one_by_one: Counter[str] = Counter()
+    parser = Parser(one_by_one, ("u", "y"))
+    batches = [batch for line in lines if (batch := parser.parse(line.encode(), 0.0)) is not None]
+    assert whole is not None
+    assert bits(whole.u) == bits(np.concatenate([batch.u for batch in batches]))
+    assert bits(whole.y) == bits(np.concatenate([batch.y for batch in batches]))
+    assert counters == one_by_one
 
 
 def test_json_null_is_missing() -> None:

@@ -53,12 +53,9 @@ class Inbox:
         samples, done, dropped = len(batch), 0, 0
         if not samples:
             return 0
-        columns = {"u": batch.u, "y": batch.y, "t": batch.t, "sequence": batch.sequence}
-        given = {name: column for name, column in columns.items() if column is not None}
-        given["arrived"] = np.full(samples, batch.arrived)
         with self._changed:
             if not self._ring:
-                self._ring = {name: np.empty(self._capacity, column.dtype) for name, column in given.items()}
+                self._ring = {name: np.empty(self._capacity, kind) for name, kind in fields(batch).items()}
             if self._drop:
                 done = max(samples - self._capacity, 0)
                 over = max(self._size + samples - done - self._capacity, 0)
@@ -66,7 +63,7 @@ class Inbox:
                 dropped = done + over
             while done < samples and not self._abandoned:
                 part = min(self._capacity - self._size, samples - done)
-                self._append({name: column[done : done + part] for name, column in given.items()}, part)
+                self._append(batch, done, part)
                 done += part
                 self._changed.notify_all()
                 if done < samples:
@@ -103,15 +100,25 @@ class Inbox:
     def __len__(self) -> int:
         return self._size
 
-    def _append(self, columns: dict[str, np.ndarray[Any, Any]], count: int) -> None:
+    def _append(self, batch: Batch, done: int, count: int) -> None:
         start = (self._head + self._size) % self._capacity
         first = min(count, self._capacity - start)
-        for name, column in columns.items():
-            ring = self._ring[name]
-            ring[start : start + first] = column[:first]
-            ring[: count - first] = column[first:]
+        for name, ring in self._ring.items():
+            if name == "arrived":
+                ring[start : start + first] = ring[: count - first] = batch.arrived
+            else:
+                column = getattr(batch, name)
+                ring[start : start + first] = column[done : done + first]
+                if first < count:
+                    ring[: count - first] = column[done + first : done + count]
         self._size += count
 
     def _remove(self, count: int) -> None:
         self._size -= count
         self._head = (self._head + count) % self._capacity if self._size else 0
+
+
+def fields(batch: Batch) -> dict[str, type]:
+    """Return the fields that a batch has, with the type of each."""
+    given = {"u": float, "y": float, "t": float, "sequence": np.int64, "arrived": float}
+    return {name: kind for name, kind in given.items() if getattr(batch, name) is not None}

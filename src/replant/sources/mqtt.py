@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import uuid
 from collections import deque
 from typing import Any
 
@@ -23,11 +24,13 @@ TOGETHER = 256
 
 
 class MqttSource(Reader):
-    """Messages of a topic with lines, JSON or packed numbers, ``mqtt://user:password@host:port/topic?qos=1``.
+    """Messages of a topic with lines, JSON or packed numbers, ``mqtt://user:password@host:port/topic?qos=0``.
 
-    After a break it connects by itself, with growing pauses, and subscribes again.  What the broker delivers twice is
-    dropped by its sequence number; what it retained is old and is passed over, counted as "retained".  Nobody waits
-    for a full queue: its oldest samples are dropped and counted.
+    After a break it connects by itself, with growing pauses, and subscribes again.  With qos 1 the broker keeps what
+    comes meanwhile, as many messages as it is set to; it also waits for our answer every few messages, and drops some
+    where they come faster than that.  What is delivered twice is dropped by its sequence number; what the broker
+    retained is old and is passed over, counted as "retained".  Nobody waits for a full queue: its oldest samples are
+    dropped and counted.
 
     Parameters
     ----------
@@ -46,9 +49,10 @@ class MqttSource(Reader):
         super().__init__(address.name, waits=False)
         load(address.name)
         self._address = address
-        self._qos = int(address.one_of("qos", ("0", "1"), "1"))
+        self._qos = int(address.one_of("qos", ("0", "1"), "0"))
         self._parser = Parser(self._counts, columns)
         self._payloads = Payloads(self._parser)
+        self._id = f"replant-{uuid.uuid4().hex[:12]}"
         self._messages: deque[bytes] = deque()
         self._again = False
 
@@ -75,6 +79,8 @@ class MqttSource(Reader):
         except OSError as error:
             return error.strerror or str(error)
         finally:
+            if self._alarm.rung:
+                client.unsubscribe(self._address.path)  # else the broker goes on keeping messages for us
             client.disconnect()
         return self.trouble or "the broker closed the connection"
 
@@ -91,7 +97,7 @@ class MqttSource(Reader):
 
     def _client(self) -> Any:
         mqtt = load(self.name)
-        client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)
+        client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2, self._id, clean_session=self._qos == 0)
         if self._address.user is not None:
             client.username_pw_set(self._address.user, self._address.password)
         client.on_connect = self._on_connect
@@ -138,4 +144,9 @@ def open_mqtt(address: Address, columns: tuple[str, ...] | None) -> MqttSource:
         raise InvalidArgumentError(f"{address.name}: the broker is missing; write {EXAMPLE}")
     if not address.path:
         raise InvalidArgumentError(f"{address.name}: the topic is missing; write {EXAMPLE}")
+    *above, last = address.path.split("/")
+    if any("#" in level for level in above) or any(
+        mark in level and level != mark for level in (*above, last) for mark in "#+"
+    ):
+        raise InvalidArgumentError(f"{address.name}: + stands for a whole level, # for all that follow; write rig/+")
     return MqttSource(address, columns)

@@ -47,7 +47,7 @@ class Numbering:
         if numbers is None or not numbers.size:
             return batch
         before = int(numbers[0]) - 1 if self.last is None else self.last
-        if numbers[0] > before and (np.diff(numbers) > 0).all():
+        if numbers[0] > before and bool((numbers[1:] > numbers[:-1]).all()):
             self._advance(before, int(numbers[-1]), numbers.size)
             return batch
         if self._replays:

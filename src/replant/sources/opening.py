@@ -27,7 +27,7 @@ def open_source(url: str) -> Source:
     ``tcp://host:port``                      lines of a peer that listens
     ``udp://0.0.0.0:port``                   datagrams that come to a port of ours
     ``serial:///dev/ttyUSB0?baud=115200``    lines of a microcontroller; ``serial://COM3``
-    ``mqtt://host:1883/topic``               messages of a topic; ``mqtt://user:password@host/topic?qos=0``
+    ``mqtt://host:1883/topic``               messages of a topic; ``mqtt://user:password@host/topic?qos=1``
     ``-``                                    lines from standard input
     ``log.csv?speed=10``                     a recorded log; ``input``, ``output`` (u, y), ``time``, ``dt`` name its
                                              columns as `read_log` does; as fast as possible without ``speed``

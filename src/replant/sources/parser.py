@@ -1,4 +1,4 @@
-"""Parser: blocks of lines into samples; in C where a block is clean, else line by line."""
+"""Parser: blocks of lines into samples; at once where a block is clean, else line by line."""
 
 from __future__ import annotations
 
@@ -10,14 +10,24 @@ import numpy as np
 from replant.logs.layout import is_data
 from replant.sources.batch import Batch
 from replant.sources.lines import LONGEST
-from replant.sources.numbering import take
-from replant.sources.rows import BY_WIDTH, Malformed, Row, check_width, from_cells, from_json
+from replant.sources.rows import (
+    BY_WIDTH,
+    Malformed,
+    Row,
+    check_width,
+    from_cells,
+    from_json,
+    table_from_cells,
+    table_from_json,
+)
 from replant.validation import FloatArray
 
-#: A block of fewer lines is read line by line: calling the reader in C costs as much as ten lines.
+#: A block of so many lines is read line by line: reading at once costs as much as ten of them.
 FEW = 10
 #: Whole numbers up to here are exact in float64.
 LARGEST_NUMBER = 2.0**53
+#: What is wrong with a row whose time stamp or number cannot be one.
+REASONS = {"n": "not a sequence number", "t": "time not finite"}
 
 
 class Parser:
@@ -54,7 +64,10 @@ class Parser:
 
     def tables(self, block: bytes) -> list[FloatArray]:
         """Return the rows in whole lines, each of `columns`."""
-        return self._tables(block.decode("ascii", "replace").replace("\r\n", "\n").split("\n"))
+        lines = block.decode("ascii", "replace").replace("\r\n", "\n").split("\n")
+        if not lines[-1]:
+            lines.pop()  # what follows the last line's end
+        return self._tables(lines)
 
     def finish(self, arrived: float) -> Batch | None:
         """Return the first line if no other came to confirm it."""
@@ -68,51 +81,40 @@ class Parser:
         """Return rows of `columns` as samples; those whose number or time stamp cannot be one are counted."""
         if not tables or self.columns is None:
             return None
-        table = np.concatenate(tables) if len(tables) > 1 else tables[0]
-        by_name = dict(zip(self.columns, table.T, strict=True))
-        kept = np.ones(table.shape[0], dtype=bool)
-        if "t" in by_name:
-            kept &= self._refuse(np.isfinite(by_name["t"]), "time not finite")
-        if "n" in by_name:
-            number = by_name["n"]
-            with np.errstate(invalid="ignore"):
-                whole = (number >= 0.0) & (number < LARGEST_NUMBER) & (number == np.floor(number))
-            kept &= self._refuse(whole | ~kept, "not a sequence number")
-        sequence = np.where(kept, by_name["n"], 0.0).astype(np.int64) if "n" in by_name else None
-        time = by_name["t"].copy() if "t" in by_name else None
-        batch = Batch(by_name["u"].copy(), by_name["y"].copy(), time, sequence, arrived)
-        return batch if kept.all() else take(batch, kept)
+        table = self._believable(np.concatenate(tables) if len(tables) > 1 else tables[0])
+        by_name = {name: table[:, column].copy() for column, name in enumerate(self.columns)}
+        sequence = by_name["n"].astype(np.int64) if "n" in by_name else None
+        return Batch(by_name["u"], by_name["y"], by_name.get("t"), sequence, arrived)
+
+    def _believable(self, table: FloatArray) -> FloatArray:
+        """Return the rows whose number and time stamp can be one."""
+        for column, name in enumerate(self.columns or ()):
+            if name in REASONS:
+                values = table[:, column]
+                fine = np.isfinite(values) if name == "t" else is_number(values)
+                if not fine.all():
+                    self.count(REASONS[name], int(fine.size - fine.sum()))
+                    table = table[fine]
+        return table
 
     def count(self, reason: str, samples: int = 1) -> None:
         """Count lines or samples that were refused."""
         if samples:
             self._counters[reason] += samples
 
-    def _refuse(
-        self, fine: np.ndarray[tuple[int], np.dtype[np.bool_]], reason: str
-    ) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        self.count(reason, int(fine.size - fine.sum()))
-        return fine
-
     def _tables(self, lines: list[str]) -> list[FloatArray]:
         """Return the rows of lines; a block that is off is halved until what is off stands alone."""
         if self.columns is None or len(lines) <= FEW:
             return self._one_by_one(lines)
-        table = self._in_c(lines)
+        table = None
+        if lines[0].startswith("{"):
+            table = table_from_json(lines, self.columns)
+        elif any(map(str.strip, lines)):  # of a block without data loadtxt would warn
+            table = table_from_cells(lines, len(self.columns))
         if table is not None:
             return [table]
         middle = len(lines) // 2
         return self._tables(lines[:middle]) + self._tables(lines[middle:])
-
-    def _in_c(self, lines: list[str]) -> FloatArray | None:
-        """Read lines at once, or return None if they are anything but a full grid of numbers."""
-        if lines[0].startswith(("{", "[")) or not any(map(str.strip, lines)):
-            return None
-        try:
-            table = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
-        except ValueError:
-            return None
-        return table if table.shape[1] == len(self.columns or ()) else None
 
     def _one_by_one(self, lines: list[str]) -> list[FloatArray]:
         rows: list[Row] = []
@@ -148,3 +150,8 @@ class Parser:
             return []
         self.columns, self._waiting = BY_WIDTH[len(row)], None
         return [first, row]
+
+
+def is_number(values: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Tell which values can be sequence numbers: whole, not negative, exact in float64."""
+    return np.asarray((values >= 0.0) & (values < LARGEST_NUMBER) & (values == np.trunc(values)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from typing import Any
 
@@ -47,7 +48,7 @@ class SerialSource(Reader):
         self._port: Any = None
         try:
             self._port = self._open()
-        except (OSError, ValueError) as error:
+        except broken() as error:
             raise InvalidArgumentError(f"{name}: cannot be opened ({reason_of(error)}); {remedy(port)}") from None
 
     def seek(self, sequence: int) -> None:
@@ -71,7 +72,7 @@ class SerialSource(Reader):
                     self._connected(again=again)
                     again = True
                     self._receive(port)
-            except (OSError, TypeError) as error:  # TypeError: what pyserial makes of a port closed meanwhile
+            except broken() as error:
                 self._lines.restart()
                 self._wait_to_connect(reason_of(error), again=again)
         self._deliver(self._parser.finish(time.monotonic()))
@@ -95,10 +96,17 @@ def load(name: str) -> Any:
     return serial
 
 
+def broken() -> tuple[type[Exception], ...]:
+    """Return the errors of a port that is gone: pyserial lets some of the system's through."""
+    try:
+        import termios
+    except ImportError:  # Windows
+        return OSError, TypeError, ValueError
+    return OSError, TypeError, ValueError, termios.error
+
+
 def reason_of(error: Exception) -> str:
     """Return what pyserial says, without the port's name and the number that it puts around it."""
-    import os
-
     number = getattr(error, "errno", None)
     return os.strerror(number) if isinstance(number, int) else str(error)
 
