@@ -270,6 +270,13 @@ def test_rows_that_were_never_written_cost_nothing() -> None:
     assert rp.Identifier.from_bytes(wide.to_bytes())._state.buffer.shape == wide._state.buffer.shape
 
 
+def test_a_negative_zero_is_no_row_that_was_never_written() -> None:
+    ident = rp.Identifier(rp.Structure(1), 0.1)
+    ident.update(-0.0, -0.0, -0.0)
+    (row,) = rp.Identifier.from_bytes(ident.to_bytes())._held
+    assert np.signbit(row).all()
+
+
 def test_the_size_stays_once_the_rings_are_full() -> None:
     ident = running()
     ident.update_many(np.ones(11_000), np.ones(11_000))
