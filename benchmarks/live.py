@@ -53,28 +53,38 @@ class Watched:
     frames: int = 0
 
     def watch(self) -> None:
-        """Follow its memory, and look at its dashboard as a browser does."""
+        """Follow its memory, and look at its dashboard as a browser does, in another process."""
         begun = time.monotonic()
-        threading.Thread(target=self._browse, daemon=True).start()
+        command = [sys.executable, __file__, "--browse", self.url]
+        browser = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         while self.process.poll() is None:
-            with contextlib.suppress(OSError, ValueError):
+            with contextlib.suppress(OSError, ValueError, IndexError):
                 pages = int(Path(f"/proc/{self.process.pid}/statm").read_text().split()[1])
                 self.memory.append((time.monotonic() - begun, pages * 4096 / 1e6))
             time.sleep(0.5)
+        self.frames = int(browser.communicate()[0] or 0)
 
-    def _browse(self) -> None:
-        from websockets.sync.client import connect
-
-        with contextlib.suppress(Exception), connect(  # it ends when the session does
-            self.url.replace("http", "ws", 1) + "live", origin=self.url.rstrip("/"), max_size=2**24
-        ) as page:  # fmt: skip
-            for _ in page:
-                self.frames += 1
-
-    def growth(self) -> float:
-        """Return by how many MB its memory grew after it had settled."""
+    def growth(self) -> str:
+        """Return what its memory did after it had settled: from the first five seconds to the last five."""
         settled = [size for at, size in self.memory if at > SETTLED]
-        return max(settled) - settled[0] if settled else float("nan")
+        if len(settled) < 20:
+            return "too short to tell memory"
+        first, last = np.median(settled[:10]), np.median(settled[-10:])
+        return f"memory {first:.0f} MB after {SETTLED:.0f} s, {last - first:+.1f} MB until the end"
+
+
+def browse(url: str) -> None:
+    """Take views as a page does until the session ends, and print how many there were."""
+    from websockets.exceptions import WebSocketException
+    from websockets.sync.client import connect
+
+    frames = 0
+    with contextlib.suppress(WebSocketException, OSError), connect(
+        url.replace("http", "ws", 1) + "live", origin=url.rstrip("/"), max_size=2**24
+    ) as page:  # fmt: skip
+        for _ in page:
+            frames += 1
+    print(frames)
 
 
 @contextlib.contextmanager
@@ -164,7 +174,7 @@ def mqtt(seconds: float) -> None:
 
 def _report(wire: str, sent: int, elapsed: float, samples: int, lost: str, watched: Watched) -> None:
     print(f"{wire:<15}{sent / elapsed:,.0f} samples/s for {elapsed:.0f} s; sent {sent:,}, learned {samples:,}; {lost}")
-    print(f"{'':<15}memory +{watched.growth():.1f} MB after {SETTLED:.0f} s; {watched.frames} views in a browser")
+    print(f"{'':<15}{watched.growth()}; {watched.frames} messages in a browser")
 
 
 @contextlib.contextmanager
@@ -227,7 +237,7 @@ def udp(seconds: float) -> None:
         f"99 % {np.quantile(latency[solved:], 0.99):.2f} ms, largest {latency[solved:].max():.1f} ms"
     )
     print(
-        f"               memory +{watched.growth():.1f} MB after {SETTLED:.0f} s; {watched.frames} views in a browser; "
+        f"               {watched.growth()}; {watched.frames} messages in a browser; "
         f"sender's own pace: 99 % of intervals under {1e3 * np.quantile(late, 0.99):.2f} ms"
     )
 
@@ -244,7 +254,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("what", nargs="*", choices=["tcp", "mqtt", "udp"], default=["tcp", "mqtt", "udp"])
     parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--browse", metavar="URL", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
+    if arguments.browse:
+        browse(arguments.browse)
+        return
     for name in arguments.what:
         {"tcp": tcp, "mqtt": mqtt, "udp": udp}[name](arguments.seconds)
 

@@ -229,6 +229,32 @@ def test_commands_are_obeyed_and_one_that_cannot_be_is_said() -> None:
 # --- checkpoints
 
 
+def test_a_source_that_fails_leaves_a_checkpoint(tmp_path: Path) -> None:
+    u, y = record(1000)
+
+    def fail(done: int) -> None:
+        if done >= 900:
+            raise rp.LogError("the wire is gone")
+
+    session, _ = make(FakeSource(u, y, between=fail), path=tmp_path / "rig", every=1e9)
+    with pytest.raises(rp.LogError, match="the wire is gone"):
+        session.run()
+    assert checkpoint.load(tmp_path / "rig").progress["taken"] == session.progress.taken >= 900
+
+
+def test_counters_go_on_over_a_resumption(tmp_path: Path) -> None:
+    u, y = record(600)
+    for k in range(1, 4):
+        loaded = resume(tmp_path / "rig", REQUEST)
+        source = FakeSource(u, y)
+        source.counters = {"lost": 2}
+        session, _ = make(
+            source, path=tmp_path / "rig", progress=None if loaded is None else Progress.of(loaded.progress)
+        )
+        session.run()
+        assert session.pulse.counters == {"lost": 2 * k}
+
+
 def test_a_resumed_session_goes_on_to_the_bit_and_uses_no_sample_twice(tmp_path: Path) -> None:
     u, y = record()
     path = tmp_path / "rig"

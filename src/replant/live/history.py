@@ -24,8 +24,8 @@ class History:
     >>> for k in range(5000):
     ...     history.append(float(k), np.array([0.5]), np.array([0.1]))
     >>> rows = history.rows()
-    >>> rows.t.size <= MOST_ROWS, rows.t[0], rows.t[-1]
-    (True, 0.0, 4999.0)
+    >>> rows.t.size <= MOST_ROWS, rows.t[[0, -1]]
+    (True, array([   0., 4999.]))
     """
 
     def __init__(self, size: int) -> None:

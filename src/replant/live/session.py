@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from replant.errors import CheckpointError, InvalidArgumentError
+from replant.errors import CheckpointError, InvalidArgumentError, ReplantError
 from replant.identifier import Identifier
 from replant.live.background import Background, one_line
 from replant.live.clock import Clock
@@ -102,19 +102,31 @@ class Session:
         -------
         bool
             Whether the verdict was "trusted" in the end, where that was to end the session; else True.
+
+        Raises
+        ------
+        ReplantError
+            If the source fails for good; what was learned has been kept and handed on before.
         """
         begun = time.monotonic()
         if self.progress.sequence is not None:
             self.source.seek(self.progress.sequence)
         with self._stopped_by_signals():
-            for batch in self.source.batches():
-                self._take(batch)
-                self._go_on(time.monotonic())
-                if self._stopping or self._is_enough(time.monotonic() - begun):
-                    break
-            self.source.close()
+            try:
+                self._learn(begun)
+            except ReplantError:  # the source cannot go on: what was learned is kept
+                self._finish()
+                raise
             self._finish()
         return self._trusted or not self._limits.until_trusted
+
+    def _learn(self, begun: float) -> None:
+        for batch in self.source.batches():
+            self._take(batch)
+            self._go_on(time.monotonic())
+            if self._stopping or self._is_enough(time.monotonic() - begun):
+                break
+        self.source.close()
 
     def stop(self) -> None:
         """End soon; from any thread, or from a signal handler."""
@@ -124,8 +136,8 @@ class Session:
     @property
     def pulse(self) -> Pulse:
         """What the session knows and its identifier does not."""
-        counters = self.source.counters
         rate, lag = self._meter.read()
+        counters = self.progress.counted(self.source.counters)
         return Pulse(self.progress.at, self.source.name, self.source.state, counters, rate, lag)
 
     def _take(self, batch: Batch) -> None:
