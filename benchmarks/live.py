@@ -252,14 +252,14 @@ def _take(wire: socket.socket, back: np.ndarray) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", nargs="*", choices=["tcp", "mqtt", "udp"], default=["tcp", "mqtt", "udp"])
+    parser.add_argument("what", nargs="*", metavar="tcp|mqtt|udp")
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--browse", metavar="URL", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.browse:
         browse(arguments.browse)
         return
-    for name in arguments.what:
+    for name in arguments.what or ["tcp", "mqtt", "udp"]:
         {"tcp": tcp, "mqtt": mqtt, "udp": udp}[name](arguments.seconds)
 
 
