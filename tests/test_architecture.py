@@ -53,7 +53,7 @@ ADAPTERS = {
     "live.dashboard.security": {"starlette"},
 }
 TERMINAL = {"click", "rich"}
-FILES = {"pathlib", "os", "io", "shutil", "tempfile", "glob", "socket", "subprocess", "sys", "logging"}
+FILES = {"pathlib", "os", "io", "shutil", "tempfile", "glob", "socket", "select", "subprocess", "sys", "logging"}
 
 
 def name_of(path: Path) -> str:

@@ -199,12 +199,12 @@ def test_what_the_broker_retained_and_noise_are_counted(
     publisher.send("1,2", retain=True)
     reading = read(open_source(f"{broker.url}/rig/+?columns=u,y"))
     reading.wait_counted("retained", 1)
-    for payload in (b"\xff\xfe\x00", b"{", b"RPL1", b"5,", b"7" * 70_000, b"7" * 1_100_000, b"3,4"):
+    for payload in (b"\xff\xfe\x00", b"{", b"RPL1", b"5,", b"7" * 1_100_000, b"3,4"):
         publisher.send(payload)
     reading.wait_for(2)
     reading.stop()
     assert reading.column("u").tolist() == [5.0, 3.0]
-    expected = {"retained": 1, "not a number": 1, "not JSON": 1, "not packed right": 1, "too long": 2}
+    expected = {"retained": 1, "not a number": 1, "not JSON": 1, "not packed right": 1, "too long": 1}
     assert reading.source.counters == expected
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 
+import numpy as np
+
 #: A longer line is passed over, in bytes.
 LONGEST = 1 << 16
 
@@ -15,6 +17,8 @@ class Lines:
     ----------
     counters : Counter
         Gets "too long" and "cut off".
+    longest : int
+        What a line may have without its end, in bytes.
 
     Examples
     --------
@@ -23,8 +27,9 @@ class Lines:
     (b'1,2\n', b'3,4\n', b'5,6\n')
     """
 
-    def __init__(self, counters: Counter[str]) -> None:
+    def __init__(self, counters: Counter[str], longest: int = LONGEST) -> None:
         self._counters = counters
+        self._longest = longest
         self._tail = b""
         self._skipping = False  # until the next line begins
         self._midway = False  # what is skipped has not been counted
@@ -41,11 +46,22 @@ class Lines:
         last = data.rfind(b"\n") + 1
         complete = self._tail + data[:last] if last else b""
         tail = data[last:] if last else self._tail + data
-        if len(tail) > LONGEST:
+        if len(tail) > self._longest:
             self._counters["too long"] += 1
             self._skipping, tail = True, b""
         self._tail = tail
-        return complete
+        return self._without_long(complete)
+
+    def _without_long(self, block: bytes) -> bytes:
+        if len(block) <= self._longest + 1:
+            return block
+        ends = np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n"))
+        if np.diff(ends, prepend=-1).max() <= self._longest + 1:
+            return block
+        lines = [line + b"\n" for line in block[:-1].split(b"\n")]
+        kept = [line for line in lines if len(line) <= self._longest + 1]
+        self._counters["too long"] += len(lines) - len(kept)
+        return b"".join(kept)
 
     def rest(self) -> bytes:
         """Return the last line, which ends with the stream."""

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
 from replant.logs.layout import is_data
 from replant.sources.batch import Batch
-from replant.sources.lines import LONGEST
 from replant.sources.rows import (
     BY_WIDTH,
     Malformed,
     Row,
     check_width,
+    columns_of,
     from_cells,
     from_json,
+    json_value,
+    json_values,
     table_from_cells,
     table_from_json,
 )
 from replant.validation import FloatArray
+
+Item = TypeVar("Item")
 
 #: A block of so many lines is read line by line: reading at once costs as much as ten of them.
 FEW = 10
@@ -102,54 +107,61 @@ class Parser:
         if samples:
             self._counters[reason] += samples
 
+    def settle(self, columns: tuple[str, ...]) -> None:
+        """Choose the columns; a line that waits and has others is none of these samples."""
+        self.columns = columns
+        if self._waiting is not None:
+            self.count("fields missing")
+            self._waiting = None
+
     def _tables(self, lines: list[str]) -> list[FloatArray]:
         """Return the rows of lines; a block that is off is halved until what is off stands alone."""
         if self.columns is None or len(lines) <= FEW:
-            return self._one_by_one(lines)
-        table = None
-        if lines[0].startswith("{"):
-            table = table_from_json(lines, self.columns)
+            return self._each(filter(is_data, lines), self._line)
+        if lines[0].startswith(("{", "[")):
+            values = json_values(lines)
+            if values is not None:
+                table = table_from_json(values, self.columns)
+                return self._each(values, self._value) if table is None else [table]
         elif any(map(str.strip, lines)):  # of a block without data loadtxt would warn
             table = table_from_cells(lines, len(self.columns))
-        if table is not None:
-            return [table]
+            if table is not None:
+                return [table]
         middle = len(lines) // 2
         return self._tables(lines[:middle]) + self._tables(lines[middle:])
 
-    def _one_by_one(self, lines: list[str]) -> list[FloatArray]:
+    def _each(self, items: Iterable[Item], read: Callable[[Item], list[Row]]) -> list[FloatArray]:
+        """Return the rows that ``read`` finds in each item; those that are off are counted."""
         rows: list[Row] = []
-        for line in filter(is_data, lines):
+        for item in items:
             try:
-                rows += self._line(line.strip())
+                rows += read(item)
             except Malformed as reason:
                 self.count(str(reason))
         return [np.array(rows)] if rows else []
 
     def _line(self, line: str) -> list[Row]:
-        if len(line) > LONGEST:
-            raise Malformed("too long")
+        line = line.strip()
         if line[0] in "{[":
-            columns, rows = from_json(line, self.columns)
-            if self.columns is None and rows:
-                self.columns = columns
-            return rows
+            return self._value(json_value(line))
         row = from_cells(line)
         if self.columns is not None:
             check_width(row, len(self.columns))
             return [row]
-        return self._settle(row)
-
-    def _settle(self, row: Row) -> list[Row]:
-        """Choose the columns once two lines in a row agree."""
         check_width(row, min(max(len(row), min(BY_WIDTH)), max(BY_WIDTH)))
         first, self._waiting = self._waiting, row
         if first is None:
             return []
-        if len(first) != len(row):
-            self.count("fields missing" if len(first) < len(row) else "too many fields")
-            return []
+        check_width(first, len(row))  # the line before was cut
         self.columns, self._waiting = BY_WIDTH[len(row)], None
         return [first, row]
+
+    def _value(self, value: Any) -> list[Row]:
+        columns = columns_of(value) if self.columns is None else self.columns
+        rows = from_json(value, columns or ("u", "y"))
+        if self.columns is None and rows and columns:
+            self.settle(columns)
+        return rows
 
 
 def is_number(values: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

@@ -70,8 +70,8 @@ class Payloads:
             raise Malformed("not packed right")
         table = np.frombuffer(numbers, "<f8").astype(np.float64).reshape(-1, len(names))
         if self._parser.columns is None:
-            self._parser.columns = names
-        if names == self._parser.columns:
+            self._parser.settle(names)
+        if self._parser.columns is None or names == self._parser.columns:
             return table
         if not set(self._parser.columns) <= set(names):
             raise Malformed("fields missing")

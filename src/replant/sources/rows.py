@@ -46,39 +46,6 @@ def check_width(row: Row, width: int) -> None:
         raise Malformed("fields missing" if len(row) < width else "too many fields")
 
 
-def from_json(line: str, columns: Sequence[str] | None) -> tuple[tuple[str, ...], list[Row]]:
-    """Read a JSON object, or an array of them; return the columns and the samples.
-
-    ``{"n": 7, "t": 0.7, "u": 1.0, "y": 0.2}`` is one sample; with arrays in the fields it is several, and n may be the
-    number of the first.  null is NaN.
-
-    Parameters
-    ----------
-    line : str
-    columns : sequence of str or None
-        The fields that are wanted; None: those that the first sample has.
-
-    Examples
-    --------
-    >>> from_json('{"n": 7, "u": [1, 2], "y": [0.5, null]}', None)
-    (('n', 'u', 'y'), [(7.0, 1.0, 0.5), (8.0, 2.0, nan)])
-    """
-    try:
-        value = json.loads(line)
-    except (ValueError, RecursionError):
-        raise Malformed("not JSON") from None
-    rows: list[Row] = []
-    for item in value if isinstance(value, list) else [value]:
-        if not isinstance(item, dict):
-            raise Malformed("not an object")
-        if columns is None:
-            columns = [name for name in FIELDS if name in item]
-        if not {"u", "y", *columns} <= item.keys():
-            raise Malformed("fields missing")
-        rows += _samples(item, columns)
-    return tuple(columns or ()), rows
-
-
 def table_from_cells(lines: Sequence[str], width: int) -> FloatArray | None:
     """Read lines of CSV at once, in C; None if they are anything but a full grid of numbers."""
     try:
@@ -88,18 +55,70 @@ def table_from_cells(lines: Sequence[str], width: int) -> FloatArray | None:
     return table if table.shape[1] == width else None
 
 
-def table_from_json(lines: Sequence[str], columns: Sequence[str]) -> FloatArray | None:
-    """Read JSON objects of one sample each at once; None if they are anything else."""
+def json_value(line: str) -> Any:
+    """Read one line of JSON."""
+    try:
+        return json.loads(line)
+    except (ValueError, RecursionError):
+        raise Malformed("not JSON") from None
+
+
+def json_values(lines: Sequence[str]) -> list[Any] | None:
+    """Read lines of JSON at once; None if they are anything but an object or an array each."""
     try:
         values = json.loads(f"[{',null,'.join(lines)}]")  # with null between, no two lines make one object
-        if len(values) != 2 * len(lines) - 1 or any(value is not None for value in values[1::2]):
-            return None
-        rows = list(map(itemgetter(*columns), values[::2]))
+    except (ValueError, RecursionError):
+        return None
+    if len(values) != 2 * len(lines) - 1 or any(value is not None for value in values[1::2]):
+        return None
+    values = values[::2]
+    return values if all(type(value) in (dict, list) for value in values) else None
+
+
+def table_from_json(values: Sequence[Any], columns: Sequence[str]) -> FloatArray | None:
+    """Turn JSON objects of one sample each into a table at once; None if they are anything else."""
+    try:
+        rows = list(map(itemgetter(*columns), values))
         if set(map(type, chain.from_iterable(rows))) <= {float, int}:
             return np.array(rows, dtype=np.float64)
-    except (ValueError, RecursionError, LookupError, TypeError, OverflowError):
+    except (LookupError, TypeError, OverflowError):
         pass
     return None
+
+
+def columns_of(value: Any) -> tuple[str, ...] | None:
+    """Return the columns of a JSON object, or of the first in an array; None if it holds no sample.
+
+    Examples
+    --------
+    >>> columns_of({"y": 1.0, "u": 2.0, "n": 3, "comment": "good"})
+    ('n', 'u', 'y')
+    """
+    first = value[0] if isinstance(value, list) and value else value
+    if not isinstance(first, dict) or not {"u", "y"} <= first.keys():
+        return None
+    return tuple(name for name in FIELDS if name in first)
+
+
+def from_json(value: Any, columns: Sequence[str]) -> list[Row]:
+    """Return the samples in a JSON object, or in an array of them.
+
+    ``{"n": 7, "t": 0.7, "u": 1.0, "y": 0.2}`` is one sample; with arrays in the fields it is several, and n may be the
+    number of the first.  null is NaN.
+
+    Examples
+    --------
+    >>> from_json({"n": 7, "u": [1, 2], "y": [0.5, None]}, ("n", "u", "y"))
+    [(7.0, 1.0, 0.5), (8.0, 2.0, nan)]
+    """
+    rows: list[Row] = []
+    for item in value if isinstance(value, list) else [value]:
+        if not isinstance(item, dict):
+            raise Malformed("not an object")
+        if not set(columns) <= item.keys():
+            raise Malformed("fields missing")
+        rows += _samples(item, columns)
+    return rows
 
 
 def _samples(item: dict[str, Any], columns: Sequence[str]) -> list[Row]:
@@ -111,7 +130,14 @@ def _samples(item: dict[str, Any], columns: Sequence[str]) -> list[Row]:
         fields["n"] = list(range(fields["n"], fields["n"] + count))
     if any(not isinstance(values, list) or len(values) != count for values in fields.values()):
         raise Malformed("arrays of different lengths")
-    return list(zip(*([_number(name, value) for value in values] for name, values in fields.items()), strict=True))
+    return list(zip(*(_numbers(name, values) for name, values in fields.items()), strict=True))
+
+
+def _numbers(name: str, values: Sequence[Any]) -> list[float]:
+    if set(map(type, values)) <= {float, int}:
+        with contextlib.suppress(OverflowError):
+            return list(map(float, values))
+    return [_number(name, value) for value in values]
 
 
 def _number(name: str, value: Any) -> float:
