@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import json
 import re
+import threading
 import time
 from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
@@ -246,13 +248,35 @@ def test_with_a_token_the_page_opens_once_and_then_by_its_cookie(browser, feed: 
         stranger.close()
 
 
+@pytest.fixture
+def foreign() -> Iterator[str]:
+    """Where a server that is not ours serves a page without any policy."""
+
+    class Empty(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(b"<!doctype html><title>foreign</title><link rel=icon href='data:,'>")
+
+        def log_message(self, *args: object) -> None:
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Empty) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.05,))
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}/"
+        server.shutdown()
+        thread.join()
+
+
 def test_another_page_can_neither_act_nor_listen_nor_frame(
-    browser, learned: tuple[Feed, Dashboard], feed: Feed
+    browser, learned: tuple[Feed, Dashboard], feed: Feed, foreign: str
 ) -> None:
-    """A foreign page in the same browser: a data URL has an origin of its own."""
+    """A foreign page in the same browser, of the same machine even: another port is another origin."""
     at = f"127.0.0.1:{learned[1].port}"
     page = browser.new_page()
-    page.goto("data:text/html,<title>foreign</title>")
+    page.goto(foreign)
     tried = """async at => {
       const got = [];
       await fetch(`http://${at}/command/reset`, {method: "POST", mode: "no-cors"}).catch(() => 0);
