@@ -10,6 +10,7 @@ from replant.errors import InvalidArgumentError
 from replant.identifier import Identifier
 from replant.live.background import Background
 from replant.live.keeper import Keeper, resume
+from replant.live.memory import hold_flat
 from replant.live.notices import Notices
 from replant.live.observer import Observer
 from replant.live.observing import Address, Orders
@@ -70,6 +71,7 @@ def run(plan: Plan) -> bool:
     ReplantError
         For whatever of the plan cannot be done; nothing has been learned or written then.
     """
+    hold_flat()
     progress, identifier, said = _begin(plan)
     source = open_source(plan.source)
     sinks = [open_sink(address) for address in plan.sinks]
