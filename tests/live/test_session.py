@@ -152,6 +152,30 @@ def test_a_signal_ends_it_with_a_last_checkpoint(tmp_path: Path, number: signal.
     assert sink.sent[-1].samples == u.size
 
 
+def test_what_has_come_in_already_is_learned_before_it_ends() -> None:
+    u, y = record(1000)
+
+    class Draining(FakeSource):
+        def close(self) -> None:
+            """Closed, it still hands over what is complete."""
+
+    source = Draining(u, y, between=lambda done: session.stop())
+    session, _ = make(source)
+    session.run()
+    assert session.progress.taken == u.size
+
+
+def test_a_checkpoint_is_written_before_anything_that_may_take_long(tmp_path: Path) -> None:
+    class Slow(FakeObserver):
+        def look_again(self, *_: Any) -> None:
+            self.found = (tmp_path / "rig").exists()
+
+    observer = Slow()
+    session, _ = make(FakeSource(*record(300)), observer=observer, path=tmp_path / "rig", every=1e9)
+    session.run()
+    assert observer.found
+
+
 def test_it_can_be_stopped_from_another_thread() -> None:
     session, _ = make(FakeSource(*record(100), endless=True))
     threading.Timer(0.05, session.stop).start()

@@ -34,8 +34,12 @@ class Background:
             return False
         return True
 
+    def wait(self) -> None:
+        """Return when every job has been done."""
+        self._jobs.join()
+
     def close(self) -> None:
-        """Finish what waits."""
+        """Finish what waits, and end the thread."""
         self._jobs.put(None)
         self._thread.join()
 
@@ -46,6 +50,8 @@ class Background:
                 job()
             except Exception as error:  # a full disk, a folder gone: identification goes on
                 self._notices.say(subject, f"replant: {subject}: {one_line(error)}; going on")
+            finally:
+                self._jobs.task_done()
 
 
 def one_line(error: BaseException) -> str:

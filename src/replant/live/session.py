@@ -93,7 +93,6 @@ class Session:
         self._clock = Clock(identifier.dt, last, self.progress.offset)
         self._learned = self._trusted = False
         self._verdict = UNKNOWN
-        self._stopping = False
 
     def run(self) -> bool:
         """Run until the stream ends, a limit is reached, or SIGINT or SIGTERM asks for the end.
@@ -124,13 +123,12 @@ class Session:
         for batch in self.source.batches():
             self._take(batch)
             self._go_on(time.monotonic())
-            if self._stopping or self._is_enough(time.monotonic() - begun):
+            if self._is_enough(time.monotonic() - begun):
                 break
         self.source.close()
 
     def stop(self) -> None:
-        """End soon; from any thread, or from a signal handler."""
-        self._stopping = True
+        """End soon, when what has come in already is learned; from any thread, or from a signal handler."""
         self.source.close()
 
     @property
@@ -253,18 +251,21 @@ class Session:
         )
 
     def _finish(self) -> None:
-        """Hand on what is left: the last estimate, the recorded samples, a last checkpoint."""
+        """Keep what was learned first of all, then hand on the last estimate with its verdict."""
+        if self._recorder is not None:
+            self._recorder.flush()
+        self._background.wait()
+        if self._keeper is not None:
+            try:
+                self._keeper.finish(self.identifier, self.progress.with_counters(self.source.counters))
+            except CheckpointError as error:
+                self._observer.show(f"replant: {error}")
         self._observer.look_again(self.identifier, self.pulse)
         self._hear()
         self._send(time.monotonic(), at_any_rate=True)
         for outlet in self._outlets:
             outlet.sink.close()
         self._background.close()
-        if self._keeper is not None:
-            try:
-                self._keeper.finish(self.identifier, self.progress.with_counters(self.source.counters))
-            except CheckpointError as error:
-                self._observer.show(f"replant: {error}")
 
     @contextmanager
     def _stopped_by_signals(self) -> Iterator[None]:
