@@ -7,33 +7,53 @@ from collections.abc import Iterator
 
 import pytest
 
+from browsing import chromium
 from live.dashboard.feed import Feed
+from live.dashboard.pages import Page
 from replant.live.dashboard import Dashboard, serve
 
 
 @pytest.fixture(scope="session")
 def watched() -> Iterator[tuple[Feed, Dashboard]]:
-    """A feed with a model, and its dashboard on a free port."""
+    """A feed, and its dashboard on a free port."""
     feed = Feed()
-    feed.advance(1000)
     with serve(feed.hub) as served:
         yield feed, served
 
 
 @pytest.fixture
 def feed(watched: tuple[Feed, Dashboard]) -> Feed:
-    """The feed, no command heard yet, with a model even after a reset."""
+    """The feed: it has found its plant, has just published, and has heard no command yet."""
     feed = watched[0]
+    if not feed.adapting:
+        feed.obey("adapt")
     feed.forget()
-    if feed.identifier.status == "starting":
-        feed.advance(1000)
+    while feed.taken < 4000:
+        feed.advance(100)
+    feed.advance()
     return feed
 
 
 @pytest.fixture
-def dashboard(watched: tuple[Feed, Dashboard]) -> Dashboard:
-    """The feed's dashboard."""
+def dashboard(watched: tuple[Feed, Dashboard], feed: Feed) -> Dashboard:
+    """The dashboard of the feed."""
     return watched[1]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator:
+    """The system's Chromium; not for longer than a module: its loop would stand in the way of others."""
+    with chromium() as launched:
+        yield launched
+
+
+@pytest.fixture
+def opened(browser, dashboard: Dashboard, feed: Feed) -> Iterator[Page]:
+    """The page, which must not have complained by the end."""
+    page = Page(browser, dashboard.url)
+    yield page
+    page.close()
+    assert page.complaints == []
 
 
 def ask(port: int, line: str, *headers: str, host: str | None = "127.0.0.1") -> tuple[int, dict[str, str], bytes]:

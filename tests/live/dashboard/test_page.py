@@ -1,6 +1,6 @@
-"""The page in a browser: it moves, pauses, acts, comes back after a restart, and can be read and used by everybody.
+"""The page in a browser: it moves, pauses, acts, comes back after a restart, and others can do none of that.
 
-Driven by Playwright in the system's Chromium; screenshots are left in out/dashboard for a look.
+Driven by Playwright in the system's Chromium.
 """
 
 from __future__ import annotations
@@ -8,110 +8,17 @@ from __future__ import annotations
 import json
 import re
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
 
-from browsing import TEXTS, chromium, contrast, luminance
 from live.dashboard.feed import Feed
+from live.dashboard.pages import Page
 from replant.live.dashboard import Dashboard, app, serve
 
-SEEN = Path(__file__).resolve().parents[3] / "out" / "dashboard"
-PATIENCE = 60.0  # s, only against hanging
 TOKEN = "a-token-of-some-length"
-
-PIXELS = "name => document.querySelector(`#${name} canvas`).toDataURL()"
-CUT_OFF = """[...document.querySelectorAll("main *, header *")]
-  .filter(element => element.getBoundingClientRect().right > innerWidth + 1).length"""
-OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
-FOCUS = """() => {
-  const at = document.activeElement, style = getComputedStyle(at);
-  return [at.id || at.textContent.trim(), style.outlineStyle, parseFloat(style.outlineWidth)];
-}"""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator:
-    with chromium() as launched:
-        yield launched
-
-
-class Page:
-    """A page of the dashboard; whatever it complains of, or asks of others, is kept."""
-
-    def __init__(self, browser, url: str, width: int = 1280, height: int = 800, **options) -> None:
-        self.context = browser.new_context(viewport={"width": width, "height": height}, **options)
-        self.page = self.context.new_page()
-        self.complaints: list[str] = []
-        base = url.partition("?")[0]
-        self.page.on("console", lambda message: self.complaints.append(message.text))
-        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        for event in ("request", "websocket"):
-            self.page.on(event, lambda asked: self._asked(asked.url, base))
-        self.page.goto(url)
-        self.until(lambda: self.drawn > 0)
-
-    def close(self) -> None:
-        self.context.close()
-
-    def _asked(self, url: str, base: str) -> None:
-        if not url.startswith((base, base.replace("http", "ws", 1), f"blob:{base}")):
-            self.complaints.append(f"asked for {url}")
-
-    @property
-    def drawn(self) -> int:
-        """How often it has drawn."""
-        return int(self.page.locator("#main").get_attribute("data-drawn") or 0)
-
-    def until(self, holds: Callable[[], object]) -> None:
-        """Wait until something holds; what a page evaluates for itself its own policy forbids."""
-        end = time.monotonic() + PATIENCE
-        while not holds():
-            assert time.monotonic() < end, "the page never got there"
-            self.page.wait_for_timeout(30)
-
-    def text(self, name: str) -> str:
-        return self.page.locator(f"#{name}").inner_text()
-
-    def pixels(self, *names: str) -> list[str]:
-        return [self.page.evaluate(PIXELS, name) for name in names or ("output", "input", "magnitude", "phase")]
-
-    def seen(self, name: str) -> None:
-        """Keep a picture of the whole page."""
-        SEEN.mkdir(parents=True, exist_ok=True)
-        self.page.screenshot(path=SEEN / f"{name}.png", full_page=True)
-
-
-@pytest.fixture(scope="module")
-def learned() -> Iterator[tuple[Feed, Dashboard]]:
-    """A feed that has found its plant, being served; its views come when a test asks for them."""
-    feed = Feed()
-    for _ in range(40):
-        feed.advance(100)
-    with serve(feed.hub) as served:
-        yield feed, served
-
-
-@pytest.fixture
-def feed(learned: tuple[Feed, Dashboard]) -> Feed:
-    learned[0].forget()
-    if not learned[0].adapting:
-        learned[0].obey("adapt")
-        learned[0].forget()
-    learned[0].advance()
-    return learned[0]
-
-
-@pytest.fixture
-def opened(browser, learned: tuple[Feed, Dashboard], feed: Feed) -> Iterator[Page]:
-    """The page, which must not have complained by the end."""
-    page = Page(browser, learned[1].url)
-    yield page
-    page.close()
-    assert page.complaints == []
 
 
 # --- it moves, pauses, acts ---
@@ -178,8 +85,6 @@ def test_a_reset_asks_first(opened: Page, feed: Feed) -> None:
     opened.until(lambda: opened.text("headline") == "Collecting the first samples")
     assert opened.page.locator("#adapt").is_disabled()
     opened.seen("starting-1280")
-    for _ in range(40):
-        feed.advance(100)
 
 
 def test_freezing_and_adapting(opened: Page, feed: Feed) -> None:
@@ -271,10 +176,10 @@ def foreign() -> Iterator[str]:
 
 
 def test_another_page_can_neither_act_nor_listen_nor_frame(
-    browser, learned: tuple[Feed, Dashboard], feed: Feed, foreign: str
+    browser, dashboard: Dashboard, feed: Feed, foreign: str
 ) -> None:
     """A foreign page in the same browser, of the same machine even: another port is another origin."""
-    at = f"127.0.0.1:{learned[1].port}"
+    at = f"127.0.0.1:{dashboard.port}"
     page = browser.new_page()
     page.goto(foreign)
     tried = """async at => {
@@ -331,11 +236,11 @@ def test_views_with_nothing_known_are_drawn(opened: Page, feed: Feed) -> None:
     assert "No model yet" in opened.text("formula")
 
 
-def test_the_page_keeps_no_past(browser, learned: tuple[Feed, Dashboard], feed: Feed, monkeypatch) -> None:
+def test_the_page_keeps_no_past(browser, dashboard: Dashboard, feed: Feed, monkeypatch) -> None:
     """After many more views it holds as much as before: nothing is heaped up."""
     monkeypatch.setattr(app, "PERIOD", 0.0)
     monkeypatch.setattr(app, "HISTORY_PERIOD", 0.0)
-    opened = Page(browser, learned[1].url)
+    opened = Page(browser, dashboard.url)
     inspector = opened.context.new_cdp_session(opened.page)
     view = feed.hub.newest
     assert view is not None
@@ -355,92 +260,3 @@ def test_the_page_keeps_no_past(browser, learned: tuple[Feed, Dashboard], feed: 
     assert after[1] < before[1] + 100
     assert after[2] <= before[2] + 2
     assert opened.complaints == []
-
-
-# --- for everybody ---
-
-
-def test_everything_can_be_done_by_keyboard_and_is_seen_to_be(opened: Page, feed: Feed) -> None:
-    met: dict[str, tuple[str, float]] = {}
-    for _ in range(6):
-        opened.page.keyboard.press("Tab")
-        name, style, width = opened.page.evaluate(FOCUS)
-        met[name] = (style, width)
-    assert list(met)[:5] == ["pause", "adapt", "reset", "Save", "formula"]
-    assert set(list(met.values())[:5]) == {("solid", 2)}
-    opened.page.locator("#adapt").focus()
-    opened.page.keyboard.press("Enter")
-    opened.until(lambda: feed.commands == ["freeze"])
-    opened.page.locator("summary").focus()
-    opened.page.keyboard.press("Space")
-    assert opened.page.get_by_role("link", name="Model as JSON").is_visible()
-    opened.page.keyboard.press("Escape")
-    assert not opened.page.get_by_role("link", name="Model as JSON").is_visible()
-    assert opened.page.evaluate("document.activeElement.textContent") == "Save"
-
-
-def test_a_new_verdict_is_read_aloud_and_has_a_shape_of_its_own(opened: Page, feed: Feed) -> None:
-    shapes, told = set(), set()
-    for verdict in ("trusted", "converging", "inconsistent"):
-        feed.change = {"verdict": verdict}
-        feed.advance()
-        expected = {"trusted": "Trusted", "converging": "Still converging", "inconsistent": "Inconsistent"}[verdict]
-        opened.until(lambda expected=expected: opened.text("headline") == expected)
-        shapes.add(opened.page.locator(".sign path").first.get_attribute("d"))
-        live = opened.page.locator("[aria-live=polite]#announced").text_content()
-        assert live is not None
-        assert expected in live
-        told.add(live)
-    assert len(shapes) == len(told) == 3
-
-
-def test_everything_has_a_name_for_who_does_not_see(opened: Page) -> None:
-    for control in opened.page.locator("button:visible, summary, a:visible").all():
-        assert control.inner_text().strip()
-    for picture in opened.page.locator("[role=img]").all():
-        assert picture.get_attribute("aria-label")
-    assert opened.page.locator("h1").count() == 1
-
-
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [1280, 820, 400])
-def test_it_can_be_read_and_fits(browser, learned: tuple[Feed, Dashboard], feed: Feed, width: int, scheme: str) -> None:
-    opened = Page(
-        browser, learned[1].url, width, 860 if width == 400 else 800, color_scheme=scheme, reduced_motion="reduce"
-    )
-    opened.page.wait_for_timeout(300)  # sizes have settled
-    assert opened.page.evaluate(OVERFLOW) == 0
-    assert opened.page.evaluate(CUT_OFF) == 0
-    for verdict in ("trusted", "converging", "inconsistent"):
-        feed.change = {"verdict": verdict}
-        feed.advance()
-        opened.until(lambda: opened.text("samples") == f"{feed.taken:,}")
-        texts = opened.page.evaluate(TEXTS)
-        faint = {text: round(contrast(ink, paper), 2) for text, ink, paper, _ in texts if contrast(ink, paper) < 4.5}
-        assert faint == {}
-        assert (luminance(texts[0][2]) > 0.5) == (scheme == "light")
-    if width == 1280:
-        opened.seen(f"{scheme}-{width}-inconsistent")
-    feed.change = {}
-    feed.advance()
-    opened.until(lambda: opened.text("samples") == f"{feed.taken:,}")
-    opened.seen(f"{scheme}-{width}")
-    opened.page.get_by_role("button", name="Reset…").click()
-    texts = opened.page.evaluate(TEXTS)
-    assert {text: round(contrast(ink, paper), 2) for text, ink, paper, _ in texts if contrast(ink, paper) < 4.5} == {}
-    opened.close()
-    assert opened.complaints == []
-
-
-def test_a_narrow_page_has_room_for_fingers(browser, learned: tuple[Feed, Dashboard], feed: Feed) -> None:
-    opened = Page(browser, learned[1].url, 400, 860)
-    for control in opened.page.locator(".actions > button, .actions summary").all():
-        box = control.bounding_box()
-        assert min(box["height"], box["width"]) >= 44
-    opened.close()
-
-
-def test_from_light_to_dark_without_reloading(opened: Page) -> None:
-    before = opened.pixels("output")
-    opened.page.emulate_media(color_scheme="dark")
-    opened.until(lambda: opened.pixels("output") != before)
