@@ -254,6 +254,10 @@ def test_killed_twenty_times_under_load_it_goes_on_to_the_bit(tmp_path: Path) ->
         (("tcp://127.0.0.1:9", *MODEL, "--to", "udp://127.0.0.1"), "give a port"),
         (("tcp://127.0.0.1:9", *MODEL, "--to", "udp://127.0.0.1:99999"), "give a port"),
         (("tcp://127.0.0.1:9", *MODEL, "--to", "mqtt://127.0.0.1"), "name one topic"),
+        (
+            ("tcp://127.0.0.1:9", *MODEL, "--to", "mqtt://me:secret@127.0.0.1:99999/a"),
+            "--to mqtt://me@127.0.0.1:99999/a: give a port",
+        ),
         (("tcp://127.0.0.1:9", *MODEL, "--dashboard", "here"), "write HOST:PORT"),
         (("tcp://127.0.0.1:9", *MODEL, "--checkpoint", "/nowhere/rig"), "there is no folder /nowhere; make it first"),
     ],

@@ -14,6 +14,7 @@ import pytest
 
 import replant as rp
 from live.fakes import DT, PLANT, REQUEST, record
+from replant.live import sinks
 from replant.live.background import Background
 from replant.live.clock import Clock
 from replant.live.estimate import Estimate
@@ -216,6 +217,20 @@ def test_datagrams_do_not_need_a_listener() -> None:
     for _ in range(5):
         sink.send(estimate())
     sink.close()
+
+
+def test_a_broker_that_is_away_is_said_after_some_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    sink = open_sink(f"mqtt://nobody:secret@127.0.0.1:{port}/rig/1/model")
+    assert sink.name == f"mqtt://127.0.0.1:{port}/rig/1/model"  # without the password
+    try:
+        sink.send(estimate())
+        monkeypatch.setattr(sinks, "PATIENCE", -1.0)
+        with pytest.raises(ConnectionError, match="the broker does not answer"):
+            sink.send(estimate())
+    finally:
+        sink.close()
 
 
 # --- notices and the thread for the disk

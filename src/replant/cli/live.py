@@ -51,7 +51,7 @@ class Time(click.ParamType[float]):
 @click.option("--startup", type=int, default=500, show_default=True, help="Samples that the first model is made from.")
 @click.option("--for", "seconds", type=Time(), metavar="TIME", help="End after a time, such as 60s.")
 @click.option("--samples", type=click.IntRange(min=1), metavar="N", help="End after so many samples.")
-@click.option("--until", type=click.Choice(["trusted"]), help="End when the verdict is that.")
+@click.option("--until", type=click.Choice(["trusted"]), help="End as soon as the verdict is that.")
 @click.option(
     "--to", "sinks", multiple=True, metavar="ADDRESS", help="Send estimates: -, udp://HOST:PORT, mqtt://HOST/TOPIC."
 )
@@ -61,7 +61,11 @@ class Time(click.ParamType[float]):
 @click.option("--checkpoint", type=click.Path(path_type=Path), metavar="FILE", help="Keep the state; go on from it.")
 @click.option("--every", type=Time(), default="10s", show_default=True, metavar="TIME", help="Between checkpoints.")
 @click.option(
-    "--dashboard", is_flag=False, flag_value=DASHBOARD, metavar="[HOST:PORT]", help=f"Serve a page, at {DASHBOARD}."
+    "--dashboard",
+    is_flag=False,
+    flag_value=DASHBOARD,
+    metavar="[HOST:PORT]",
+    help=f"Serve a page, at {DASHBOARD}; demo does, unless it is off.",
 )
 @click.option(
     "--token", metavar="WORD", help="What a browser must bring; needed where not only this machine can reach it."

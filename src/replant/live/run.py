@@ -9,7 +9,9 @@ from pathlib import Path
 from replant.errors import InvalidArgumentError
 from replant.identifier import Identifier
 from replant.live.background import Background
+from replant.live.history import History
 from replant.live.keeper import Keeper, resume
+from replant.live.look import look
 from replant.live.memory import hold_flat
 from replant.live.notices import Notices
 from replant.live.observer import Observer
@@ -17,11 +19,11 @@ from replant.live.observing import Address, Orders
 from replant.live.progress import Progress
 from replant.live.recorder import Recorder
 from replant.live.session import Limits, Session
-from replant.live.sinks import open_sink
+from replant.live.sinks import Sink, open_sink
 from replant.live.status import print_summary
 from replant.live.warm import warm
 from replant.settings import Request
-from replant.sources import open_source
+from replant.sources import Source, open_source
 from replant.transfer_function import TransferFunction
 
 
@@ -80,30 +82,40 @@ def run(plan: Plan) -> bool:
     try:
         for line in said + ([f"replant: watch it at {observer.url}"] if observer.url else []):
             observer.show(line)
-        notices = Notices(observer.show)
-        background = Background(notices)
-        resumed = identifier is not None
-        recorder = None if plan.record is None else Recorder(plan.record, background, go_on=resumed)
-        keeper = None if plan.checkpoint is None else Keeper(plan.checkpoint, plan.every, background)
+        session = _session(plan, source, sinks, observer, progress, identifier)
         warm(plan.request, observer.show)
-        session = Session(
-            source,
-            identifier or Identifier(**vars(plan.request)),
-            background=background,
-            notices=notices,
-            observer=observer,
-            sinks=sinks,
-            recorder=recorder,
-            keeper=keeper,
-            limits=plan.limits,
-            progress=progress,
-        )
         reached = session.run()
     finally:
         observer.close()
-    if observer.last is not None:
-        print_summary(observer.last, plan.truth, to_stderr="-" in plan.sinks)
+    view = observer.last or look(session.identifier, session.pulse, History(plan.request.structure.size))
+    print_summary(view, plan.truth, to_stderr="-" in plan.sinks)
     return reached
+
+
+def _session(
+    plan: Plan,
+    source: Source,
+    sinks: Sequence[Sink],
+    observer: Observer,
+    progress: Progress,
+    identifier: Identifier | None,
+) -> Session:
+    """Return the session, going on with ``identifier`` if there is one."""
+    notices = Notices(observer.show)
+    background = Background(notices)
+    resumed = identifier is not None
+    return Session(
+        source,
+        identifier or Identifier(**vars(plan.request)),
+        background=background,
+        notices=notices,
+        observer=observer,
+        sinks=sinks,
+        recorder=None if plan.record is None else Recorder(plan.record, background, go_on=resumed),
+        keeper=None if plan.checkpoint is None else Keeper(plan.checkpoint, plan.every, background),
+        limits=plan.limits,
+        progress=progress,
+    )
 
 
 def _begin(plan: Plan) -> tuple[Progress, Identifier | None, list[str]]:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 import socket
+import time
 from typing import Any, Protocol
 from urllib.parse import SplitResult, unquote, urlsplit
 
 from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.live.estimate import Estimate
+from replant.sources.address import shown
 
 MQTT_PORT = 1883
+PATIENCE = 5.0  # s that a broker may be away before it is said
 
 
 class Sink(Protocol):
@@ -115,13 +118,31 @@ class Retained:
         if address.username:
             self._client.username_pw_set(unquote(address.username), unquote(address.password or ""))
         self._client.reconnect_delay_set(min_delay=1, max_delay=30)
+        self._client.on_connect = self._answered
+        self._trouble = "the broker does not answer"
+        self._connected = time.monotonic()
         self._client.connect_async(_host(address), port, keepalive=15)
         self._client.loop_start()
 
     def send(self, estimate: Estimate) -> None:
-        """Publish, retained; nothing while the broker is away."""
+        """Publish, retained; nothing while the broker is away.
+
+        Raises
+        ------
+        ConnectionError
+            When it has been away for some seconds.
+        """
+        now = time.monotonic()
         if self._client.is_connected():
+            self._connected = now
             self._client.publish(self._topic, estimate.as_json(), qos=0, retain=True)
+        elif now - self._connected > PATIENCE:
+            raise ConnectionError(self._trouble)
+
+    def _answered(self, *answer: Any) -> None:
+        """Take the broker's answer: client, what was given along, flags, reason, properties."""
+        refused = getattr(answer[3], "is_failure", False)
+        self._trouble = f"the broker refuses: {answer[3]}" if refused else "the broker does not answer"
 
     def close(self) -> None:
         """Send what is left and disconnect."""
@@ -162,7 +183,7 @@ def open_sink(address: str) -> Sink:
 
 def _host(address: SplitResult) -> str:
     if not address.hostname:
-        raise InvalidArgumentError(f"--to {address.geturl()}: the host is missing, as in {address.scheme}://127.0.0.1")
+        raise InvalidArgumentError(f"--to {shown(address)}: the host is missing, as in {address.scheme}://127.0.0.1")
     return address.hostname
 
 
@@ -172,5 +193,5 @@ def _port(address: SplitResult, usual: int | None) -> int:
     except ValueError:
         port = None
     if port is None:
-        raise InvalidArgumentError(f"--to {address.geturl()}: give a port from 1 to 65535 after the host")
+        raise InvalidArgumentError(f"--to {shown(address)}: give a port from 1 to 65535 after the host")
     return port
