@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import threading
 import time
 from collections.abc import Callable
 
@@ -11,9 +12,9 @@ import pytest
 
 from replant.errors import InvalidArgumentError
 from replant.rigs import deap_rig
-from replant.sources import Batch, open_source
+from replant.sources import Batch, demo, open_source
 from replant.sources.demo import BLOCK, simulated
-from sources.wires import Reading
+from sources.wires import Reading, wait_until
 
 FIELDS = ("u", "y", "t", "sequence")
 
@@ -45,6 +46,13 @@ def test_it_is_the_rig_without_a_seam_between_blocks() -> None:
     assert (u.min() >= 2.0, u.max() <= 5.5) == (True, True)
 
 
+def test_blocks_join_exactly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without noise: what the slow mode remembers from one block to the next is below the noise."""
+    monkeypatch.setattr(demo, "deap_rig", lambda: deap_rig(noise=0.0))
+    _, u, y = zip(*itertools.islice(simulated(0), 3), strict=True)
+    assert np.allclose(np.concatenate(y), deap_rig(noise=0.0).measure(np.concatenate(u)), rtol=0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize("after", [-1, 0, 99, BLOCK - 1, BLOCK + 77])
 def test_it_goes_on_after_any_number_to_the_bit(after: int) -> None:
     whole = first(BLOCK + 300)
@@ -70,9 +78,13 @@ def test_real_time(read: Callable[..., Reading]) -> None:
     assert reading.source.counters == {}
 
 
-def test_a_full_queue_makes_the_simulation_wait() -> None:
+def test_a_full_queue_makes_the_simulation_wait_until_nobody_takes_any_more() -> None:
     source = open_source("demo?speed=max")
-    assert sum(len(batch) for batch in itertools.islice(source.batches(), 50)) > 0
+    batches = source.batches()
+    assert sum(len(batch) for batch in itertools.islice(batches, 50)) > 0
+    wait_until(lambda: len(source._inbox) == source._inbox._capacity, "the queue is full")
+    batches.close()
+    assert not [thread for thread in threading.enumerate() if "demo" in thread.name]
     assert source.counters == {}
 
 

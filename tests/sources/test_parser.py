@@ -18,6 +18,7 @@ from replant.sources.batch import Batch
 from replant.sources.lines import LONGEST, Lines
 from replant.sources.parser import FEW, Parser
 from replant.sources.payload import MAGIC, Payloads
+from replant.sources.rows import json_values
 
 ANY = settings(derandomize=True, max_examples=150, deadline=None)
 COLUMNS = ("n", "t", "u", "y")
@@ -386,6 +387,12 @@ def test_lines_are_the_same_however_the_stream_is_cut(content: bytes, cuts: list
     expected = [*whole, *([tail] if tail.strip() else [])]
     assert out == b"".join(line + b"\n" for line in expected if len(line) <= 7)
     assert counters["too long"] == sum(len(line) > 7 for line in [*whole, tail])
+
+
+def test_lines_of_json_read_at_once_never_melt_into_one_another() -> None:
+    assert json_values(['{"u": 1}', "[2]"]) == [{"u": 1}, [2]]
+    assert json_values(['{"u": 1', '"y": 2}', '{"u": 1}, {"u": 2}']) is None
+    assert json_values(["[1", "2]", "[1], [2]"]) is None
 
 
 def test_half_a_line_of_csv_before_json() -> None:

@@ -101,6 +101,17 @@ def test_a_full_queue_drops_the_oldest_and_says_how_many(read: Callable[..., Rea
     assert source.counters == {"dropped": total - CAPACITY}
 
 
+def test_a_single_datagram_is_a_sample(read: Callable[..., Reading]) -> None:
+    """No second one came to confirm what its columns are."""
+    source = opened()
+    reading = read(source)
+    with Device(source) as device:
+        device.send(b"1,2")
+        wait_until(lambda: source._parser._waiting is not None, "it came")
+    reading.stop()
+    assert reading.column("y").tolist() == [2.0]
+
+
 def test_a_reset_device_goes_on(read: Callable[..., Reading]) -> None:
     reading = read(opened())
     with Device(reading.source) as device:
