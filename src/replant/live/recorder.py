@@ -115,15 +115,14 @@ class _Parts:
         self._number = int(self._found[-1].stem.removeprefix("part-")) if self._found else 0
 
     def last_number(self) -> int:
-        """Return the largest number n in the newest part that holds any, or the least integer."""
+        """Return the largest number n in the newest part, or the least integer where there is none."""
         import pyarrow.compute
         import pyarrow.parquet
 
-        for path in reversed(self._found):
-            last = pyarrow.compute.max(pyarrow.parquet.ParquetFile(path).read(columns=["n"]).column("n")).as_py()
-            if last is not None:
-                return int(last)
-        return int(np.iinfo(np.int64).min)
+        last = None
+        if self._found:
+            last = pyarrow.compute.max(pyarrow.parquet.read_table(self._found[-1], columns=["n"]).column("n")).as_py()
+        return int(np.iinfo(np.int64).min) if last is None else int(last)
 
     def next_number(self) -> int:
         """Return the number of a new part."""
