@@ -4,10 +4,10 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: demo test slow lint types check bench regression accuracy clean help
+.PHONY: demo test slow lint types check bench bench-live regression soak accuracy clean help
 
 help:            ## list the targets
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 10
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -39,6 +39,12 @@ bench: $(VENV)/.peers  ## speed, as ratios to C and to other libraries measured 
 
 regression: $(READY)  ## speed beside C with a wide margin, a few seconds
 	$(BIN)/python benchmarks/kernels.py --limit 2 --entries 4 8 --repetitions 15
+
+bench-live: $(READY)  ## live: throughput over TCP and MQTT, latency over UDP, memory
+	$(BIN)/python benchmarks/live.py
+
+soak: $(READY)   ## a day of rig time in fast replay: memory, estimate, checkpoint
+	$(BIN)/python benchmarks/soak.py
 
 accuracy: $(READY)  ## accuracy, Monte Carlo beside what is promised; writes docs/accuracy.md and out/accuracy
 	$(BIN)/python benchmarks/accuracy $(ARGS)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from replant.assessment import Assessment, assess_running, assess_starting
+from replant.assessment.online import unrolled
 from replant.covariance import covariance
 from replant.defaults import settle
 from replant.errors import InvalidArgumentError
@@ -275,6 +276,11 @@ class Identifier:
             self._resolve_at = 0  # a later solution of the record as a whole would learn what came in meanwhile
 
     @property
+    def request(self) -> Request:
+        """What was asked for, "auto" where the data are to decide."""
+        return self._request
+
+    @property
     def structure(self) -> Structure:
         """The structure that is identified."""
         return self._request.structure
@@ -334,6 +340,22 @@ class Identifier:
             return dict(self._held_rejects)
         counts = self._state.ints[[at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER]]
         return dict(zip(self._held_rejects, counts.tolist(), strict=True))
+
+    @property
+    def adapting(self) -> bool:
+        """Whether the estimate follows the samples, or is frozen."""
+        return self._settings is None or bool(self._state.ints[at.ADAPT])
+
+    @property
+    def recent(self) -> FloatArray:
+        """The newest accepted samples (K, 3): input behind its map, output, and seconds since the sample before."""
+        if self._settings is None:
+            u, y, t = np.array(self._held, np.float64).reshape(-1, 3).T
+            regular = np.isnan(t).any() or not t.size
+            intervals = np.full(u.size, self.dt) if regular else np.diff(t, prepend=t[:1] - self.dt)
+            return np.column_stack([self._request.preprocess.map_input(u), y, intervals])
+        rest = self._settings.preprocess
+        return np.asarray(unrolled(self._state) + np.array([float(rest.input_offset), float(rest.output_offset), 0.0]))
 
     @property
     def status(self) -> str:

@@ -70,6 +70,11 @@ class Seconds(Range):
 
 MOST_TRIED = 1000
 
+BIAS = click.option("--bias", is_flag=True, help="Identify a constant beside G(s).")
+INPUT_MAP = click.option(
+    "--input-map", type=click.Choice(["identity", "square"]), default="identity", help="Applied first."
+)
+
 _OPTIONS: list[Callable[[Any], Any]] = [
     click.argument("log", type=click.Path(path_type=Path)),
     click.option("--input", "input_column", required=True, metavar="COL", help="Column of the input: name or index."),
@@ -79,8 +84,8 @@ _OPTIONS: list[Callable[[Any], Any]] = [
     click.option("--time", "time_column", metavar="COL", help="Column of time in s; its steps must be equal."),
     click.option("--dt", type=float, metavar="S", help="Sampling time in s, instead of a column of time."),
     click.option("--delay", type=Seconds(), default="0", metavar="S", help="Dead time in s; fit takes 0:1:0.1, too."),
-    click.option("--bias", is_flag=True, help="Identify a constant beside G(s)."),
-    click.option("--input-map", type=click.Choice(["identity", "square"]), default="identity", help="Applied first."),
+    BIAS,
+    INPUT_MAP,
     click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
     click.option(
         "--out", type=click.Path(path_type=Path), metavar="DIR", help="Write plots (PNG) and report.html here."

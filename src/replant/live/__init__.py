@@ -1,1 +1,1 @@
-"""Live identification: samples come in over a wire, the estimate is watched while it moves."""
+"""Live identification: a session takes samples from a source, learns them, and hands the estimates on."""
