@@ -32,6 +32,7 @@ LEVELS: list[set[str]] = [
     # the estimators
     {"defaults"},
     {"startup"},
+    {"renewal"},
     {"identifier", "offline", "checkpoint"},
     {"search", "runs", "comparison", "sklearn"},
     # what touches the outside

@@ -16,11 +16,11 @@ from replant.filters import RefinedFilter, StateVariableFilter
 from replant.kernels import layout as at
 from replant.optimizers import Optimizer
 from replant.preprocess import Preprocess, screen
-from replant.refined import Record, refine
+from replant.renewal import RECENT, REGULAR, first_look, look, next_solution, solved_again
 from replant.replay import Replay
 from replant.scaling import Scaling
 from replant.settings import AUTO, Request, Settings
-from replant.startup import LARGEST, carry_over, first_model, kernels_for, ready_record, seed, warm_up
+from replant.startup import LARGEST, first_model, kernels_for, ready_record, seed, warm_up
 from replant.state import State
 from replant.structure import Structure
 from replant.trace import Trace
@@ -28,8 +28,6 @@ from replant.transfer_function import TransferFunction
 from replant.uncertainty import Uncertainty
 from replant.validation import FloatArray, number, record, vector
 
-RECENT = 10_000  # raw samples kept: for solving the start-up again as it grows, and for assessment
-REGULAR = np.zeros(0)  # the time stamps of a regular clock
 
 
 class Identifier:
@@ -116,8 +114,9 @@ class Identifier:
         """Forget every sample and begin again, choices left to "auto" included."""
         self._settings: Settings | None = None
         self._held: list[tuple[float, float, float]] = []
-        self._held_rejects = {"not finite": 0, "too large": 0, "not later": 0}
-        self._resolve_at = 0
+        self._held_rejects = dict.fromkeys(("not finite", "too large", "not later", "outlier", "stuck"), 0)
+        self._resolve_at = 0  # accepted samples at which to solve again; 0: not planned
+        self._attends = False  # whether that, or an alarm, is to be looked for after each sample
         if self._request.asks_for_data:
             self._hold = max(self._request.startup, self._least_startup)
         else:
@@ -158,8 +157,8 @@ class Identifier:
             u = float(self._request.preprocess.call_map(np.array([u]))[0])
         state = self._state
         error: float = self._step(state.ints, state.reals, state.banks, state.buffer, state.recent, u, y, t)
-        if self._resolve_at and state.ints[at.SAMPLES] == self._resolve_at:
-            self._solve_again()
+        if self._attends:
+            self._attend()
         return error
 
     def update_many(self, u: Any, y: Any, t: Any = None) -> Trace:
@@ -191,17 +190,30 @@ class Identifier:
             end = u.size
             if self._resolve_at:  # no further than to where it would be reached were every sample accepted
                 end = min(end, taken + self._resolve_at - self.samples)
-            self._take(u[taken:end], y[taken:end], t[taken:end], trace.errors[taken:end], trace.parameters[taken:end])
-            taken = end
+            taken += self._take(
+                u[taken:end], y[taken:end], t[taken:end], trace.errors[taken:end], trace.parameters[taken:end]
+            )
         return trace
 
-    def _take(self, u: FloatArray, y: FloatArray, t: FloatArray, errors: FloatArray, parameters: FloatArray) -> None:
-        """Run a chunk without a new solution inside it; the solution that is due at its end follows."""
+    def _take(self, u: FloatArray, y: FloatArray, t: FloatArray, errors: FloatArray, parameters: FloatArray) -> int:
+        """Run a chunk, up to where something is to be looked into; do so, and return how many samples were taken."""
         state = self._state
-        self._steps(state.ints, state.reals, state.banks, state.buffer, state.recent, u, y, t, errors, parameters)
-        if self._resolve_at and state.ints[at.SAMPLES] == self._resolve_at:
+        taken: int = self._steps(
+            state.ints, state.reals, state.banks, state.buffer, state.recent, u, y, t, errors, parameters
+        )
+        if self._attends:
+            self._attend()
+            parameters[taken - 1] = self.parameters
+        return taken
+
+    def _attend(self) -> None:
+        """After a sample: look into an alarm, or solve again, where either is due."""
+        ints = self._state.ints
+        if ints[at.ALARM] == 1:
+            assert self._settings is not None
+            self._resolve_at = first_look(self._state, self._settings)
+        elif self._resolve_at and ints[at.SAMPLES] == self._resolve_at:
             self._solve_again()
-            parameters[-1] = self.parameters
 
     def finish_startup(self) -> None:
         """Begin with the samples held so far, and learn them; without effect once begun.
@@ -223,8 +235,9 @@ class Identifier:
         if self._settings is None:
             raise InvalidArgumentError("the identifier is still starting: there is no estimate to freeze yet")
         self._state.ints[at.ADAPT] = adapt
+        self._state.ints[at.CHANGE_BEGAN], self._state.reals[at.CUSUM] = self._state.ints[at.SAMPLES], 0.0
         if not adapt:
-            self._resolve_at = 0  # a later solution of the record as a whole would learn what came in meanwhile
+            self._resolve_at = self._state.ints[at.ALARM] = 0  # a later solution would learn what came in meanwhile
 
     @property
     def structure(self) -> Structure:
@@ -284,7 +297,7 @@ class Identifier:
         """Rejected samples by reason."""
         if self._settings is None:
             return dict(self._held_rejects)
-        counts = self._state.ints[[at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER]]
+        counts = self._state.ints[[at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER, at.OUTLIERS, at.STUCK]]
         return dict(zip(self._held_rejects, counts.tolist(), strict=True))
 
     @property
@@ -356,7 +369,7 @@ class Identifier:
         self._settings, self._mapped = settings, callable(self._request.preprocess.input_map)
         self._state = State.of_settings(settings, RECENT)
         self._choose_kernels(regular=bool(np.isnan(t).any()) or not t.size)
-        self._state.ints[[at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER]] = list(self._held_rejects.values())
+        self._state.ints[[at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER]] = list(self._held_rejects.values())[:3]
         self._held = []
         if u.size == 0:
             return math.nan
@@ -364,9 +377,10 @@ class Identifier:
             u = settings.preprocess.call_map(u)
         if refined is None:
             return float(self._warm_up(u, y, t, learn=True)[-1])
-        self._resolve_at = self._next_solution(u.size)
         seed(self._state, settings, refined, ready)
         errors = self._warm_up(u, y, t, learn=not settings.optimizer.keeps_covariance)
+        self._resolve_at = next_solution(self._state, settings)
+        self._attends = settings.optimizer.keeps_covariance
         return float(errors[-1])
 
     def _choose_kernels(self, *, regular: bool) -> None:
@@ -387,31 +401,13 @@ class Identifier:
             self._held = self._held[len(self._held) // 2 :]
         return math.nan
 
-    def _next_solution(self, samples: int) -> int:
-        """Return at how many accepted samples the whole record is solved again, ``samples`` being there; 0: never."""
-        settings = self._settings
-        assert settings is not None
-        remembers_all = settings.optimizer.keeps_colour and self._state.block(at.AT_SETTINGS, 1)[0] == 1.0
-        due = 2 * samples
-        return due if remembers_all and isinstance(settings.filter, RefinedFilter) and due <= RECENT else 0
-
     def _solve_again(self) -> None:
-        """Solve the record so far as a whole, from the present estimate, and go on from that solution."""
+        """Solve the record so far as a whole, or what came since an alarm, and go on from that solution."""
         settings, old = self._settings, self._state
-        samples = int(old.ints[at.SAMPLES])
-        self._resolve_at = self._next_solution(samples)
         assert settings is not None
-        if old.ints[at.GAPS] or not old.ints[at.ADAPT] or samples > RECENT:
-            return
-        u, y, intervals = old.recent[:samples].T.copy()
-        regular = bool((intervals == self.dt).all())
-        ready = Record(u, y, np.array([self.dt]) if regular else intervals, settings.filter.input_hold)
-        refined = refine(self.structure, ready, [old.theta * old.unit])
-        if refined is None or not refined.acceptable:
-            return
-        self._state = State.of_settings(settings, RECENT)
-        seed(self._state, settings, refined, ready)
-        t = REGULAR if regular else old.reals[at.LAST_TIME] - (intervals.sum() - np.cumsum(intervals))
-        with self._state.without_preprocessing():
-            self._warm_up(u, y, t, learn=False)
-        carry_over(old, self._state)
+        if old.ints[at.ALARM]:
+            self._state, self._resolve_at = look(old, settings)
+            self._resolve_at = self._resolve_at or next_solution(self._state, settings)
+        else:
+            self._state = solved_again(old, settings) or old
+            self._resolve_at = next_solution(self._state, settings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -18,6 +19,7 @@ from replant.structure import Structure
 from replant.validation import FloatArray
 
 LARGEST = 20_000  # samples held back at the most, before a start-up that does not suffice is taken as it is
+LIMIT = 50.0  # usual variances by which the residual must have exceeded what is no growth, summed, to be looked into
 ROOM = 1e6  # how far forgetting may let the variances grow beyond those of the start-up
 
 
@@ -51,6 +53,7 @@ def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn:
     state.ints[at.ADAPT] = learn
     steps(state.ints, state.reals, state.banks, state.buffer, state.recent, u, y, t, errors, unseen)
     state.ints[at.ADAPT] = 1
+    state.ints[at.CHANGE_BEGAN] = state.ints[at.SAMPLES]
     if not learn:
         state.ints[at.RESTED] = rested
     state.ints[at.PAST_KEPT], state.ints[at.PAST_DUE] = 0, state.ints[at.SAMPLES]
@@ -66,6 +69,8 @@ def seed(state: State, settings: Settings, refined: Refined, record: Record) -> 
     state.reals[at.FORGET_INPUT] = 1.0 / record.u.size
     state.install(refined.model[:entries] / rate)
     state.theta[:] = refined.theta[:entries] / rate / state.unit
+    if state.ints[at.GUARDED]:
+        _seed_guard(state, settings, refined, record)
     if settings.optimizer.keeps_covariance:
         state.ints[at.GUARD] = 1
         _seed_covariance(state, settings, refined, rate)
@@ -122,6 +127,17 @@ def _seed_tracking(state: State, settings: Settings, refined: Refined, record: R
         noise[constant] = (of_a0 + of_b0) / state.unit[constant] ** 2
 
 
+def _seed_guard(state: State, settings: Settings, refined: Refined, record: Record) -> None:
+    """Tell the guard what is usual: the residual's variance, the output's size, and how often neighbours are equal."""
+    scale, reals = settings.scaling.output, state.reals
+    reals[at.SPREAD] = reals[at.USUAL] = refined.variance / scale**2
+    reals[at.SEEN] = record.u.size
+    reals[at.PEAK] = float(np.var(record.y)) / scale**2
+    reals[at.EQUAL] = float(np.mean(record.y[1:] == record.y[:-1]))
+    reals[at.LAST_RAW] = math.nan
+    reals[at.LIMIT] = LIMIT
+
+
 def _seed_colour(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:
     """Write power and colour of the start-up's residual, in scaled signals."""
     from replant.kernels import residuals
@@ -175,11 +191,13 @@ def first_model(structure: Structure, record: Record) -> Refined | None:
 
 
 def carry_over(old: State, new: State) -> None:
-    """Keep counters, clock, past estimates and the user's choice to freeze, of a state that a new one replaces."""
+    """Keep counters, clock, raw samples, past estimates and the user's choice to freeze, of a state that is replaced."""
     for slot in (
-        at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER, at.REFUSED, at.RESTED, at.GAPS, at.ADAPT, at.DRAWN,
-        at.PAST_KEPT, at.PAST_DUE,
+        at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER, at.TOO_DENSE, at.REFUSED, at.RESTED, at.GAPS, at.GAP_AT, at.ADAPT,
+        at.DRAWN, at.PAST_KEPT, at.PAST_DUE, at.OUTLIERS, at.STUCK, at.SAMPLES, at.RECENT_HEAD,
     ):  # fmt: skip
         new.ints[slot] = old.ints[slot]
-    new.past[:] = old.past
-    new.reals[at.LAST_TIME] = old.reals[at.LAST_TIME]  # stamps may have been as regular as none
+    new.ints[at.LEARNED] = new.ints[at.CHANGE_BEGAN] = old.ints[at.SAMPLES]
+    new.past[:], new.recent[:] = old.past, old.recent
+    for slot in (at.LAST_TIME, at.LAST_RAW, at.LIMIT):  # stamps may have been as regular as none
+        new.reals[slot] = old.reals[slot]

@@ -44,8 +44,9 @@ class State:
     banks : (3, size) array
     buffer : (capacity, width) array
         Replay: a learned sample a row.
-    recent : (R, 3) array
-        Raw samples kept: input, output, interval.
+    recent : (R, 3) or (R, 5) array
+        Raw samples kept: input, output, interval; guarded, then also the output that the filters saw, and why (see
+        `replant.kernels.guard`).
     """
 
     ints: IntArray
@@ -70,6 +71,7 @@ class State:
         capacity: int = 1,
         batch: int = 1,
         recent: int = 0,
+        guarded: bool = False,
     ) -> State:
         """Lay out the arrays; ``state_filter`` None stands for the refined filter, which has nuisances."""
         from replant.kernels import bank as bk
@@ -95,6 +97,7 @@ class State:
         ints[at.REFINED], ints[at.INSTRUMENTS] = refined, instruments or refined
         ints[at.CAPACITY], ints[at.RECENT] = capacity, recent
         ints[at.ADAPT] = ints[at.ACTIVE] = 1
+        ints[at.GUARDED] = guarded
         reals[at.OUTPUT_SCALE], reals[at.DELAY], reals[at.INTERVAL] = output_scale, structure.delay, dt
         reals[at.READY], reals[at.LONGEST_GAP] = math.inf, math.inf
         state = cls(
@@ -102,7 +105,7 @@ class State:
             reals,
             np.zeros((3, bk.size(n, entries))),
             np.zeros((capacity, (2 * entries if ints[at.INSTRUMENTS] else entries) + 2)),
-            np.zeros((recent, 3)),
+            np.zeros((recent, 5 if guarded else 3)),
         )
         sigma = np.ones(entries) if sigma is None else sigma
         state.block(at.AT_SIGMA, entries)[:] = sigma
@@ -135,6 +138,7 @@ class State:
             capacity=replay.capacity if replay else 1,  # without replay: the newest sample, which is always learned
             batch=replay.batch_size if replay else 1,
             recent=recent,
+            guarded=optimizer.keeps_covariance,
         )
         ints, reals = state.ints, state.reals
         ints[at.ALGORITHM], ints[at.NORMALIZE] = optimizer.code, settings.normalize
@@ -144,6 +148,7 @@ class State:
         ints[at.COLOURED] = optimizer.keeps_covariance and optimizer.keeps_colour
         remembers_all = optimizer.keeps_colour and state.block(at.AT_SETTINGS, 1)[0] == 1.0
         follows = optimizer.keeps_covariance and not remembers_all
+        ints[at.WAITS] = not follows
         ints[at.PAST_STEP] = SHORTEST_STEP if follows else LONGEST_STEP
         reals[at.INPUT_OFFSET] = float(settings.preprocess.input_offset)
         reals[at.OUTPUT_OFFSET] = float(settings.preprocess.output_offset)

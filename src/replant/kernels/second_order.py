@@ -12,6 +12,9 @@ import numpy as np
 
 from replant.kernels.compiled import rare
 
+# The codes of these optimizers; `replant.optimizers` names them by the same numbers.
+RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9
+
 
 @rare
 def measurement_update(U, D, zeta, noise, projected, gain):
@@ -68,6 +71,19 @@ def time_update(U, D, increase, work):
 
 
 @rare
+def variance_along(U, D, zeta):
+    """Return zeta' P zeta."""
+    P = D.size
+    total = 0.0
+    for j in range(P):
+        projected = zeta[j]
+        for i in range(j):
+            projected += U[i * P + j] * zeta[i]
+        total += D[j] * projected * projected
+    return total
+
+
+@rare
 def expand(U, D, covariance):
     """Write P = U D U' into ``covariance`` (P, P)."""
     P = D.size
@@ -109,7 +125,7 @@ def recursive_least_squares(theta, memory, settings, buffer, rows, batch, direct
 def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, interval):
     """Random walk of the parameters; settings [1 / time constant of the noise estimate, q (P)].
 
-    Memory [U (P^2), D (P), noise variance, work (2 P^2 + 4 P)].  The noise variance is tracked as
+    Memory [U (P^2), D (P), noise variance, work (2 P^2 + 5 P), alpha].  The noise variance is tracked as
     R += (e^2 R / alpha - R) h / T, which the uncertainty of the parameters does not bias.
     """
     P = theta.size
@@ -117,7 +133,7 @@ def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, int
     at = P * P + P
     increase, projected = memory[at + 1 : at + 1 + P], memory[at + 1 + P : at + 1 + 2 * P]
     gain = memory[at + 1 + 2 * P : at + 1 + 3 * P]
-    work = memory[at + 1 + 3 * P :]
+    work = memory[at + 1 + 3 * P : memory.size - 1]
     for k in range(batch):
         row = buffer[rows[k]]
         for i in range(P):
@@ -130,5 +146,6 @@ def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, int
         alpha = measurement_update(U, D, row[direction : direction + P], noise, projected, gain)
         for i in range(P):
             theta[i] += gain[i] * error / alpha
+        memory[memory.size - 1] = alpha
         share = min(settings[0] * interval, 1.0)
         memory[at] = max(noise + (error * error * noise / alpha - noise) * share, np.finfo(np.float64).tiny)

@@ -1,0 +1,164 @@
+"""Solving again: the record so far as it grows, and what came since the plant has changed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from replant.assessment.model_run import run_model
+from replant.assessment.online import STANDS, cleaned, unrolled
+from replant.filters import RefinedFilter
+from replant.kernels import layout as at
+from replant.refined import Record, Refined, refine
+from replant.settings import Settings
+from replant.startup import carry_over, seed, warm_up
+from replant.state import State
+from replant.validation import FloatArray
+
+RECENT = 10_000  # raw samples kept: for solving the start-up again as it grows, and for assessment
+REGULAR = np.zeros(0)  # the time stamps of a regular clock
+
+# A change is believed where a model of what came since leaves at most this part of what the present one leaves of it,
+BETTER = 0.75
+# ... by so many units of the log likelihood: more than as many coefficients would gain by chance.
+SURE = 30.0
+AS_GOOD = 0.9  # ... and is given up early where it leaves more than this
+EXPLAINED = 0.3  # ... and explains at least this part of the output's power over the newer half.
+MOST_DOUBTED = 0.05  # share of bridged samples up to which a record is one
+STUCK_RUN = 4  # ties in a row of a sensor that was stuck: what lies before is not looked at
+EARLIEST = 0.25  # of a start-up, after which it is looked into first
+PATIENCE = 1.5  # each look takes so many times the samples of the one before
+
+
+def next_solution(state: State, settings: Settings) -> int:
+    """Return at how many accepted samples the record as a whole is solved again, twice of what it is; 0: never."""
+    origin, samples = int(state.ints[at.ORIGIN]), int(state.ints[at.SAMPLES])
+    remembers_all = settings.optimizer.keeps_colour and state.block(at.AT_SETTINGS, 1)[0] == 1.0
+    due = 2 * (samples - origin)
+    return origin + due if remembers_all and isinstance(settings.filter, RefinedFilter) and due <= RECENT else 0
+
+
+def solved_again(old: State, settings: Settings) -> State | None:
+    """Return the state after solving the record so far as a whole, from the present estimate.
+
+    None where that leads to no model that could be used, or where the record is not in one piece.
+    """
+    origin = int(old.ints[at.ORIGIN])
+    kept = since(old, origin)
+    if old.ints[at.GAP_AT] > origin or not old.ints[at.ADAPT] or int(old.ints[at.SAMPLES]) - origin > len(kept):
+        return None
+    if float((kept[:, at.DOUBTED] > 0).mean()) > MOST_DOUBTED:
+        return None
+    kept[:, at.OUTPUT] = kept[:, at.BRIDGED]
+    record = _record(kept, settings)
+    refined = refine(settings.structure, record, [old.theta * old.unit])
+    if refined is None or not refined.acceptable:
+        return None
+    return _begun_with(old, settings, refined, record, origin)
+
+
+def first_look(state: State, settings: Settings) -> int:
+    """Return at how many accepted samples what came since an alarm is to be looked into first."""
+    state.ints[at.ALARM] = 2
+    return max(_began(state) + _least(settings), int(state.ints[at.SAMPLES]) + 1)
+
+
+def look(old: State, settings: Settings) -> tuple[State, int]:
+    """Look for a model of what came since the residual has grown.
+
+    Returns the state to go on with, and at how many accepted samples to look again; 0: no more.
+    """
+    began, samples = _began(old), int(old.ints[at.SAMPLES])
+    kept = after_stuck(since(old, began))
+    record, length = _record(kept, settings), len(kept)
+    began, later = samples - length, samples + max(int((PATIENCE - 1.0) * length), 50)
+    if length < _least(settings) or float((kept[:, at.DOUBTED] == STANDS).mean()) > MOST_DOUBTED:
+        return old, later
+    refined = refine(settings.structure, record) if _moves(record) else None
+    share, explained = _comparison(old, settings, refined, record)
+    better = share < BETTER and -length * math.log(share) > SURE and explained > EXPLAINED
+    if refined is not None and refined.acceptable and better:
+        new = _begun_with(old, settings, refined, record, began)
+        new.ints[at.PAST_KEPT], new.ints[at.PAST_DUE] = 0, samples
+        return new, next_solution(new, settings)
+    if length >= (settings.startup if share > AS_GOOD else 2 * settings.startup) and share > BETTER:
+        _believe_residual(old)
+        return old, 0
+    if length > RECENT // 2:  # it may have changed once more
+        old.ints[at.CHANGE_BEGAN] = samples - RECENT // 4
+        return old, samples + RECENT // 4
+    return old, later
+
+
+def since(state: State, sample: int) -> FloatArray:
+    """Return the raw samples kept since then, lonely outliers bridged."""
+    kept = cleaned(unrolled(state))
+    return kept[max(len(kept) - (int(state.ints[at.SAMPLES]) - sample), 0) :]
+
+
+def after_stuck(kept: FloatArray) -> FloatArray:
+    """Return the raw samples that came after a sensor was last stuck for a while."""
+    stuck = np.convolve(kept[:, at.DOUBTED] == STANDS, np.ones(STUCK_RUN), "valid") == STUCK_RUN
+    return kept[int(np.flatnonzero(stuck)[-1]) + STUCK_RUN :] if stuck.any() else kept
+
+
+def _least(settings: Settings) -> int:
+    structure = settings.structure
+    return max(4 * (2 * structure.poles + structure.zeros + 2), int(EARLIEST * settings.startup))
+
+
+def _began(state: State) -> int:
+    return max(int(state.ints[at.CHANGE_BEGAN]), int(state.ints[at.GAP_AT]), int(state.ints[at.ORIGIN]))
+
+
+def _moves(record: Record) -> bool:
+    return record.u.size > 20 and float(np.ptp(record.u)) > 0.0 and float(np.ptp(record.y)) > 0.0
+
+
+def _comparison(state: State, settings: Settings, refined: Refined | None, record: Record) -> tuple[float, float]:
+    """Return what a new model leaves of a record, over what the present one leaves; and what it explains.
+
+    The latter as a part of the output's power over the newer half, where no initial state is to be seen any more.
+    """
+    size, half = settings.structure.size, slice(record.u.size // 2, None)
+    if refined is None:
+        return 1.0, 0.0
+    new = run_model(settings.structure, refined.theta[:size], record, settings.dt)
+    now = run_model(settings.structure, state.theta[:size] * state.unit[:size], record, settings.dt)
+    if new is None:
+        return 1.0, 0.0
+    power = float(np.var(record.y[half]))
+    explained = 1.0 - float(np.var(new.error[half])) / power if power > 0.0 else 0.0
+    least = np.finfo(float).eps * float(np.var(record.y))  # what rounding leaves is nothing
+    left = float(np.var(now.error)) if now is not None else math.inf
+    return (float(np.var(new.error)) + least) / (left + least), explained
+
+
+def _believe_residual(state: State) -> None:
+    """Take the residual's present power for usual: no model explains it better; and be slower to suspect it."""
+    state.ints[at.ALARM] = 0
+    state.reals[at.USUAL] = max(state.reals[at.USUAL], state.reals[at.SPREAD])
+    state.reals[at.CUSUM] = 0.0
+    state.reals[at.LIMIT] *= 2.0
+
+
+def _record(kept: FloatArray, settings: Settings) -> Record:
+    u, y, intervals = kept[:, :3].T.copy()
+    regular = bool((intervals[1:] == settings.dt).all())
+    return Record(u, y, np.array([settings.dt]) if regular else intervals, settings.filter.input_hold)
+
+
+def _begun_with(old: State, settings: Settings, refined: Refined, record: Record, origin: int) -> State:
+    """Return a state that begins at a refined estimate of the record since ``origin``, and goes on where ``old`` is."""
+    new = State.of_settings(settings, RECENT)
+    seed(new, settings, refined, record)
+    stamps = REGULAR
+    if record.intervals.size > 1:
+        stamps = old.reals[at.LAST_TIME] - (record.intervals.sum() - np.cumsum(record.intervals))
+    with new.without_preprocessing():
+        warm_up(new, record.u, record.y, stamps, learn=False)
+    new.reals[at.READY] = new.reals[at.ELAPSED]
+    carry_over(old, new)
+    new.ints[at.ORIGIN] = origin
+    return new
