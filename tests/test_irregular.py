@@ -16,7 +16,7 @@ from replant.state import GAP
 
 STRUCTURE, PLANT = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
 TRUE = true_parameters(PLANT, 1)
-NONE = {"not finite": 0, "too large": 0, "not later": 0}
+NONE = dict.fromkeys(("not finite", "too large", "not later", "too dense", "outlier", "stuck"), 0)
 
 
 def gaps(ident: rp.Identifier) -> int:

@@ -28,6 +28,11 @@ from replant.transfer_function import TransferFunction
 from replant.uncertainty import Uncertainty
 from replant.validation import FloatArray, number, record, vector
 
+#: Why a sample is not learned, and where it is counted.  Outliers, and what comes from a stuck sensor, are bridged.
+REASONS = {
+    "not finite": at.NOT_FINITE, "too large": at.TOO_LARGE, "not later": at.NOT_LATER, "too dense": at.TOO_DENSE,
+    "outlier": at.OUTLIERS, "stuck": at.STUCK,
+}  # fmt: skip
 
 
 class Identifier:
@@ -114,7 +119,7 @@ class Identifier:
         """Forget every sample and begin again, choices left to "auto" included."""
         self._settings: Settings | None = None
         self._held: list[tuple[float, float, float]] = []
-        self._held_rejects = dict.fromkeys(("not finite", "too large", "not later", "outlier", "stuck"), 0)
+        self._held_rejects = dict.fromkeys(REASONS, 0)
         self._resolve_at = 0  # accepted samples at which to solve again; 0: not planned
         self._attends = False  # whether that, or an alarm, is to be looked for after each sample
         if self._request.asks_for_data:
@@ -297,8 +302,7 @@ class Identifier:
         """Rejected samples by reason."""
         if self._settings is None:
             return dict(self._held_rejects)
-        counts = self._state.ints[[at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER, at.OUTLIERS, at.STUCK]]
-        return dict(zip(self._held_rejects, counts.tolist(), strict=True))
+        return dict(zip(REASONS, self._state.ints[list(REASONS.values())].tolist(), strict=True))
 
     @property
     def status(self) -> str:
@@ -369,7 +373,7 @@ class Identifier:
         self._settings, self._mapped = settings, callable(self._request.preprocess.input_map)
         self._state = State.of_settings(settings, RECENT)
         self._choose_kernels(regular=bool(np.isnan(t).any()) or not t.size)
-        self._state.ints[[at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER]] = list(self._held_rejects.values())[:3]
+        self._state.ints[list(REASONS.values())] = list(self._held_rejects.values())
         self._held = []
         if u.size == 0:
             return math.nan
@@ -407,7 +411,6 @@ class Identifier:
         assert settings is not None
         if old.ints[at.ALARM]:
             self._state, self._resolve_at = look(old, settings)
-            self._resolve_at = self._resolve_at or next_solution(self._state, settings)
         else:
             self._state = solved_again(old, settings) or old
             self._resolve_at = next_solution(self._state, settings)

@@ -19,15 +19,18 @@ from replant.validation import FloatArray
 RECENT = 10_000  # raw samples kept: for solving the start-up again as it grows, and for assessment
 REGULAR = np.zeros(0)  # the time stamps of a regular clock
 
-# A change is believed where a model of what came since leaves at most this part of what the present one leaves of it,
-BETTER = 0.75
-# ... by so many units of the log likelihood: more than as many coefficients would gain by chance.
-SURE = 30.0
-AS_GOOD = 0.9  # ... and is given up early where it leaves more than this
-EXPLAINED = 0.3  # ... and explains at least this part of the output's power over the newer half.
+# A change is believed where a model of the first two thirds of what came since leaves, of the last, at most this part
+# of what the present one leaves,
+BETTER = 0.5
+# ... by so many units of the log likelihood: more than as many coefficients would gain by chance,
+SURE = 15.0
+# ... and explains at least this part of the output's power there.
+EXPLAINED = 0.3
 MOST_DOUBTED = 0.05  # share of bridged samples up to which a record is one
 STUCK_RUN = 4  # ties in a row of a sensor that was stuck: what lies before is not looked at
-EARLIEST = 0.25  # of a start-up, after which it is looked into first
+EARLIEST = 0.25  # of a start-up, after which it is looked into first,
+LATEST = 2.0  # ... and after which it is no longer believed,
+WORSE, EARLIER = 0.8, 0.5  # or earlier if a model of what came since is hardly better than the present one
 PATIENCE = 1.5  # each look takes so many times the samples of the one before
 
 
@@ -67,7 +70,8 @@ def first_look(state: State, settings: Settings) -> int:
 def look(old: State, settings: Settings) -> tuple[State, int]:
     """Look for a model of what came since the residual has grown.
 
-    Returns the state to go on with, and at how many accepted samples to look again; 0: no more.
+    Returns the state to go on with, and at how many accepted samples to look or to solve again; 0: no more.  What was
+    not learned meanwhile is made up for where the alarm was false.
     """
     began, samples = _began(old), int(old.ints[at.SAMPLES])
     kept = after_stuck(since(old, began))
@@ -75,16 +79,17 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     began, later = samples - length, samples + max(int((PATIENCE - 1.0) * length), 50)
     if length < _least(settings) or float((kept[:, at.DOUBTED] == STANDS).mean()) > MOST_DOUBTED:
         return old, later
-    refined = refine(settings.structure, record) if _moves(record) else None
-    share, explained = _comparison(old, settings, refined, record)
-    better = share < BETTER and -length * math.log(share) > SURE and explained > EXPLAINED
-    if refined is not None and refined.acceptable and better:
-        new = _begun_with(old, settings, refined, record, began)
-        new.ints[at.PAST_KEPT], new.ints[at.PAST_DUE] = 0, samples
-        return new, next_solution(new, settings)
-    if length >= (settings.startup if share > AS_GOOD else 2 * settings.startup) and share > BETTER:
+    share = _share_left(old, settings, record)
+    if share < BETTER:
+        refined = refine(settings.structure, record)
+        if refined is not None and refined.acceptable:
+            new = _begun_with(old, settings, refined, record, began)
+            new.ints[at.PAST_KEPT], new.ints[at.PAST_DUE] = 0, samples
+            return new, next_solution(new, settings)
+    elif length >= (LATEST if share < WORSE else EARLIER) * settings.startup:
         _believe_residual(old)
-        return old, 0
+        new = old if next_solution(old, settings) == 0 else solved_again(old, settings) or old
+        return new, next_solution(new, settings)
     if length > RECENT // 2:  # it may have changed once more
         old.ints[at.CHANGE_BEGAN] = samples - RECENT // 4
         return old, samples + RECENT // 4
@@ -112,27 +117,26 @@ def _began(state: State) -> int:
     return max(int(state.ints[at.CHANGE_BEGAN]), int(state.ints[at.GAP_AT]), int(state.ints[at.ORIGIN]))
 
 
-def _moves(record: Record) -> bool:
-    return record.u.size > 20 and float(np.ptp(record.u)) > 0.0 and float(np.ptp(record.y)) > 0.0
+def _share_left(state: State, settings: Settings, record: Record) -> float:
+    """Return what a model of the first two thirds of a record leaves of the last, over what the present one leaves.
 
-
-def _comparison(state: State, settings: Settings, refined: Refined | None, record: Record) -> tuple[float, float]:
-    """Return what a new model leaves of a record, over what the present one leaves; and what it explains.
-
-    The latter as a part of the output's power over the newer half, where no initial state is to be seen any more.
+    One where that may be chance, or where it is not known.  Where no model is quite right one that is made for a few samples always fits these better: only what it has not
+    seen tells whether the plant has changed.
     """
-    size, half = settings.structure.size, slice(record.u.size // 2, None)
+    structure, seen = settings.structure, 2 * record.u.size // 3
+    refined = refine(structure, record.first(seen)) if float(np.ptp(record.u[:seen])) > 0.0 else None
     if refined is None:
-        return 1.0, 0.0
-    new = run_model(settings.structure, refined.theta[:size], record, settings.dt)
-    now = run_model(settings.structure, state.theta[:size] * state.unit[:size], record, settings.dt)
-    if new is None:
-        return 1.0, 0.0
-    power = float(np.var(record.y[half]))
-    explained = 1.0 - float(np.var(new.error[half])) / power if power > 0.0 else 0.0
-    least = np.finfo(float).eps * float(np.var(record.y))  # what rounding leaves is nothing
-    left = float(np.var(now.error)) if now is not None else math.inf
-    return (float(np.var(new.error)) + least) / (left + least), explained
+        return 1.0
+    left = []
+    for parameters in (refined.theta, state.theta * state.unit):
+        run = run_model(structure, parameters[: structure.size], record, settings.dt)
+        left.append(float(np.var(run.error[seen:])) if run is not None else math.inf)
+    power = float(np.var(record.y[seen:]))
+    if not left[0] < (1.0 - EXPLAINED) * power:
+        return 1.0
+    least = np.finfo(float).eps * power  # what rounding leaves is nothing
+    share = (left[0] + least) / (left[1] + least)
+    return share if -(record.u.size - seen) * math.log(max(share, 1e-300)) > SURE else max(share, BETTER)
 
 
 def _believe_residual(state: State) -> None:

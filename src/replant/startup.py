@@ -20,6 +20,7 @@ from replant.validation import FloatArray
 
 LARGEST = 20_000  # samples held back at the most, before a start-up that does not suffice is taken as it is
 LIMIT = 50.0  # usual variances by which the residual must have exceeded what is no growth, summed, to be looked into
+SHORTEST_MEMORY = 32  # samples of an input that stands still, before which it does not rest
 ROOM = 1e6  # how far forgetting may let the variances grow beyond those of the start-up
 
 
@@ -53,7 +54,8 @@ def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn:
     state.ints[at.ADAPT] = learn
     steps(state.ints, state.reals, state.banks, state.buffer, state.recent, u, y, t, errors, unseen)
     state.ints[at.ADAPT] = 1
-    state.ints[at.CHANGE_BEGAN] = state.ints[at.SAMPLES]
+    if state.ints[at.GUARDED]:
+        state.ints[at.CHANGE_BEGAN] = state.ints[at.SAMPLES]
     if not learn:
         state.ints[at.RESTED] = rested
     state.ints[at.PAST_KEPT], state.ints[at.PAST_DUE] = 0, state.ints[at.SAMPLES]
@@ -78,6 +80,21 @@ def seed(state: State, settings: Settings, refined: Refined, record: Record) -> 
         _seed_colour(state, settings, refined, rate)
     if not settings.optimizer.keeps_colour and settings.optimizer.keeps_covariance:
         _seed_tracking(state, settings, refined, record)
+    if settings.optimizer.keeps_covariance:
+        state.ints[at.REST_AFTER] = _memory(state, settings)
+
+
+def _memory(state: State, settings: Settings) -> int:
+    """Return after how many samples the optimizer will have forgotten; 0: never, or after more than start-up had."""
+    size = state.entries
+    numbers = state.block(at.AT_SETTINGS, int(state.ints[at.SETTINGS_SIZE]))
+    if settings.optimizer.keeps_colour:
+        share = 1.0 - float(numbers[0])
+    else:  # a variance that a parameter gains in a sample, over what it is
+        memory = state.block(at.AT_MEMORY, size * size + size)
+        known = np.diag(compose(memory[: size * size].reshape(size, size), memory[size * size :]))
+        share = float((numbers[1 : 1 + size] * settings.dt / np.maximum(known, 1e-300)).max())
+    return max(math.ceil(1.0 / share), SHORTEST_MEMORY) if share > state.reals[at.FORGET_INPUT] else 0
 
 
 def _rates(state: State, settings: Settings) -> FloatArray:
@@ -201,3 +218,4 @@ def carry_over(old: State, new: State) -> None:
     new.past[:], new.recent[:] = old.past, old.recent
     for slot in (at.LAST_TIME, at.LAST_RAW, at.LIMIT):  # stamps may have been as regular as none
         new.reals[slot] = old.reals[slot]
+    new.reals[at.LARGEST_POWER] = max(old.reals[at.LARGEST_POWER], new.reals[at.LARGEST_POWER])

@@ -27,6 +27,8 @@ IntArray = np.ndarray[tuple[int], np.dtype[np.int64]]
 
 NOTHING = np.zeros(0)
 GAP = 20.0  # sampling times without a sample, after which the filters begin anew
+# Times the nominal rate at which samples may come where there is a dead time: so many past inputs are kept.
+DENSEST = 4.0
 # Samples between two past estimates kept: of the 10000 raw samples kept at most half are then held out from the oldest,
 LONGEST_STEP = 1250
 # ... a few hundred where the estimate follows a plant that changes, and is soon out of date by right.
@@ -80,7 +82,7 @@ class State:
         refined = state_filter is None
         n = structure.poles
         entries = n + structure.zeros + 1 + (1 + n if refined else int(structure.bias))
-        ring = math.ceil(1.5 * structure.delay / dt) + 8
+        ring = math.ceil(DENSEST * structure.delay / dt) + 8
         ints, reals = at.plan(
             order=n,
             entries=entries,

@@ -41,7 +41,7 @@ PART_RESOLVED, PART = 1e-8, 1e-2  # ... and part of its largest square
 CALM, FORGOTTEN = 200, 5000  # samples after a stuck one until learning goes on, and until its output is forgotten
 TIE_SHARE = 1.0 / 500.0
 
-GROWN = 1.5  # times the usual power that is no growth yet
+GROWN = 2.0  # times the usual power that is no growth yet
 LEAST = 1e-6  # of the modelled output's largest square: a residual below that is as good as none
 
 

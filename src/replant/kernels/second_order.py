@@ -10,7 +10,7 @@ update is Thornton's); Young, "Recursive Estimation and Time-Series Analysis", 2
 
 import numpy as np
 
-from replant.kernels.compiled import rare
+from replant.kernels.compiled import rare, seldom
 
 # The codes of these optimizers; `replant.optimizers` names them by the same numbers.
 RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9
@@ -68,6 +68,35 @@ def time_update(U, D, increase, work):
             U[j * P + i] = cross
             for k in range(2 * P):
                 rows[j * 2 * P + k] -= cross * rows[i * 2 * P + k]
+
+
+@seldom
+def begin_last(U, D, first, variances, work):
+    """Make the entries from ``first`` on independent of the others, with these ``variances``, as if just begun.
+
+    The others keep their covariance: what the columns of the last add to it is put back column by column, each an
+    update of rank one by Agee and Turner's algorithm (Bierman, chapter III).  ``work`` holds P numbers.
+    """
+    P = D.size
+    for k in range(first, P):
+        weight = D[k]
+        for i in range(first):
+            work[i] = U[i * P + k]
+            U[i * P + k] = 0.0
+        for j in range(first - 1, -1, -1):
+            v, before = work[j], D[j]
+            D[j] = before + weight * v * v
+            if not D[j] > 0.0:
+                continue
+            share = weight / D[j]
+            for i in range(j):
+                work[i] -= v * U[i * P + j]
+                U[i * P + j] += share * v * work[i]
+            weight = share * before
+    for k in range(first, P):
+        for i in range(first, k):
+            U[i * P + k] = 0.0
+        D[k] = variances[k - first]
 
 
 @rare
