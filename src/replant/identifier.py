@@ -120,7 +120,8 @@ class Identifier:
         self._settings: Settings | None = None
         self._held: list[tuple[float, float, float]] = []
         self._held_rejects = dict.fromkeys(REASONS, 0)
-        self._resolve_at = 0  # accepted samples at which to solve again; 0: not planned
+        self._resolve_at = 0  # accepted samples at which to solve the record again; 0: not planned
+        self._look_at = 0  # ... and at which to look into an alarm
         self._attends = False  # whether that, or an alarm, is to be looked for after each sample
         if self._request.asks_for_data:
             self._hold = max(self._request.startup, self._least_startup)
@@ -193,8 +194,8 @@ class Identifier:
             u = np.concatenate([u[:taken], self._request.preprocess.call_map(u[taken:])])
         while taken < u.size:
             end = u.size
-            if self._resolve_at:  # no further than to where it would be reached were every sample accepted
-                end = min(end, taken + self._resolve_at - self.samples)
+            for due in (self._resolve_at, self._look_at):  # no further than where one would be were all accepted
+                end = min(end, taken + due - self.samples) if due else end
             taken += self._take(
                 u[taken:end], y[taken:end], t[taken:end], trace.errors[taken:end], trace.parameters[taken:end]
             )
@@ -213,12 +214,19 @@ class Identifier:
 
     def _attend(self) -> None:
         """After a sample: look into an alarm, or solve again, where either is due."""
-        ints = self._state.ints
-        if ints[at.ALARM] == 1:
-            assert self._settings is not None
-            self._resolve_at = first_look(self._state, self._settings)
-        elif self._resolve_at and ints[at.SAMPLES] == self._resolve_at:
-            self._solve_again()
+        state, settings = self._state, self._settings
+        assert settings is not None
+        samples = state.ints[at.SAMPLES]
+        if state.ints[at.ALARM] == 1:
+            self._look_at = first_look(state, settings)
+        if samples == self._resolve_at:
+            self._state = solved_again(state, settings) or state
+            self._resolve_at = next_solution(self._state, settings)
+        if samples == self._look_at:
+            before = self._state
+            self._state, self._look_at = look(before, settings)
+            if self._state is not before:
+                self._resolve_at = next_solution(self._state, settings)
 
     def finish_startup(self) -> None:
         """Begin with the samples held so far, and learn them; without effect once begun.
@@ -242,7 +250,8 @@ class Identifier:
         self._state.ints[at.ADAPT] = adapt
         self._state.ints[at.CHANGE_BEGAN], self._state.reals[at.CUSUM] = self._state.ints[at.SAMPLES], 0.0
         if not adapt:
-            self._resolve_at = self._state.ints[at.ALARM] = 0  # a later solution would learn what came in meanwhile
+            # a later solution would learn what came in meanwhile
+            self._resolve_at = self._look_at = self._state.ints[at.ALARM] = 0
 
     @property
     def structure(self) -> Structure:
@@ -404,13 +413,3 @@ class Identifier:
         else:
             self._held = self._held[len(self._held) // 2 :]
         return math.nan
-
-    def _solve_again(self) -> None:
-        """Solve the record so far as a whole, or what came since an alarm, and go on from that solution."""
-        settings, old = self._settings, self._state
-        assert settings is not None
-        if old.ints[at.ALARM]:
-            self._state, self._resolve_at = look(old, settings)
-        else:
-            self._state = solved_again(old, settings) or old
-            self._resolve_at = next_solution(self._state, settings)

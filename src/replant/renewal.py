@@ -30,6 +30,7 @@ MOST_DOUBTED = 0.05  # share of bridged samples up to which a record is one
 STUCK_RUN = 4  # ties in a row of a sensor that was stuck: what lies before is not looked at
 EARLIEST = 0.25  # of a start-up, after which it is looked into first,
 LATEST = 2.0  # ... and after which it is no longer believed,
+LARGEST_LIMIT = 400.0  # of the sum that raises the alarm: each false one doubles it
 WORSE, EARLIER = 0.8, 0.5  # or earlier if a model of what came since is hardly better than the present one
 PATIENCE = 1.5  # each look takes so many times the samples of the one before
 
@@ -70,30 +71,42 @@ def first_look(state: State, settings: Settings) -> int:
 def look(old: State, settings: Settings) -> tuple[State, int]:
     """Look for a model of what came since the residual has grown.
 
-    Returns the state to go on with, and at how many accepted samples to look or to solve again; 0: no more.  What was
-    not learned meanwhile is made up for where the alarm was false.
+    Returns the state to go on with, and at how many accepted samples to look again; 0: no more.
     """
-    began, samples = _began(old), int(old.ints[at.SAMPLES])
-    kept = after_stuck(since(old, began))
-    record, length = _record(kept, settings), len(kept)
-    began, later = samples - length, samples + max(int((PATIENCE - 1.0) * length), 50)
+    samples = int(old.ints[at.SAMPLES])
+    kept = after_stuck(since(old, _began(old)))
+    length = len(kept)
+    later = samples + max(int((PATIENCE - 1.0) * length), 50)
     if length < _least(settings) or float((kept[:, at.DOUBTED] == STANDS).mean()) > MOST_DOUBTED:
         return old, later
-    share = _share_left(old, settings, record)
+    share = _share_left(old, settings, _record(kept, settings))
     if share < BETTER:
-        refined = refine(settings.structure, record)
-        if refined is not None and refined.acceptable:
-            new = _begun_with(old, settings, refined, record, began)
-            new.ints[at.PAST_KEPT], new.ints[at.PAST_DUE] = 0, samples
-            return new, next_solution(new, settings)
+        # if what came since does not suffice, perhaps all does: the estimate and not the plant may have gone astray
+        for begin in (samples - length, max(int(old.ints[at.ORIGIN]), int(old.ints[at.GAP_AT]))):
+            new = _solved_since(old, settings, begin)
+            if new is not None:
+                new.ints[at.PAST_KEPT], new.ints[at.PAST_DUE] = 0, samples
+                new.ints[at.ALARM], new.ints[at.CHANGE_BEGAN] = 0, samples
+                return new, 0
     elif length >= (LATEST if share < WORSE else EARLIER) * settings.startup:
         _believe_residual(old)
-        new = old if next_solution(old, settings) == 0 else solved_again(old, settings) or old
-        return new, next_solution(new, settings)
+        return old, 0
     if length > RECENT // 2:  # it may have changed once more
         old.ints[at.CHANGE_BEGAN] = samples - RECENT // 4
         return old, samples + RECENT // 4
     return old, later
+
+
+def _solved_since(old: State, settings: Settings, begin: int) -> State | None:
+    """Return the state after solving what came since ``begin``; None where that leads to no model to be used."""
+    kept = since(old, begin)
+    if float((kept[:, at.DOUBTED] > 0).mean()) > MOST_DOUBTED:
+        return None
+    record = _record(kept, settings)
+    refined = refine(settings.structure, record)
+    if refined is None or not refined.acceptable:
+        return None
+    return _begun_with(old, settings, refined, record, int(old.ints[at.SAMPLES]) - len(kept))
 
 
 def since(state: State, sample: int) -> FloatArray:
@@ -144,7 +157,7 @@ def _believe_residual(state: State) -> None:
     state.ints[at.ALARM] = 0
     state.reals[at.USUAL] = max(state.reals[at.USUAL], state.reals[at.SPREAD])
     state.reals[at.CUSUM] = 0.0
-    state.reals[at.LIMIT] *= 2.0
+    state.reals[at.LIMIT] = min(2.0 * state.reals[at.LIMIT], LARGEST_LIMIT)
 
 
 def _record(kept: FloatArray, settings: Settings) -> Record:

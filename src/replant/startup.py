@@ -211,10 +211,11 @@ def carry_over(old: State, new: State) -> None:
     """Keep counters, clock, raw samples, past estimates and the user's choice to freeze, of a state that is replaced."""
     for slot in (
         at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER, at.TOO_DENSE, at.REFUSED, at.RESTED, at.GAPS, at.GAP_AT, at.ADAPT,
-        at.DRAWN, at.PAST_KEPT, at.PAST_DUE, at.OUTLIERS, at.STUCK, at.SAMPLES, at.RECENT_HEAD,
+        at.DRAWN, at.PAST_KEPT, at.PAST_DUE, at.OUTLIERS, at.STUCK, at.SAMPLES, at.RECENT_HEAD, at.ALARM,
     ):  # fmt: skip
         new.ints[slot] = old.ints[slot]
-    new.ints[at.LEARNED] = new.ints[at.CHANGE_BEGAN] = old.ints[at.SAMPLES]
+    new.ints[at.LEARNED] = old.ints[at.SAMPLES]
+    new.ints[at.CHANGE_BEGAN] = old.ints[at.CHANGE_BEGAN if old.ints[at.ALARM] else at.SAMPLES]
     new.past[:], new.recent[:] = old.past, old.recent
     for slot in (at.LAST_TIME, at.LAST_RAW, at.LIMIT):  # stamps may have been as regular as none
         new.reals[slot] = old.reals[slot]

@@ -150,7 +150,6 @@ class State:
         ints[at.COLOURED] = optimizer.keeps_covariance and optimizer.keeps_colour
         remembers_all = optimizer.keeps_colour and state.block(at.AT_SETTINGS, 1)[0] == 1.0
         follows = optimizer.keeps_covariance and not remembers_all
-        ints[at.WAITS] = not follows
         ints[at.PAST_STEP] = SHORTEST_STEP if follows else LONGEST_STEP
         reals[at.INPUT_OFFSET] = float(settings.preprocess.input_offset)
         reals[at.OUTPUT_OFFSET] = float(settings.preprocess.output_offset)

@@ -30,6 +30,7 @@ UNSETTLED = 1e4  # how much more power an error may have while the filters' init
 ENOUGH = 100.0  # residuals that give a variance
 SHORT, LONG = 1.0 / 200.0, 1.0 / 4000.0  # share of the newest residual in its variance lately, and usually
 MOST = 9.0  # variances that one residual counts as at the most
+UNKNOWN = 4.0  # variances of the residual, beyond which an error after a gap is none
 FADE = 0.9  # of a bridged output's distance from the model's, a sample
 
 HARM = 4e-4  # part of the largest square by which one sample may move the modelled output: a fiftieth of it
@@ -214,11 +215,16 @@ def observe(ints, reals, banks, u, y, interval):
 
 
 @part
+def begins_anew(ints, reals):
+    """Return whether the newest error was that of an initial state not yet known after a gap, and no residual."""
+    alpha = reals[ints[at.AT_MEMORY] + ints[at.MEMORY_SIZE] - 1]
+    return ints[at.GAPS] > 0 and alpha > UNKNOWN * own_noise(ints, reals)
+
+
+@part
 def is_calm(ints):
-    """Return whether there is no reason to wait: neither a sensor that was stuck just now, nor a change looked into."""
-    if ints[at.IS_STUCK] > 0 and ints[at.SAMPLES] - ints[at.STUCK_LAST] < CALM:
-        return False
-    return ints[at.ALARM] == 0 or ints[at.WAITS] == 0
+    """Return whether no sensor was stuck just now: saturated, it is again soon, and what it measures between is less."""
+    return ints[at.IS_STUCK] == 0 or ints[at.SAMPLES] - ints[at.STUCK_LAST] >= CALM
 
 
 @part

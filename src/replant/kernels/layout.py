@@ -87,8 +87,7 @@ INPUT_STILL = 67  # samples since the input last moved
 GAP_AT = 68  # accepted samples before the last interruption
 ORIGIN = 69  # accepted samples before the record that the estimate is made from
 STUCK_LAST = 70  # accepted samples when the sensor was last stuck
-WAITS = 71  # 1: nothing is learned while an alarm is looked into, as the optimizer would not forget it
-ROWS = 72  # from here: (BATCH,) rows drawn for the newest sample
+ROWS = 71  # from here: (BATCH,) rows drawn for the newest sample
 
 # --- reals: scalars
 INPUT_OFFSET = 0  # working point, subtracted from the mapped input

@@ -168,7 +168,9 @@ def interrupt(ints, reals, banks, interval):
         wait = min(wait, reals[at.ELAPSED])
     now = reals[at.ELAPSED] + interval
     reals[at.LEARN_FROM] = reals[at.READY] = now + wait
-    if ints[at.REFINED] == 1 and ints[at.GUARDED] == 1:
+    # the refined filter estimates the initial state; not where the parameters may have walked meanwhile, as far as they
+    # may then go with instruments that are not yet like the regressor
+    if ints[at.REFINED] == 1 and ints[at.ALGORITHM] == RECURSIVE_LEAST_SQUARES:
         reals[at.LEARN_FROM] = now
 
 
@@ -364,7 +366,7 @@ def take_guarded(ints, reals, banks, buffer, recent, u, y, t):
     elif ints[at.DOUBT] == guard.NONE and guard.is_calm(ints):
         update_estimate(ints, reals, buffer, target, interval, learn_with_covariance)
         ints[at.LEARNED] = ints[at.SAMPLES]
-        if ints[at.COLOURED] == 1:
+        if ints[at.COLOURED] == 1 and not guard.begins_anew(ints, reals):
             record_residual(ints, reals, reals[at.ERROR])
     guard.watch(ints, reals, learned)
     if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
