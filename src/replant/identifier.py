@@ -20,7 +20,7 @@ from replant.renewal import RECENT, REGULAR, first_look, look, next_solution, so
 from replant.replay import Replay
 from replant.scaling import Scaling
 from replant.settings import AUTO, Request, Settings
-from replant.startup import LARGEST, first_model, kernels_for, ready_record, seed, warm_up
+from replant.startup import LARGEST, first_model, kernels_for, ready_record, seed, warm_up, without_spikes
 from replant.state import State
 from replant.structure import Structure
 from replant.trace import Trace
@@ -77,6 +77,11 @@ class Identifier:
     in `rejected`.  An update that would leave float64 is undone: the last finite estimate stays and `status` says
     "diverged".  Memory does not grow with the stream.
 
+    An optimizer that keeps a covariance learns from no output that cannot be: an outlier, or a sensor that is stuck
+    or at its limit.  The filters see the model's output instead; `rejected` counts such samples, `samples` as well.
+    Where the residual grows and stays so, `assess` says that something has changed; a model of what came since then
+    takes over as soon as it can be used and predicts what it has not seen much better than the present one.
+
     As the record grows to twice, four times, ... the start-up, it is solved again as a whole, from the present
     estimate, until 10000 samples are reached: a first model from too short a start-up does not leave its traces.
     Such a solution takes some tens of milliseconds; every other update about a microsecond.
@@ -122,6 +127,7 @@ class Identifier:
         self._held_rejects = dict.fromkeys(REASONS, 0)
         self._resolve_at = 0  # accepted samples at which to solve the record again; 0: not planned
         self._look_at = 0  # ... and at which to look into an alarm
+        self._state: State
         self._attends = False  # whether that, or an alarm, is to be looked for after each sample
         if self._request.asks_for_data:
             self._hold = max(self._request.startup, self._least_startup)
@@ -181,7 +187,8 @@ class Identifier:
         InvalidArgumentError, ArgumentTypeError
             If shapes or types do not fit; the state stays as it was.
         """
-        u, y = record(u, y)
+        # kernels are compiled for arrays that can be written to
+        u, y = (array if array.flags.writeable else array.copy() for array in record(u, y))
         t = self._stamps(t, u.size)
         trace = Trace(self.names, self.parameters, np.empty((u.size, self.structure.size)), np.full(u.size, np.nan))
         taken = 0
@@ -214,7 +221,8 @@ class Identifier:
 
     def _attend(self) -> None:
         """After a sample: look into an alarm, or solve again, where either is due."""
-        state, settings = self._state, self._settings
+        state = self._state
+        settings = self._settings
         assert settings is not None
         samples = state.ints[at.SAMPLES]
         if state.ints[at.ALARM] == 1:
@@ -371,11 +379,13 @@ class Identifier:
     def _begin(self, *, at_any_rate: bool = False) -> float:
         """Make every setting definite, lay out the state and learn the held samples; return the last one's error."""
         u, y, t = np.array(self._held, np.float64).reshape(-1, 3).T.copy()
-        settings = settle(self._request, u, y)
+        clean = without_spikes(y) if self._request.wants_instruments else y
+        settings = settle(self._request, u, clean)
         refined = None
         if settings.instruments:
             stamps = None if np.isnan(t).any() else t
-            ready = ready_record(self.structure, self.dt, settings.preprocess, u, y, stamps, settings.filter.input_hold)
+            hold = settings.filter.input_hold
+            ready = ready_record(self.structure, self.dt, settings.preprocess, u, clean, stamps, hold)
             refined = first_model(self.structure, ready)
             if refined is None or not (refined.acceptable or at_any_rate or 2 * self._hold > LARGEST):
                 return self._wait_longer()
