@@ -126,9 +126,7 @@ class Identifier:
         self._held: list[tuple[float, float, float]] = []
         self._held_rejects = dict.fromkeys(REASONS, 0)
         self._resolve_at = 0  # accepted samples at which to solve the record again; 0: not planned
-        self._look_at = 0  # ... and at which to look into an alarm
         self._state: State
-        self._attends = False  # whether that, or an alarm, is to be looked for after each sample
         if self._request.asks_for_data:
             self._hold = max(self._request.startup, self._least_startup)
         else:
@@ -201,7 +199,10 @@ class Identifier:
             u = np.concatenate([u[:taken], self._request.preprocess.call_map(u[taken:])])
         while taken < u.size:
             end = u.size
-            for due in (self._resolve_at, self._look_at):  # no further than where one would be were all accepted
+            for due in (
+                self._resolve_at,
+                int(self._state.ints[at.LOOK_AT]),
+            ):  # no further than where one would be were all accepted
                 end = min(end, taken + due - self.samples) if due else end
             taken += self._take(
                 u[taken:end], y[taken:end], t[taken:end], trace.errors[taken:end], trace.parameters[taken:end]
@@ -226,13 +227,14 @@ class Identifier:
         assert settings is not None
         samples = state.ints[at.SAMPLES]
         if state.ints[at.ALARM] == 1:
-            self._look_at = first_look(state, settings)
+            state.ints[at.LOOK_AT] = first_look(state, settings)
         if samples == self._resolve_at:
             self._state = solved_again(state, settings) or state
             self._resolve_at = next_solution(self._state, settings)
-        if samples == self._look_at:
+        if samples == self._state.ints[at.LOOK_AT]:
             before = self._state
-            self._state, self._look_at = look(before, settings)
+            self._state, later = look(before, settings)
+            self._state.ints[at.LOOK_AT] = later
             if self._state is not before:
                 self._resolve_at = next_solution(self._state, settings)
 
@@ -259,7 +261,7 @@ class Identifier:
         self._state.ints[at.CHANGE_BEGAN], self._state.reals[at.CUSUM] = self._state.ints[at.SAMPLES], 0.0
         if not adapt:
             # a later solution would learn what came in meanwhile
-            self._resolve_at = self._look_at = self._state.ints[at.ALARM] = 0
+            self._resolve_at = self._state.ints[at.LOOK_AT] = self._state.ints[at.ALARM] = 0
 
     @property
     def structure(self) -> Structure:
@@ -403,12 +405,12 @@ class Identifier:
         seed(self._state, settings, refined, ready)
         errors = self._warm_up(u, y, t, learn=not settings.optimizer.keeps_covariance)
         self._resolve_at = next_solution(self._state, settings)
-        self._attends = settings.optimizer.keeps_covariance
         return float(errors[-1])
 
     def _choose_kernels(self, *, regular: bool) -> None:
         """Choose who takes the samples; those for a regular clock do until the first time stamp."""
         self._regular = regular
+        self._attends = bool(self._state.ints[at.GUARDED])  # whether something may be due after a sample
         self._step, self._steps = kernels_for(self._state, regular=regular)
 
     def _warm_up(self, u: FloatArray, y: FloatArray, t: FloatArray, *, learn: bool) -> FloatArray:

@@ -233,7 +233,7 @@ def carry_over(old: State, new: State) -> None:
     """Keep of a state that is replaced: counters, clock, raw samples, past estimates, the user's choice to freeze."""
     for slot in (
         at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER, at.TOO_DENSE, at.REFUSED, at.RESTED, at.GAPS, at.GAP_AT, at.ADAPT,
-        at.DRAWN, at.PAST_KEPT, at.PAST_DUE, at.OUTLIERS, at.STUCK, at.SAMPLES, at.RECENT_HEAD, at.ALARM,
+        at.DRAWN, at.PAST_KEPT, at.PAST_DUE, at.OUTLIERS, at.STUCK, at.SAMPLES, at.RECENT_HEAD, at.ALARM, at.LOOK_AT,
     ):  # fmt: skip
         new.ints[slot] = old.ints[slot]
     new.ints[at.LEARNED] = old.ints[at.SAMPLES]

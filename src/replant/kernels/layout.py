@@ -87,7 +87,8 @@ INPUT_STILL = 67  # samples since the input last moved
 GAP_AT = 68  # accepted samples before the last interruption
 ORIGIN = 69  # accepted samples before the record that the estimate is made from
 STUCK_LAST = 70  # accepted samples when the sensor was last stuck
-ROWS = 71  # from here: (BATCH,) rows drawn for the newest sample
+LOOK_AT = 71  # accepted samples at which an alarm is looked into; 0: not planned
+ROWS = 72  # from here: (BATCH,) rows drawn for the newest sample
 
 # --- reals: scalars
 INPUT_OFFSET = 0  # working point, subtracted from the mapped input
