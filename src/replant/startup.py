@@ -20,7 +20,7 @@ from replant.validation import FloatArray
 
 LARGEST = 20_000  # samples held back at the most, before a start-up that does not suffice is taken as it is
 LIMIT = 50.0  # usual variances by which the residual must have exceeded what is no growth, summed, to be looked into
-SHORTEST_MEMORY = 32  # samples of an input that stands still, before which it does not rest
+SHORTEST_MEMORY = 100  # samples of an input that stands still, before which it does not rest
 SPIKE_NEIGHBOURS = 5  # samples that tell what an output is without its spikes
 ROOM = 1e6  # how far forgetting may let the variances grow beyond those of the start-up
 
@@ -153,7 +153,7 @@ def _seed_guard(state: State, settings: Settings, refined: Refined, record: Reco
     reals[at.PEAK] = float(np.var(record.y)) / scale**2
     reals[at.EQUAL] = float(np.mean(record.y[1:] == record.y[:-1]))
     reals[at.LAST_RAW] = math.nan
-    reals[at.LIMIT] = LIMIT
+    reals[at.LIMIT] = LIMIT if state.ints[at.REFINED] else 0.0  # a fixed filter's error is not that of the output
 
 
 def _seed_colour(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:

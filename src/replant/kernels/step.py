@@ -233,7 +233,7 @@ def take_guarded(ints, reals, banks, buffer, recent, u, y, t):
     at_rest = ints[at.GUARD] == 1 and input_rests(ints, reals, u)
     if ints[at.INSTRUMENTS] == 1:
         renew_model(ints, reals, banks)
-    if ints[at.STARTED] == 0 and ints[at.GAPS] > 0 and ints[at.REFINED] == 1:
+    if ints[at.STARTED] == 0 and ints[at.GAPS] > 0 and ints[at.REFINED] * ints[at.COLOURED] == 1:
         begin_initial_state(ints, reals, banks, y)
     target = guard.observe(ints, reals, banks, u, y, interval)
     if ints[at.RECENT] > 0:
