@@ -302,8 +302,7 @@ def test_what_came_in_while_frozen_is_never_learned_afterwards() -> None:
     ident.resume()
     ident.update_many(u[800:], y[800:])
     assert relative(ident.parameters, "order 1").max() < 0.01
-    learned = rp.Identifier(AWKWARD["order 1"][0], DT)
-    learned.update_many(u, y)
+    learned = rp.fit(u, y, DT, AWKWARD["order 1"][0], method="srivc")
     assert relative(learned.parameters, "order 1").max() > 0.03
 
 
@@ -333,7 +332,7 @@ def test_a_clone_and_a_reset_carry_instruments_and_banks() -> None:
 # --- tracking
 
 
-def test_a_plant_that_jumps_is_followed_by_forgetting_and_by_tracking_and_not_by_the_default() -> None:
+def test_a_plant_that_jumps_is_followed() -> None:
     before, after = rp.TransferFunction([2.0], [1.0, 1.0]), rp.TransferFunction([2.0], [1.0, 2.0])
     u = binary(1, 8000, 8)
     y = np.concatenate([before.simulate(u, DT)[:4000], after.simulate(u, DT)[4000:]])
@@ -347,9 +346,7 @@ def test_a_plant_that_jumps_is_followed_by_forgetting_and_by_tracking_and_not_by
         ident = rp.Identifier(rp.Structure(1), DT, optimizer=optimizer)
         ident.update_many(u, y)
         errors[name] = np.abs(ident.parameters / [2.0, 2.0] - 1).max()
-    assert errors["forgetting"] < 0.02
-    assert errors["tracking"] < 0.02
-    assert errors["default"] > 0.05
+    assert max(errors.values()) < 0.02
 
 
 def test_process_noise_needs_one_number_or_one_a_parameter() -> None:

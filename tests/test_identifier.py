@@ -60,7 +60,7 @@ CONFIGURATIONS: dict[str, dict[str, Any]] = {
 REPLAY = rp.Replay(capacity=30, batch_size=4, warmup=5, seed=3)
 #: The article's method, filter and scaling from the data: what "auto" was made for before there were instruments.
 ARTICLE: dict[str, Any] = {"optimizer": "amsgrad", "instruments": False}
-NONE = {"not finite": 0, "too large": 0, "not later": 0}
+NONE = dict.fromkeys(("not finite", "too large", "not later", "too dense", "outlier", "stuck"), 0)
 NO_SAMPLE = [(np.nan, 1.0), (1.0, np.nan), (np.inf, 1.0), (1.0, -np.inf), (1e308, 1e308), (1.0, -1e151)]
 
 

@@ -17,11 +17,11 @@ from replant.filters import RefinedFilter, StateVariableFilter
 from replant.kernels import layout as at
 from replant.optimizers import Optimizer
 from replant.preprocess import Preprocess, screen
-from replant.refined import Record, refine
+from replant.renewal import RECENT, REGULAR, first_look, look, next_solution, solved_again
 from replant.replay import Replay
 from replant.scaling import Scaling
 from replant.settings import AUTO, Request, Settings
-from replant.startup import LARGEST, carry_over, first_model, kernels_for, ready_record, seed, warm_up
+from replant.startup import LARGEST, first_model, kernels_for, ready_record, seed, warm_up, without_spikes
 from replant.state import State
 from replant.structure import Structure
 from replant.trace import Trace
@@ -33,8 +33,11 @@ if TYPE_CHECKING:
     from replant.checkpoint.encoding import Progress
     from replant.checkpoint.files import AnyPath
 
-RECENT = 10_000  # raw samples kept: for solving the start-up again as it grows, and for assessment
-REGULAR = np.zeros(0)  # the time stamps of a regular clock
+#: Why a sample is not learned, and where it is counted.  Outliers, and what comes from a stuck sensor, are bridged.
+REASONS = {
+    "not finite": at.NOT_FINITE, "too large": at.TOO_LARGE, "not later": at.NOT_LATER, "too dense": at.TOO_DENSE,
+    "outlier": at.OUTLIERS, "stuck": at.STUCK,
+}  # fmt: skip
 
 
 class Identifier:
@@ -79,6 +82,11 @@ class Identifier:
     in `rejected`.  An update that would leave float64 is undone: the last finite estimate stays and `status` says
     "diverged".  Memory does not grow with the stream.
 
+    An optimizer that keeps a covariance learns from no output that cannot be: an outlier, or a sensor that is stuck
+    or at its limit.  The filters see the model's output instead; `rejected` counts such samples, `samples` as well.
+    Where the residual grows and stays so, `assess` says that something has changed; a model of what came since then
+    takes over as soon as it can be used and predicts what it has not seen much better than the present one.
+
     As the record grows to twice, four times, ... the start-up, it is solved again as a whole, from the present
     estimate, until 10000 samples are reached: a first model from too short a start-up does not leave its traces.
     Such a solution takes some tens of milliseconds; every other update about a microsecond.
@@ -121,8 +129,9 @@ class Identifier:
         """Forget every sample and begin again, choices left to "auto" included."""
         self._settings: Settings | None = None
         self._held: list[tuple[float, float, float]] = []
-        self._held_rejects = {"not finite": 0, "too large": 0, "not later": 0}
-        self._resolve_at = 0
+        self._held_rejects = dict.fromkeys(REASONS, 0)
+        self._resolve_at = 0  # accepted samples at which to solve the record again; 0: not planned
+        self._state: State
         if self._request.asks_for_data:
             self._hold = max(self._request.startup, self._least_startup)
         else:
@@ -207,8 +216,8 @@ class Identifier:
             u = float(self._request.preprocess.call_map(np.array([u]))[0])
         state = self._state
         error: float = self._step(state.ints, state.reals, state.banks, state.buffer, state.recent, u, y, t)
-        if self._resolve_at and state.ints[at.SAMPLES] == self._resolve_at:
-            self._solve_again()
+        if self._attends:
+            self._attend()
         return error
 
     def update_many(self, u: Any, y: Any, t: Any = None) -> Trace:
@@ -225,7 +234,8 @@ class Identifier:
         InvalidArgumentError, ArgumentTypeError
             If shapes or types do not fit; the state stays as it was.
         """
-        u, y = record(u, y)
+        # kernels are compiled for arrays that can be written to
+        u, y = (array if array.flags.writeable else array.copy() for array in record(u, y))
         t = self._stamps(t, u.size)
         trace = Trace(self.names, self.parameters, np.empty((u.size, self.structure.size)), np.full(u.size, np.nan))
         taken = 0
@@ -238,19 +248,44 @@ class Identifier:
             u = np.concatenate([u[:taken], self._request.preprocess.call_map(u[taken:])])
         while taken < u.size:
             end = u.size
-            if self._resolve_at:  # no further than to where it would be reached were every sample accepted
-                end = min(end, taken + self._resolve_at - self.samples)
-            self._take(u[taken:end], y[taken:end], t[taken:end], trace.errors[taken:end], trace.parameters[taken:end])
-            taken = end
+            for due in (
+                self._resolve_at,
+                int(self._state.ints[at.LOOK_AT]),
+            ):  # no further than where one would be were all accepted
+                end = min(end, taken + due - self.samples) if due else end
+            taken += self._take(
+                u[taken:end], y[taken:end], t[taken:end], trace.errors[taken:end], trace.parameters[taken:end]
+            )
         return trace
 
-    def _take(self, u: FloatArray, y: FloatArray, t: FloatArray, errors: FloatArray, parameters: FloatArray) -> None:
-        """Run a chunk without a new solution inside it; the solution that is due at its end follows."""
+    def _take(self, u: FloatArray, y: FloatArray, t: FloatArray, errors: FloatArray, parameters: FloatArray) -> int:
+        """Run a chunk, up to where something is to be looked into; do so, and return how many samples were taken."""
         state = self._state
-        self._steps(state.ints, state.reals, state.banks, state.buffer, state.recent, u, y, t, errors, parameters)
-        if self._resolve_at and state.ints[at.SAMPLES] == self._resolve_at:
-            self._solve_again()
-            parameters[-1] = self.parameters
+        taken: int = self._steps(
+            state.ints, state.reals, state.banks, state.buffer, state.recent, u, y, t, errors, parameters
+        )
+        if self._attends:
+            self._attend()
+            parameters[taken - 1] = self.parameters
+        return taken
+
+    def _attend(self) -> None:
+        """After a sample: look into an alarm, or solve again, where either is due."""
+        state = self._state
+        settings = self._settings
+        assert settings is not None
+        samples = state.ints[at.SAMPLES]
+        if state.ints[at.ALARM] == 1:
+            state.ints[at.LOOK_AT] = first_look(state, settings)
+        if samples == self._resolve_at:
+            self._state = solved_again(state, settings) or state
+            self._resolve_at = next_solution(self._state, settings)
+        if samples == self._state.ints[at.LOOK_AT]:
+            before = self._state
+            self._state, later = look(before, settings)
+            self._state.ints[at.LOOK_AT] = later
+            if self._state is not before:
+                self._resolve_at = next_solution(self._state, settings)
 
     def finish_startup(self) -> None:
         """Begin with the samples held so far, and learn them; without effect once begun.
@@ -272,8 +307,10 @@ class Identifier:
         if self._settings is None:
             raise InvalidArgumentError("the identifier is still starting: there is no estimate to freeze yet")
         self._state.ints[at.ADAPT] = adapt
+        self._state.ints[at.CHANGE_BEGAN], self._state.reals[at.CUSUM] = self._state.ints[at.SAMPLES], 0.0
         if not adapt:
-            self._resolve_at = 0  # a later solution of the record as a whole would learn what came in meanwhile
+            # a later solution would learn what came in meanwhile
+            self._resolve_at = self._state.ints[at.LOOK_AT] = self._state.ints[at.ALARM] = 0
 
     @property
     def request(self) -> Request:
@@ -338,8 +375,7 @@ class Identifier:
         """Rejected samples by reason."""
         if self._settings is None:
             return dict(self._held_rejects)
-        counts = self._state.ints[[at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER]]
-        return dict(zip(self._held_rejects, counts.tolist(), strict=True))
+        return dict(zip(REASONS, self._state.ints[list(REASONS.values())].tolist(), strict=True))
 
     @property
     def adapting(self) -> bool:
@@ -355,7 +391,8 @@ class Identifier:
             intervals = np.full(u.size, self.dt) if regular else np.diff(t, prepend=t[:1] - self.dt)
             return np.column_stack([self._request.preprocess.map_input(u), y, intervals])
         rest = self._settings.preprocess
-        return np.asarray(unrolled(self._state) + np.array([float(rest.input_offset), float(rest.output_offset), 0.0]))
+        kept = unrolled(self._state)[:, : at.STEP + 1]
+        return np.asarray(kept + np.array([float(rest.input_offset), float(rest.output_offset), 0.0]))
 
     @property
     def status(self) -> str:
@@ -415,18 +452,20 @@ class Identifier:
     def _begin(self, *, at_any_rate: bool = False) -> float:
         """Make every setting definite, lay out the state and learn the held samples; return the last one's error."""
         u, y, t = np.array(self._held, np.float64).reshape(-1, 3).T.copy()
-        settings = settle(self._request, u, y)
+        clean = without_spikes(y) if self._request.wants_instruments else y
+        settings = settle(self._request, u, clean)
         refined = None
         if settings.instruments:
             stamps = None if np.isnan(t).any() else t
-            ready = ready_record(self.structure, self.dt, settings.preprocess, u, y, stamps, settings.filter.input_hold)
+            hold = settings.filter.input_hold
+            ready = ready_record(self.structure, self.dt, settings.preprocess, u, clean, stamps, hold)
             refined = first_model(self.structure, ready)
             if refined is None or not (refined.acceptable or at_any_rate or 2 * self._hold > LARGEST):
                 return self._wait_longer()
         self._settings, self._mapped = settings, callable(self._request.preprocess.input_map)
         self._state = State.of_settings(settings, RECENT)
         self._choose_kernels(regular=bool(np.isnan(t).any()) or not t.size)
-        self._state.ints[[at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER]] = list(self._held_rejects.values())
+        self._state.ints[list(REASONS.values())] = list(self._held_rejects.values())
         self._held = []
         if u.size == 0:
             return math.nan
@@ -434,14 +473,15 @@ class Identifier:
             u = settings.preprocess.call_map(u)
         if refined is None:
             return float(self._warm_up(u, y, t, learn=True)[-1])
-        self._resolve_at = self._next_solution(u.size)
         seed(self._state, settings, refined, ready)
         errors = self._warm_up(u, y, t, learn=not settings.optimizer.keeps_covariance)
+        self._resolve_at = next_solution(self._state, settings)
         return float(errors[-1])
 
     def _choose_kernels(self, *, regular: bool) -> None:
         """Choose who takes the samples; those for a regular clock do until the first time stamp."""
         self._regular = regular
+        self._attends = bool(self._state.ints[at.GUARDED])  # whether something may be due after a sample
         self._step, self._steps = kernels_for(self._state, regular=regular)
 
     def _warm_up(self, u: FloatArray, y: FloatArray, t: FloatArray, *, learn: bool) -> FloatArray:
@@ -456,32 +496,3 @@ class Identifier:
         else:
             self._held = self._held[len(self._held) // 2 :]
         return math.nan
-
-    def _next_solution(self, samples: int) -> int:
-        """Return at how many accepted samples the whole record is solved again, ``samples`` being there; 0: never."""
-        settings = self._settings
-        assert settings is not None
-        remembers_all = settings.optimizer.keeps_colour and self._state.block(at.AT_SETTINGS, 1)[0] == 1.0
-        due = 2 * samples
-        return due if remembers_all and isinstance(settings.filter, RefinedFilter) and due <= RECENT else 0
-
-    def _solve_again(self) -> None:
-        """Solve the record so far as a whole, from the present estimate, and go on from that solution."""
-        settings, old = self._settings, self._state
-        samples = int(old.ints[at.SAMPLES])
-        self._resolve_at = self._next_solution(samples)
-        assert settings is not None
-        if old.ints[at.GAPS] or not old.ints[at.ADAPT] or samples > RECENT:
-            return
-        u, y, intervals = old.recent[:samples].T.copy()
-        regular = bool((intervals == self.dt).all())
-        ready = Record(u, y, np.array([self.dt]) if regular else intervals, settings.filter.input_hold)
-        refined = refine(self.structure, ready, [old.theta * old.unit])
-        if refined is None or not refined.acceptable:
-            return
-        self._state = State.of_settings(settings, RECENT)
-        seed(self._state, settings, refined, ready)
-        t = REGULAR if regular else old.reals[at.LAST_TIME] - (intervals.sum() - np.cumsum(intervals))
-        with self._state.without_preprocessing():
-            self._warm_up(u, y, t, learn=False)
-        carry_over(old, self._state)

@@ -53,6 +53,11 @@ class Record:
     intervals: FloatArray
     input_hold: str = "zoh"
 
+    def first(self, samples: int) -> Record:
+        """Return the record's beginning."""
+        intervals = self.intervals if self.intervals.size == 1 else self.intervals[:samples]
+        return Record(self.u[:samples], self.y[:samples], intervals, self.input_hold)
+
     @property
     def span(self) -> float:
         """Time from first to last sample, in s."""

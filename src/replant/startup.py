@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -18,6 +19,9 @@ from replant.structure import Structure
 from replant.validation import FloatArray
 
 LARGEST = 20_000  # samples held back at the most, before a start-up that does not suffice is taken as it is
+LIMIT = 50.0  # usual variances by which the residual must have exceeded what is no growth, summed, to be looked into
+SHORTEST_MEMORY = 100  # samples of an input that stands still, before which it does not rest
+SPIKE_NEIGHBOURS = 5  # samples that tell what an output is without its spikes
 ROOM = 1e6  # how far forgetting may let the variances grow beyond those of the start-up
 
 
@@ -51,6 +55,8 @@ def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn:
     state.ints[at.ADAPT] = learn
     steps(state.ints, state.reals, state.banks, state.buffer, state.recent, u, y, t, errors, unseen)
     state.ints[at.ADAPT] = 1
+    if state.ints[at.GUARDED]:
+        state.ints[at.CHANGE_BEGAN] = state.ints[at.SAMPLES]
     if not learn:
         state.ints[at.RESTED] = rested
     state.ints[at.PAST_KEPT], state.ints[at.PAST_DUE] = 0, state.ints[at.SAMPLES]
@@ -66,6 +72,8 @@ def seed(state: State, settings: Settings, refined: Refined, record: Record) -> 
     state.reals[at.FORGET_INPUT] = 1.0 / record.u.size
     state.install(refined.model[:entries] / rate)
     state.theta[:] = refined.theta[:entries] / rate / state.unit
+    if state.ints[at.GUARDED]:
+        _seed_guard(state, settings, refined, record)
     if settings.optimizer.keeps_covariance:
         state.ints[at.GUARD] = 1
         _seed_covariance(state, settings, refined, rate)
@@ -73,6 +81,21 @@ def seed(state: State, settings: Settings, refined: Refined, record: Record) -> 
         _seed_colour(state, settings, refined, rate)
     if not settings.optimizer.keeps_colour and settings.optimizer.keeps_covariance:
         _seed_tracking(state, settings, refined, record)
+    if settings.optimizer.keeps_covariance:
+        state.ints[at.REST_AFTER] = _memory(state, settings)
+
+
+def _memory(state: State, settings: Settings) -> int:
+    """Return after how many samples the optimizer will have forgotten; 0: never, or after more than start-up had."""
+    size = state.entries
+    numbers = state.block(at.AT_SETTINGS, int(state.ints[at.SETTINGS_SIZE]))
+    if settings.optimizer.keeps_colour:
+        share = 1.0 - float(numbers[0])
+    else:  # a variance that a parameter gains in a sample, over what it is
+        memory = state.block(at.AT_MEMORY, size * size + size)
+        known = np.diag(compose(memory[: size * size].reshape(size, size), memory[size * size :]))
+        share = float((numbers[1 : 1 + size] * settings.dt / np.maximum(known, 1e-300)).max())
+    return max(math.ceil(1.0 / share), SHORTEST_MEMORY) if share > 0.1 * state.reals[at.FORGET_INPUT] else 0
 
 
 def _rates(state: State, settings: Settings) -> FloatArray:
@@ -122,6 +145,17 @@ def _seed_tracking(state: State, settings: Settings, refined: Refined, record: R
         noise[constant] = (of_a0 + of_b0) / state.unit[constant] ** 2
 
 
+def _seed_guard(state: State, settings: Settings, refined: Refined, record: Record) -> None:
+    """Tell the guard what is usual: the residual's variance, the output's size, and how often neighbours are equal."""
+    scale, reals = settings.scaling.output, state.reals
+    reals[at.SPREAD] = reals[at.USUAL] = refined.variance / scale**2
+    reals[at.SEEN] = record.u.size
+    reals[at.PEAK] = float(np.var(record.y)) / scale**2
+    reals[at.EQUAL] = float(np.mean(record.y[1:] == record.y[:-1]))
+    reals[at.LAST_RAW] = math.nan
+    reals[at.LIMIT] = LIMIT if state.ints[at.REFINED] else 0.0  # a fixed filter's error is not that of the output
+
+
 def _seed_colour(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:
     """Write power and colour of the start-up's residual, in scaled signals."""
     from replant.kernels import residuals
@@ -166,6 +200,27 @@ def ready_record(
     return Record(u, y, intervals, input_hold)
 
 
+def without_spikes(y: FloatArray) -> FloatArray:
+    """Return an output with gross outliers replaced by the median of five neighbours.
+
+    Gross is what lies further from that median than twice the whole range of it: nothing that a plant does.
+
+    Examples
+    --------
+    >>> without_spikes(np.array([0.0, 1.0, 2.0, 1e6, 1.0, 0.0, 1.0]))
+    array([0., 1., 2., 1., 1., 0., 1.])
+    """
+    if y.size < SPIKE_NEIGHBOURS or not np.isfinite(y).all():
+        return y
+    half = SPIKE_NEIGHBOURS // 2
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(y, half, mode="reflect"), SPIKE_NEIGHBOURS)
+    median = np.median(windows, axis=1)
+    limit = 2.0 * float(np.ptp(median))
+    with np.errstate(over="ignore"):
+        gross = (np.abs(y - median) > limit) & (limit > 0.0)
+    return np.where(gross, median, y) if gross.any() else y
+
+
 def first_model(structure: Structure, record: Record) -> Refined | None:
     """Return the refined estimate of held samples; None where they are too few or the input does not move."""
     least = 2 * structure.poles + structure.zeros + 3
@@ -175,11 +230,15 @@ def first_model(structure: Structure, record: Record) -> Refined | None:
 
 
 def carry_over(old: State, new: State) -> None:
-    """Keep counters, clock, past estimates and the user's choice to freeze, of a state that a new one replaces."""
+    """Keep of a state that is replaced: counters, clock, raw samples, past estimates, the user's choice to freeze."""
     for slot in (
-        at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER, at.REFUSED, at.RESTED, at.GAPS, at.ADAPT, at.DRAWN,
-        at.PAST_KEPT, at.PAST_DUE,
+        at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER, at.TOO_DENSE, at.REFUSED, at.RESTED, at.GAPS, at.GAP_AT, at.ADAPT,
+        at.DRAWN, at.PAST_KEPT, at.PAST_DUE, at.OUTLIERS, at.STUCK, at.SAMPLES, at.RECENT_HEAD, at.ALARM, at.LOOK_AT,
     ):  # fmt: skip
         new.ints[slot] = old.ints[slot]
-    new.past[:] = old.past
-    new.reals[at.LAST_TIME] = old.reals[at.LAST_TIME]  # stamps may have been as regular as none
+    new.ints[at.LEARNED] = old.ints[at.SAMPLES]
+    new.ints[at.CHANGE_BEGAN] = old.ints[at.CHANGE_BEGAN if old.ints[at.ALARM] else at.SAMPLES]
+    new.past[:], new.recent[:] = old.past, old.recent
+    for slot in (at.LAST_TIME, at.LAST_RAW, at.LIMIT):  # stamps may have been as regular as none
+        new.reals[slot] = old.reals[slot]
+    new.reals[at.LARGEST_POWER] = max(old.reals[at.LARGEST_POWER], new.reals[at.LARGEST_POWER])

@@ -27,6 +27,8 @@ IntArray = np.ndarray[tuple[int], np.dtype[np.int64]]
 
 NOTHING = np.zeros(0)
 GAP = 20.0  # sampling times without a sample, after which the filters begin anew
+# Times the nominal rate at which samples may come where there is a dead time: so many past inputs are kept.
+DENSEST = 4.0
 # Samples between two past estimates kept: of the 10000 raw samples kept at most half are then held out from the oldest,
 LONGEST_STEP = 1250
 # ... a few hundred where the estimate follows a plant that changes, and is soon out of date by right.
@@ -44,8 +46,9 @@ class State:
     banks : (3, size) array
     buffer : (capacity, width) array
         Replay: a learned sample a row.
-    recent : (R, 3) array
-        Raw samples kept: input, output, interval.
+    recent : (R, 3) or (R, 5) array
+        Raw samples kept: input, output, interval; guarded, then also the output that the filters saw, and why (see
+        `replant.kernels.guard`).
     """
 
     ints: IntArray
@@ -70,6 +73,7 @@ class State:
         capacity: int = 1,
         batch: int = 1,
         recent: int = 0,
+        guarded: bool = False,
     ) -> State:
         """Lay out the arrays; ``state_filter`` None stands for the refined filter, which has nuisances."""
         from replant.kernels import bank as bk
@@ -78,7 +82,7 @@ class State:
         refined = state_filter is None
         n = structure.poles
         entries = n + structure.zeros + 1 + (1 + n if refined else int(structure.bias))
-        ring = math.ceil(1.5 * structure.delay / dt) + 8
+        ring = math.ceil(DENSEST * structure.delay / dt) + 8
         ints, reals = at.plan(
             order=n,
             entries=entries,
@@ -95,6 +99,7 @@ class State:
         ints[at.REFINED], ints[at.INSTRUMENTS] = refined, instruments or refined
         ints[at.CAPACITY], ints[at.RECENT] = capacity, recent
         ints[at.ADAPT] = ints[at.ACTIVE] = 1
+        ints[at.GUARDED] = guarded
         reals[at.OUTPUT_SCALE], reals[at.DELAY], reals[at.INTERVAL] = output_scale, structure.delay, dt
         reals[at.READY], reals[at.LONGEST_GAP] = math.inf, math.inf
         state = cls(
@@ -102,7 +107,7 @@ class State:
             reals,
             np.zeros((3, bk.size(n, entries))),
             np.zeros((capacity, (2 * entries if ints[at.INSTRUMENTS] else entries) + 2)),
-            np.zeros((recent, 3)),
+            np.zeros((recent, 5 if guarded else 3)),
         )
         sigma = np.ones(entries) if sigma is None else sigma
         state.block(at.AT_SIGMA, entries)[:] = sigma
@@ -135,6 +140,7 @@ class State:
             capacity=replay.capacity if replay else 1,  # without replay: the newest sample, which is always learned
             batch=replay.batch_size if replay else 1,
             recent=recent,
+            guarded=optimizer.keeps_covariance,
         )
         ints, reals = state.ints, state.reals
         ints[at.ALGORITHM], ints[at.NORMALIZE] = optimizer.code, settings.normalize

@@ -50,6 +50,10 @@ class Evidence:
         Largest moving variance that the input has had; 0 where it is not known.
     usual_interval : float
         Median time between samples in s, interruptions included; 0 where there are no time stamps.
+    grown : int
+        Samples since the residual began to be larger than usual, if that is no chance; else 0.
+    stuck : bool
+        Whether the sensor was found stuck, or at an end of its scale, just now.
     output_unit : float
         What the output of the record counts in, in the user's unit.
     """
@@ -69,6 +73,8 @@ class Evidence:
     follows: bool = False
     largest_power: float = 0.0
     usual_interval: float = 0.0
+    grown: int = 0
+    stuck: bool = False
     output_unit: float = 1.0
 
     def in_own_units(self) -> Evidence:

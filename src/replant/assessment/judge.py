@@ -61,6 +61,7 @@ def judge(evidence: Evidence) -> Assessment:
             findings += found.findings
         if not _lacks_excitation(findings):  # without it the model's tests say nothing
             findings += _of_model(evidence, runs, figures)
+    findings += _of_guard(evidence)
     return Assessment(*conclude(findings, _in_favour(evidence, figures)), **figures)
 
 
@@ -97,6 +98,18 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
         reason = f"{evidence.unseen} samples that the estimate has not seen are too few to judge it by"
         findings.append(Finding("converging", reason))
     return findings + sensor.level_finding(u, y)
+
+
+def _of_guard(evidence: Evidence) -> list[Finding]:
+    """Return what was noticed as the samples came in."""
+    findings = []
+    if evidence.stuck:
+        reason = "the output stands, or just stood, still to the bit: a stuck or saturated sensor, or a cable off"
+        findings.append(Finding("inconsistent", reason))
+    elif evidence.grown:
+        reason = f"what the model leaves has grown {evidence.seconds(evidence.grown):.3g} s ago"
+        findings.append(Finding("inconsistent", f"{reason}: plant, sensor or disturbances have changed"))
+    return findings
 
 
 def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:

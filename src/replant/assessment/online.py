@@ -17,6 +17,9 @@ from replant.settings import Request, Settings
 from replant.state import GAP, SHORTEST_STEP, State
 from replant.validation import FloatArray
 
+STANDS = 2  # the doubt of a stuck sensor, as `replant.kernels.guard` numbers it
+STUCK_LATELY = 200  # samples since the sensor was stuck, within which it is not relied on
+LONELY = 5  # outliers in a row that are no more than that; what lasts longer may be the plant
 MOST_IRREGULAR = 5000  # samples looked at where each interval costs a discretisation of its own
 
 
@@ -55,7 +58,9 @@ def assess_starting(request: Request, held: Sequence[tuple[float, float, float]]
 def evidence_of(state: State, settings: Settings) -> Evidence:
     """Return the evidence that a state holds."""
     ints, dt, size = state.ints, settings.dt, settings.structure.size
-    kept = unrolled(state)
+    origin, samples = int(ints[at.ORIGIN]), int(ints[at.SAMPLES])
+    kept = cleaned(unrolled(state))
+    kept = kept[max(len(kept) - (samples - origin), 0) :]
     record = _record(since_last_gap(kept, dt), dt, settings.filter.input_hold)
     learned, earlier = earlier_estimate(state, size)
     known = covariance(state, settings)
@@ -66,13 +71,15 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         estimate=state.theta[:size] * state.unit[:size],
         covariance=known if np.isfinite(known).all() else None,
         earlier=earlier,
-        unseen=min(int(ints[at.SAMPLES]) - learned, record.u.size // 2),
-        learned=learned,
+        unseen=min(samples - learned, record.u.size // 2),
+        learned=learned - origin,
         refused=bool(ints[at.REFUSED]),
         adapts=bool(ints[at.ADAPT]),
         instruments=settings.instruments,
         follows=bool(ints[at.PAST_STEP] == SHORTEST_STEP),
         largest_power=float(state.reals[at.LARGEST_POWER]),
+        grown=samples - int(ints[at.CHANGE_BEGAN]) if ints[at.ALARM] else 0,
+        stuck=bool(ints[at.IS_STUCK]) and samples - int(ints[at.STUCK_LAST]) < STUCK_LATELY,
         usual_interval=float(np.median(kept[1:, 2])) if len(kept) > 1 else 0.0,
     )
 
@@ -91,7 +98,7 @@ def _record(samples: FloatArray, dt: float, input_hold: str) -> Record:
     """Return raw samples (K, 3) as a record."""
     if bool((samples[1:, 2] == dt).all()):
         return Record(samples[:, 0].copy(), samples[:, 1].copy(), np.array([dt]), input_hold)
-    u, y, intervals = samples[-MOST_IRREGULAR:].T.copy()
+    u, y, intervals = samples[-MOST_IRREGULAR:].T[:3].copy()
     return Record(u, y, intervals, input_hold)
 
 
@@ -101,6 +108,18 @@ def unrolled(state: State) -> FloatArray:
     if samples < len(state.recent):
         return state.recent[:samples]
     return np.roll(state.recent, -head, axis=0)
+
+
+def cleaned(kept: FloatArray) -> FloatArray:
+    """Return a copy of raw samples (K, 3 or 5) with lonely outliers bridged, as the filters saw them."""
+    kept = kept.copy()
+    if kept.shape[1] <= at.DOUBTED:
+        return kept
+    rows = np.flatnonzero(kept[:, at.DOUBTED] == 1.0)
+    for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+        if run.size <= LONELY:
+            kept[run, at.OUTPUT] = kept[run, at.BRIDGED]
+    return kept
 
 
 def since_last_gap(recent: FloatArray, dt: float) -> FloatArray:

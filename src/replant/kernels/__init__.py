@@ -7,6 +7,6 @@ compilation.
 
 Many identifiers at once go through `lanes`, eight in a vector (see `vector`), by the same arithmetic.
 
-A reader starts with `step.take`: what happens to one sample, from the arrival of (u, y) to the new estimate.
+A reader starts with `step.take_by_gradient`: what happens to one sample, from its arrival to the new estimate.
 `compiled` says what makes it fast; benchmarks/kernels.py measures it beside C.
 """

@@ -70,7 +70,25 @@ AT_WORK = 50  # (4 (n + 2)^2,)  work
 AT_COLOUR = 51  # (see kernels.residuals)  power and colour of the residual
 MEMORY_SIZE = 52  # M
 SETTINGS_SIZE = 53  # S
-ROWS = 56  # from here: (BATCH,) rows drawn for the newest sample
+# --- ints: whether a measured output can be, and whether the plant has changed (see kernels.guard)
+GUARDED = 56  # 1: outputs are examined before they are learned
+DOUBT = 57  # of the newest sample: 0 none, 1 an outlier, 2 a stuck sensor
+OUTLIERS = 58  # samples whose output was bridged as an outlier
+STUCK = 59  # samples whose output was bridged as that of a stuck sensor
+STILL = 60  # samples in a row whose output was the same as the one before, to the bit
+IS_STUCK = 61  # how many outputs are known at which the sensor was found stuck: STUCK_AT, STUCK_ALSO
+CHANGE_BEGAN = 62  # accepted samples when the residual last was as usual
+ALARM = 63  # 1: the residual has grown for so long that it is no chance; the identifier looks into it
+# --- ints: clock, rest and record
+EARLIER = 64  # stamps in a row that advance, but lie before LAST_TIME
+TOO_DENSE = 65  # rejected samples: so close to the one before that the past inputs kept would not reach back far enough
+REST_AFTER = 66  # samples of an input that stands still, after which learning rests; 0: only its variance tells
+INPUT_STILL = 67  # samples since the input last moved
+GAP_AT = 68  # accepted samples before the last interruption
+ORIGIN = 69  # accepted samples before the record that the estimate is made from
+STUCK_LAST = 70  # accepted samples when the sensor was last stuck
+LOOK_AT = 71  # accepted samples at which an alarm is looked into; 0: not planned
+ROWS = 72  # from here: (BATCH,) rows drawn for the newest sample
 
 # --- reals: scalars
 INPUT_OFFSET = 0  # working point, subtracted from the mapped input
@@ -92,7 +110,26 @@ FORGET_INPUT = 15  # share of the newest sample in both
 LONGEST_GAP = 16  # s; a longer interval is an interruption
 LAST_TIME = 18  # time stamp of the newest sample, s
 LEARN_FROM = 17  # s since the first sample; after a gap, learning waits until then
-SCALARS = 19
+ERROR = 19  # a-priori error of the newest sample as it was measured, scaled
+USED = 20  # the output that the filters saw, measured or bridged
+RATIO = 21  # variance of the newest a-priori error, over that of the residual
+SEEN = 22  # residuals that the next two are made from
+SPREAD = 23  # variance of the residual lately, scaled; large ones count in part
+USUAL = 24  # variance of the residual as it usually is, scaled
+PEAK = 25  # largest square of the modelled output lately, scaled
+CUSUM = 26  # by how much the residual's power has exceeded the usual one, summed since it last did not
+LIMIT = 27  # of CUSUM, beyond which it is no chance
+LAST_RAW = 28  # the output of the sample before as it was measured
+EQUAL = 29  # share of the samples whose output is that of the one before, to the bit
+STILL_MODEL = 30  # the modelled output when the measured one began to stand still
+STUCK_AT = 31  # the output at which the sensor was last found stuck, or at the end of its scale
+EARLIER_TIME = 32  # the newest stamp that lay before LAST_TIME
+ANCHOR = 33  # the input when it last moved
+STUCK_ALSO = 34  # the one before that: a scale has two ends
+SCALARS = 35
+
+# Columns of the raw samples kept; only a guarded state has the last two.
+INPUT, OUTPUT, STEP, BRIDGED, DOUBTED = range(5)
 
 # Past estimates kept, the oldest given up for each new one: what came after the oldest is held out from it.
 PAST = 4

@@ -222,7 +222,10 @@ def step(ints, reals, banks, buffer, recent, u, y, t):
 
 @kernel
 def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
-    """Take many samples; write the error and the estimate (physical units) after each.  ``t`` must be empty."""
+    """Take many samples; write the error and the estimate (physical units) after each.  ``t`` must be empty.
+
+    Returns how many: all.
+    """
     filters, regressor = cut_filters(ints, reals, banks), cut_regressor(ints, reals, banks)
     estimate = cut_estimate(ints, reals)
     theta, unit = estimate[0], estimate[5]
@@ -230,3 +233,4 @@ def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
         errors[k] = take(ints, reals, banks, buffer, recent, filters, regressor, estimate, u[k], y[k])
         for i in range(parameters.shape[1]):
             parameters[k, i] = theta[i] * unit[i]
+    return u.size

@@ -10,7 +10,10 @@ update is Thornton's); Young, "Recursive Estimation and Time-Series Analysis", 2
 
 import numpy as np
 
-from replant.kernels.compiled import rare
+from replant.kernels.compiled import rare, seldom
+
+# The codes of these optimizers; `replant.optimizers` names them by the same numbers.
+RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9
 
 
 @rare
@@ -67,6 +70,48 @@ def time_update(U, D, increase, work):
                 earlier[k] -= cross * row[k]
 
 
+@seldom
+def begin_last(U, D, first, variances, work):
+    """Make the entries from ``first`` on independent of the others, with these ``variances``, as if just begun.
+
+    The others keep their covariance: what the columns of the last add to it is put back column by column, each an
+    update of rank one by Agee and Turner's algorithm (Bierman, chapter III).  ``work`` holds P numbers.
+    """
+    P = D.size
+    for k in range(first, P):
+        weight = D[k]
+        for i in range(first):
+            work[i] = U[i * P + k]
+            U[i * P + k] = 0.0
+        for j in range(first - 1, -1, -1):
+            v, before = work[j], D[j]
+            D[j] = before + weight * v * v
+            if not D[j] > 0.0:
+                continue
+            share = weight / D[j]
+            for i in range(j):
+                work[i] -= v * U[i * P + j]
+                U[i * P + j] += share * v * work[i]
+            weight = share * before
+    for k in range(first, P):
+        for i in range(first, k):
+            U[i * P + k] = 0.0
+        D[k] = variances[k - first]
+
+
+@rare
+def variance_along(U, D, zeta):
+    """Return zeta' P zeta."""
+    P = D.size
+    total = 0.0
+    for j in range(P):
+        projected = zeta[j]
+        for i in range(j):
+            projected += U[i * P + j] * zeta[i]
+        total += D[j] * projected * projected
+    return total
+
+
 @rare
 def expand(U, D, covariance):
     """Write P = U D U' into ``covariance`` (P, P)."""
@@ -109,7 +154,7 @@ def recursive_least_squares(theta, memory, settings, buffer, rows, batch, direct
 def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, interval):
     """Random walk of the parameters; settings [1 / time constant of the noise estimate, q (P)].
 
-    Memory [U (P^2), D (P), noise variance, work (2 P^2 + 4 P)].  The noise variance is tracked as
+    Memory [U (P^2), D (P), noise variance, work (2 P^2 + 5 P), alpha].  The noise variance is tracked as
     R += (e^2 R / alpha - R) h / T, which the uncertainty of the parameters does not bias.
     """
     P = theta.size
@@ -117,7 +162,7 @@ def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, int
     at = P * P + P
     increase, projected = memory[at + 1 : at + 1 + P], memory[at + 1 + P : at + 1 + 2 * P]
     gain = memory[at + 1 + 2 * P : at + 1 + 3 * P]
-    work = memory[at + 1 + 3 * P :]
+    work = memory[at + 1 + 3 * P : memory.size - 1]
     for k in range(batch):
         row = buffer[rows[k]]
         for i in range(P):
@@ -130,5 +175,6 @@ def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, int
         alpha = measurement_update(U, D, row[direction : direction + P], noise, projected, gain)
         for i in range(P):
             theta[i] += gain[i] * error / alpha
+        memory[memory.size - 1] = alpha
         share = min(settings[0] * interval, 1.0)
         memory[at] = max(noise + (error * error * noise / alpha - noise) * share, np.finfo(np.float64).tiny)

@@ -5,19 +5,15 @@ import math
 import numpy as np
 
 from replant.kernels import bank as bk
-from replant.kernels import chain, residuals
+from replant.kernels import chain, guard, residuals
 from replant.kernels import first_order as first
 from replant.kernels import layout as at
 from replant.kernels import second_order as second
 from replant.kernels.compiled import cut, kernel, part, rare, seldom
+from replant.kernels.interruptions import begin_initial_state, input_rests, interval_of
 from replant.kernels.random_stream import draw_below
-from replant.kernels.stability import slowest_decay
+from replant.kernels.second_order import KALMAN_TRACKING, RECURSIVE_LEAST_SQUARES
 
-# The codes of the optimizers that keep a covariance; `replant.optimizers` names them by the same numbers.
-RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9
-
-AT_REST = 1e-6  # moving variance of the input, relative to its largest, below which the input rests
-SETTLE = 5.0  # of the slowest time constant, to wait after a gap
 # The estimate is kept each time the samples have grown by an eighth: of the four kept the oldest lies then three to
 # four of these steps back, so that a quarter to a third of all samples, and later three to four times PAST_STEP, are
 # held out from it.
@@ -94,33 +90,6 @@ def acceptable(ints, u, y):
     return False
 
 
-@rare
-def input_rests(ints, reals, u):
-    """Follow the input's moving variance; return whether it has come to rest."""
-    if ints[at.SAMPLES] == 0:
-        reals[at.INPUT_MEAN] = u
-    share = reals[at.FORGET_INPUT]
-    away = u - reals[at.INPUT_MEAN]
-    reals[at.INPUT_MEAN] += share * away
-    reals[at.INPUT_POWER] += share * (away * away - reals[at.INPUT_POWER])
-    reals[at.LARGEST_POWER] = max(reals[at.LARGEST_POWER], reals[at.INPUT_POWER])
-    return reals[at.INPUT_POWER] < AT_REST * reals[at.LARGEST_POWER]
-
-
-@rare
-def interrupt(ints, reals, banks, interval):
-    """Begin the filters anew after a gap: parameters stay, learning waits until what is unknown has died out."""
-    n = ints[at.ORDER]
-    ints[at.GAPS] += 1
-    ints[at.STARTED] = 0
-    ints[at.WARMING] = 0
-    bank = banks[ints[at.ACTIVE]] if ints[at.INSTRUMENTS] == 1 else banks[0]
-    work = reals[ints[at.AT_WORK] :]
-    decay = slowest_decay(bank[bk.DENOMINATOR : bk.DENOMINATOR + n], work)
-    reals[at.LEARN_FROM] = reals[at.ELAPSED] + interval + (SETTLE / decay if decay > 0.0 else 0.0)
-    reals[at.READY] = reals[at.LEARN_FROM]
-
-
 @part
 def left_float64(theta, unit, memory):
     """Say whether a physical parameter, or a number of the optimizer's memory, is not finite."""
@@ -193,35 +162,20 @@ def keep_sample(ints, recent, u, y, interval):
     ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT] else 0
 
 
-@cut
-def take(ints, reals, banks, buffer, recent, u, y, t, learn):
-    """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected.
+@part
+def keep_guarded_sample(ints, reals, recent, u, y, interval):
+    """Keep the raw sample, over the oldest one, with the output that the filters saw and why."""
+    head = ints[at.RECENT_HEAD]
+    row = recent[head]
+    row[at.INPUT], row[at.OUTPUT], row[at.STEP] = u, y, interval
+    row[at.BRIDGED], row[at.DOUBTED] = reals[at.USED], ints[at.DOUBT]
+    ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT] else 0
 
-    ``t`` is its time stamp in s, or NaN where the clock is regular; ``learn`` one of the two functions above.
-    """
-    if ints[at.SQUARE_INPUT] == 1:
-        u = u * u
-    u -= reals[at.INPUT_OFFSET]
-    y -= reals[at.OUTPUT_OFFSET]
-    if not acceptable(ints, u, y):
-        return np.nan
-    interval = reals[at.INTERVAL]
-    if not math.isnan(t):
-        if math.isinf(t):
-            ints[at.NOT_FINITE] += 1
-            return np.nan
-        if ints[at.SAMPLES] > 0:
-            interval = t - reals[at.LAST_TIME]
-            if not interval > 0.0:
-                ints[at.NOT_LATER] += 1
-                return np.nan
-            if interval > reals[at.LONGEST_GAP]:
-                interrupt(ints, reals, banks, interval)
-        reals[at.LAST_TIME] = t
-    at_rest = ints[at.GUARD] == 1 and input_rests(ints, reals, u)
-    if ints[at.RECENT] > 0:
-        keep_sample(ints, recent, u, y, interval)
-    if ints[at.INSTRUMENTS] == 1 and chain.renew_model(ints, reals, banks):
+
+@cut
+def renew_model(ints, reals, banks):
+    """Let the newest estimate take over as auxiliary model where it is due, and the residual's colour with it."""
+    if chain.renew_model(ints, reals, banks):
         colour = ints[at.AT_COLOUR]
         if ints[at.COLOURED] == 1:
             residuals.autoregression(
@@ -229,37 +183,92 @@ def take(ints, reals, banks, buffer, recent, u, y, t, learn):
                 reals[colour + residuals.MODEL : colour + residuals.MODEL + residuals.LAGS + 1],
                 reals[ints[at.AT_WORK] :],
             )
+
+
+@cut
+def take_by_gradient(ints, reals, banks, buffer, recent, u, y, t):
+    """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected.
+
+    ``t`` is its time stamp in s, or NaN where the clock is regular.
+    """
+    if ints[at.SQUARE_INPUT] == 1:
+        u = u * u
+    u -= reals[at.INPUT_OFFSET]
+    y -= reals[at.OUTPUT_OFFSET]
+    if not acceptable(ints, u, y):
+        return np.nan
+    interval = interval_of(ints, reals, banks, t)
+    if math.isnan(interval):
+        return np.nan
+    at_rest = ints[at.GUARD] == 1 and input_rests(ints, reals, u)
+    if ints[at.RECENT] > 0:
+        keep_sample(ints, recent, u, y, interval)
+    if ints[at.INSTRUMENTS] == 1:
+        renew_model(ints, reals, banks)
     target = chain.observe(ints, reals, banks, u, y, interval)
-    theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + ints[at.ENTRIES]]
-    phi = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + ints[at.ENTRIES]]
-    error = target
-    for i in range(theta.size):
-        error -= theta[i] * phi[i]
+    error = guard.equation_error(ints, reals, target)
     ints[at.SAMPLES] += 1
     if at_rest or ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM]:
         ints[at.RESTED] += 1
     else:
-        update_estimate(ints, reals, buffer, target, interval, learn)
+        update_estimate(ints, reals, buffer, target, interval, learn_by_gradient)
         ints[at.LEARNED] = ints[at.SAMPLES]
-        if ints[at.COLOURED] == 1:
-            record_residual(ints, reals, error)
     if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
         keep_estimate(ints, reals)
     return error * reals[at.OUTPUT_SCALE]
 
 
 @cut
-def take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, learn):
-    """Take many samples; write the error and the estimate (physical units) after each.
+def take_guarded(ints, reals, banks, buffer, recent, u, y, t):
+    """Take one sample as `take_by_gradient` does, with an optimizer that keeps a covariance, its output examined."""
+    if ints[at.SQUARE_INPUT] == 1:
+        u = u * u
+    u -= reals[at.INPUT_OFFSET]
+    y -= reals[at.OUTPUT_OFFSET]
+    if not acceptable(ints, u, y):
+        return np.nan
+    interval = interval_of(ints, reals, banks, t)
+    if math.isnan(interval):
+        return np.nan
+    at_rest = ints[at.GUARD] == 1 and input_rests(ints, reals, u)
+    if ints[at.INSTRUMENTS] == 1:
+        renew_model(ints, reals, banks)
+    if ints[at.STARTED] == 0 and ints[at.GAPS] > 0 and ints[at.REFINED] * ints[at.COLOURED] == 1:
+        begin_initial_state(ints, reals, banks, y)
+    target = guard.observe(ints, reals, banks, u, y, interval)
+    if ints[at.RECENT] > 0:
+        keep_guarded_sample(ints, reals, recent, u, y, interval)
+    ints[at.SAMPLES] += 1
+    learned = not (at_rest or ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM])
+    if not learned:
+        ints[at.RESTED] += 1
+    elif ints[at.DOUBT] == guard.NONE and guard.is_calm(ints):
+        update_estimate(ints, reals, buffer, target, interval, learn_with_covariance)
+        ints[at.LEARNED] = ints[at.SAMPLES]
+        if ints[at.COLOURED] == 1 and not guard.begins_anew(ints, reals):
+            record_residual(ints, reals, reals[at.ERROR])
+    guard.watch(ints, reals, learned)
+    if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
+        keep_estimate(ints, reals)
+    return reals[at.ERROR] * reals[at.OUTPUT_SCALE]
 
-    ``t`` holds a time stamp for each sample, or is empty where the clock is regular.
+
+@cut
+def take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, take):
+    """Take samples by ``take``, until the identifier must look into something; return how many.
+
+    Writes the error and the estimate (physical units) after each.  ``t`` holds a time stamp for each sample, or is
+    empty where the clock is regular.
     """
     theta, unit = ints[at.AT_THETA], ints[at.AT_UNIT]
     for k in range(u.size):
         stamp = t[k] if t.size > 0 else np.nan
-        errors[k] = take(ints, reals, banks, buffer, recent, u[k], y[k], stamp, learn)
+        errors[k] = take(ints, reals, banks, buffer, recent, u[k], y[k], stamp)
         for i in range(parameters.shape[1]):
             parameters[k, i] = reals[theta + i] * reals[unit + i]
+        if ints[at.ALARM] == 1:
+            return k + 1
+    return u.size
 
 
 # A user needs one pair, and mostly one of the two: each is compiled by itself.
@@ -267,26 +276,26 @@ def take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, l
 
 @kernel
 def step(ints, reals, banks, buffer, recent, u, y, t):
-    """Take one sample as `take` does, with an optimizer that keeps a covariance."""
-    return take(ints, reals, banks, buffer, recent, u, y, t, learn_with_covariance)
+    """Take one sample with an optimizer that keeps a covariance."""
+    return take_guarded(ints, reals, banks, buffer, recent, u, y, t)
 
 
 @kernel
 def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
     """Take many samples as `take_many` does, with an optimizer that keeps a covariance."""
-    take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, learn_with_covariance)
+    return take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, take_guarded)
 
 
 @kernel
 def gradient_step(ints, reals, banks, buffer, recent, u, y, t):
-    """Take one sample as `take` does, with an optimizer that follows the gradient."""
-    return take(ints, reals, banks, buffer, recent, u, y, t, learn_by_gradient)
+    """Take one sample with an optimizer that follows the gradient."""
+    return take_by_gradient(ints, reals, banks, buffer, recent, u, y, t)
 
 
 @kernel
 def gradient_steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
     """Take many samples as `take_many` does, with an optimizer that follows the gradient."""
-    take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, learn_by_gradient)
+    return take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, take_by_gradient)
 
 
 @kernel

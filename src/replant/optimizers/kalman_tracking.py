@@ -78,6 +78,6 @@ class KalmanTracking(Optimizer):
         return np.concatenate([[1.0 / self.noise_time_constant], scaled])
 
     def memory(self, size: int) -> FloatArray:
-        """Return U, D, the variance of the residual, and work."""
+        """Return U, D, the variance of the residual, work and alpha."""
         diagonal = np.full(size, self.initial_covariance)
-        return np.concatenate([np.eye(size).ravel(), diagonal, [1.0], np.zeros(5 * size + 2 * size * size)])
+        return np.concatenate([np.eye(size).ravel(), diagonal, [1.0], np.zeros(5 * size + 2 * size * size), [1.0]])

@@ -1,0 +1,256 @@
+"""Whether a measured output can be, and whether the plant has changed: what keeps a recursion's head.
+
+An outlier must not reach the filters.  There it would stay for as long as the plant's own memory, and meanwhile the
+step theta += P zeta e / alpha does not contract: with the instruments free of the outlier and the regressor full of
+it, 1 - zeta' P phi / alpha leaves [-1, 1].  So an output that cannot be is bridged by the auxiliary model's, as if the
+sample were missing, and nothing is learned from it.
+
+* An outlier: its a-priori error exceeds eight standard deviations, with the parameters' own uncertainty counted, and
+  the largest that the modelled output lately was, or what would move that by a fiftieth.  Errors below that, however
+  sure, do no harm, and a model that is a little wrong must learn from them.  The variance grows by each outlier, so
+  that what stays is soon believed.
+* A stuck sensor: the same number to the bit, where noise keeps neighbours apart or the model says that it moved.
+
+Whether the plant has changed is told from the residual's power by a cumulative sum (Page, 1954): of what it exceeds
+GROWN times its usual value.  Source: Basseville and Nikiforov, "Detection of Abrupt Changes", 1993, chapter 2.
+"""
+
+import math
+
+from replant.kernels import bank as bk
+from replant.kernels import chain
+from replant.kernels import layout as at
+from replant.kernels import second_order as second
+from replant.kernels.compiled import cut, part, rare
+
+NONE, OUTLIER, STANDS = range(3)
+
+GATE = 64.0  # variances: eight standard deviations
+UNSETTLED = 1e4  # how much more power an error may have while the filters' initial state is unknown
+ENOUGH = 100.0  # residuals that give a variance
+SHORT, LONG = 1.0 / 200.0, 1.0 / 4000.0  # share of the newest residual in its variance lately, and usually
+MOST = 9.0  # variances that one residual counts as at the most
+UNKNOWN = 4.0  # variances of the residual, beyond which an error after a gap is none
+FADE = 0.9  # of a bridged output's distance from the model's, a sample
+
+HARM = 4e-4  # part of the largest square by which one sample may move the modelled output: a fiftieth of it
+RESOLVED, COARSE = 0.01, 0.3  # shares of ties (a sample equal to a new one before it) of a fine and of a coarse scale
+CHANCE = -18.0  # logarithm of the chance of a run of ties that is none
+MANY = 8  # ties in a row on a coarse scale that are looked at
+MOVED_RESOLVED, MOVED = 0.0625, 64.0  # residual's variances by which the modelled output must have moved meanwhile
+PART_RESOLVED, PART = 1e-8, 1e-2  # ... and part of its largest square
+CALM, FORGOTTEN = 200, 5000  # samples after a stuck one until learning goes on, and until its output is forgotten
+TIE_SHARE = 1.0 / 500.0
+
+GROWN = 2.0  # times the usual power that is no growth yet
+LEAST = 1e-6  # of the modelled output's largest square: a residual below that is as good as none
+
+
+@cut
+def model_output(ints, banks):
+    """Return the auxiliary model's output at the newest sample, 0 without one."""
+    return banks[ints[at.ACTIVE], bk.MODEL_OUTPUT] if ints[at.INSTRUMENTS] == 1 else 0.0
+
+
+@part
+def equation_error(ints, reals, target):
+    """Return target - theta' phi, scaled."""
+    theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + ints[at.ENTRIES]]
+    phi = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + ints[at.ENTRIES]]
+    error = target
+    for i in range(theta.size):
+        error -= theta[i] * phi[i]
+    return error
+
+
+@part
+def own_noise(ints, reals):
+    """Return what the residual's variance is in the unit of the optimizer's covariance."""
+    T = ints[at.ENTRIES]
+    if ints[at.ALGORITHM] == second.KALMAN_TRACKING:
+        return reals[ints[at.AT_MEMORY] + T * T + T]
+    return reals[ints[at.AT_SETTINGS]]
+
+
+@rare
+def variance_ratio(ints, reals):
+    """Return the variance of the newest a-priori error over the residual's: more while parameters are uncertain."""
+    T = ints[at.ENTRIES]
+    memory = ints[at.AT_MEMORY]
+    U, D = reals[memory : memory + T * T], reals[memory + T * T : memory + T * T + T]
+    direction = ints[at.AT_ZETA] if ints[at.INSTRUMENTS] == 1 else ints[at.AT_PHI]
+    along = second.variance_along(U, D, reals[direction : direction + T])
+    return 1.0 + along / own_noise(ints, reals)
+
+
+@rare
+def is_harmful(ints, reals, square):
+    """Return whether an a-priori error is no chance, the parameters' uncertainty counted, and would do harm."""
+    ratio = variance_ratio(ints, reals)
+    reals[at.RATIO] = ratio
+    leverage = 1.0 - 1.0 / ratio  # part of the error by which learning it would move the modelled output
+    harm = square > reals[at.PEAK] or leverage * leverage * square > HARM * reals[at.PEAK]
+    return harm and square > GATE * max(reals[at.SPREAD], reals[at.USUAL]) * ratio
+
+
+@part
+def is_outlier(ints, reals, error, settled):
+    """Return whether an a-priori error is too large to be."""
+    square = error * error
+    if not square > GATE * max(reals[at.SPREAD], reals[at.USUAL]):
+        return False
+    if reals[at.SEEN] < ENOUGH or not reals[at.PEAK] > 0.0:
+        return False
+    if not settled and not square > UNSETTLED * reals[at.PEAK]:
+        return False
+    return is_harmful(ints, reals, square)
+
+
+@rare
+def is_stuck(ints, reals, y, modelled):
+    """Return whether a run of ties is no chance; if so, remember the output."""
+    share = max(reals[at.EQUAL], 1e-3)
+    fine = share < COARSE
+    if ints[at.STILL] < MANY if not fine else ints[at.STILL] * math.log(share) > CHANCE:
+        return False
+    away = (modelled - reals[at.STILL_MODEL]) / reals[at.OUTPUT_SCALE]
+    noise = (MOVED_RESOLVED if fine else MOVED) * max(reals[at.SPREAD], reals[at.USUAL])
+    if not away * away > max(noise, (PART_RESOLVED if fine else PART) * reals[at.PEAK]):
+        return False
+    ints[at.IS_STUCK] += 1
+    ints[at.STUCK_LAST] = ints[at.SAMPLES]
+    reals[at.STUCK_ALSO] = reals[at.STUCK_AT]
+    reals[at.STUCK_AT] = y
+    return True
+
+
+@part
+def stands(ints, reals, y, modelled):
+    """Follow how long the output has stood still; return whether the sensor is stuck."""
+    equal = y == reals[at.LAST_RAW]
+    reals[at.LAST_RAW] = y
+    known = False
+    if ints[at.IS_STUCK] > 0:
+        known = y == reals[at.STUCK_AT] or (ints[at.IS_STUCK] > 1 and y == reals[at.STUCK_ALSO])
+        if ints[at.SAMPLES] - ints[at.STUCK_LAST] > FORGOTTEN:
+            ints[at.IS_STUCK] = 0
+    if ints[at.STILL] == 0 and not known:
+        reals[at.EQUAL] += TIE_SHARE * ((1.0 if equal else 0.0) - reals[at.EQUAL])
+    if not equal:
+        ints[at.STILL] = 0
+        reals[at.STILL_MODEL] = modelled
+        return known and reals[at.EQUAL] < COARSE
+    ints[at.STILL] += 1
+    if known:
+        ints[at.STUCK_LAST] = ints[at.SAMPLES]
+    return known or reals[at.EQUAL] < RESOLVED or is_stuck(ints, reals, y, modelled)
+
+
+@rare
+def advance_outputs(ints, reals, banks, y, interval, first):
+    """Take ``y`` for the newest output: undo what the filters made of the measured one."""
+    n, T, last, kept = ints[at.ORDER], ints[at.ENTRIES], reals[at.USED], ints[at.AT_BACKUP]
+    work = reals[ints[at.AT_WORK] :]
+    refined = ints[at.REFINED] == 1
+    for b in range(3):
+        bank = banks[b]
+        states = bk.at_states(n, T) + bk.OUTPUT * n
+        for i in range(n):
+            bank[states + i] = 0.0 if first else reals[kept + b * n + i]
+        idle = b == 3 - ints[at.ACTIVE] and ints[at.WARMING] == 0
+        if first or idle or (b == 0 and refined) or (b > 0 and ints[at.INSTRUMENTS] == 0):
+            continue
+        slot = bk.discretization(bank, n, T, interval, work)
+        bk.advance_channel(bank, n, T, bk.OUTPUT, slot, last, y, work)
+    reals[at.LAST_OUTPUT] = y
+    return chain.fill_regressor(ints, reals, banks[ints[at.ACTIVE] if refined else 0], y, not refined)
+
+
+@cut
+def keep_outputs(ints, reals, banks):
+    """Keep the states of the output's filters as they were before the newest sample."""
+    n, kept = ints[at.ORDER], ints[at.AT_BACKUP]
+    states = bk.at_states(n, ints[at.ENTRIES]) + bk.OUTPUT * n
+    room = reals[kept : kept + 3 * n]
+    for b in range(3):
+        old = banks[b, states : states + n]
+        for i in range(old.size):
+            room[b * n + i] = old[i]
+
+
+@cut
+def observe(ints, reals, banks, u, y, interval):
+    """Take a sample through the chain as `chain.observe` does; bridge its output where that cannot be.
+
+    Leaves the error as measured in ERROR, the output that the filters saw in USED, and the reason in DOUBT.
+    """
+    first = ints[at.STARTED] == 0
+    settled = not first and reals[at.ELAPSED] >= reals[at.LEARN_FROM]
+    away = reals[at.LAST_OUTPUT] - model_output(ints, banks)
+    keep_outputs(ints, reals, banks)
+    reals[at.USED] = reals[at.LAST_OUTPUT]
+    target = chain.observe(ints, reals, banks, u, y, interval)
+    error = equation_error(ints, reals, target)
+    modelled = model_output(ints, banks)
+    doubt = NONE
+    reals[at.RATIO] = 1.0
+    if stands(ints, reals, y, modelled):
+        doubt = STANDS
+        ints[at.STUCK] += 1
+    if is_outlier(ints, reals, error, settled):
+        doubt = OUTLIER if doubt == NONE else doubt
+        ints[at.OUTLIERS] += doubt == OUTLIER
+    if doubt != NONE:
+        bridged = reals[at.USED]
+        if ints[at.INSTRUMENTS] == 1:
+            bridged = modelled + (0.0 if first else FADE * away)
+        target = advance_outputs(ints, reals, banks, bridged, interval, first)
+        y = bridged
+    ints[at.DOUBT] = doubt
+    reals[at.ERROR] = error
+    reals[at.USED] = y
+    size = (modelled if ints[at.INSTRUMENTS] == 1 else y) / reals[at.OUTPUT_SCALE]
+    reals[at.PEAK] = max(size * size, reals[at.PEAK] - reals[at.FORGET_INPUT] * reals[at.PEAK])
+    return target
+
+
+@part
+def begins_anew(ints, reals):
+    """Return whether the newest error was that of an initial state not yet known after a gap, and no residual."""
+    alpha = reals[ints[at.AT_MEMORY] + ints[at.MEMORY_SIZE] - 1]
+    return ints[at.GAPS] > 0 and alpha > UNKNOWN * own_noise(ints, reals)
+
+
+@part
+def is_calm(ints):
+    """Return whether no sensor was stuck just now: one that saturates does so again soon."""
+    return ints[at.IS_STUCK] == 0 or ints[at.SAMPLES] - ints[at.STUCK_LAST] >= CALM
+
+
+@part
+def watch(ints, reals, learned):
+    """Follow the residual's variance, and whether it has grown; ``learned``: whether the plant can be judged by it."""
+    if ints[at.DOUBT] == STANDS:
+        return
+    if learned and ints[at.DOUBT] == NONE and ints[at.LEARNED] == ints[at.SAMPLES]:
+        alpha = reals[ints[at.AT_MEMORY] + ints[at.MEMORY_SIZE] - 1]
+        reals[at.RATIO] = max(alpha / own_noise(ints, reals), 1.0)
+    square = reals[at.ERROR] * reals[at.ERROR] / reals[at.RATIO]
+    reals[at.SEEN] += 1.0
+    if reals[at.SEEN] > ENOUGH:
+        least = LEAST * reals[at.PEAK]
+        reals[at.SPREAD] += SHORT * (min(square, MOST * max(reals[at.SPREAD], least)) - reals[at.SPREAD])
+        usual = max(reals[at.USUAL], least)
+        square = min(square, MOST * usual)
+        if learned and reals[at.LIMIT] > 0.0 and ints[at.ALARM] == 0:
+            grown = reals[at.CUSUM] + (square / usual if usual > 0.0 else 0.0) - GROWN
+            reals[at.CUSUM] = max(grown, 0.0)
+            if not grown > 0.0:
+                ints[at.CHANGE_BEGAN] = ints[at.SAMPLES]
+            elif grown > reals[at.LIMIT]:
+                ints[at.ALARM] = 1
+        if ints[at.ALARM] == 0:
+            reals[at.USUAL] += max(1.0 / reals[at.SEEN], LONG) * (square - reals[at.USUAL])
+    else:
+        reals[at.USUAL] += (square - reals[at.USUAL]) / reals[at.SEEN]
+        reals[at.SPREAD] = reals[at.USUAL]

@@ -1,0 +1,181 @@
+"""Solving again: the record so far as it grows, and what came since the plant has changed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from replant.assessment.model_run import run_model
+from replant.assessment.online import STANDS, cleaned, unrolled
+from replant.filters import RefinedFilter
+from replant.kernels import layout as at
+from replant.refined import Record, Refined, refine
+from replant.settings import Settings
+from replant.startup import carry_over, seed, warm_up
+from replant.state import State
+from replant.validation import FloatArray
+
+RECENT = 10_000  # raw samples kept: for solving the start-up again as it grows, and for assessment
+REGULAR = np.zeros(0)  # the time stamps of a regular clock
+
+# A change is believed where a model of the first two thirds of what came since leaves, of the last, at most this part
+# of what the present one leaves,
+BETTER = 0.5
+# ... by so many units of the log likelihood: more than as many coefficients would gain by chance,
+SURE = 15.0
+# ... and explains at least this part of the output's power there.
+EXPLAINED = 0.3
+MOST_DOUBTED = 0.05  # share of bridged samples up to which a record is one
+STUCK_RUN = 4  # ties in a row of a sensor that was stuck: what lies before is not looked at
+EARLIEST = 0.25  # of a start-up, after which it is looked into first,
+LATEST = 2.0  # ... and after which it is no longer believed,
+LARGEST_LIMIT = 400.0  # of the sum that raises the alarm: each false one doubles it
+WORSE, EARLIER = 0.8, 0.5  # or earlier if a model of what came since is hardly better than the present one
+PATIENCE = 1.5  # each look takes so many times the samples of the one before
+
+
+def next_solution(state: State, settings: Settings) -> int:
+    """Return at how many accepted samples the record as a whole is solved again, twice of what it is; 0: never."""
+    origin, samples = int(state.ints[at.ORIGIN]), int(state.ints[at.SAMPLES])
+    remembers_all = settings.optimizer.keeps_colour and state.block(at.AT_SETTINGS, 1)[0] == 1.0
+    due = 2 * (samples - origin)
+    return origin + due if remembers_all and isinstance(settings.filter, RefinedFilter) and due <= RECENT else 0
+
+
+def solved_again(old: State, settings: Settings) -> State | None:
+    """Return the state after solving the record so far as a whole, from the present estimate.
+
+    None where that leads to no model that could be used, or where the record is not in one piece.
+    """
+    origin = int(old.ints[at.ORIGIN])
+    kept = since(old, origin)
+    if old.ints[at.GAP_AT] > origin or not old.ints[at.ADAPT] or int(old.ints[at.SAMPLES]) - origin > len(kept):
+        return None
+    if float((kept[:, at.DOUBTED] > 0).mean()) > MOST_DOUBTED:
+        return None
+    kept[:, at.OUTPUT] = kept[:, at.BRIDGED]
+    record = _record(kept, settings)
+    refined = refine(settings.structure, record, [old.theta * old.unit])
+    if refined is None or not refined.acceptable:
+        return None
+    return _begun_with(old, settings, refined, record, origin)
+
+
+def first_look(state: State, settings: Settings) -> int:
+    """Return at how many accepted samples what came since an alarm is to be looked into first."""
+    state.ints[at.ALARM] = 2
+    return max(_began(state) + _least(settings), int(state.ints[at.SAMPLES]) + 1)
+
+
+def look(old: State, settings: Settings) -> tuple[State, int]:
+    """Look for a model of what came since the residual has grown.
+
+    Returns the state to go on with, and at how many accepted samples to look again; 0: no more.
+    """
+    samples = int(old.ints[at.SAMPLES])
+    kept = after_stuck(since(old, _began(old)))
+    length = len(kept)
+    later = samples + max(int((PATIENCE - 1.0) * length), 50)
+    if length < _least(settings) or float((kept[:, at.DOUBTED] == STANDS).mean()) > MOST_DOUBTED:
+        return old, later
+    share = _share_left(old, settings, _record(kept, settings))
+    if share < BETTER:
+        # if what came since does not suffice, perhaps all does: the estimate and not the plant may have gone astray
+        for begin in (samples - length, max(int(old.ints[at.ORIGIN]), int(old.ints[at.GAP_AT]))):
+            new = _solved_since(old, settings, begin)
+            if new is not None:
+                new.ints[at.PAST_KEPT], new.ints[at.PAST_DUE] = 0, samples
+                new.ints[at.ALARM], new.ints[at.CHANGE_BEGAN] = 0, samples
+                return new, 0
+    elif length >= (LATEST if share < WORSE else EARLIER) * settings.startup:
+        _believe_residual(old)
+        return old, 0
+    if length > RECENT // 2:  # it may have changed once more
+        old.ints[at.CHANGE_BEGAN] = samples - RECENT // 4
+        return old, samples + RECENT // 4
+    return old, later
+
+
+def _solved_since(old: State, settings: Settings, begin: int) -> State | None:
+    """Return the state after solving what came since ``begin``; None where that leads to no model to be used."""
+    kept = since(old, begin)
+    if float((kept[:, at.DOUBTED] > 0).mean()) > MOST_DOUBTED:
+        return None
+    record = _record(kept, settings)
+    refined = refine(settings.structure, record)
+    if refined is None or not refined.acceptable:
+        return None
+    return _begun_with(old, settings, refined, record, int(old.ints[at.SAMPLES]) - len(kept))
+
+
+def since(state: State, sample: int) -> FloatArray:
+    """Return the raw samples kept since then, lonely outliers bridged."""
+    kept = cleaned(unrolled(state))
+    return kept[max(len(kept) - (int(state.ints[at.SAMPLES]) - sample), 0) :]
+
+
+def after_stuck(kept: FloatArray) -> FloatArray:
+    """Return the raw samples that came after a sensor was last stuck for a while."""
+    stuck = np.convolve(kept[:, at.DOUBTED] == STANDS, np.ones(STUCK_RUN), "valid") == STUCK_RUN
+    return kept[int(np.flatnonzero(stuck)[-1]) + STUCK_RUN :] if stuck.any() else kept
+
+
+def _least(settings: Settings) -> int:
+    structure = settings.structure
+    return max(4 * (2 * structure.poles + structure.zeros + 2), int(EARLIEST * settings.startup))
+
+
+def _began(state: State) -> int:
+    return max(int(state.ints[at.CHANGE_BEGAN]), int(state.ints[at.GAP_AT]), int(state.ints[at.ORIGIN]))
+
+
+def _share_left(state: State, settings: Settings, record: Record) -> float:
+    """Return what a model of the first two thirds of a record leaves of the last, over what the present one leaves.
+
+    One where that may be chance, or where it is not known.  Where no model is quite right one that is made for a few
+    samples always fits these better: only what it has not seen tells whether the plant has changed.
+    """
+    structure, seen = settings.structure, 2 * record.u.size // 3
+    refined = refine(structure, record.first(seen)) if float(np.ptp(record.u[:seen])) > 0.0 else None
+    if refined is None:
+        return 1.0
+    left = []
+    for parameters in (refined.theta, state.theta * state.unit):
+        run = run_model(structure, parameters[: structure.size], record, settings.dt)
+        left.append(float(np.var(run.error[seen:])) if run is not None else math.inf)
+    power = float(np.var(record.y[seen:]))
+    if not left[0] < (1.0 - EXPLAINED) * power:
+        return 1.0
+    least = np.finfo(float).eps * power  # what rounding leaves is nothing
+    share = (left[0] + least) / (left[1] + least)
+    return share if -(record.u.size - seen) * math.log(max(share, 1e-300)) > SURE else max(share, BETTER)
+
+
+def _believe_residual(state: State) -> None:
+    """Take the residual's present power for usual: no model explains it better; and be slower to suspect it."""
+    state.ints[at.ALARM] = 0
+    state.reals[at.USUAL] = max(state.reals[at.USUAL], state.reals[at.SPREAD])
+    state.reals[at.CUSUM] = 0.0
+    state.reals[at.LIMIT] = min(2.0 * state.reals[at.LIMIT], LARGEST_LIMIT)
+
+
+def _record(kept: FloatArray, settings: Settings) -> Record:
+    u, y, intervals = kept[:, :3].T.copy()
+    regular = bool((intervals[1:] == settings.dt).all())
+    return Record(u, y, np.array([settings.dt]) if regular else intervals, settings.filter.input_hold)
+
+
+def _begun_with(old: State, settings: Settings, refined: Refined, record: Record, origin: int) -> State:
+    """Return a state that begins at a refined estimate of the record since ``origin``, and goes on where ``old`` is."""
+    new = State.of_settings(settings, RECENT)
+    seed(new, settings, refined, record)
+    stamps = REGULAR
+    if record.intervals.size > 1:
+        stamps = old.reals[at.LAST_TIME] - (record.intervals.sum() - np.cumsum(record.intervals))
+    with new.without_preprocessing():
+        warm_up(new, record.u, record.y, stamps, learn=False)
+    new.reals[at.READY] = new.reals[at.ELAPSED]
+    carry_over(old, new)
+    new.ints[at.ORIGIN] = origin
+    return new
