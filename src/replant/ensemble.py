@@ -239,7 +239,7 @@ class Ensemble:
                 if len(some) >= LEAST:
                     block = Block.of_states(some, [states[n] for n in some])
                     for lane, number in enumerate(some):
-                        self._members[number]._state = block.state(lane)
+                        self._members[number]._work_on(block.state(lane), regular=True)
                     formed.append((block, start))
         self._blocks += [block for block, _ in formed]
         return formed

@@ -88,7 +88,9 @@ GAP_AT = 68  # accepted samples before the last interruption
 ORIGIN = 69  # accepted samples before the record that the estimate is made from
 STUCK_LAST = 70  # accepted samples when the sensor was last stuck
 LOOK_AT = 71  # accepted samples at which an alarm is looked into; 0: not planned
-ROWS = 72  # from here: (BATCH,) rows drawn for the newest sample
+DUE = 72  # accepted samples at which the identifier has something to do; 0: nothing is planned
+ATTENTION = 73  # 1: it has so now, or the residual has raised an alarm
+ROWS = 74  # from here: (BATCH,) rows drawn for the newest sample
 
 # --- reals: scalars
 INPUT_OFFSET = 0  # working point, subtracted from the mapped input
