@@ -261,3 +261,20 @@ def test_start_imports_nothing_heavy(arguments: list[str]) -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_without_a_command_the_help_comes_as_it_is(capsys) -> None:
+    code, out, err = call(capsys)
+    _, asked, _ = call(capsys, "--help")
+    assert (code, out, err) == (2, "", asked)
+    assert err.startswith("Usage: replant [OPTIONS] COMMAND [ARGS]...\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "help_page"),
+    [(["run"], "replant run"), (["fit", "x.csv", "--inptu"], "replant fit"), (["foo"], "replant")],
+)
+def test_what_is_missing_or_unknown_says_where_to_look_it_up(capsys, arguments: list[str], help_page: str) -> None:
+    code, out, err = call(capsys, *arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert err.endswith(f" See {help_page} --help\n")
