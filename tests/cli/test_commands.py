@@ -278,3 +278,24 @@ def test_what_is_missing_or_unknown_says_where_to_look_it_up(capsys, arguments: 
     code, out, err = call(capsys, *arguments)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert err.endswith(f" See {help_page} --help\n")
+
+
+def test_help_speaks_of_ranges_where_they_are_taken(capsys) -> None:
+    for command in ("run", "compare", "fit"):
+        _, out, _ = call(capsys, command, "--help")
+        assert ("range such as 1:4" in " ".join(out.split())) == (command == "fit")
+
+
+@pytest.mark.parametrize("columns", [40, 80, 200])
+def test_reasons_fit_the_terminal_and_keep_figures_with_their_units(
+    capsys, log: Path, monkeypatch: pytest.MonkeyPatch, columns: int
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    _, as_json, _ = call(capsys, "run", log, *COLUMNS, "--json")
+    _, out, _ = call(capsys, "run", log, *COLUMNS)
+    reasons = out[out.index("Verdict") : out.index("Chosen from")].rstrip().splitlines()[1:]
+    assert " ".join(line.strip() for line in reasons) == " ".join(json.loads(as_json)["verdict"]["reasons"])
+    for line in reasons:
+        assert len(line) <= columns
+        assert line == line.rstrip()
+        assert not line.strip().startswith("%")

@@ -227,7 +227,8 @@ def _find_time(table: Table, roles: dict[str, int]) -> int:
     if len(candidates) == 1:
         return candidates[0]
     if not candidates:
-        raise LogError(f"{table.path}: no column is called t, time or timestamp; {_GIVE_TIME}")
+        other = "no other column" if time_candidates(table.names) else "no column"
+        raise LogError(f"{table.path}: {other} is called t, time or timestamp; {_GIVE_TIME}")
     names = ", ".join(repr(table.names[number]) for number in candidates)
     raise LogError(f"{table.path}: several columns could be the time: {names}; {_GIVE_TIME}")
 

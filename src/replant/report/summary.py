@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
 from replant.report.numbers import off_by
 from replant.runs import Result
 from replant.transfer_function import TransferFunction
+
+REASON_INDENT = 9  # columns, below the figures
 
 
 def as_json(result: Result) -> dict[str, Any]:
@@ -35,9 +39,6 @@ def as_json(result: Result) -> dict[str, Any]:
 
 def print_result(console: Any, result: Result, *, truth: TransferFunction | None = None) -> None:
     """Print what a control engineer wants to see first: G(s), coefficients, poles, fit, verdict."""
-    from rich.padding import Padding
-    from rich.text import Text
-
     console.print()
     for line in fraction(result.transfer_function):
         console.print(line, highlight=False, markup=False)
@@ -58,7 +59,23 @@ def print_result(console: Any, result: Result, *, truth: TransferFunction | None
     colour = "green" if result.verdict.status == "trusted" else "yellow" if _mild(result) else "red"
     console.print(f"Verdict  [bold {colour}]{result.verdict.status}[/]", highlight=False)
     for reason in result.verdict.reasons:
-        console.print(Padding(Text(reason), (0, 0, 0, 9)))
+        for line in wrapped(reason, console.width - REASON_INDENT):
+            console.print(" " * REASON_INDENT + line, highlight=False, markup=False, soft_wrap=True)
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """Break text into lines, no figure apart from its unit.
+
+    Examples
+    --------
+    >>> wrapped("the model fits the output to 83.0 %; its coefficients are known to 2.6 %", 36)
+    ['the model fits the output to 83.0 %;', 'its coefficients are known to 2.6 %']
+    >>> wrapped("its coefficients are known to 2.6 %", 34)
+    ['its coefficients are known to', '2.6 %']
+    """
+    glued = re.sub(r"(?<=\d) (?=(?:%|s|h)(?:\W|$))", "\N{NO-BREAK SPACE}", text)
+    lines = textwrap.wrap(glued, max(width, 1), break_long_words=False, break_on_hyphens=False)
+    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
 
 
 def _table(*headings: str) -> Any:
