@@ -206,6 +206,10 @@ def test_constant_input_is_called_not_excited(capsys, tmp_path: Path, command: s
     code, out, err = call(capsys, command, path, *COLUMNS, "--dt", 0.1, "--json")
     assert (code, err) == (0, "")
     assert json.loads(out)["verdict"]["status"] == "not excited"
+    _, out, _ = call(capsys, command, path, *COLUMNS, "--dt", 0.1)
+    assert "nan" not in out
+    if command == "run":  # a fit finds the constant
+        assert "No model yet" in out
 
 
 LIMITS = {

@@ -40,6 +40,21 @@ def as_json(result: Result) -> dict[str, Any]:
 def print_result(console: Any, result: Result, *, truth: TransferFunction | None = None) -> None:
     """Print what a control engineer wants to see first: G(s), coefficients, poles, fit, verdict."""
     console.print()
+    if result.parameters.any():
+        _print_model(console, result, truth)
+    else:
+        console.print("No model yet: nothing was learned.\n", highlight=False)
+    rejected = ", ".join(f"{count} {reason}" for reason, count in result.rejected.items() if count)
+    samples = f"{result.samples:,}" + (f", rejected: {rejected}" if rejected else "")
+    console.print(f"Samples  {samples}", highlight=False)
+    colour = "green" if result.verdict.status == "trusted" else "yellow" if _mild(result) else "red"
+    console.print(f"Verdict  [bold {colour}]{result.verdict.status}[/]", highlight=False)
+    for reason in result.verdict.reasons:
+        for line in wrapped(reason, console.width - REASON_INDENT):
+            console.print(" " * REASON_INDENT + line, highlight=False, markup=False, soft_wrap=True)
+
+
+def _print_model(console: Any, result: Result, truth: TransferFunction | None) -> None:
     for line in fraction(result.transfer_function):
         console.print(line, highlight=False, markup=False)
     console.print()
@@ -47,20 +62,10 @@ def print_result(console: Any, result: Result, *, truth: TransferFunction | None
     console.print()
     console.print(_mode_table(result))
     console.print()
-    rejected = ", ".join(f"{count} {reason}" for reason, count in result.rejected.items() if count)
-    lines = {
-        "DC gain": _with_std(result.transfer_function.dc_gain, _dc_gain_std(result)),
-        "Fit": f"{_percent(result.simulation.fit)} simulated from the input alone, "
-        f"{_percent(result.one_step)} one step ahead",
-        "Samples": f"{result.samples:,}" + (f", rejected: {rejected}" if rejected else ""),
-    }
-    for name, text in lines.items():
-        console.print(f"{name:<9}{text}", highlight=False)
-    colour = "green" if result.verdict.status == "trusted" else "yellow" if _mild(result) else "red"
-    console.print(f"Verdict  [bold {colour}]{result.verdict.status}[/]", highlight=False)
-    for reason in result.verdict.reasons:
-        for line in wrapped(reason, console.width - REASON_INDENT):
-            console.print(" " * REASON_INDENT + line, highlight=False, markup=False, soft_wrap=True)
+    gain = _with_std(result.transfer_function.dc_gain, _dc_gain_std(result))
+    console.print(f"DC gain  {gain}", highlight=False)
+    fits = f"{_percent(result.simulation.fit)} simulated from the input alone, {_percent(result.one_step)}"
+    console.print(f"Fit      {fits} one step ahead", highlight=False)
 
 
 def wrapped(text: str, width: int) -> list[str]:
