@@ -303,3 +303,21 @@ def test_reasons_fit_the_terminal_and_keep_figures_with_their_units(
         assert len(line) <= columns
         assert line == line.rstrip()
         assert not line.strip().startswith("%")
+
+
+@pytest.mark.parametrize("command", ["run", "fit"])
+def test_a_sampling_time_that_the_stamps_contradict_is_said(capsys, log: Path, command: str) -> None:
+    code, out, err = call(capsys, command, log, *COLUMNS, "--dt", 50, "--json")
+    assert code == 0
+    assert json.loads(out)["samples"] == 2000
+    assert err == f"replant: note: {log}: column 't' steps by 0.05 s where --dt says 50 s; --dt is taken\n"
+    for dt in (0.05, 0.052):  # the very one; the mean interval where samples were lost
+        assert call(capsys, command, log, *COLUMNS, "--dt", dt, "--json")[2] == ""
+
+
+def test_stamps_that_are_no_numbers_say_nothing_of_the_sampling_time(capsys, log: Path) -> None:
+    header, *rows = log.read_text().splitlines()
+    dated = [f"2024-01-01 00:00:{row}" for row in rows]
+    log.write_text("\n".join([header, *dated]) + "\n")
+    code, _, err = call(capsys, "run", log, *COLUMNS, "--dt", 50, "--json")
+    assert (code, err) == (0, "")

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from replant.errors import InvalidArgumentError
-from replant.logs import Log, Recording, open_recording, read_log
+from replant.logs import Log, Recording, open_recording, read_log, stamped_interval
 from replant.optimizers import OPTIMIZERS
 from replant.preprocess import Preprocess
 from replant.settings import Request
@@ -70,6 +70,7 @@ class Seconds(Range):
 
 
 MOST_TRIED = 1000
+MOST_OFF = 0.1  # of the sampling time given, from which time stamps may differ unsaid: jitter and lost samples
 
 BIAS = click.option("--bias", is_flag=True, help="Identify a constant beside G(s).")
 INPUT_MAP = click.option(
@@ -164,7 +165,9 @@ def request_of(options: dict[str, Any], dt: float) -> Request:
 def record_of(options: dict[str, Any], progress: Callable[[int, int], None]) -> Recording:
     """Check the log that the options name, of any length, and open it; see `open_recording`."""
     _check_one_of_each(options)
-    return open_recording(options["log"], **_columns(options), progress=progress)
+    recording = open_recording(options["log"], **_columns(options), progress=progress)
+    _note_another_clock(options)
+    return recording
 
 
 def _check_one_of_each(options: dict[str, Any]) -> None:
@@ -182,7 +185,19 @@ def preprocess_of(options: dict[str, Any]) -> Preprocess:
 
 def read(options: dict[str, Any]) -> Log:
     """Read the log that the options name."""
-    return read_log(options["log"], **_columns(options))
+    log = read_log(options["log"], **_columns(options))
+    _note_another_clock(options)
+    return log
+
+
+def _note_another_clock(options: dict[str, Any]) -> None:
+    """Say on stderr that the log has time stamps which a sampling time given instead of them contradicts."""
+    dt = options["dt"]
+    interval = None if dt is None else stamped_interval(options["log"])
+    if interval is not None and not abs(interval[1] / dt - 1.0) <= MOST_OFF:
+        name, usual = interval
+        told = f"{options['log']}: column {name!r} steps by {usual:.4g} s where --dt says {dt:.4g} s"
+        click.echo(f"replant: note: {told}; --dt is taken", err=True)
 
 
 def _columns(options: dict[str, Any]) -> dict[str, Any]:
