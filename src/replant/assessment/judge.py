@@ -108,7 +108,7 @@ def _of_guard(evidence: Evidence) -> list[Finding]:
         reason = "the output stands, or just stood, still to the bit: a stuck or saturated sensor, or a cable off"
         findings.append(Finding("inconsistent", reason))
     elif evidence.grown:
-        reason = f"what the model leaves has grown {duration(evidence.seconds(evidence.grown))} ago"
+        reason = f"what the model leaves began to grow {duration(evidence.seconds(evidence.grown))} ago"
         findings.append(Finding("inconsistent", f"{reason}: plant, sensor or disturbances have changed"))
     return findings
 

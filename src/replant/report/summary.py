@@ -125,14 +125,33 @@ def _mode_table(result: Result) -> Any:
 
 
 def _with_std(value: float, std: float) -> str:
-    """Write a figure with its standard deviation, where one is known.
+    """Write a figure with its standard deviation, where one is known: to the same place, in four digits at the most.
 
     Examples
     --------
-    >>> _with_std(1.2345678, 0.01), _with_std(2.0, math.nan)
-    ('1.235 +- 0.01', '2')
+    >>> _with_std(1.2345678, 0.01), _with_std(0.4700200, 0.0123), _with_std(101.1, 1100.0), _with_std(2.0, math.nan)
+    ('1.235 +- 0.010', '0.470 +- 0.012', '100 +- 1100', '2')
     """
-    return f"{value:.4g} +- {std:.2g}" if math.isfinite(std) else f"{value:.4g}"
+    if not math.isfinite(std):
+        return f"{value:.4g}"
+    digits = 4
+    if value and std and math.isfinite(value):
+        digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(std)) + 2
+    return f"{_digits(value, min(max(digits, 1), 4))} +- {_digits(std, 2)}"
+
+
+def _digits(value: float, digits: int) -> str:
+    """Return a figure with so many digits, zeros at the end among them, and a power of ten only where it is far from 1.
+
+    Examples
+    --------
+    >>> _digits(0.47002, 3), _digits(1099.0, 2), _digits(4.5e-6, 2), _digits(0.0, 2)
+    ('0.470', '1100', '4.5e-06', '0')
+    """
+    if not 1e-4 <= abs(value) < 1e5:
+        return f"{value:.{digits}g}"
+    place = digits - 1 - math.floor(math.log10(abs(value)))
+    return f"{round(value, place):.{max(place, 0)}f}"
 
 
 def _dc_gain_std(result: Result) -> float:
