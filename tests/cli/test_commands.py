@@ -321,3 +321,15 @@ def test_stamps_that_are_no_numbers_say_nothing_of_the_sampling_time(capsys, log
     log.write_text("\n".join([header, *dated]) + "\n")
     code, _, err = call(capsys, "run", log, *COLUMNS, "--dt", 50, "--json")
     assert (code, err) == (0, "")
+
+
+@pytest.mark.parametrize("command", ["run", "fit", "compare"])
+def test_a_folder_that_cannot_be_is_refused_before_the_work(
+    capsys, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.setattr(f"replant.cli.{command}.{'_run' if command == 'run' else command}", None)  # is not called
+    taken = tmp_path / "taken"
+    taken.touch()
+    code, out, err = call(capsys, command, log, *COLUMNS, "--out", taken)
+    assert (code, out) == (2, "")
+    assert err == f"replant: Invalid value for --out: {taken} is a file; name a folder\n"

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from replant.cli.options import open_log, preprocess_of, read, search_options
-from replant.cli.output import deliver
+from replant.cli.output import deliver, make_folder
 from replant.logs import Log
 from replant.offline import METHODS, FitResult, fit
 from replant.report.recipe import fit_as_python
@@ -32,12 +32,14 @@ def command(as_json: bool, out: Path | None, method: str, **options: Any) -> Non
         if method == "least_squares":
             raise click.UsageError("a range of structures is searched by srivc: drop --method least_squares")
         log = read(options)
+        make_folder(out)
         found = _search(log, options)
         fitted = found.best
         if not as_json:
             _print_candidates(found)
     else:
         log, request = open_log(options)
+        make_folder(out)
         fitted = fit(
             log.input, log.output, log.dt, request.structure, method=method, preprocess=request.preprocess
         )  # fmt: skip

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from replant.cli.options import OPTIMIZER, log_options, record_of, request_of
-from replant.cli.output import announced_compiling, deliver, progress_bar
+from replant.cli.output import announced_compiling, deliver, make_folder, progress_bar
 from replant.logs import Recording
 from replant.logs.full_trace import FullTrace
 from replant.runs import Result, run_source
@@ -45,6 +45,7 @@ def command(as_json: bool, out: Path | None, full_trace: Path | None, startup: i
 
         recording = record_of(options, lambda rows, about: progress("checking", rows, about))
         request = request_of(options, recording.dt)
+        make_folder(out)
         with announced_compiling():
             stages = partial(_with_total, progress, recording.samples)
             result = _run(recording, request, full_trace, startup, stages)
