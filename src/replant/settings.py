@@ -131,5 +131,9 @@ def _expect(name: str, value: Any, kind: type | tuple[type, ...], *others: str |
     if isinstance(value, kind) or ((value is None or isinstance(value, str)) and value in others):
         return
     kinds = kind if isinstance(kind, tuple) else (kind,)
-    allowed = " or ".join([*(f"a {each.__name__}" for each in kinds), *(repr(other) for other in others)])
+    allowed = " or ".join([*(_one(each.__name__) for each in kinds), *(repr(other) for other in others)])
     raise ArgumentTypeError(f"{name} must be {allowed}, got {type(value).__name__} {value!r}")
+
+
+def _one(name: str) -> str:
+    return f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"

@@ -10,7 +10,7 @@ import numpy as np
 from replant.assessment.cross_test import FALSE_ALARM
 from replant.assessment.distance import distance as distance_of
 from replant.assessment.evidence import Evidence, Runs
-from replant.assessment.verdict import Finding, percent
+from replant.assessment.verdict import Finding, figure, percent
 
 # Standard deviation of a coefficient of the denominator, as a part of its size, beyond which it is not known yet: the
 # 95 % interval is then wider than a third either way.
@@ -83,7 +83,7 @@ def _of_uncertainty(uncertainty: float, scatter: float) -> list[Finding]:
 def _of_movement(evidence: Evidence, moved: float, sigmas: float, improves: bool) -> list[Finding]:
     if not (moved > MOST_MOVED and (sigmas > MOVED_SIGMAS or improves)):
         return []
-    reason = f"a coefficient has moved by {percent(moved)} over {evidence.span} ({sigmas:.2g} standard deviations)"
+    reason = f"a coefficient has moved by {percent(moved)} over {evidence.span} ({figure(sigmas)} standard deviations)"
     return [Finding("converging", reason)]
 
 

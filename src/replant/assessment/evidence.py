@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.assessment.model_run import ModelRun, run_model
+from replant.assessment.verdict import duration
 from replant.refined import Record
 from replant.structure import Structure
 from replant.validation import FloatArray
@@ -142,7 +143,7 @@ class Evidence:
     @property
     def span(self) -> str:
         """In words, how long the samples last that the earlier estimate is judged by."""
-        return f"the last {self.seconds(self.held_out or self.samples):.3g} s"
+        return f"the last {duration(self.seconds(self.held_out or self.samples))}"
 
 
 @dataclass(frozen=True, eq=False)
