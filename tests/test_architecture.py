@@ -20,6 +20,7 @@ LEVELS: list[set[str]] = [
     {"interop", "frames"},
     # the models: each knows at most those above its line
     {"realization", "preprocess", "replay", "trace", "optimizers", "least_squares", "signals", "factors"},
+    {"scatter"},
     {"filters"},
     {"transfer_function"},
     {"structure", "rigs"},

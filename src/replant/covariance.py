@@ -6,6 +6,7 @@ import numpy as np
 
 from replant.factors import compose, larger
 from replant.kernels import layout as at
+from replant.scatter import path_variances, rows_of, stretch
 from replant.settings import Settings
 from replant.state import State
 from replant.validation import FloatArray
@@ -39,10 +40,12 @@ def _kept(state: State) -> FloatArray:
 def _of_least_squares(state: State) -> FloatArray:
     """Return sigma_w^2 P Q P, or where it is larger that of a white residual: see `replant.kernels.residuals`.
 
+    Where all is remembered, no less than the estimate has scattered on its way: see `replant.scatter`.
+
     With a white residual Q is sum mu^2j zeta zeta', and P the inverse of sum mu^j zeta zeta': without forgetting that
     makes sigma^2 P, with it about half as much.
     """
-    from replant.kernels import residuals
+    from replant.kernels import path, residuals
 
     size, lags = state.entries, residuals.LAGS
     colour = state.block(at.AT_COLOUR, residuals.size(size))
@@ -56,7 +59,11 @@ def _of_least_squares(state: State) -> FloatArray:
         colour[residuals.COVARIANCES : residuals.COVARIANCES + lags + 1], model, np.empty(lags + 1)
     )
     squares = colour[residuals.FILTERED + lags * size :].reshape(size, size)
-    return larger(power / count * inverse @ squares @ inverse, white)
+    coloured = larger(power / count * inverse @ squares @ inverse, white)
+    if forgetting < 1.0:
+        return coloured
+    estimates, known = rows_of(state.block(at.AT_PATH, path.size(size)), state.theta, np.diag(inverse))
+    return stretch(coloured, path_variances(estimates, known))
 
 
 def _of_buffer(state: State) -> FloatArray:

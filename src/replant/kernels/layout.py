@@ -87,7 +87,8 @@ INPUT_STILL = 67  # samples since the input last moved
 GAP_AT = 68  # accepted samples before the last interruption
 ORIGIN = 69  # accepted samples before the record that the estimate is made from
 STUCK_LAST = 70  # accepted samples when the sensor was last stuck
-ROWS = 71  # from here: (BATCH,) rows drawn for the newest sample
+AT_PATH = 71  # (see kernels.path)  where the estimate was after some of the samples
+ROWS = 72  # from here: (BATCH,) rows drawn for the newest sample
 
 # --- reals: scalars
 INPUT_OFFSET = 0  # working point, subtracted from the mapped input
@@ -138,7 +139,7 @@ LARGEST = 1e150
 
 
 def plan(
-    *, order: int, entries: int, ring: int, memory: int, settings: int, batch: int, colour: int
+    *, order: int, entries: int, ring: int, memory: int, settings: int, batch: int, colour: int, path: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return fresh ``ints`` and ``reals``, all zero but the sizes and offsets."""
     ints = np.zeros(ROWS + batch, np.int64)
@@ -159,6 +160,7 @@ def plan(
         AT_PAST: PAST * (1 + entries),
         AT_WORK: 4 * (order + 2) ** 2,
         AT_COLOUR: colour,
+        AT_PATH: path,
     }
     end = SCALARS
     for slot, size in blocks.items():
