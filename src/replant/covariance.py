@@ -6,7 +6,7 @@ import numpy as np
 
 from replant.factors import compose, larger
 from replant.kernels import layout as at
-from replant.scatter import path_variances, rows_of, stretch
+from replant.scatter import no_less_than_scattered, rows_of
 from replant.settings import Settings
 from replant.state import State
 from replant.validation import FloatArray
@@ -62,8 +62,8 @@ def _of_least_squares(state: State) -> FloatArray:
     coloured = larger(power / count * inverse @ squares @ inverse, white)
     if forgetting < 1.0:
         return coloured
-    estimates, known = rows_of(state.block(at.AT_PATH, path.size(size)), state.theta, np.diag(inverse))
-    return stretch(coloured, path_variances(estimates, known))
+    rows = rows_of(state.block(at.AT_PATH, path.size(size)), state.theta, np.diag(inverse))
+    return no_less_than_scattered(coloured, *rows)
 
 
 def _of_buffer(state: State) -> FloatArray:

@@ -23,7 +23,7 @@ import numpy as np
 
 from replant.factors import compose, factor_information, larger
 from replant.kernels import layout as at
-from replant.scatter import path_of_record, path_variances, rows_of, stretch
+from replant.scatter import no_less_than_scattered, path_of_record, rows_of
 from replant.state import State
 from replant.structure import Structure
 from replant.validation import FloatArray
@@ -310,7 +310,7 @@ def _conclude(problem: Problem, model: FloatArray, done: Pass, converged: bool) 
     covariance = innovation * inverse @ squares @ inverse
     path = path_of_record(done.zeta, error, theta)
     covariance = larger(covariance, variance * inverse)
-    covariance = stretch(covariance, path_variances(*rows_of(path, theta, np.diag(inverse))))
+    covariance = no_less_than_scattered(covariance, *rows_of(path, theta, np.diag(inverse)))
     uncertainty = relative_uncertainty(problem.structure, model, covariance, done.phi, problem.record)
     return Refined(theta, model, upper, diagonal, covariance, variance, converged, uncertainty, colour, path)
 

@@ -1,19 +1,19 @@
 r"""How far an estimate scatters, told from the path that led to it: no model of the noise is needed.
 
-The instrumental-variable estimate after k samples is theta_k = P_k sum zeta z.  In the coordinate i, with p = P_ii,
-the process W = (theta_k - theta) / p_k is the sum of what each sample had to say, in the time tau = 1 / p_k that counts
-information.  Under white noise it is a Brownian motion; under noise of any colour its increments over blocks of samples are
-nearly independent once the blocks are longer than the noise remembers.  Their mean square over blocks, the method of
-batch means, therefore gives the variance of the estimate whatever the noise is, slow drifts included that an
-autoregression of low order takes for something else.
+The instrumental-variable estimate after k samples is theta_k = P_k sum zeta z.  In one of its coordinates, with p the
+entry of P on the diagonal, W = (theta_k - theta) / p_k is the sum of what each sample had to say, in the time
+tau = 1 / p_k that counts information.  Under white noise it is a Brownian motion; under noise of any colour its steps
+over blocks of samples are nearly independent once the blocks are longer than the noise remembers.  So their mean
+square, the method of batch means, gives the variance of the estimate whatever the noise is, slow drifts included, which
+an autoregression of low order takes for little.
 
-With the last estimate in the place of the unknown true value W is a bridge, and sum dW^2 falls short by the factor
-1 - sum w^2, w = d tau / tau: so
+The last estimate takes the place of the unknown true value.  That makes a bridge of W, whose sum of squares falls short
+by the factor 1 - sum w^2, with w = d tau / tau the weights of the blocks: hence
 
-    var(theta_i) = p^2 sum dW^2 / (1 - sum w^2).
+    var(theta) = p^2 sum dW^2 / (1 - sum w^2).
 
-Sources: Chen, Lee, Tong and Zhang, "Statistical inference for model parameters in stochastic gradient descent", Annals
-of Statistics 48, 2020 (batch means of an estimate's path); Flegal and Jones, Annals of Statistics 38, 2010.
+Source: Chen, Lee, Tong and Zhang, "Statistical inference for model parameters in stochastic gradient descent", Annals
+of Statistics 48, 2020 (batch means of an estimate's path).
 """
 
 from __future__ import annotations
@@ -24,16 +24,25 @@ from replant.factors import compose, factor_information
 from replant.validation import FloatArray
 
 LEAST_ROWS = 16  # blocks that tell a variance
-LEAST_BLOCKS = 6.0  # as many of equal information, 1 / sum w^2
+LEAST_BLOCKS = 6.0  # as many of equal weight, 1 / sum w^2; of longer blocks half as many
+# Standard deviations, of a variance told by so many blocks, by which it exceeds what the residual's colour makes it:
+# then there is noise slower than the colour knows, and blocks two and four times as long are asked as well.  They would
+# add to the scatter of the figure where there is none.
+BEYOND_CHANCE = 3.0
+LONGER = (2, 4)
 
 
-def path_variances(estimates: FloatArray, known: FloatArray) -> FloatArray:
-    """Return the variances (T,) of the last estimate; 0 where the path is too short to tell, or too uneven.
+def path_variances(
+    estimates: FloatArray, known: FloatArray, least: float = LEAST_BLOCKS
+) -> tuple[FloatArray, FloatArray]:
+    """Return the variances (T,) of the last estimate, 0 where its path cannot tell, and how many blocks told each (T,).
 
     Parameters
     ----------
     estimates, known : (B, T) arrays
         Estimate and diagonal of P after each block; the last row is the present.
+    least : float
+        Blocks of equal weight that a variance must be made of.
 
     Examples
     --------
@@ -41,19 +50,37 @@ def path_variances(estimates: FloatArray, known: FloatArray) -> FloatArray:
 
     >>> x = np.random.default_rng(0).standard_normal(400)
     >>> count = np.arange(20, 401, 20)
-    >>> variance = path_variances((np.cumsum(x)[count - 1] / count)[:, None], 1.0 / count[:, None])
-    >>> bool(abs(variance[0] * 400 - 1) < 0.5)
-    True
+    >>> variances, blocks = path_variances((np.cumsum(x)[count - 1] / count)[:, None], 1.0 / count[:, None])
+    >>> bool(abs(variances[0] * 400 - 1) < 0.5), round(blocks[0])
+    (True, 20)
     """
-    blocks, size = estimates.shape
-    if blocks < LEAST_ROWS:
-        return np.zeros(size)
-    walked = np.diff((estimates - estimates[-1]) / known, axis=0, prepend=0.0)
+    steps = np.diff((estimates - estimates[-1]) / known, axis=0, prepend=0.0)
     weights = np.diff(known[-1] / known, axis=0, prepend=0.0)
-    concentrated = (weights**2).sum(axis=0)
-    even = concentrated <= 1.0 / LEAST_BLOCKS
-    variances = known[-1] ** 2 * (walked**2).sum(axis=0) / np.where(even, 1.0 - concentrated, 1.0)
-    return np.asarray(np.where(even, variances, 0.0))
+    blocks = 1.0 / (weights**2).sum(axis=0)
+    tells = blocks >= least
+    variances = known[-1] ** 2 * (steps**2).sum(axis=0) / np.where(tells, 1.0 - 1.0 / blocks, np.inf)
+    return np.asarray(variances), np.asarray(blocks)
+
+
+def no_less_than_scattered(covariance: FloatArray, estimates: FloatArray, known: FloatArray) -> FloatArray:
+    """Return a covariance (T, T), stretched where the path scatters more than it says.
+
+    Parameters
+    ----------
+    covariance : (T, T) array
+        By the residual's power and colour.
+    estimates, known : (B, T) arrays
+        Estimate and diagonal of P after each block; the last row is the present.
+    """
+    if len(estimates) < LEAST_ROWS:
+        return covariance
+    variances, blocks = path_variances(estimates, known)
+    slow = variances > np.diag(covariance) * (1.0 + BEYOND_CHANCE * np.sqrt(2.0 / blocks))
+    for length in LONGER:
+        rows = slice((len(estimates) - 1) % length, None, length)  # the last one stays
+        longer, _ = path_variances(estimates[rows], known[rows], LEAST_BLOCKS / 2)
+        variances = np.where(slow, np.maximum(variances, longer), variances)
+    return stretch(covariance, variances)
 
 
 def stretch(covariance: FloatArray, variances: FloatArray) -> FloatArray:
