@@ -20,7 +20,7 @@ from replant.renewal import RECENT, REGULAR, first_look, look, next_solution, so
 from replant.replay import Replay
 from replant.scaling import Scaling
 from replant.settings import AUTO, Request, Settings
-from replant.startup import LARGEST, first_model, kernels_for, ready_record, seed, warm_up
+from replant.startup import LARGEST, first_model, kernels_for, ready_record, seed, warm_up, without_spikes
 from replant.state import State
 from replant.structure import Structure
 from replant.trace import Trace
@@ -77,6 +77,11 @@ class Identifier:
     in `rejected`.  An update that would leave float64 is undone: the last finite estimate stays and `status` says
     "diverged".  Memory does not grow with the stream.
 
+    An optimizer that keeps a covariance learns from no output that cannot be: an outlier, or a sensor that is stuck
+    or at its limit.  The filters see the model's output instead; `rejected` counts such samples, `samples` as well.
+    Where the residual grows and stays so, `assess` says that something has changed; a model of what came since then
+    takes over as soon as it can be used and predicts what it has not seen much better than the present one.
+
     As the record grows to twice, four times, ... the start-up, it is solved again as a whole, from the present
     estimate, until 10000 samples are reached: a first model from too short a start-up does not leave its traces.
     Such a solution takes some tens of milliseconds; every other update about a microsecond.
@@ -121,8 +126,7 @@ class Identifier:
         self._held: list[tuple[float, float, float]] = []
         self._held_rejects = dict.fromkeys(REASONS, 0)
         self._resolve_at = 0  # accepted samples at which to solve the record again; 0: not planned
-        self._look_at = 0  # ... and at which to look into an alarm
-        self._attends = False  # whether that, or an alarm, is to be looked for after each sample
+        self._state: State
         if self._request.asks_for_data:
             self._hold = max(self._request.startup, self._least_startup)
         else:
@@ -181,7 +185,8 @@ class Identifier:
         InvalidArgumentError, ArgumentTypeError
             If shapes or types do not fit; the state stays as it was.
         """
-        u, y = record(u, y)
+        # kernels are compiled for arrays that can be written to
+        u, y = (array if array.flags.writeable else array.copy() for array in record(u, y))
         t = self._stamps(t, u.size)
         trace = Trace(self.names, self.parameters, np.empty((u.size, self.structure.size)), np.full(u.size, np.nan))
         taken = 0
@@ -194,7 +199,10 @@ class Identifier:
             u = np.concatenate([u[:taken], self._request.preprocess.call_map(u[taken:])])
         while taken < u.size:
             end = u.size
-            for due in (self._resolve_at, self._look_at):  # no further than where one would be were all accepted
+            for due in (
+                self._resolve_at,
+                int(self._state.ints[at.LOOK_AT]),
+            ):  # no further than where one would be were all accepted
                 end = min(end, taken + due - self.samples) if due else end
             taken += self._take(
                 u[taken:end], y[taken:end], t[taken:end], trace.errors[taken:end], trace.parameters[taken:end]
@@ -214,17 +222,19 @@ class Identifier:
 
     def _attend(self) -> None:
         """After a sample: look into an alarm, or solve again, where either is due."""
-        state, settings = self._state, self._settings
+        state = self._state
+        settings = self._settings
         assert settings is not None
         samples = state.ints[at.SAMPLES]
         if state.ints[at.ALARM] == 1:
-            self._look_at = first_look(state, settings)
+            state.ints[at.LOOK_AT] = first_look(state, settings)
         if samples == self._resolve_at:
             self._state = solved_again(state, settings) or state
             self._resolve_at = next_solution(self._state, settings)
-        if samples == self._look_at:
+        if samples == self._state.ints[at.LOOK_AT]:
             before = self._state
-            self._state, self._look_at = look(before, settings)
+            self._state, later = look(before, settings)
+            self._state.ints[at.LOOK_AT] = later
             if self._state is not before:
                 self._resolve_at = next_solution(self._state, settings)
 
@@ -251,7 +261,7 @@ class Identifier:
         self._state.ints[at.CHANGE_BEGAN], self._state.reals[at.CUSUM] = self._state.ints[at.SAMPLES], 0.0
         if not adapt:
             # a later solution would learn what came in meanwhile
-            self._resolve_at = self._look_at = self._state.ints[at.ALARM] = 0
+            self._resolve_at = self._state.ints[at.LOOK_AT] = self._state.ints[at.ALARM] = 0
 
     @property
     def structure(self) -> Structure:
@@ -371,11 +381,13 @@ class Identifier:
     def _begin(self, *, at_any_rate: bool = False) -> float:
         """Make every setting definite, lay out the state and learn the held samples; return the last one's error."""
         u, y, t = np.array(self._held, np.float64).reshape(-1, 3).T.copy()
-        settings = settle(self._request, u, y)
+        clean = without_spikes(y) if self._request.wants_instruments else y
+        settings = settle(self._request, u, clean)
         refined = None
         if settings.instruments:
             stamps = None if np.isnan(t).any() else t
-            ready = ready_record(self.structure, self.dt, settings.preprocess, u, y, stamps, settings.filter.input_hold)
+            hold = settings.filter.input_hold
+            ready = ready_record(self.structure, self.dt, settings.preprocess, u, clean, stamps, hold)
             refined = first_model(self.structure, ready)
             if refined is None or not (refined.acceptable or at_any_rate or 2 * self._hold > LARGEST):
                 return self._wait_longer()
@@ -393,12 +405,12 @@ class Identifier:
         seed(self._state, settings, refined, ready)
         errors = self._warm_up(u, y, t, learn=not settings.optimizer.keeps_covariance)
         self._resolve_at = next_solution(self._state, settings)
-        self._attends = settings.optimizer.keeps_covariance
         return float(errors[-1])
 
     def _choose_kernels(self, *, regular: bool) -> None:
         """Choose who takes the samples; those for a regular clock do until the first time stamp."""
         self._regular = regular
+        self._attends = bool(self._state.ints[at.GUARDED])  # whether something may be due after a sample
         self._step, self._steps = kernels_for(self._state, regular=regular)
 
     def _warm_up(self, u: FloatArray, y: FloatArray, t: FloatArray, *, learn: bool) -> FloatArray:

@@ -133,8 +133,8 @@ def _began(state: State) -> int:
 def _share_left(state: State, settings: Settings, record: Record) -> float:
     """Return what a model of the first two thirds of a record leaves of the last, over what the present one leaves.
 
-    One where that may be chance, or where it is not known.  Where no model is quite right one that is made for a few samples always fits these better: only what it has not
-    seen tells whether the plant has changed.
+    One where that may be chance, or where it is not known.  Where no model is quite right one that is made for a few
+    samples always fits these better: only what it has not seen tells whether the plant has changed.
     """
     structure, seen = settings.structure, 2 * record.u.size // 3
     refined = refine(structure, record.first(seen)) if float(np.ptp(record.u[:seen])) > 0.0 else None

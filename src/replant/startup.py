@@ -20,7 +20,8 @@ from replant.validation import FloatArray
 
 LARGEST = 20_000  # samples held back at the most, before a start-up that does not suffice is taken as it is
 LIMIT = 50.0  # usual variances by which the residual must have exceeded what is no growth, summed, to be looked into
-SHORTEST_MEMORY = 32  # samples of an input that stands still, before which it does not rest
+SHORTEST_MEMORY = 100  # samples of an input that stands still, before which it does not rest
+SPIKE_NEIGHBOURS = 5  # samples that tell what an output is without its spikes
 ROOM = 1e6  # how far forgetting may let the variances grow beyond those of the start-up
 
 
@@ -95,7 +96,7 @@ def _memory(state: State, settings: Settings) -> int:
         memory = state.block(at.AT_MEMORY, size * size + size)
         known = np.diag(compose(memory[: size * size].reshape(size, size), memory[size * size :]))
         share = float((numbers[1 : 1 + size] * settings.dt / np.maximum(known, 1e-300)).max())
-    return max(math.ceil(1.0 / share), SHORTEST_MEMORY) if share > state.reals[at.FORGET_INPUT] else 0
+    return max(math.ceil(1.0 / share), SHORTEST_MEMORY) if share > 0.1 * state.reals[at.FORGET_INPUT] else 0
 
 
 def _rates(state: State, settings: Settings) -> FloatArray:
@@ -153,7 +154,7 @@ def _seed_guard(state: State, settings: Settings, refined: Refined, record: Reco
     reals[at.PEAK] = float(np.var(record.y)) / scale**2
     reals[at.EQUAL] = float(np.mean(record.y[1:] == record.y[:-1]))
     reals[at.LAST_RAW] = math.nan
-    reals[at.LIMIT] = LIMIT
+    reals[at.LIMIT] = LIMIT if state.ints[at.REFINED] else 0.0  # a fixed filter's error is not that of the output
 
 
 def _seed_colour(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:
@@ -213,6 +214,27 @@ def ready_record(
     return Record(u, y, intervals, input_hold)
 
 
+def without_spikes(y: FloatArray) -> FloatArray:
+    """Return an output with gross outliers replaced by the median of five neighbours.
+
+    Gross is what lies further from that median than twice the whole range of it: nothing that a plant does.
+
+    Examples
+    --------
+    >>> without_spikes(np.array([0.0, 1.0, 2.0, 1e6, 1.0, 0.0, 1.0]))
+    array([0., 1., 2., 1., 1., 0., 1.])
+    """
+    if y.size < SPIKE_NEIGHBOURS or not np.isfinite(y).all():
+        return y
+    half = SPIKE_NEIGHBOURS // 2
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(y, half, mode="reflect"), SPIKE_NEIGHBOURS)
+    median = np.median(windows, axis=1)
+    limit = 2.0 * float(np.ptp(median))
+    with np.errstate(over="ignore"):
+        gross = (np.abs(y - median) > limit) & (limit > 0.0)
+    return np.where(gross, median, y) if gross.any() else y
+
+
 def first_model(structure: Structure, record: Record) -> Refined | None:
     """Return the refined estimate of held samples; None where they are too few or the input does not move."""
     least = 2 * structure.poles + structure.zeros + 3
@@ -222,10 +244,10 @@ def first_model(structure: Structure, record: Record) -> Refined | None:
 
 
 def carry_over(old: State, new: State) -> None:
-    """Keep counters, clock, raw samples, past estimates and the user's choice to freeze, of a state that is replaced."""
+    """Keep of a state that is replaced: counters, clock, raw samples, past estimates, the user's choice to freeze."""
     for slot in (
         at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER, at.TOO_DENSE, at.REFUSED, at.RESTED, at.GAPS, at.GAP_AT, at.ADAPT,
-        at.DRAWN, at.PAST_KEPT, at.PAST_DUE, at.OUTLIERS, at.STUCK, at.SAMPLES, at.RECENT_HEAD, at.ALARM,
+        at.DRAWN, at.PAST_KEPT, at.PAST_DUE, at.OUTLIERS, at.STUCK, at.SAMPLES, at.RECENT_HEAD, at.ALARM, at.LOOK_AT,
     ):  # fmt: skip
         new.ints[slot] = old.ints[slot]
     new.ints[at.LEARNED] = old.ints[at.SAMPLES]

@@ -52,8 +52,8 @@ class Evidence:
         Median time between samples in s, interruptions included; 0 where there are no time stamps.
     grown : int
         Samples since the residual began to be larger than usual, if that is no chance; else 0.
-    stuck : int
-        Samples for which the sensor has stood still, if it is stuck now; else 0.
+    stuck : bool
+        Whether the sensor was found stuck, or at an end of its scale, just now.
     output_unit : float
         What the output of the record counts in, in the user's unit.
     """
@@ -74,7 +74,7 @@ class Evidence:
     largest_power: float = 0.0
     usual_interval: float = 0.0
     grown: int = 0
-    stuck: int = 0
+    stuck: bool = False
     output_unit: float = 1.0
 
     def in_own_units(self) -> Evidence:

@@ -104,8 +104,8 @@ def _of_guard(evidence: Evidence) -> list[Finding]:
     """Return what was noticed as the samples came in."""
     findings = []
     if evidence.stuck:
-        reason = f"the output stands still to the bit for {evidence.seconds(evidence.stuck):.3g} s"
-        findings.append(Finding("inconsistent", f"{reason}: a stuck or saturated sensor, or a cable off"))
+        reason = "the output stands, or just stood, still to the bit: a stuck or saturated sensor, or a cable off"
+        findings.append(Finding("inconsistent", reason))
     elif evidence.grown:
         reason = f"what the model leaves has grown {evidence.seconds(evidence.grown):.3g} s ago"
         findings.append(Finding("inconsistent", f"{reason}: plant, sensor or disturbances have changed"))

@@ -18,6 +18,7 @@ from replant.state import GAP, SHORTEST_STEP, State
 from replant.validation import FloatArray
 
 STANDS = 2  # the doubt of a stuck sensor, as `replant.kernels.guard` numbers it
+STUCK_LATELY = 200  # samples since the sensor was stuck, within which it is not relied on
 LONELY = 5  # outliers in a row that are no more than that; what lasts longer may be the plant
 MOST_IRREGULAR = 5000  # samples looked at where each interval costs a discretisation of its own
 
@@ -78,7 +79,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         follows=bool(ints[at.PAST_STEP] == SHORTEST_STEP),
         largest_power=float(state.reals[at.LARGEST_POWER]),
         grown=samples - int(ints[at.CHANGE_BEGAN]) if ints[at.ALARM] else 0,
-        stuck=int(ints[at.STILL]) if ints[at.IS_STUCK] and ints[at.DOUBT] == STANDS else 0,
+        stuck=bool(ints[at.IS_STUCK]) and samples - int(ints[at.STUCK_LAST]) < STUCK_LATELY,
         usual_interval=float(np.median(kept[1:, 2])) if len(kept) > 1 else 0.0,
     )
 

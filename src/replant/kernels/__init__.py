@@ -5,6 +5,6 @@ arrays, laid out by `layout`: ``ints`` (int64), ``reals`` (float64) and ``buffer
 One flat array instead of many small ones keeps the cost of a call near 0.3 µs, and no model order needs its own
 compilation.
 
-A reader starts with `step.take`: what happens to one sample, from the arrival of (u, y) to the new estimate.
+A reader starts with `step.take_by_gradient`: what happens to one sample, from its arrival to the new estimate.
 `compiled` says what makes it fast; benchmarks/kernels.py measures it beside C.
 """

@@ -223,7 +223,7 @@ def begins_anew(ints, reals):
 
 @part
 def is_calm(ints):
-    """Return whether no sensor was stuck just now: saturated, it is again soon, and what it measures between is less."""
+    """Return whether no sensor was stuck just now: one that saturates does so again soon."""
     return ints[at.IS_STUCK] == 0 or ints[at.SAMPLES] - ints[at.STUCK_LAST] >= CALM
 
 

@@ -77,3 +77,16 @@ def record(colour, error, alpha, forgetting, zeta):
         for j in range(T):
             colour[squares + i * T + j] = forgetting * forgetting * colour[squares + i * T + j] + zeta[i] * zeta[j]
     colour[POSITION] = newest
+
+
+@seldom
+def begin_last(colour, first, entries):
+    """Forget what the regressor's entries from ``first`` on have been, as `second_order.begin_last` does."""
+    for lag in range(LAGS):
+        for i in range(first, entries):
+            colour[FILTERED + lag * entries + i] = 0.0
+    squares = FILTERED + LAGS * entries
+    for i in range(entries):
+        for j in range(entries):
+            if i >= first or j >= first:
+                colour[squares + i * entries + j] = 0.0

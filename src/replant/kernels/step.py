@@ -11,16 +11,10 @@ from replant.kernels import layout as at
 from replant.kernels import path as trail
 from replant.kernels import second_order as second
 from replant.kernels.compiled import cut, kernel, part, rare, seldom
+from replant.kernels.interruptions import begin_initial_state, input_rests, interval_of
 from replant.kernels.random_stream import draw_below
 from replant.kernels.second_order import KALMAN_TRACKING, RECURSIVE_LEAST_SQUARES
-from replant.kernels.stability import slowest_decay
 
-AT_REST = 1e-6  # moving variance of the input, relative to its largest, below which the input rests
-EARLIER_STAMPS = 10  # that advance, but lie before the newest one: after these the clock has been set
-LONGEST = 1e9  # sampling times that a gap counts as at the most
-UNKNOWN = 100.0  # variance of an initial state, over the largest square of the modelled output
-LEAST_NOISE = 1e-12  # of that square, as which the residual's variance counts there at the least
-SETTLE = 5.0  # of the slowest time constant, to wait after a gap
 # The estimate is kept each time the samples have grown by an eighth: of the four kept the oldest lies then three to
 # four of these steps back, so that a quarter to a third of all samples, and later three to four times PAST_STEP, are
 # held out from it.
@@ -95,84 +89,6 @@ def acceptable(ints, u, y):
     else:
         ints[at.NOT_FINITE] += 1
     return False
-
-
-@rare
-def input_rests(ints, reals, u):
-    """Return whether the input has come to rest: its moving variance says so, or it has not moved for a memory.
-
-    An optimizer that forgets must not wait for the variance: it would have forgotten all by then.
-    """
-    if ints[at.SAMPLES] == 0:
-        reals[at.INPUT_MEAN] = reals[at.ANCHOR] = u
-    share = reals[at.FORGET_INPUT]
-    away = u - reals[at.INPUT_MEAN]
-    reals[at.INPUT_MEAN] += share * away
-    reals[at.INPUT_POWER] += share * (away * away - reals[at.INPUT_POWER])
-    reals[at.LARGEST_POWER] = max(reals[at.LARGEST_POWER], reals[at.INPUT_POWER])
-    least = AT_REST * reals[at.LARGEST_POWER]
-    if ints[at.REST_AFTER] > 0:
-        step = u - reals[at.ANCHOR]
-        ints[at.INPUT_STILL] += 1
-        if step * step > least:
-            reals[at.ANCHOR] = u
-            ints[at.INPUT_STILL] = 0
-        elif ints[at.INPUT_STILL] > ints[at.REST_AFTER]:
-            return True
-    return reals[at.INPUT_POWER] < least
-
-
-@rare
-def begin_initial_state(ints, reals, banks, y):
-    """Take the initial state for that of an output that stood at ``y``, and for unknown: learning goes on.
-
-    The refined filter estimates it beside the parameters.  Ten times the largest that the modelled output lately was
-    is what it may be.  The auxiliary model begins there, too: instruments far from the regressor would do harm.
-    """
-    n, T = ints[at.ORDER], ints[at.ENTRIES]
-    first, memory = T - n, ints[at.AT_MEMORY]
-    theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]
-    U, D = reals[memory : memory + T * T], reals[memory + T * T : memory + T * T + T]
-    variances, bank = reals[ints[at.AT_WORK] : ints[at.AT_WORK] + n], banks[ints[at.ACTIVE]]
-    size = UNKNOWN * max(reals[at.PEAK], np.finfo(np.float64).tiny) * reals[at.OUTPUT_SCALE] ** 2
-    if not y * y < size:
-        y = 0.0
-    for i in range(n):  # (s^(n-1) + a_(n-1) s^(n-2) + ..)/A of an impulse is one at first, and flat
-        unit = reals[ints[at.AT_UNIT] + first + i]
-        mean = y if i == 0 else y * bank[bk.DENOMINATOR + i - 1]
-        theta[first + i] = mean / unit
-        variances[i] = size / unit**2
-        size *= bank[bk.SCALE] ** 2
-        for b in range(1, 3):
-            banks[b, bk.at_weights(n, T) + first + i] = theta[first + i] * reals[at.OUTPUT_SCALE]
-        if ints[at.ALGORITHM] == RECURSIVE_LEAST_SQUARES:
-            variances[i] /= max(reals[at.USUAL], LEAST_NOISE * reals[at.PEAK], np.finfo(np.float64).tiny)
-            cap = memory + T * T + T + first + i
-            reals[cap] = max(reals[cap], variances[i])
-    second.begin_last(U, D, first, variances, reals[ints[at.AT_BACKUP] : ints[at.AT_BACKUP] + T])
-
-
-@rare
-def interrupt(ints, reals, banks, interval):
-    """Begin the filters anew after a gap: parameters stay, learning waits until what is unknown has died out."""
-    n = ints[at.ORDER]
-    ints[at.GAPS] += 1
-    ints[at.GAP_AT] = ints[at.SAMPLES]
-    ints[at.STARTED] = 0
-    ints[at.WARMING] = 0
-    reals[at.CUSUM] = 0.0
-    bank = banks[ints[at.ACTIVE]] if ints[at.INSTRUMENTS] == 1 else banks[0]
-    work = reals[ints[at.AT_WORK] :]
-    decay = slowest_decay(bank[bk.DENOMINATOR : bk.DENOMINATOR + n], work)
-    wait = SETTLE / decay if decay > 0.0 else 0.0
-    if ints[at.INSTRUMENTS] == 1:  # a model that hardly forgets is not waited for longer than it has been known
-        wait = min(wait, reals[at.ELAPSED])
-    now = reals[at.ELAPSED] + interval
-    reals[at.LEARN_FROM] = reals[at.READY] = now + wait
-    # the refined filter estimates the initial state; not where the parameters may have walked meanwhile, as far as they
-    # may then go with instruments that are not yet like the regressor
-    if ints[at.REFINED] == 1 and ints[at.ALGORITHM] == RECURSIVE_LEAST_SQUARES:
-        reals[at.LEARN_FROM] = now
 
 
 @part
@@ -261,43 +177,6 @@ def keep_guarded_sample(ints, reals, recent, u, y, interval):
     ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT] else 0
 
 
-@rare
-def clock_was_set(ints, reals, t):
-    """Count a stamp that does not advance; return whether so many in a row advance that it is the clock's new time."""
-    ints[at.EARLIER] = ints[at.EARLIER] + 1 if ints[at.EARLIER] > 0 and t > reals[at.EARLIER_TIME] else 1
-    reals[at.EARLIER_TIME] = t
-    if ints[at.EARLIER] <= EARLIER_STAMPS:
-        ints[at.NOT_LATER] += 1
-        return False
-    return True
-
-
-@rare
-def interval_of(ints, reals, banks, t):
-    """Return the time since the sample before; NaN, and count it, where a time stamp cannot be used."""
-    if math.isnan(t):
-        return reals[at.INTERVAL]
-    if math.isinf(t):
-        ints[at.NOT_FINITE] += 1
-        return np.nan
-    interval = reals[at.INTERVAL]
-    if ints[at.SAMPLES] > 0:
-        interval = t - reals[at.LAST_TIME]
-        if not interval > 0.0:
-            if not clock_was_set(ints, reals, t):
-                return np.nan
-            interval = 2.0 * reals[at.LONGEST_GAP]  # how long it was nobody knows
-        if reals[at.DELAY] > 0.0 and interval * (ints[at.RING] - 2) < reals[at.DELAY]:
-            ints[at.TOO_DENSE] += 1
-            return np.nan
-        if interval > reals[at.LONGEST_GAP]:
-            interval = min(interval, LONGEST * reals[at.INTERVAL])
-            interrupt(ints, reals, banks, interval)
-    ints[at.EARLIER] = 0
-    reals[at.LAST_TIME] = t
-    return interval
-
-
 @cut
 def renew_model(ints, reals, banks):
     """Let the newest estimate take over as auxiliary model where it is due, and the residual's colour with it."""
@@ -359,7 +238,7 @@ def take_guarded(ints, reals, banks, buffer, recent, u, y, t):
     at_rest = ints[at.GUARD] == 1 and input_rests(ints, reals, u)
     if ints[at.INSTRUMENTS] == 1:
         renew_model(ints, reals, banks)
-    if ints[at.STARTED] == 0 and ints[at.GAPS] > 0 and ints[at.REFINED] == 1:
+    if ints[at.STARTED] == 0 and ints[at.GAPS] > 0 and ints[at.REFINED] * ints[at.COLOURED] == 1:
         begin_initial_state(ints, reals, banks, y)
     target = guard.observe(ints, reals, banks, u, y, interval)
     if ints[at.RECENT] > 0:
