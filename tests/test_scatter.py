@@ -126,7 +126,7 @@ def rows_in_use(ident: rp.Identifier) -> np.ndarray:
 
 
 def test_the_rows_of_an_identifier_are_where_it_was() -> None:
-    """Those since the record was last solved as a whole: at every 64th sample behind the first 1000."""
+    """Those since the record was last solved as a whole: at every 32nd sample behind the first 1000."""
     u = prbs(1600, bits=9, hold=20)
     y = PLANT.simulate(u, DT) + 0.1 * slow_noise(0, u.size)
     ident, was = rp.Identifier(rp.Structure(1), DT), {}
@@ -134,13 +134,13 @@ def test_the_rows_of_an_identifier_are_where_it_was() -> None:
         ident.update(u[k], y[k])
         was[k + 1] = ident.parameters
     rows = rows_in_use(ident)
-    step = 64  # 32 for the first 1000, and once doubled
+    step = 32  # 16 for the first 1000, and once doubled
     counts = step * np.arange(1, len(rows) + 1)
     assert counts[-1] + step > u.size
     for row, count in zip(rows, counts, strict=True):
         if count > 1000:
             np.testing.assert_array_equal((row[0] * ident._state.unit)[:2], was[count])
-    assert (counts > 1000).sum() == 10
+    assert (counts > 1000).sum() == 19
 
 
 def test_nothing_is_kept_while_nothing_is_learned() -> None:

@@ -308,10 +308,11 @@ def _conclude(problem: Problem, model: FloatArray, done: Pass, converged: bool) 
     colour, squares, innovation = _colour(done.zeta, error)
     innovation /= max(samples - size, 1)
     covariance = innovation * inverse @ squares @ inverse
-    path = path_of_record(done.zeta, error, theta)
     covariance = larger(covariance, variance * inverse)
-    covariance = no_less_than_scattered(covariance, *rows_of(path, theta, np.diag(inverse)))
+    # chance in the few blocks of a start-up's path must not decide when it suffices
     uncertainty = relative_uncertainty(problem.structure, model, covariance, done.phi, problem.record)
+    path = path_of_record(done.zeta, error, theta)
+    covariance = no_less_than_scattered(covariance, *rows_of(path, theta, np.diag(inverse)))
     return Refined(theta, model, upper, diagonal, covariance, variance, converged, uncertainty, colour, path)
 
 

@@ -26,10 +26,10 @@ from replant.validation import FloatArray
 LEAST_ROWS = 16  # blocks that tell a variance
 LEAST_BLOCKS = 6.0  # as many of equal weight, 1 / sum w^2; of longer blocks half as many
 # Standard deviations, of a variance told by so many blocks, by which it exceeds what the residual's colour makes it:
-# then there is noise slower than the colour knows, and blocks two and four times as long are asked as well.  They would
-# add to the scatter of the figure where there is none.
-BEYOND_CHANCE = 3.0
-LONGER = (2, 4)
+# then there is noise slower than the colour knows, and longer blocks are asked as well.  Where there is none, they
+# would only add to the scatter of the figure.
+BEYOND_CHANCE = 4.0
+LONGER = (2, 4, 8)
 
 
 def path_variances(

@@ -6,7 +6,7 @@ row goes, and the next ones come half as often.
 
 from replant.kernels.compiled import seldom
 
-ROOM = 32  # rows; once the record is long there are always at least half as many
+ROOM = 64  # rows; once the record is long there are always at least half as many
 STEP, DUE, KEPT = 0, 1, 2  # learned samples between two rows, and at which the next is due; rows kept
 ROWS = 3  # (ROOM, 2 T)  estimate and diagonal of P after so many samples
 
