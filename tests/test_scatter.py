@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 
 import replant as rp
 from builders import DT
+from replant.covariance import slowness
 from replant.factors import larger
 from replant.kernels import layout as at
 from replant.kernels import path as kept
@@ -189,3 +190,14 @@ def test_creep_does_not_look_like_certainty(seed: int) -> None:
     away = np.abs(ident.parameters[:5] - true) / ident.uncertainty.std[:5]
     assert (away < 4.0).all()
     assert (ident.uncertainty.std[:5] < 0.2 * np.abs(true)).all()
+    assert slowness(ident._state, ident._settings) > 10.0
+
+
+def test_white_noise_is_not_slow() -> None:
+    """The path tells a variance to a quarter, so that three times the standard deviation is out of reach."""
+    u = prbs(4000, bits=9, hold=20)
+    y = PLANT.simulate(u, DT) + 0.3 * np.random.default_rng(0).standard_normal(u.size)
+    for arguments in ({}, {"optimizer": rp.RecursiveLeastSquares(time_constant=50.0)}, {"optimizer": "adam"}):
+        ident = rp.Identifier(rp.Structure(1), DT, **arguments)
+        ident.update_many(u, y)
+        assert 1.0 <= slowness(ident._state, ident._settings) < 2.0
