@@ -4,10 +4,10 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: demo test slow lint types check bench accuracy clean help
+.PHONY: demo test slow lint types check bench bench-live regression soak accuracy clean help
 
 help:            ## list the targets
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 10
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -30,8 +30,21 @@ lint: $(READY)   ## ruff: style and format
 types: $(READY)  ## mypy strict
 	$(BIN)/mypy
 
-bench: $(READY)  ## speed, as ratios to a C program measured in the same run
-	$(BIN)/python benchmarks/kernels.py
+$(VENV)/.peers: $(READY)
+	PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --disable-pip-version-check --editable '.[peers]'
+	touch $@
+
+bench: $(VENV)/.peers  ## speed, as ratios to C and to other libraries measured in the same run; writes docs/performance.md
+	$(BIN)/python benchmarks $(ARGS)
+
+regression: $(READY)  ## speed beside C with a wide margin, a few seconds
+	$(BIN)/python benchmarks/kernels.py --limit 2 --entries 4 8 --repetitions 15
+
+bench-live: $(READY)  ## live: throughput over TCP and MQTT, latency over UDP, memory
+	$(BIN)/python benchmarks/live.py
+
+soak: $(READY)   ## a day of rig time in fast replay: memory, estimate, checkpoint
+	$(BIN)/python benchmarks/soak.py
 
 accuracy: $(READY)  ## accuracy, Monte Carlo beside what is promised; writes docs/accuracy.md and out/accuracy
 	$(BIN)/python benchmarks/accuracy $(ARGS)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import ctypes
-import json
 import math
 import os
 import platform
@@ -23,7 +22,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numba
 import numpy as np
@@ -56,6 +55,8 @@ DT = 1e-3
 RECENT = 10_000  # raw samples kept, as an identifier does
 CHUNK = {True: 1_000, False: 10_000}  # samples, with and without replay: under a millisecond
 SAME = 1e-9  # relative
+ENTRIES, REPETITIONS = (2, 4, 6, 8, 10), 101
+LIMIT, LIMIT_OTHERS = 1.1, 1.25  # of the ratio: the article's four optimizers, the rest
 REGULAR = np.zeros(0)  # time stamps of a regular clock
 
 # What the flags after -march do changes no number: no fused multiply-add, which Numba does not use either and which
@@ -72,15 +73,7 @@ def main() -> int:
         console.print("gcc is not on the PATH: install it to build the C program that the kernels are compared with")
         return 2
     optimizers = ARTICLE | OTHERS if options.all else ARTICLE
-    with tempfile.TemporaryDirectory() as folder:
-        run = compile_reference(Path(folder), options.flags)
-        cases = [(name, P, replay) for name in optimizers for P in options.entries for replay in (False, True)]
-        results = [
-            measure(name, optimizers[name], P, replay, run, options.repetitions)
-            for name, P, replay in track(cases, "measuring", console=Console(stderr=True), transient=True)
-        ]
-    latency = update_latency()
-    machine = describe_machine(options.flags)
+    results = measure_all(optimizers, options.entries, options.repetitions, options.flags)
     worst = max(results, key=lambda result: result.ratio)
     difference = max(result.difference for result in results)
     console.print(as_table(results, options.limit))
@@ -89,25 +82,40 @@ def main() -> int:
         f"{'with' if worst.replay else 'without'} replay); limit {options.limit:g}.\n"
         f"Largest difference between the two programs' numbers: {difference:.1e} relative; allowed {SAME:g}."
     )
-    for case, microseconds in latency.items():
-        console.print(f"One call of Identifier.update from Python, {case}: {microseconds:.2f} µs (median).")
-    console.print("\n".join(f"{key}: {value}" for key, value in machine.items()))
-    if options.json:
-        report = {"machine": machine, "update_microseconds": latency, "kernels": [asdict(result) for result in results]}
-        options.json.write_text(json.dumps(report, indent=2) + "\n")
+    console.print("\n".join(f"{key}: {value}" for key, value in describe_machine(options.flags).items()))
     return int(worst.ratio > options.limit or not difference <= SAME)
+
+
+def measure() -> dict[str, Any]:
+    """Return the figures: ``rows``, one for each optimizer, number of parameters and buffer."""
+    results = measure_all(ARTICLE | OTHERS, ENTRIES, REPETITIONS, FLAGS)
+    holds = all(
+        result.difference <= SAME and result.ratio <= (LIMIT if result.optimizer in ARTICLE else LIMIT_OTHERS)
+        for result in results
+    )
+    return {"rows": [asdict(result) | {"update": result.update} for result in results], "holds": holds}
+
+
+def measure_all(optimizers: dict[str, Optimizer], entries: Sequence[int], repetitions: int, flags: str) -> list[Result]:
+    """Measure every optimizer at every number of parameters, without and with replay."""
+    cases = [(name, P, replay) for name in optimizers for P in entries for replay in (False, True)]
+    with tempfile.TemporaryDirectory() as folder:
+        run = compile_reference(Path(folder), flags)
+        return [
+            measure_one(name, optimizers[name], P, replay, run, repetitions)
+            for name, P, replay in track(cases, "kernels", console=Console(stderr=True), transient=True)
+        ]
 
 
 def read_options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--all", action="store_true", help="all eight optimizers, not the article's four alone")
     parser.add_argument(
-        "--entries", type=int, nargs="+", default=(2, 4, 6, 8, 10), metavar="P", help="2 or more; odd: with a bias"
+        "--entries", type=int, nargs="+", default=ENTRIES, metavar="P", help="2 or more; odd: with a bias"
     )
-    parser.add_argument("--repetitions", type=int, default=101, metavar="N", help="chunks that are timed")
+    parser.add_argument("--repetitions", type=int, default=REPETITIONS, metavar="N", help="chunks that are timed")
     parser.add_argument("--limit", type=float, default=1.5, metavar="X", help="largest ratio that passes")
     parser.add_argument("--flags", default=FLAGS, help="of gcc; default: %(default)s")
-    parser.add_argument("--json", type=Path, metavar="PATH", help="write the figures there as well")
     return parser.parse_args()
 
 
@@ -216,7 +224,7 @@ class Result:
         return self.sample_c / self.updates_per_sample
 
 
-def measure(name: str, optimizer: Optimizer, P: int, replay: bool, run: Run, repetitions: int) -> Result:
+def measure_one(name: str, optimizer: Optimizer, P: int, replay: bool, run: Run, repetitions: int) -> Result:
     """Time both programs on the same chunks in turn, and compare their numbers."""
     from replant.kernels.plain import steps
 
@@ -264,27 +272,6 @@ def chunks(structure: rp.Structure, size: int, count: int) -> Iterator[tuple[np.
 def distance(a: np.ndarray, b: np.ndarray) -> float:
     """Return the largest difference relative to the largest magnitude."""
     return float(np.abs(a - b).max() / np.abs(b).max())
-
-
-def update_latency(calls: int = 50_000) -> dict[str, float]:
-    """Return the median time in µs of one call of `Identifier.update`."""
-    structure = rp.Structure(poles=3, zeros=1)
-    u, y = (signal.tolist() for signal in next(chunks(structure, calls, 1)))
-    medians = {}
-    cases = {
-        "the default": {},
-        "AMSGrad without replay": {"optimizer": "amsgrad", "replay": None},
-        "AMSGrad with a batch of 20": {"optimizer": "amsgrad", "replay": REPLAY},
-    }
-    for case, choices in cases.items():
-        ident = rp.Identifier(structure, DT, **choices)
-        times = []
-        for k in range(calls):
-            start = time.perf_counter_ns()
-            ident.update(u[k], y[k])
-            times.append(time.perf_counter_ns() - start)
-        medians[case] = float(np.median(times)) / 1e3
-    return medians
 
 
 # --- showing

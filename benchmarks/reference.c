@@ -66,12 +66,12 @@ static void adam(identifier *id, int64_t batch)
         double error = normalized_error(P, theta, phi);
         power1 *= beta1;
         power2 *= beta2;
-        double correction1 = 1.0 - power1, correction2 = 1.0 - power2;
+        double rate = alpha / (1.0 - power1), root = 1.0 / sqrt(1.0 - power2);
         for (int64_t i = 0; i < P; i++) {
             double g = -error * phi[i];
             m[i] = beta1 * m[i] + (1.0 - beta1) * g;
             v[i] = beta2 * v[i] + (1.0 - beta2) * g * g;
-            theta[i] -= alpha * (m[i] / correction1) / (sqrt(v[i] / correction2) + epsilon);
+            theta[i] -= rate * m[i] / (sqrt(v[i]) * root + epsilon);
         }
     }
     id->memory[0] = power1;
@@ -140,13 +140,13 @@ static void nadam(identifier *id, int64_t batch)
         double error = normalized_error(P, theta, phi);
         power1 *= beta1;
         power2 *= beta2;
-        double now = 1.0 - power1, next = 1.0 - beta1 * power1, correction2 = 1.0 - power2;
+        double now = alpha * (1.0 - beta1) / (1.0 - power1), ahead = alpha * beta1 / (1.0 - beta1 * power1);
+        double root = 1.0 / sqrt(1.0 - power2);
         for (int64_t i = 0; i < P; i++) {
             double g = -error * phi[i];
             m[i] = beta1 * m[i] + (1.0 - beta1) * g;
             v[i] = beta2 * v[i] + (1.0 - beta2) * g * g;
-            double ahead = beta1 * m[i] / next + (1.0 - beta1) * g / now;
-            theta[i] -= alpha * ahead / (sqrt(v[i] / correction2) + epsilon);
+            theta[i] -= (ahead * m[i] + now * g) / (sqrt(v[i]) * root + epsilon);
         }
     }
     id->memory[0] = power1;

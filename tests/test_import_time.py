@@ -13,7 +13,8 @@ import pytest
 
 import replant
 
-HEAVY = ("numba", "llvmlite", "scipy", "matplotlib", "pyarrow", "control", "pandas", "xarray", "sklearn")
+HEAVY = {"numba", "llvmlite", "scipy", "matplotlib", "pyarrow", "control", "pandas", "xarray", "sklearn"}
+HEAVY |= {"paho", "serial"}
 BUDGET = 0.3  # s, over `import numpy` for the package, over `python -c pass` for the command
 REPORT = "import sys, json; print(json.dumps(sorted({name.partition('.')[0] for name in sys.modules})))"
 

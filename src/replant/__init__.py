@@ -5,7 +5,18 @@
 """
 
 from replant.assessment import fit_percent
-from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, MissingDependencyError, ReplantError
+from replant.checkpoint.resume import load
+from replant.ensemble import Ensemble
+from replant.errors import (
+    ArgumentTypeError,
+    CheckpointError,
+    DamagedCheckpointError,
+    InvalidArgumentError,
+    LogError,
+    MissingCheckpointError,
+    MissingDependencyError,
+    ReplantError,
+)
 from replant.filters import RefinedFilter, StateVariableFilter
 from replant.identifier import Identifier
 from replant.logs import Log, read_log
@@ -38,6 +49,9 @@ __all__ = [
     "AdaGrad",
     "Adam",
     "ArgumentTypeError",
+    "CheckpointError",
+    "DamagedCheckpointError",
+    "Ensemble",
     "FitResult",
     "Gradient",
     "Identifier",
@@ -46,6 +60,7 @@ __all__ = [
     "KalmanTracking",
     "Log",
     "LogError",
+    "MissingCheckpointError",
     "MissingDependencyError",
     "NAdam",
     "Preprocess",
@@ -63,5 +78,6 @@ __all__ = [
     "__version__",
     "fit",
     "fit_percent",
+    "load",
     "read_log",
 ]

@@ -21,3 +21,15 @@ class LogError(ReplantError, ValueError):
 
 class MissingDependencyError(ReplantError, ImportError):
     """An optional package that is not installed: the message names the extra that brings it."""
+
+
+class CheckpointError(ReplantError):
+    """A checkpoint that cannot be written or read: the message names the file, why, and what is left as it was."""
+
+
+class DamagedCheckpointError(CheckpointError, ValueError):
+    """Bytes that are not a whole checkpoint which this version can read: the message says what is wrong with them."""
+
+
+class MissingCheckpointError(CheckpointError, FileNotFoundError):
+    """No checkpoint under that name, nor a previous one beside it."""

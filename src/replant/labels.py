@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 
-_UNIT = r"\s*[\[(]([^\[\]()]+)[\])]\s*$"
+_INDEX = r"[\d\s:,]+[\])]"  # of a MATLAB column, as in data.y[:,0]: no unit
+_UNIT = rf"\s*[\[(](?!{_INDEX})([^\[\]()]+)[\])]\s*$"
 
 
 def unit_of(label: str) -> str:
@@ -12,8 +13,8 @@ def unit_of(label: str) -> str:
 
     Examples
     --------
-    >>> unit_of("speed [rpm]"), unit_of("force (N)"), unit_of("u")
-    ('rpm', 'N', '')
+    >>> unit_of("speed [rpm]"), unit_of("force (N)"), unit_of("flow [1/min]"), unit_of("u"), unit_of("data.y[:,0]")
+    ('rpm', 'N', '1/min', '', '')
     """
     found = re.search(_UNIT, label)
     return found[1].strip() if found else ""
@@ -24,7 +25,7 @@ def without_unit(label: str) -> str:
 
     Examples
     --------
-    >>> without_unit("speed [rpm]"), without_unit("u")
-    ('speed', 'u')
+    >>> without_unit("speed [rpm]"), without_unit("u"), without_unit("data.y[:,0]")
+    ('speed', 'u', 'data.y[:,0]')
     """
     return re.sub(_UNIT, "", label)

@@ -1,30 +1,36 @@
-"""A record through an identifier: in chunks, with progress, a thinned history, and the result at the end."""
+"""A record of any length through an identifier: with progress, a thinned history, and the result at the end."""
 
 from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from replant.assessment import Simulation, Verdict, assess_record, fit_percent, simulate
+from replant.assessment import Simulation, Verdict, assess_record
+from replant.batches import Arrays, Source, batched
 from replant.defaults import settle
 from replant.filters import StateVariableFilter
 from replant.identifier import Identifier
 from replant.offline import FitResult
-from replant.prediction import one_step
+from replant.overview import Overview, Recorder
 from replant.preprocess import screen
+from replant.score import FITTED, Score
 from replant.settings import Request, Settings
-from replant.startup import ready_record
+from replant.startup import LARGEST, ready_record
 from replant.structure import Structure
+from replant.trace import Trace
 from replant.transfer_function import TransferFunction
 from replant.uncertainty import Uncertainty
 from replant.validation import FloatArray
 
 CHUNK = 1 << 14  # samples between two reports of progress
+PIECE = 1 << 15  # samples of the second pass that are looked at together
 MOST_ROWS = 10_000  # of history kept: more than a plot can show
+SETTLED = 1_000_000  # samples looked at where choices are made from the record beforehand
+IDENTIFYING, TESTING = "identifying", "testing"  # the stages of a run
 BANDS = 200  # times that standard deviations are taken along the way
 
 
@@ -71,6 +77,8 @@ class Result:
         Of an online run.
     covariance : (P, P) array or None
         Of the parameters, in their units squared, where the estimator tells it.
+    overview : Overview or None
+        Of a record too long to be held; the simulation then holds its newest samples alone.
     """
 
     structure: Structure
@@ -85,6 +93,7 @@ class Result:
     settings: Settings | None = None
     history: History | None = None
     covariance: FloatArray | None = None
+    overview: Overview | None = None
 
     @property
     def uncertainty(self) -> Uncertainty | None:
@@ -101,12 +110,14 @@ class Result:
 
 
 def run_online(
-    request: Request, u: FloatArray, y: FloatArray, progress: Callable[[int], None] = lambda samples: None
+    request: Request,
+    u: FloatArray,
+    y: FloatArray,
+    progress: Callable[[int], None] = lambda samples: None,
+    *,
+    startup: int | None = None,
 ) -> Result:
-    """Identify in one pass over a record.
-
-    Where instruments are wanted, a tenth of the record is the start-up; else what is left to "auto" is chosen from
-    the whole record beforehand.
+    """Identify in one pass over a record in memory; see `run_source`.
 
     Parameters
     ----------
@@ -115,46 +126,119 @@ def run_online(
         Raw input and output.
     progress : callable
         Called with the number of samples done, every few thousand.
+    startup : int, optional
+        See `run_source`.
+    """
+
+    def report(stage: str, samples: int) -> None:
+        if stage == IDENTIFYING:
+            progress(samples)
+
+    return run_source(request, Arrays(u, y), report, startup=startup)
+
+
+def run_source(
+    request: Request,
+    source: Source,
+    progress: Callable[[str, int], None] = lambda stage, samples: None,
+    sink: Callable[[Trace], None] = lambda trace: None,
+    newest: int | None = None,
+    startup: int | None = None,
+) -> Result:
+    """Identify in one pass over a record of any length; a second pass runs the model beside it.
+
+    Where instruments are wanted, a tenth of the record is the start-up, 20000 samples at the most; else what is left
+    to "auto" is chosen from the first million samples beforehand.
+
+    Parameters
+    ----------
+    request : Request
+    source : Source
+    progress : callable
+        Called with the stage, "identifying" or "testing", and how many of its samples are done.
+    sink : callable
+        Called with the trace of every few thousand samples.
+    newest : int, optional
+        How many samples of the simulation are kept, where the record is too long for all of them.
+    startup : int, optional
+        Samples held back for the start-up; the run is then, to the bit, what it would have been live.
     """
     begun = time.perf_counter()
-    if request.wants_instruments:
-        request = dataclasses.replace(request, startup=max(u.size // 10, 1))
-        identifier = Identifier(**vars(request))
-    else:
-        identifier = Identifier(**vars(settle(request, u, y, u.size)))
-    stride = max(1, u.size // MOST_ROWS)
-    chunk = min(CHUNK, max(1, u.size // BANDS))
-    rows, bands = [np.empty((0, request.structure.size))], [np.empty((0, request.structure.size))]
-    for start in range(0, u.size, chunk):
-        trace = identifier.update_many(u[start : start + chunk], y[start : start + chunk])
-        rows.append(trace.parameters[(stride - 1 - start) % stride :: stride])
-        bands.append(np.broadcast_to(identifier.uncertainty.std, rows[-1].shape))
-        progress(min(start + chunk, u.size))
+    identifier = _identifier(request, source, startup)
+    history = _History(source.samples, request.structure.size)
+    chunk = min(CHUNK, max(1, source.samples // BANDS))
+    done = 0
+    for u, y in batched(source.batches(), FITTED):
+        for start in range(0, u.size, chunk):
+            trace = identifier.update_many(u[start : start + chunk], y[start : start + chunk])
+            history.take(trace, identifier.uncertainty.std)
+            sink(trace)
+            done += len(trace)
+            progress(IDENTIFYING, done)
     identifier.finish_startup()
-    parameters = np.concatenate(rows)
-    history = History(stride * np.arange(1, parameters.shape[0] + 1), parameters, np.concatenate(bands))
-    return assess_run(identifier, request, history, u, y, begun)
+    return _result(identifier, request, history.history, source, begun, progress, newest)
 
 
-def assess_run(
-    identifier: Identifier, request: Request, history: History, u: FloatArray, y: FloatArray, begun: float
+def _identifier(request: Request, source: Source, startup: int | None) -> Identifier:
+    if startup is not None:
+        return Identifier(**vars(dataclasses.replace(request, startup=startup)))
+    if request.wants_instruments:
+        startup = min(max(source.samples // 10, 1), LARGEST)
+        return Identifier(**vars(dataclasses.replace(request, startup=startup)))
+    u, y = next(batched(source.batches(), SETTLED), (np.empty(0), np.empty(0)))
+    return Identifier(**vars(settle(request, u, y, source.samples)))
+
+
+class _History:
+    """Every so many rows of the traces that come, so that `MOST_ROWS` or up to twice as many are kept."""
+
+    def __init__(self, samples: int, size: int) -> None:
+        self._stride, self._seen = max(1, samples // MOST_ROWS), 0
+        self._rows, self._bands = [np.empty((0, size))], [np.empty((0, size))]
+
+    def take(self, trace: Trace, std: FloatArray) -> None:
+        self._rows.append(trace.parameters[(-1 - self._seen) % self._stride :: self._stride].copy())
+        self._bands.append(np.broadcast_to(std, self._rows[-1].shape))
+        self._seen += len(trace)
+
+    @property
+    def history(self) -> History:
+        parameters = np.concatenate(self._rows)
+        samples = self._stride * np.arange(1, parameters.shape[0] + 1)
+        return History(samples, parameters, np.concatenate(self._bands))
+
+
+def _result(
+    identifier: Identifier,
+    request: Request,
+    history: History,
+    source: Source,
+    begun: float,
+    progress: Callable[[str, int], None],
+    newest: int | None,
 ) -> Result:
-    """Return the result of an online run over the record u, y; ``begun`` is the clock at its start."""
+    """Return the result of an online run over a record; ``begun`` is the clock at its start."""
     settings = identifier.settings
-    preprocess = settings.preprocess if settings else request.preprocess.resolve(u, y)
-    mapped = preprocess.map_input(u)
-    accepted, _ = screen(mapped, y)
-    y = np.where(accepted, y, np.nan)
-    linear_input = np.where(accepted, mapped - float(preprocess.input_offset), np.nan)
     hold = settings.filter.input_hold if settings else "zoh"
-    simulation = simulate(identifier.transfer_function, linear_input, y, identifier.dt, input_hold=hold)
+    score = Score(identifier.transfer_function, identifier.dt, hold)
+    preprocess = settings.preprocess if settings else None
+    kept = Recorder(source.samples, newest)
+    for u, y in _pieces(source):
+        if preprocess is None:  # not one sample could be used
+            preprocess = request.preprocess.resolve(u, y)
+        mapped = preprocess.map_input(u)
+        accepted, _ = screen(mapped, y)
+        measured = np.where(accepted, y, np.nan)
+        modelled = score.take(np.where(accepted, mapped - float(preprocess.input_offset), np.nan), measured)
+        kept.take(u, y, modelled)
+        progress(TESTING, kept.samples)
     covariance = identifier.covariance
     return Result(
         identifier.structure,
         identifier.parameters,
         identifier.transfer_function,
-        fit_percent(y, y - one_step(y - simulation.output)),
-        simulation,
+        score.one_step,
+        Simulation(kept.output(score.shift), score.offset, score.simulated),
         identifier.samples,
         identifier.rejected,
         identifier.assess(),
@@ -162,7 +246,17 @@ def assess_run(
         settings,
         history,
         covariance if np.isfinite(covariance).all() else None,
+        kept.overview(score.shift),
     )
+
+
+def _pieces(source: Source) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Go through a record: first what the initial state is fitted over, then pieces that a processor's cache holds."""
+    first = True
+    for u, y in batched(source.batches(), FITTED):
+        size = FITTED if first else PIECE
+        first = False
+        yield from ((u[start : start + size], y[start : start + size]) for start in range(0, max(u.size, 1), size))
 
 
 def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float) -> Result:

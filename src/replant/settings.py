@@ -116,6 +116,11 @@ class Request:
         return OPTIMIZERS[name].keeps_covariance
 
     @property
+    def least_startup(self) -> int:
+        """How many samples a first model needs at the least."""
+        return 4 * (2 * self.structure.poles + self.structure.zeros + 2) if self.wants_instruments else 1
+
+    @property
     def asks_for_data(self) -> bool:
         """Whether a choice waits for a record of samples; those of optimizer and replay do not."""
         waits = isinstance(self.filter, str) or isinstance(self.scaling, str) or self.preprocess.needs == "mean"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,19 @@ def kernels_for(state: State, *, regular: bool) -> tuple[Callable[..., Any], Cal
     if regular and without_model and strictly_proper and state.reals[at.DELAY] == 0.0:
         return plain.step, plain.steps
     return step.gradient_step, step.gradient_steps
+
+
+def single(state: State, kernel: Callable[..., Any]) -> Callable[[float, float, float], float]:
+    """Return what takes one sample of this state as ``kernel`` does, without passing its arrays.
+
+    It takes three floats and nothing else: types are not looked at.  See `replant.kernels.direct`.
+    """
+    from replant.kernels import direct
+
+    table = direct.table_of(state.ints, state.reals, state.banks, state.buffer, state.recent)
+    call = partial(direct.entry_of(direct.WITHOUT_ARRAYS[kernel]), int(table.ctypes.data))
+    call.keeps = table, state  # type: ignore[attr-defined]  # what is pointed to lives as long as who points there
+    return call
 
 
 def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn: bool) -> FloatArray:

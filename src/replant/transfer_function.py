@@ -168,16 +168,16 @@ class TransferFunction:
         lag, fraction = split_delay(self.delay, dt)
         order = self.den.size - 1
         if order == 0:
-            return self._feedthrough * _delayed(u, lag, fraction, input_hold)
+            return self.feedthrough * _delayed(u, lag, fraction, input_hold)
         from replant.kernels.simulate import filter_states
 
         model = realization.companion(self.den)
         transition, _, _ = realization.exact(model.matrix, model.column, dt, input_hold)
         taps = realization.input_taps(model.matrix, model.column, dt, input_hold, fraction)
         states = filter_states(transition, taps, lag, u)
-        output = states @ self._output_row(model)
-        if self._feedthrough:
-            output += self._feedthrough * _delayed(u, lag, fraction, input_hold)
+        output = states @ self.output_row(model)
+        if self.feedthrough:
+            output += self.feedthrough * _delayed(u, lag, fraction, input_hold)
         return np.asarray(output)
 
     def free_responses(self, samples: int, dt: float) -> FloatArray:
@@ -189,13 +189,14 @@ class TransferFunction:
 
         model = realization.companion(self.den)
         transition, _, _ = realization.exact(model.matrix, model.column, dt, "zoh")
-        return np.asarray(free_responses(transition, self._output_row(model), samples))
+        return np.asarray(free_responses(transition, self.output_row(model), samples))
 
     @property
-    def _feedthrough(self) -> float:
+    def feedthrough(self) -> float:
+        """What of the input is in the output at once."""
         return float(self.num[0]) if self.num.size == self.den.size else 0.0
 
-    def _output_row(self, model: realization.Companion) -> FloatArray:
+    def output_row(self, model: realization.Companion) -> FloatArray:
         """Return the row that makes the output from the companion states, the feedthrough taken out."""
         order = self.den.size - 1
         padded = np.zeros(order + 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,8 +11,9 @@ import numpy as np
 import pytest
 
 from replant.errors import LogError
+from replant.logs import csv as csv_module
 from replant.logs import read_columns, read_log
-from replant.logs.csv import BLOCK_LINES, parse_block
+from replant.logs.csv import parse_block
 from replant.logs.layout import Layout, sniff
 
 Write = Callable[..., Path]
@@ -105,13 +107,70 @@ def test_text_in_a_column_that_is_not_asked_for_does_not_matter(write: Write) ->
     assert read_columns(path).column("u").tolist() == [1.5, 2.5]
 
 
-def test_blocks_join_without_a_seam(write: Write) -> None:
-    values = np.random.default_rng(0).standard_normal(BLOCK_LINES + 10)
-    lines = [f"{index},{value!r}\n" for index, value in enumerate(values.tolist())]
-    lines[BLOCK_LINES - 1] = lines[BLOCK_LINES - 1].replace("\n", "\n# at the seam\n\n")
-    index, read = read_columns(write("k,u\n" + "".join(lines))).columns(["k", "u"])
-    np.testing.assert_array_equal(index, np.arange(values.size))
+#: Bytes of a block: a line or less, some lines, and an odd number that cuts lines anywhere.
+block_sizes = pytest.mark.parametrize("size", [1, 7, 64, 1009])
+
+
+@block_sizes
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_blocks_join_without_a_seam(
+    write: Write, monkeypatch: pytest.MonkeyPatch, size: int, end: str, encoding: str
+) -> None:
+    """Whatever stands at the seam; clean blocks are pyarrow's, and it reads every number as Python does."""
+    monkeypatch.setattr(csv_module, "BLOCK_BYTES", size)
+    values = np.random.default_rng(0).standard_normal(200) * 10.0 ** np.arange(-100, 100)
+    lines = [f"{index},{value!r}" for index, value in enumerate(values.tolist())]
+    lines[50:50] = ["# a comment", "", "  "]
+    lines[120] = lines[120].replace(",", ',"') + '"'
+    index, read = read_columns(write(end.join(["k,u", *lines]).encode(encoding))).columns(["k", "u"])
+    np.testing.assert_array_equal(index, np.arange(200))
     np.testing.assert_array_equal(read, values)
+
+
+@pytest.mark.parametrize("form", WELL_FORMED)
+def test_every_form_reads_alike_in_small_blocks(write: Write, monkeypatch: pytest.MonkeyPatch, form: str) -> None:
+    text = WELL_FORMED[form].rstrip("\n") + "\n"
+    path = write(text + 40 * text.splitlines(keepends=True)[-1])
+    whole = read_columns(path).columns([1, 2])
+    monkeypatch.setattr(csv_module, "BLOCK_BYTES", 50)
+    blocks = list(read_columns(path).stream([1, 2]))
+    assert len(blocks) > 10
+    np.testing.assert_array_equal(np.hstack([np.array(block) for block in blocks]), whole)
+
+
+@pytest.mark.parametrize(
+    "cell", ["+1.5", " 1.5 ", "1e400", "1e-400", "-nan", "INF", "NA", "null", "", "1.", ".5", "4.9e-324", "1" * 40]
+)
+def test_a_cell_is_the_same_number_in_a_long_file(write: Write, monkeypatch: pytest.MonkeyPatch, cell: str) -> None:
+    """To pyarrow as to Python."""
+    path = write("u;y\n" + f"{cell};1\n" * 30)
+    expected = read_columns(path).column("u")
+    monkeypatch.setattr(csv_module, "BLOCK_BYTES", 20)
+    np.testing.assert_array_equal(read_columns(path).column("u"), expected)
+
+
+@pytest.mark.parametrize("cell", ["nan(1)", "1_0", "0x1p3", "1,5,5", "1.2.3", "--1", "1 2", "١"])
+def test_what_is_no_number_is_none_in_a_long_file(write: Write, monkeypatch: pytest.MonkeyPatch, cell: str) -> None:
+    monkeypatch.setattr(csv_module, "BLOCK_BYTES", 20)
+    path = write("u;y\n" + "1;1\n" * 30 + f"{cell};1\n" + "1;1\n" * 30)
+    with pytest.raises(LogError, match="line 32, column 'u'"):
+        read_columns(path).column("u")
+
+
+def test_a_commented_line_with_every_cell_is_no_row(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(csv_module, "BLOCK_BYTES", 20)
+    path = write("t,u\n" + "1,2\n" * 30 + "#1,3\n" + "1,2\n" * 30)
+    np.testing.assert_array_equal(read_columns(path).column("u"), np.full(60, 2.0))
+
+
+def test_without_pyarrow_a_long_file_is_read_alike(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write("t,u\n" + "".join(f"{k},{k / 7!r}\n" for k in range(100)))
+    monkeypatch.setattr(csv_module, "BLOCK_BYTES", 100)
+    expected = read_columns(path).column("u")
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    np.testing.assert_array_equal(read_columns(path).column("u"), expected)
+    np.testing.assert_array_equal(expected, np.arange(100) / 7)
 
 
 def test_a_block_is_parsed_on_its_own() -> None:
@@ -167,8 +226,17 @@ def test_one_text_cell_in_row_5000(write: Write) -> None:
         read_log(write("t,u,y\n" + "".join(rows)), input="u", output="y")
 
 
-def test_an_error_beyond_the_first_block_has_its_line(write: Write) -> None:
-    rows = [f"{k},1,2\n" for k in range(BLOCK_LINES + 100)]
-    rows[BLOCK_LINES + 50] = "0,?,2\n"
-    with pytest.raises(LogError, match=rf"line {BLOCK_LINES + 52}, column 'u': '\?'"):
-        read_columns(write("t,u,y\n" + "".join(rows))).column("u")
+@block_sizes
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_an_error_beyond_the_first_block_has_its_line(
+    write: Write, monkeypatch: pytest.MonkeyPatch, size: int, end: str
+) -> None:
+    monkeypatch.setattr(csv_module, "BLOCK_BYTES", size)
+    rows = [f"{k},1,2" for k in range(300)]
+    rows[250] = "0,?,2"
+    rows[20:20] = ["# a comment", ""]
+    with pytest.raises(LogError, match=r"line 254, column 'u': '\?'"):
+        read_columns(write(end.join(["t,u,y", *rows]).encode())).column("u")
+    rows[252] = "1,2"
+    with pytest.raises(LogError, match="line 254 has 2 cells where line 1 has 3"):
+        read_columns(write(end.join(["t,u,y", *rows]).encode())).column("u")

@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
 from replant.logs import read_log
-from replant.logs.time import check_dt, resolution, sampling_time, time_candidates, unit_in_seconds
+from replant.logs.time import Clock, Grid, check_dt, time_candidates, unit_in_seconds
 
 Write = Callable[..., Path]
 
 
 def step_of(stamps: NDArray[np.float64]) -> float:
-    return sampling_time(Path("log.csv"), "t", stamps, "row {}".format)
+    clock = Clock(Path("log.csv"), "t", "row {}".format)
+    clock.take(stamps)
+    return clock.step(lambda: [stamps])
 
 
 def log_text(stamps: list[str], name: str = "t") -> str:
@@ -182,4 +184,6 @@ def test_dt_must_be_a_number(dt: object) -> None:
 
 @pytest.mark.parametrize(("values", "step"), [([0.0, 1.0], 1.0), ([0.25, 7.0], 0.01), ([1 / 3, 2.0], 2.0**-50)])
 def test_resolution(values: list[float], step: float) -> None:
-    assert resolution(np.array(values)) == step
+    grid = Grid()
+    grid.take(np.array(values))
+    assert grid.resolution == step

@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 
 import pytest
 
@@ -49,9 +50,19 @@ def test_markdown_has_a_line_for_every_run_and_square_tables(actuator):
 
 
 def test_the_summary_sets_the_default_beside_the_best_of_the_twelve(actuator):
-    filters, best, default = summary(actuator)
+    filters, best, default, elsewhere = summary(actuator)
     assert "article's filters" in filters
-    smallest = min(abs(row.errors["a0"]) for row in actuator.article_rows())
-    assert f"a0 {smallest:.1f}" in best or f"a0 {smallest:.2f}" in best or f"a0 {smallest:.0f}" in best
-    own = abs(actuator.row(DEFAULT, "default", "own").errors["b0"])
-    assert f"b0 {own:.1f}" in default or f"b0 {own:.2f}" in default or f"b0 {own:.0f}" in default
+
+    def figure(line, name):
+        return float(re.search(rf"{name} (\S+) %", line)[1])
+
+    for name in NAMES:
+        smallest = min(abs(row.errors[name]) for row in actuator.online_rows())
+        assert figure(best, name) == pytest.approx(smallest, rel=0.05)
+        smallest = min(abs(row.errors[name]) for row in actuator.online_rows("exact"))
+        assert figure(best.partition(";")[2], name) == pytest.approx(smallest, rel=0.05)
+        own = abs(actuator.row(DEFAULT, "default", "own").errors[name])
+        assert figure(default, name) == pytest.approx(own, rel=0.05)
+        worst = max(abs(row.errors[name]) for row in actuator.elsewhere)
+        assert figure(elsewhere, name) == pytest.approx(worst, rel=0.05)
+    assert "On 5 other records" in elsewhere

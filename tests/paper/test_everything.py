@@ -18,7 +18,7 @@ def test_the_names_are_the_articles_and_one_more():
 )
 def test_every_step_announced_is_taken(monkeypatch, names):
     whole = actuator.measure_rig
-    monkeypatch.setattr(actuator, "measure_rig", lambda: whole(2000))
+    monkeypatch.setattr(actuator, "measure_rig", lambda samples=0, seed=0: whole(2000, seed))
     taken = []
     run(names, taken.append)
     assert len(taken) == steps(names) > 0

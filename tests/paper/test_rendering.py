@@ -58,5 +58,5 @@ def test_the_summary_counts_what_agrees(results):
     assert summary(list(results.values())) == [
         "Without buffer: 28 of 28 figures and 12 of 12 sums equal in all printed digits.",
         "With buffer, batch 10: 4 of 4 figures and 2 of 2 sums within 3 standard deviations.",
-        "With buffer, batch 20: 0 of 4 figures and 0 of 2 sums within 3 standard deviations.",
+        "With buffer, batch 20 as the article prints it: 0 of 4 figures and 0 of 2 sums within 3 standard deviations.",
     ]

@@ -85,13 +85,28 @@ def test_transients_hold_the_history_and_the_truth(plain) -> None:
         assert low < true[i] < high
 
 
+def test_no_estimate_is_drawn_before_there_is_one(plain) -> None:
+    result, _, _, dt = record(plain)
+    held = int((result.history.parameters != 0.0).any(axis=1).argmax())
+    assert held == 399  # a tenth of the record went into the first estimate
+    for axis in draw_transients(result, dt):
+        t, values = curves(axis)["estimate"].T
+        assert np.isnan(values[t < 19.5]).all()
+        assert np.isfinite(values[t > 20.5]).all()
+    never = dataclasses.replace(
+        result, history=dataclasses.replace(result.history, parameters=0 * result.history.parameters)
+    )
+    assert [axis.texts[0].get_text() for axis in draw_transients(never, dt)] == ["no estimate"] * 4
+
+
 def test_transients_are_banded_by_two_standard_deviations(uncertain) -> None:
     result, _, _, dt = record(uncertain)
-    history = result.history
+    known = (result.history.parameters != 0.0).any(axis=1)
+    parameters, std = result.history.parameters[known], result.history.std[known]
     for i, axis in enumerate(draw_transients(result, dt)):
         assert bands(axis) == 1
         outline = axis.collections[0].get_paths()[0].vertices
-        high, low = history.parameters[:, i] + 2 * history.std[:, i], history.parameters[:, i] - 2 * history.std[:, i]
+        high, low = parameters[:, i] + 2 * std[:, i], parameters[:, i] - 2 * std[:, i]
         assert outline[:, 1].max() == pytest.approx(high.max())
         assert outline[:, 1].min() == pytest.approx(low.min())
 
@@ -171,12 +186,29 @@ def test_correlations_with_both_limits(plain) -> None:
         assert axis.get_xlabel() == "lag [s]"
 
 
+def test_limits_can_be_seen_beside_a_white_residual() -> None:
+    noise = np.random.default_rng(3).standard_normal((2, 20_000))
+    white, coloured = (
+        draw_correlations(correlations(e, noise[1], 200), 0.1)[0] for e in (noise[0], np.cumsum(noise[0]))
+    )
+    reach = white.get_ylim()[1]
+    assert 2.576 / np.sqrt(20_000) < reach < 0.06
+    assert coloured.get_ylim()[1] >= 1.0
+
+
 def test_excitation_over_time() -> None:
     found = excitation(np.random.default_rng(0).standard_normal((4000, 2)))
     top, bottom = draw_excitation(found, 0.05)
     np.testing.assert_allclose(top.lines[0].get_xydata(), np.column_stack([found.samples * 0.05, found.smallest]))
     np.testing.assert_allclose(bottom.lines[0].get_ydata(), found.condition)
     assert (top.get_yscale(), bottom.get_yscale()) == ("log", "log")
+
+
+def test_a_signal_that_stands_still_gets_an_axis_worth_reading() -> None:
+    """A model that differs from it by rounding does not make ticks that all read the same."""
+    low, high = style.output_limits(np.full(10, 3.0), np.full(10, 3.0 + 1e-15))
+    assert low < 2.0 < 4.0 < high
+    assert style.output_limits(np.zeros(10), np.zeros(10)) == pytest.approx((-0.55, 0.55))
 
 
 def test_every_figure_draws_into_the_axes_it_is_given(uncertain) -> None:

@@ -21,6 +21,7 @@ def written(math: str) -> str:
         (rp.TransferFunction([3602.0], [1.0, 2.058]), "G(s)=3602s+2.058"),
         (rp.TransferFunction([7.5, -12.5], [1.0, 15.0, 100.0]), "G(s)=7.5s−12.5s2+15s+100"),
         (rp.TransferFunction([1.0, 0.0], [1.0, 0.0, 4.0], 0.25), "G(s)=ss2+4e−0.25s"),
+        (rp.TransferFunction([2.0], [1.0, 3.0], 1.0), "G(s)=2s+3e−s"),
         (rp.TransferFunction([0.0], [1.0, 1.0]), "G(s)=0s+1"),
         (rp.TransferFunction([-1.5e-7], [1.0, 2e8]), "G(s)=−1.5×10−7s+2×108"),
     ],

@@ -120,6 +120,33 @@ def test_all_that_the_contract_asks_for_is_there(good, uncertain) -> None:
         assert words in page.text
 
 
+def test_captions_tell_what_is_drawn(uncertain, plain) -> None:
+    """No bands where there is no standard deviation, figures with their units, how long there was no estimate."""
+    from replant.report import words
+    from replant.report.material import Material
+
+    with_bands, without = (
+        Material(case.result, case.log, case.result.fixed_filter, rp.Preprocess()) for case in (uncertain, plain)
+    )
+    assert "with bands of two standard deviations" in words.of_transients(with_bands)
+    assert "bands" not in words.of_transients(without)
+    history = dataclasses.replace(plain.result.history, std=np.full_like(plain.result.history.parameters, np.nan))
+    unknown = dataclasses.replace(without, result=dataclasses.replace(plain.result, history=history))
+    assert "bands" not in words.of_transients(unknown)
+    assert "The first 20 s went into the first estimate." in words.of_transients(without)
+    size = np.sqrt(np.mean((plain.log.output - plain.result.simulation.output) ** 2))
+    assert f"the residual is {size:.3g} rpm in the root mean square" in words.of_fit(without)
+    assert words.of_bode(without).endswith("rpm/V.")
+
+
+def test_the_method_is_named(uncertain) -> None:
+    settings = uncertain.result.settings
+    assert module._method(settings) == "recursive refined instrumental variables"
+    plain = dataclasses.replace(settings, instruments=False, optimizer=rp.Adam(step_size=1e-3))
+    assert module._method(plain) == "Adam"
+    assert module._method(dataclasses.replace(plain, instruments=True)) == "Adam with instruments"
+
+
 def test_python_in_the_report_repeats_the_run(plain, tmp_path) -> None:
     path = tmp_path / "log.npz"
     np.savez(path, u=plain.log.input, y=plain.log.output)
@@ -178,7 +205,9 @@ def test_plots_hold_the_record(uncertain) -> None:
     assert (found["fit"][1]["start"], found["fit"][1]["step"]) == (0.0, 0.05)
     first = found["parameters"][0]
     assert [curve["kind"] for curve in first["curves"]] == ["line", "band"]
-    np.testing.assert_allclose(values(first["curves"][0]), uncertain.result.history.parameters[:, 0], atol=1e-6)
+    estimate = uncertain.result.history.parameters.copy()
+    estimate[(estimate == 0.0).all(axis=1)] = np.nan
+    np.testing.assert_allclose(values(first["curves"][0]), estimate[:, 0], atol=1e-6)
     assert first["start"] == pytest.approx(0.05)
 
 
@@ -206,7 +235,7 @@ def first_words(page: Page) -> str:
 SAID = {
     "diverged": ["Diverged", "do not use"],
     "still": ["Not excited", "do not use"],
-    "three": ["Too short", "3 samples"],
+    "three": ["Too short 3 samples cannot settle 4 parameters: record at least 40."],
     "rejected": ["No sample used", "Every sample was rejected", "500 not finite"],
     "empty": ["No sample used", "empty"],
     "beyond float32": [],
@@ -219,6 +248,8 @@ def test_bad_news_come_first(bad_report) -> None:
     page = Page(text)
     for words in SAID[name]:
         assert words in first_words(page)
+    assert ("could not be estimated" in page.text) == (name in ("still", "three", "rejected", "empty"))
+    assert "identified online" in page.text
     if SAID[name]:
         assert 'class="verdict bad"' in text
         assert "Not to be used" in page.text

@@ -84,30 +84,53 @@ def simulate(
     >>> simulate(g, u, g.simulate(u, 0.1) + 5.0, 0.1).offset
     5.0...
     """
-    u = _bridged(u)
+    u, _ = bridged(u)
     with np.errstate(over="ignore", invalid="ignore"):
         if t is None:
             forced = model.simulate(u, dt, input_hold=input_hold)
             free = model.free_responses(u.size, dt)
         else:
             forced, free = free_run(model, u, np.diff(t, prepend=t[0] - dt), dt, input_hold)
-        basis = np.column_stack([np.ones(u.size), free])
-        basis = basis[:, np.isfinite(basis).all(axis=0)]
-        kept = np.isfinite(y) & np.isfinite(forced)
-        if not kept.any() or not np.isfinite(forced).all():
+        weights = initial_weights(forced, free, y)
+        if weights is None:
             return Simulation(np.full(u.size, np.nan), 0.0, -math.inf)
-        lengths = np.linalg.norm(basis[kept], axis=0)
-        lengths[lengths == 0.0] = 1.0
-        # a response that has died out, or that grows beyond reason, must not spoil the others: scaled columns
-        weights, *_ = np.linalg.lstsq(basis[kept] / lengths, y[kept] - forced[kept], rcond=1e-12)
-        output = forced + basis @ (weights / lengths)
-    return Simulation(output, float(weights[0] / lengths[0]), fit_percent(y, output))
+        output = with_initial(forced, free, weights)
+    return Simulation(output, float(weights[0]), fit_percent(y, output))
 
 
-def _bridged(u: FloatArray) -> FloatArray:
-    """Return ``u`` with entries that are not finite replaced by the last finite one (zero before the first)."""
+def initial_weights(forced: FloatArray, free: FloatArray, y: FloatArray) -> FloatArray | None:
+    """Return the offset and the initial state (n + 1,) with which a run from rest fits ``y`` best; None if none does.
+
+    Zero stands for a response that leaves float64.
+    """
+    kept = np.isfinite(y) & np.isfinite(forced)
+    if not kept.any() or not np.isfinite(forced).all():
+        return None
+    basis = np.column_stack([np.ones(y.size), free])
+    usable = np.isfinite(basis).all(axis=0)
+    basis = basis[kept][:, usable]
+    lengths = np.linalg.norm(basis, axis=0)
+    lengths[lengths == 0.0] = 1.0
+    # a response that has died out, or that grows beyond reason, must not spoil the others: scaled columns
+    found, *_ = np.linalg.lstsq(basis / lengths, y[kept] - forced[kept], rcond=1e-12)
+    weights = np.zeros(usable.size)
+    weights[usable] = found / lengths
+    return weights
+
+
+def with_initial(forced: FloatArray, free: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return a run from rest (K,) with what offset and initial state (n + 1,) add."""
+    used = weights[1:] != 0.0
+    return np.asarray(forced + weights[0] + free[:, used] @ weights[1:][used])
+
+
+def bridged(u: FloatArray, before: float = 0.0) -> tuple[FloatArray, float]:
+    """Return ``u`` (K,) with each entry that is not finite replaced by the last finite one, and that of the end.
+
+    ``before`` is the last one before the first.
+    """
     finite = np.isfinite(u)
-    if finite.all():
-        return u
-    last = np.maximum.accumulate(np.where(finite, np.arange(u.size), -1))
-    return np.where(last >= 0, u[np.maximum(last, 0)], 0.0)
+    if not finite.all():
+        last = np.maximum.accumulate(np.where(finite, np.arange(u.size), -1))
+        u = np.where(last >= 0, u[np.maximum(last, 0)], before)
+    return u, float(u[-1]) if u.size else before

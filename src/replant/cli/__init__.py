@@ -17,6 +17,7 @@ COMMANDS = {
     "run": ("run", "Identify G(s) online, one pass over a recorded log."),
     "fit": ("fit", "Fit G(s) to a whole recorded log at once, the batch reference."),
     "compare": ("compare", "Compare methods on the same recorded log."),
+    "live": ("live", "Identify G(s) from live samples: serial, TCP, UDP, MQTT, a pipe; with a dashboard."),
     "demo": ("demo", "Identify a simulated actuator while it runs, with plots."),
     "reproduce": ("reproduce", "Reproduce the article's tables, beside the published figures."),
 }

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from replant.cli.options import log_options, open_log
-from replant.cli.output import command_line, progress_bar
+from replant.cli.output import command_line, make_folder, progress_bar, writable
 from replant.comparison import METHODS, USUAL, Contender, compare
 from replant.errors import InvalidArgumentError
 from replant.logs import Log
@@ -39,6 +39,8 @@ def command(as_json: bool, out: Path | None, methods: tuple[str, ...], **options
     optimizer named.  srivc and least_squares fit the whole log at once, as `replant fit` does.
     """
     log, request = open_log(options)
+    if out is not None:
+        make_folder(out)
     methods = tuple(dict.fromkeys(methods))
     with progress_bar() as progress:
         task = progress.add_task("", total=len(methods))
@@ -56,8 +58,9 @@ def _deliver(contenders: Sequence[Contender], log: Log, request: Request, *, as_
 
     paths = []
     if out is not None:
-        paths.append(save_overlay(out / "parameters.png", contenders, log, request.preprocess))
-        paths.append(write_comparison(out / "report.html", contenders, log, request.preprocess, command_line()))
+        with writable(out):
+            paths.append(save_overlay(out / "parameters.png", contenders, log, request.preprocess))
+            paths.append(write_comparison(out / "report.html", contenders, log, request.preprocess, command_line()))
     if as_json:
         click.echo(json.dumps(comparison_as_json(contenders), allow_nan=False))
         return

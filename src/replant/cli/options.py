@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from replant.errors import InvalidArgumentError
-from replant.logs import Log, read_log
+from replant.logs import Log, Recording, open_recording, read_log
 from replant.preprocess import Preprocess
 from replant.settings import Request
 from replant.structure import Structure
@@ -70,6 +70,11 @@ class Seconds(Range):
 
 MOST_TRIED = 1000
 
+BIAS = click.option("--bias", is_flag=True, help="Identify a constant beside G(s).")
+INPUT_MAP = click.option(
+    "--input-map", type=click.Choice(["identity", "square"]), default="identity", help="Applied first."
+)
+
 _OPTIONS: list[Callable[[Any], Any]] = [
     click.argument("log", type=click.Path(path_type=Path)),
     click.option("--input", "input_column", required=True, metavar="COL", help="Column of the input: name or index."),
@@ -79,8 +84,8 @@ _OPTIONS: list[Callable[[Any], Any]] = [
     click.option("--time", "time_column", metavar="COL", help="Column of time in s; its steps must be equal."),
     click.option("--dt", type=float, metavar="S", help="Sampling time in s, instead of a column of time."),
     click.option("--delay", type=Seconds(), default="0", metavar="S", help="Dead time in s; fit takes 0:1:0.1, too."),
-    click.option("--bias", is_flag=True, help="Identify a constant beside G(s)."),
-    click.option("--input-map", type=click.Choice(["identity", "square"]), default="identity", help="Applied first."),
+    BIAS,
+    INPUT_MAP,
     click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
     click.option(
         "--out", type=click.Path(path_type=Path), metavar="DIR", help="Write plots (PNG) and report.html here."
@@ -97,14 +102,30 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def open_log(options: dict[str, Any]) -> tuple[Log, Request]:
     """Read the log that the options name, and make the request that they spell."""
+    _check_one_of_each(options)
+    log = read(options)
+    return log, request_of(options, log.dt)
+
+
+def request_of(options: dict[str, Any], dt: float) -> Request:
+    """Make the request that the options spell, for a log of this sampling time."""
+    zeros = options["zeros"][0] if options["zeros"] else 0
+    structure = Structure(options["poles"][0], zeros, options["delay"][0], options["bias"])
+    return Request(structure, dt, preprocess=preprocess_of(options), optimizer=options.get("optimizer", "auto"))
+
+
+def record_of(options: dict[str, Any], progress: Callable[[int, int], None]) -> Recording:
+    """Check the log that the options name, of any length, and open it; see `open_recording`."""
+    _check_one_of_each(options)
+    return open_recording(options["log"], **_columns(options), progress=progress)
+
+
+def _check_one_of_each(options: dict[str, Any]) -> None:
     for name in ("poles", "zeros", "delay"):
         if len(options[name] or (0,)) > 1:
             raise InvalidArgumentError(f"--{name} must be one number here; `replant fit` searches a range")
     zeros = options["zeros"][0] if options["zeros"] else 0
-    structure = Structure(options["poles"][0], zeros, options["delay"][0], options["bias"])
-    log = read(options)
-    preprocess = preprocess_of(options)
-    return log, Request(structure, log.dt, preprocess=preprocess, optimizer=options.get("optimizer", "auto"))
+    Structure(options["poles"][0], zeros, options["delay"][0], options["bias"])  # raises what cannot be
 
 
 def preprocess_of(options: dict[str, Any]) -> Preprocess:
@@ -114,10 +135,13 @@ def preprocess_of(options: dict[str, Any]) -> Preprocess:
 
 def read(options: dict[str, Any]) -> Log:
     """Read the log that the options name."""
-    return read_log(
-        options["log"],
-        input=options["input_column"],
-        output=options["output_column"],
-        time=options["time_column"],
-        dt=options["dt"],
-    )
+    return read_log(options["log"], **_columns(options))
+
+
+def _columns(options: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "input": options["input_column"],
+        "output": options["output_column"],
+        "time": options["time_column"],
+        "dt": options["dt"],
+    }

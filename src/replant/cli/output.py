@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import shlex
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,8 @@ from replant.report.summary import as_json as result_as_json
 from replant.report.summary import print_result
 from replant.runs import Result
 
+COMPILING = "compiling (once): later runs start at once"
+
 
 def deliver(result: Result, log: Log, *, as_json: bool, out: Path | None, **report: Any) -> None:
     """Print ``result`` and, with ``out``, write its plots and its report; ``report`` is for `write_report`."""
@@ -29,8 +33,9 @@ def deliver(result: Result, log: Log, *, as_json: bool, out: Path | None, **repo
         from replant.report.html import write_report
 
         names: Any = {"input_label": log.input_name, "output_label": log.output_name}
-        paths = save_figures(out, result, log.input, log.output, log.dt, **names)
-        paths.append(write_report(out / "report.html", result, log, command=command_line(), **report))
+        with writable(out):
+            paths = save_figures(out, result, log.input, log.output, log.dt, **names)
+            paths.append(write_report(out / "report.html", result, log, command=command_line(), **report))
     if as_json:
         click.echo(json.dumps(result_as_json(result), allow_nan=False))
         return
@@ -42,13 +47,84 @@ def deliver(result: Result, log: Log, *, as_json: bool, out: Path | None, **repo
         click.echo(f"wrote {path}")
 
 
-def progress_bar() -> Any:
-    """Return a progress bar on stderr, shown if a person sees it."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+@contextmanager
+def writable(out: Path) -> Iterator[None]:
+    """Turn what the file system refuses into a line that names it."""
+    try:
+        yield
+    except OSError as cause:
+        where = cause.filename or out
+        raise click.BadParameter(f"cannot write {where}: {cause.strerror}", param_hint="--out") from cause
 
-    columns = (TextColumn("{task.description:8}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+
+def make_folder(out: Path) -> None:
+    """Make the folder that results go to: before the work, so that nothing is lost where that cannot be."""
+    with writable(out):
+        out.mkdir(parents=True, exist_ok=True)
+
+
+def progress_bar(*, rate: bool = False) -> Any:
+    """Return a progress bar on stderr, shown if a person sees it; with ``rate``, samples a second and time left too."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns: list[Any] = [TextColumn("{task.description:11}"), BarColumn(), TaskProgressColumn()]
+    columns += [_rate_column(), TimeRemainingColumn(), TextColumn("left")] if rate else [TimeElapsedColumn()]
     return Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty())
+
+
+def _rate_column() -> Any:
+    from rich.progress import ProgressColumn, Task
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            speed = task.finished_speed or task.speed
+            return Text("" if not speed else f"{in_thousands(speed)} samples/s")
+
+    return Rate()
+
+
+def in_thousands(value: float) -> str:
+    """Return a number with three digits and a letter for its thousands.
+
+    Examples
+    --------
+    >>> in_thousands(1234567.0), in_thousands(65432.1), in_thousands(7.0)
+    ('1.23 M', '65.4 k', '7')
+    """
+    for power, letter in ((9, " G"), (6, " M"), (3, " k")):
+        if value >= 10.0**power:
+            return f"{value / 10.0**power:.3g}{letter}"
+    return f"{value:.3g}"
+
+
+@contextmanager
+def announced_compiling() -> Iterator[None]:
+    """Say on stderr, once, that a kernel is being compiled: it takes seconds, and later runs find it in the cache."""
+    from numba.core import event
+
+    said = False
+
+    class Announcer(event.Listener):
+        def on_start(self, event: Any) -> None:
+            nonlocal said
+            if not said:
+                said = True
+                click.echo(COMPILING, err=True)
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Announcer()):
+        yield
 
 
 def command_line() -> str:
@@ -59,7 +135,7 @@ def command_line() -> str:
         name = parameter.name or ""
         value: Any = context.params.get(name)
         source = context.get_parameter_source(name)
-        if name in ("as_json", "out") or source is not ParameterSource.COMMANDLINE:
+        if name in ("as_json", "out", "full_trace") or source is not ParameterSource.COMMANDLINE:
             continue
         if isinstance(parameter, click.Argument):
             words += map(str, value if isinstance(value, tuple) else (value,))

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from replant.cli.output import command_line, progress_bar
+from replant.cli.output import command_line, make_folder, progress_bar, writable
 from replant.paper import actuator_rendering
 from replant.paper.actuator import NOTES, Actuator
 from replant.paper.everything import ACTUATOR, NAMES, Outcome, is_figure, run, save, steps
@@ -54,14 +53,13 @@ def command(names: tuple[str, ...], json_only: bool, out: Path | None) -> None:
 def deliver(names: Sequence[str], out: Path | None, *, json_only: bool = False, report: bool = False) -> None:
     """Reproduce ``names``, print the tables and write all there is into ``out``; with ``report``, one page as well."""
     if out is not None:
-        with _writable(out):  # before the work, not after it
-            out.mkdir(parents=True, exist_ok=True)
+        make_folder(out)
     outcome, written, pictures = _run(names, out, report=report)
     text = json.dumps(results_as_json(outcome), indent=2, allow_nan=False)
     if out is not None and (outcome.tables or outcome.actuator):
         written += _write_tables(out, text, outcome)
     if out is not None and report:
-        with _writable(out):
+        with writable(out):
             written.append(write_report(out / "report.html", outcome, pictures, command_line()))
     if json_only:
         click.echo(text)
@@ -88,16 +86,6 @@ def print_actuator(console: Any, actuator: Actuator) -> None:
         console.print(line)
 
 
-@contextmanager
-def _writable(out: Path) -> Iterator[None]:
-    """Turn what the file system refuses into a line that names it."""
-    try:
-        yield
-    except OSError as cause:
-        where = cause.filename or out
-        raise click.BadParameter(f"cannot write {where}: {cause.strerror}", param_hint="--out") from cause
-
-
 def _run(names: Sequence[str], out: Path | None, *, report: bool) -> tuple[Outcome, list[Path], dict[str, str]]:
     """Run and draw what is asked for; return the outcome, the paths of the figures and, for a report, the figures."""
     drawn = [name for name in names if is_figure(name)]
@@ -111,7 +99,7 @@ def _run(names: Sequence[str], out: Path | None, *, report: bool) -> tuple[Outco
         task = progress.add_task("", total=steps(names) + len(drawn))
         outcome = run(names, lambda name: progress.update(task, description=name, advance=1))
         if out is not None and drawn:
-            with _writable(out):
+            with writable(out):
                 for name, canvas, paths in save(outcome, drawn, out):
                     written += paths
                     pictures |= {name: as_element(canvas, name)} if report else {}
@@ -123,7 +111,7 @@ def _write_tables(out: Path, text: str, outcome: Outcome) -> list[Path]:
     pages = [as_markdown(list(outcome.tables.values()))] if outcome.tables else []
     pages += [actuator_rendering.as_markdown(outcome.actuator)] if outcome.actuator else []
     contents = {out / "tables.md": "\n".join(pages), out / "tables.json": text + "\n"}
-    with _writable(out):
+    with writable(out):
         for path, content in contents.items():
             path.write_text(content, encoding="utf-8")
     return list(contents)

@@ -2,24 +2,72 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
-from replant.cli.options import log_options, open_log
-from replant.cli.output import deliver
+from replant.cli.options import log_options, record_of, request_of
+from replant.cli.output import announced_compiling, deliver, progress_bar
+from replant.logs import Recording
+from replant.logs.full_trace import FullTrace
 from replant.optimizers import OPTIMIZERS
-from replant.runs import run_online
+from replant.runs import Result, run_source
+from replant.score import FITTED
+from replant.settings import Request
 
 
 @click.command(name="run")
 @log_options
 @click.option("--optimizer", type=click.Choice(["auto", *OPTIMIZERS]), default="auto", show_default=True)
-def command(as_json: bool, out: Path | None, **options: Any) -> None:
-    """Identify G(s) online from LOG (csv, txt, parquet, mat, npz), one pass, sample by sample.
+@click.option("--startup", type=int, metavar="N", help="Samples that the first model is made from.  [default: a tenth]")
+@click.option(
+    "--full-trace",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write the estimate after each sample (.parquet).",
+)
+def command(as_json: bool, out: Path | None, full_trace: Path | None, startup: int | None, **options: Any) -> None:
+    """Identify G(s) online from LOG (csv, txt, parquet or a folder of it, mat, npz), one pass, sample by sample.
 
-    Cutoff, scaling, step size and buffer are chosen from the data and printed.
+    Cutoff, scaling, step size and buffer are chosen from the data and printed.  LOG may be longer than memory.
     """
-    log, request = open_log(options)
-    deliver(run_online(request, log.input, log.output), log, as_json=as_json, out=out)
+    with progress_bar(rate=True) as bar:
+        task = bar.add_task("checking", total=None)
+
+        def progress(stage: str, done: int, total: int) -> None:
+            if bar.tasks[task].description != stage:
+                bar.reset(task, description=stage)
+            bar.update(task, completed=done, total=total)
+
+        recording = record_of(options, lambda rows, about: progress("checking", rows, about))
+        request = request_of(options, recording.dt)
+        with announced_compiling():
+            stages = partial(_with_total, progress, recording.samples)
+            result = _run(recording, request, full_trace, startup, stages)
+    shown = result.overview
+    log = recording.held if shown is None else recording.newest(shown.newest_input, shown.newest_output)
+    assert log is not None
+    deliver(result, log, as_json=as_json, out=out)
+    if full_trace is not None and not as_json:
+        click.echo(f"wrote {full_trace}")
+
+
+def _with_total(progress: Callable[[str, int, int], None], total: int, stage: str, done: int) -> None:
+    progress(stage, done, total)
+
+
+def _run(
+    recording: Recording,
+    request: Request,
+    full_trace: Path | None,
+    startup: int | None,
+    progress: Callable[[str, int], None],
+) -> Result:
+    newest = None if recording.held is not None else FITTED
+    with nullcontext() if full_trace is None else FullTrace(full_trace, recording.dt) as trace:
+        sink = (lambda rows: None) if trace is None else trace.take
+        return run_source(request, recording, progress, sink, newest, startup)

@@ -16,6 +16,8 @@ Discretisations are kept by the interval they belong to, a few at a time: a regu
 time three, and a clock that jitters makes a new one each time.
 """
 
+import numpy as np
+
 from replant.kernels.compiled import part, rare, seldom
 from replant.kernels.matrix_exponential import exponential
 
@@ -142,7 +144,7 @@ def new_discretization(bank, n, T, interval, work):
     return at
 
 
-@rare
+@part
 def advance_channel(bank, n, T, channel, at, start, end, work):
     """Carry one channel over the interval of the discretisation ``at``; its signal runs straight, start to end."""
     states = DENOMINATOR + 2 * n + 2 * T + channel * n
@@ -150,13 +152,39 @@ def advance_channel(bank, n, T, channel, at, start, end, work):
     A = bank[at + 1 : at + 1 + n * n]
     constant, ramp = bank[at + 1 + n * n : at + 1 + n * n + n], bank[at + 1 + n * n + n : at + 1 + n * n + 2 * n]
     rise = end - start
+    entry = np.uint64(0)  # unsigned: need not be checked when it serves as index
     for i in range(x.size):
         total = constant[i] * start + ramp[i] * rise
         for j in range(x.size):
-            total += A[i * n + j] * x[j]
+            total += A[entry] * x[j]
+            entry += np.uint64(1)
         new[i] = total
     for i in range(x.size):
         x[i] = new[i]
+
+
+@part
+def advance_two(bank, n, T, at, one, start, end, other, other_start, other_end, work):
+    """Carry two channels as `advance_channel` carries one, to the same bits: each loads A but once for both."""
+    states = DENOMINATOR + 2 * n + 2 * T
+    x, z = bank[states + one * n : states + one * n + n], bank[states + other * n : states + other * n + n]
+    new, spare = work[:n], work[n : 2 * n]
+    A = bank[at + 1 : at + 1 + n * n]
+    constant, ramp = bank[at + 1 + n * n : at + 1 + n * n + n], bank[at + 1 + n * n + n : at + 1 + n * n + 2 * n]
+    rise, other_rise = end - start, other_end - other_start
+    entry = np.uint64(0)
+    for i in range(x.size):
+        total = constant[i] * start + ramp[i] * rise
+        sum_ = constant[i] * other_start + ramp[i] * other_rise
+        for j in range(x.size):
+            total += A[entry] * x[j]
+            sum_ += A[entry] * z[j]
+            entry += np.uint64(1)
+        new[i] = total
+        spare[i] = sum_
+    for i in range(x.size):
+        x[i] = new[i]
+        z[i] = spare[i]
 
 
 @seldom
@@ -182,7 +210,7 @@ def begin(bank, n, T):
     bank[MODEL_OUTPUT] = 0.0
 
 
-@rare
+@part
 def fill_known_entries(bank, n, T, inputs, u, constant, nuisances, fixed, phi):
     """Fill the regressor's entries that no output enters: those of the input, the constant and the initial state.
 
@@ -215,7 +243,7 @@ def fill_known_entries(bank, n, T, inputs, u, constant, nuisances, fixed, phi):
     return output
 
 
-@rare
+@part
 def fill_output_entries(bank, n, T, channel, y, phi):
     """Fill the entries -s^(n-1)/D y .. -s^0/D y of the signal in this channel, and return s^n/D y.
 

@@ -109,23 +109,19 @@ def advance_bank(ints, reals, bank, interval, y, channels):
     n, T, newest = ints[at.ORDER], ints[at.ENTRIES], ints[at.NEWEST]
     work = reals[ints[at.AT_WORK] :]
     slot = bk.discretization(bank, n, T, interval, work)
-    for channel in range(channels):
-        if channel == bk.OUTPUT:
-            start, end = reals[at.LAST_OUTPUT], y
-        elif channel == bk.INPUT and reals[at.DELAY] > 0.0:
-            advance_delayed_input(ints, reals, bank, interval, slot, work)
-            continue
-        elif channel == bk.INPUT:
-            now = reals[ints[at.AT_INPUTS] + newest]
-            start = end = reals[ints[at.AT_HELD] + newest]
-            if ints[at.STRAIGHT_INPUT] == 1:
-                start, end = reals[ints[at.AT_INPUTS] + (newest - 1 if newest > 0 else ints[at.RING] - 1)], now
-            reals[at.INPUT_NOW] = now
-        elif channel == bk.MODEL:
-            continue
-        else:
-            start = end = 1.0 if channel == bk.CONSTANT else 0.0
-        bk.advance_channel(bank, n, T, channel, slot, start, end, work)
+    last_y = reals[at.LAST_OUTPUT]
+    if reals[at.DELAY] > 0.0:
+        bk.advance_channel(bank, n, T, bk.OUTPUT, slot, last_y, y, work)
+        advance_delayed_input(ints, reals, bank, interval, slot, work)
+    else:
+        now = reals[ints[at.AT_INPUTS] + newest]
+        start = end = reals[ints[at.AT_HELD] + newest]
+        if ints[at.STRAIGHT_INPUT] == 1:
+            start, end = reals[ints[at.AT_INPUTS] + (newest - 1 if newest > 0 else ints[at.RING] - 1)], now
+        bk.advance_two(bank, n, T, slot, bk.OUTPUT, last_y, y, bk.INPUT, start, end, work)
+        reals[at.INPUT_NOW] = now
+    if channels > bk.INPUT + 1:
+        bk.advance_two(bank, n, T, slot, bk.IMPULSE, 0.0, 0.0, bk.CONSTANT, 1.0, 1.0, work)
     return slot
 
 

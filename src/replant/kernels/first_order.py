@@ -52,13 +52,13 @@ def adam(theta, memory, settings, buffer, rows, batch, direction):
         error = normalized_error(theta, phi)
         power1 *= beta1
         power2 *= beta2
-        correction1 = 1.0 - power1
-        correction2 = 1.0 - power2
+        rate = alpha / (1.0 - power1)  # the corrections of bias, taken out of the loop: two divisions less an entry
+        root = 1.0 / math.sqrt(1.0 - power2)
         for i in range(P):
             g = -error * along[i]
             m[i] = beta1 * m[i] + (1.0 - beta1) * g
             v[i] = beta2 * v[i] + (1.0 - beta2) * g * g
-            theta[i] -= alpha * (m[i] / correction1) / (math.sqrt(v[i] / correction2) + epsilon)
+            theta[i] -= rate * m[i] / (math.sqrt(v[i]) * root + epsilon)
     memory[0], memory[1] = power1, power2
 
 
@@ -116,15 +116,14 @@ def nadam(theta, memory, settings, buffer, rows, batch, direction):
         error = normalized_error(theta, phi)
         power1 *= beta1
         power2 *= beta2
-        correction_now = 1.0 - power1
-        correction_next = 1.0 - beta1 * power1
-        correction2 = 1.0 - power2
+        now = alpha * (1.0 - beta1) / (1.0 - power1)
+        ahead = alpha * beta1 / (1.0 - beta1 * power1)
+        root = 1.0 / math.sqrt(1.0 - power2)
         for i in range(P):
             g = -error * along[i]
             m[i] = beta1 * m[i] + (1.0 - beta1) * g
             v[i] = beta2 * v[i] + (1.0 - beta2) * g * g
-            ahead = beta1 * m[i] / correction_next + (1.0 - beta1) * g / correction_now
-            theta[i] -= alpha * ahead / (math.sqrt(v[i] / correction2) + epsilon)
+            theta[i] -= (ahead * m[i] + now * g) / (math.sqrt(v[i]) * root + epsilon)
     memory[0], memory[1] = power1, power2
 
 

@@ -95,6 +95,23 @@ def cut_estimate(ints, reals):
 
 
 @cut
+def advance_states(A, constant, ramp, wy, wu, new_wy, new_wu, y, rise_y, u, rise):
+    """Carry the filter states over one interval: output and input start at y and u and rise along straight lines."""
+    n = wy.size
+    for i in range(n):
+        sy = constant[i] * y + ramp[i] * rise_y
+        su = constant[i] * u + ramp[i] * rise
+        for j in range(n):
+            sy += A[i * n + j] * wy[j]
+            su += A[i * n + j] * wu[j]
+        new_wy[i] = sy
+        new_wu[i] = su
+    for i in range(n):
+        wy[i] = new_wy[i]
+        wu[i] = new_wu[i]
+
+
+@cut
 def advance_filters(ints, reals, banks, filters, u, y):
     """Carry the filter states from the sample before to this one, as (6)-(7) do."""
     kept, A, constant, ramp, wy, wu, new_wy, new_wu, inputs, held, intervals = filters
@@ -107,18 +124,7 @@ def advance_filters(ints, reals, banks, filters, u, y):
     ints[at.NEWEST] = newest
     inputs[newest], held[newest], intervals[newest] = u, last, interval
     rise = u - last if ints[at.STRAIGHT_INPUT] == 1 else 0.0
-    rise_y = y - last_y
-    for i in range(n):
-        sy = constant[i] * last_y + ramp[i] * rise_y
-        su = constant[i] * last + ramp[i] * rise
-        for j in range(n):
-            sy += A[i * n + j] * wy[j]
-            su += A[i * n + j] * wu[j]
-        new_wy[i] = sy
-        new_wu[i] = su
-    for i in range(n):
-        wy[i] = new_wy[i]
-        wu[i] = new_wu[i]
+    advance_states(A, constant, ramp, wy, wu, new_wy, new_wu, last_y, y - last_y, last, rise)
     reals[at.INPUT_NOW] = u
 
 
@@ -138,15 +144,20 @@ def fill_regressor(reals, regressor, y):
 
 
 @cut
-def remember(ints, phi, buffer, rows, target):
-    """Store the sample in the buffer and draw the rows of its batch, as `step.remember` does."""
-    T, row = phi.size, buffer[ints[at.HEAD]]
-    squares = 0.0
+def write_row(ints, row, phi, target):
+    """Write a sample into its row of the buffer."""
+    T, squares = phi.size, 0.0
     for i in range(phi.size):
         row[i] = phi[i]
         squares += phi[i] * phi[i]
     row[T] = target
     row[T + 1] = 1.0 / (1.0 + squares) if ints[at.NORMALIZE] == 1 else 1.0
+
+
+@cut
+def remember(ints, phi, buffer, rows, target):
+    """Store the sample in the buffer and draw the rows of its batch, as `step.remember` does."""
+    write_row(ints, buffer[ints[at.HEAD]], phi, target)
     return draw_rows(ints, rows)
 
 

@@ -66,16 +66,23 @@ def record(colour, error, alpha, forgetting, zeta):
         colour[ERRORS + lag] = colour[ERRORS + lag - 1]
     colour[ERRORS] = error
     newest = (int(colour[POSITION]) + 1) % LAGS
+    row = FILTERED + newest * T  # holds what is LAGS samples old, which the newest takes the place of
+    filtered = colour[row : row + T]
     for i in range(T):
-        value = zeta[i]
-        for lag in range(1, LAGS + 1):
-            value -= colour[MODEL + lag] * colour[FILTERED + ((newest - lag) % LAGS) * T + i]
-        zeta[i] = value
+        zeta[i] -= colour[MODEL + LAGS] * filtered[i]
+    for lag in range(1, LAGS):
+        row = FILTERED + (newest + LAGS - lag) % LAGS * T
+        weight, earlier = colour[MODEL + lag], colour[row : row + T]
+        for i in range(T):
+            zeta[i] -= weight * earlier[i]
+    for i in range(T):
+        filtered[i] = zeta[i]
     squares = FILTERED + LAGS * T
+    keep = forgetting * forgetting
     for i in range(T):
-        colour[FILTERED + newest * T + i] = zeta[i]
+        one, sums = zeta[i], colour[squares + i * T : squares + i * T + T]
         for j in range(T):
-            colour[squares + i * T + j] = forgetting * forgetting * colour[squares + i * T + j] + zeta[i] * zeta[j]
+            sums[j] = keep * sums[j] + one * zeta[j]
     colour[POSITION] = newest
 
 

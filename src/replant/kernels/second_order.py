@@ -56,18 +56,18 @@ def time_update(U, D, increase, work):
         weights[i] = D[i]
         weights[P + i] = increase[i]
     for i in range(P - 1, -1, -1):
-        length = 0.0
-        for k in range(2 * P):
-            length += rows[i * 2 * P + k] * rows[i * 2 * P + k] * weights[k]
+        row, length = rows[i * 2 * P : (i + 1) * 2 * P], 0.0
+        for k in range(row.size):
+            length += row[k] * row[k] * weights[k]
         D[i] = length
         for j in range(i):
-            cross = 0.0
-            for k in range(2 * P):
-                cross += rows[j * 2 * P + k] * rows[i * 2 * P + k] * weights[k]
+            earlier, cross = rows[j * 2 * P : (j + 1) * 2 * P], 0.0
+            for k in range(row.size):
+                cross += earlier[k] * row[k] * weights[k]
             cross = cross / length if length > 0.0 else 0.0
             U[j * P + i] = cross
-            for k in range(2 * P):
-                rows[j * 2 * P + k] -= cross * rows[i * 2 * P + k]
+            for k in range(row.size):
+                earlier[k] -= cross * row[k]
 
 
 @seldom

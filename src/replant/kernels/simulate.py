@@ -1,4 +1,4 @@
-"""Simulation of a companion form: states under an input, and free responses."""
+"""Simulation of a companion form: states under an input, its output batch by batch, and free responses."""
 
 import numpy as np
 from numba import njit
@@ -36,3 +36,28 @@ def free_responses(transition, row, samples):
                 total += responses[k - 1, i] * transition[i, j]
             responses[k, j] = total
     return responses
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def go_on(transition, taps, row, inputs, state, first, output):
+    """Fill ``output`` (K,) from where ``state`` (n,) is, which moves along; the sample ``first`` is the state itself.
+
+    ``inputs`` (K + 2,) are those on which the taps of each sample lie.
+    """
+    n = state.size
+    moved = np.empty(n)
+    for k in range(output.size):
+        if k > first:
+            for i in range(n):
+                total = 0.0
+                for j in range(n):
+                    total += transition[i, j] * state[j]
+                for tap in range(3):
+                    total += taps[tap, i] * inputs[k + tap]
+                moved[i] = total
+            for i in range(n):
+                state[i] = moved[i]
+        total = 0.0
+        for i in range(n):
+            total += row[i] * state[i]
+        output[k] = total

@@ -255,12 +255,14 @@ def take_guarded(ints, reals, banks, buffer, recent, u, y, t):
     guard.watch(ints, reals, learned)
     if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
         keep_estimate(ints, reals)
+    if ints[at.SAMPLES] == ints[at.DUE] or ints[at.ALARM] == 1:
+        ints[at.ATTENTION] = 1
     return reals[at.ERROR] * reals[at.OUTPUT_SCALE]
 
 
 @cut
 def take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, take):
-    """Take samples by ``take``, until the identifier must look into something; return how many.
+    """Take samples by ``take``, until the identifier has something to do; return how many.
 
     Writes the error and the estimate (physical units) after each.  ``t`` holds a time stamp for each sample, or is
     empty where the clock is regular.
@@ -271,7 +273,7 @@ def take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, t
         errors[k] = take(ints, reals, banks, buffer, recent, u[k], y[k], stamp)
         for i in range(parameters.shape[1]):
             parameters[k, i] = reals[theta + i] * reals[unit + i]
-        if ints[at.ALARM] == 1:
+        if ints[at.ATTENTION] == 1:
             return k + 1
     return u.size
 

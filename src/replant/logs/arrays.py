@@ -52,5 +52,6 @@ def array_table(path: Path, arrays: Iterable[tuple[str, NDArray[Any]]]) -> Table
     return Table(
         path,
         tuple(name for name, _ in columns),
-        lambda numbers: [np.array(values[number], dtype=np.float64) for number in numbers],
+        lambda numbers: iter([[np.array(values[number], dtype=np.float64) for number in numbers]]),
+        about=max(map(len, values)),
     )

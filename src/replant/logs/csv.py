@@ -1,24 +1,36 @@
 """Text logs (.csv, .txt, .tsv, .dat): read in blocks of lines, in C where the block is clean.
 
-A block with quotes, comments, missing cells or an error takes the path in Python, which also says where an error is.
+A clean block of a long file is parsed by pyarrow, where that is installed, else by NumPy.  A block with quotes,
+comments or an error takes the path in Python, which also says where an error is.
 """
 
 from __future__ import annotations
 
+import codecs
+import io
 import re
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replant.errors import LogError
-from replant.logs.layout import Layout, is_data, is_number, parse_number, sniff, split_line
+from replant.logs.ahead import ahead
+from replant.logs.layout import COMMENT_MARKS, Layout, is_data, is_number, parse_number, sniff, split_line
 from replant.logs.table import Table
 
-BLOCK_LINES = 1 << 16  # bounds the memory of the text held at a time
+BLOCK_BYTES = 1 << 21  # bounds the memory of the text held at a time
+WORKERS = 2  # blocks parsed at once
+
+_HEAD_BYTES = 1 << 16
+_WIDE = "utf-16"  # comes as utf-8 from where the file is read
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_ODD = tuple(mark.encode() for mark in ('"', *COMMENT_MARKS))  # a block with one of them is not for pyarrow
+_NULLS = ["", "NA", "na", "N/A", "n/a", "null", "NULL", "Null"]  # the usual ways to write those of layout.MISSING
 
 _CELL_SHOWN = 40
 _CELL_REMEDY = "correct it, leave the cell empty, or put # before the line"
@@ -35,7 +47,8 @@ def read(path: Path) -> Table:
         If the file is empty, is not text, or has no row of data.
     """
     layout = sniff(path)
-    return Table(path, layout.names, partial(_load, path, layout), partial(_place, path, layout))
+    blocks, place = partial(_blocks, path, layout), partial(_place, path, layout)
+    return Table(path, layout.names, blocks, place, about=_about(path))
 
 
 def parse_block(
@@ -79,18 +92,92 @@ def parse_block(
     return [_parse_column(path, layout, rows, column) for column in columns]
 
 
-def _load(path: Path, layout: Layout, columns: Sequence[int]) -> list[NDArray[np.float64]]:
-    blocks = [parse_block(path, layout, lines, first, columns) for first, lines in _blocks(path, layout)]
-    return [np.concatenate([block[index] for block in blocks]) for index in range(len(columns))]
+def _blocks(path: Path, layout: Layout, columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+    is_long = path.stat().st_size > BLOCK_BYTES  # else pyarrow would take longer to import than NumPy to parse
+    jobs = (
+        partial(_parse, path, layout, text, first, columns, is_long=is_long) for first, text in _texts(path, layout)
+    )
+    return ahead(jobs, WORKERS)
 
 
-def _blocks(path: Path, layout: Layout) -> Iterator[tuple[int, list[str]]]:
-    with path.open(encoding=layout.encoding, errors="replace") as file:
-        first = layout.data_line
-        rest = islice(file, first - 1, None)
-        while lines := list(islice(rest, BLOCK_LINES)):
-            yield first, lines
-            first += len(lines)
+def _texts(path: Path, layout: Layout) -> Iterator[tuple[int, bytes]]:
+    """Yield whole lines as bytes, with the number of the first of them.
+
+    A line ends as it does for Python: by a line feed, a carriage return or both.
+    """
+    with path.open("rb") as opened:
+        file: Any = codecs.EncodedFile(opened, "utf-8", "utf-16", "replace") if layout.encoding == _WIDE else opened
+        first, rest = 1, file.read(len(_BYTE_ORDER_MARK)).removeprefix(_BYTE_ORDER_MARK)
+        while block := file.read(BLOCK_BYTES):
+            whole, newline, rest_of_block = block.rpartition(b"\n")
+            if not newline:
+                rest += block
+                continue
+            text, rest = rest + whole + newline, rest_of_block
+            yield first, text
+            first += text.count(b"\n") + _lone_returns(text)
+        if rest:
+            yield first, rest
+
+
+def _lone_returns(text: bytes) -> int:
+    returns = text.count(b"\r")
+    return returns - text.count(b"\r\n") if returns else 0
+
+
+def _parse(
+    path: Path, layout: Layout, text: bytes, first: int, columns: Sequence[int], *, is_long: bool
+) -> list[NDArray[np.float64]]:
+    """Turn the lines of a text into one array per chosen column; ``first`` is the number of its first line."""
+    if first >= layout.data_line and is_long:
+        values = _parse_in_arrow(layout, text, columns)
+        if values is not None:
+            return values
+    encoding = "utf-8" if layout.encoding == _WIDE else layout.encoding
+    lines: Sequence[str] = list(io.StringIO(text.decode(encoding, errors="replace"), newline=None))
+    before = max(0, layout.data_line - first)
+    return parse_block(path, layout, lines[before:], first + before, columns)
+
+
+def _parse_in_arrow(layout: Layout, text: bytes, columns: Sequence[int]) -> list[NDArray[np.float64]] | None:
+    """Parse a block with pyarrow, or return None where that is missing, or might not read the block as we do."""
+    width = len(layout.names)
+    if layout.delimiter is None or width == 1 or _lone_returns(text) or any(mark in text for mark in _ODD):
+        return None
+    try:
+        import pyarrow
+        from pyarrow import csv
+    except ImportError:
+        return None
+    names = [str(number) for number in range(width)]
+    chosen = [names[column] for column in columns]
+    comma = layout.delimiter != "," and b"," in text
+    try:
+        table = csv.read_csv(
+            pyarrow.BufferReader(text),
+            csv.ReadOptions(column_names=names, use_threads=False, block_size=len(text) + 1),
+            csv.ParseOptions(delimiter=layout.delimiter, quote_char=False),
+            csv.ConvertOptions(
+                column_types=dict.fromkeys(chosen, pyarrow.float64()),
+                include_columns=chosen,
+                null_values=_NULLS,
+                decimal_point="," if comma else ".",
+                check_utf8=False,
+            ),
+        )
+    except pyarrow.ArrowInvalid:
+        return None
+    values = [np.array(table.column(name).to_numpy(), np.float64) for name in chosen]
+    if b"(" in text and any(np.isnan(column).any() for column in values):
+        return None  # nan(...) is a number to pyarrow
+    return values
+
+
+def _about(path: Path) -> int:
+    """Return how many rows there are if lines are everywhere as long as in the beginning."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    return path.stat().st_size * max(1, head.count(b"\n")) // max(1, len(head))
 
 
 def _place(path: Path, layout: Layout, row: int) -> str:

@@ -30,6 +30,8 @@ class Log:
         The columns' names in the file.
     path : Path
         The file.
+    earlier : int
+        How many samples came before these: of a log that is too long to be held, these are the newest.
 
     Examples
     --------
@@ -45,9 +47,10 @@ class Log:
     input_name: str
     output_name: str
     path: Path
+    earlier: int = 0
 
     def __len__(self) -> int:
-        return int(self.input.shape[0])
+        return self.earlier + int(self.input.shape[0])
 
     def to_pandas(self) -> Any:
         """Return a `pandas.DataFrame` of input and output, under their names in the file, over time in s.

@@ -1,10 +1,11 @@
-"""Parquet files (.parquet, .pq), with pyarrow: only the columns asked for are read."""
+"""Parquet files (.parquet, .pq), or a folder of them, with pyarrow: only the columns asked for are read."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -12,28 +13,64 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.errors import LogError, MissingDependencyError
+from replant.logs.ahead import ahead
 from replant.logs.damage import damage_refused
-from replant.logs.table import Table
+from replant.logs.table import Table, nth_row
+
+BLOCK_ROWS = 1 << 16  # read at a time
+BUFFER_BYTES = 1 << 20  # of a column
+SUFFIXES = (".parquet", ".pq")
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 def read(path: Path) -> Table:
-    """Open a Parquet file; columns of time stamps come in seconds since the first row.
+    """Open a Parquet file, or a folder of them in the order of their names, which have the same columns.
+
+    Columns of time stamps come in seconds since the first row.
 
     Raises
     ------
     MissingDependencyError
         If pyarrow is not installed.
     LogError
-        If the file is not a Parquet file, or has no column.
+        If a file is not a Parquet file, has no column, or other columns than the first of its folder.
     """
-    with _opened(path) as file:
-        schema = file.schema_arrow
-    if not schema.names:
+    parts = parts_of(path) if path.is_dir() else [path]
+    lengths, schema = [], None
+    for part in parts:
+        with _opened(part) as file:
+            found = file.schema_arrow
+            lengths.append(int(file.metadata.num_rows))
+        if schema is not None and found.names != schema.names:
+            raise LogError(f"{part}: other columns than in {parts[0].name}; keep the parts of one log in a folder")
+        schema = schema or found
+    if schema is None or not schema.names:
         raise LogError(f"{path}: the file has no columns; write the log's signals into it")
     stamps = frozenset(number for number, field in enumerate(schema) if _is_stamp(field.type))
-    return Table(path, tuple(schema.names), partial(_load, path), in_seconds=stamps)
+    place = partial(_place, parts, lengths) if len(parts) > 1 else nth_row
+    return Table(
+        path, tuple(schema.names), partial(_blocks, parts), place, in_seconds=stamps, about=sum(lengths), exactly=True
+    )
+
+
+def parts_of(folder: Path) -> list[Path]:
+    """Return the Parquet files in a folder, or in its folder ``samples``, in the order of their names.
+
+    Those whose names begin with a dot or an underscore are being written, or are no data.
+    """
+    recorded = folder / "samples"
+    found = (recorded if recorded.is_dir() else folder).iterdir()
+    return sorted(part for part in found if part.suffix.lower() in SUFFIXES and part.name[0] not in "._")
+
+
+def _place(parts: Sequence[Path], lengths: Sequence[int], row: int) -> str:
+    """Name part and row."""
+    for part, length in zip(parts, lengths, strict=True):
+        if row < length:
+            return f"{part.name}, {nth_row(row)}"
+        row -= length
+    return nth_row(row)
 
 
 @contextmanager
@@ -44,22 +81,38 @@ def _opened(path: Path) -> Iterator[Any]:
         raise MissingDependencyError(
             f"{path}: reading Parquet needs pyarrow: pip install 'replant[parquet]'"
         ) from error
-    with damage_refused(path, "Parquet file", "write it again"), parquet.ParquetFile(path) as file:
+    # pre_buffer keeps in memory whatever has been read
+    opened = partial(parquet.ParquetFile, path, pre_buffer=False, buffer_size=BUFFER_BYTES)
+    with damage_refused(path, "Parquet file", "write it again"), opened() as file:
         yield file
 
 
-def _load(path: Path, columns: Sequence[int]) -> list[NDArray[np.float64]]:
+def _blocks(parts: Sequence[Path], columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+    origins: list[list[int]] = [[] for _ in columns]
+    for part in parts:
+        yield from _blocks_of(part, columns, origins)
+
+
+def _blocks_of(path: Path, columns: Sequence[int], origins: Sequence[list[int]]) -> Iterator[list[NDArray[np.float64]]]:
     with _opened(path) as file:
         schema = file.schema_arrow
         for number in columns:
             _check_type(path, schema.field(number))
         names = [schema.names[number] for number in columns]
-        table = file.read(columns=sorted(set(names)))
         twins = [schema.names[:number].count(name) for number, name in zip(columns, names, strict=True)]
-        return [
-            _as_float(table.column(table.schema.get_all_field_indices(name)[twin]))
-            for name, twin in zip(names, twins, strict=True)
-        ]
+        batches = file.iter_batches(BLOCK_ROWS, columns=sorted(set(names)), use_threads=False)
+
+        def take() -> list[NDArray[np.float64]] | None:
+            batch = next(batches, None)
+            if batch is None:
+                return None
+            places = [batch.schema.get_all_field_indices(name)[twin] for name, twin in zip(names, twins, strict=True)]
+            return [_as_float(batch.column(at), origin) for at, origin in zip(places, origins, strict=True)]
+
+        for block in ahead(repeat(take), workers=1):
+            if block is None:
+                return
+            yield block
 
 
 def _is_stamp(kind: Any) -> bool:
@@ -78,20 +131,25 @@ def _check_type(path: Path, field: Any) -> None:
         )
 
 
-def _as_float(column: Any) -> NDArray[np.float64]:
-    """Convert a column of numbers or time stamps to float64; a null is NaN."""
+def _as_float(column: Any, origin: list[int]) -> NDArray[np.float64]:
+    """Convert a column of numbers or time stamps to float64; a null is NaN.
+
+    ``origin`` holds the first stamp of the file, once there is one.
+    """
     import pyarrow
     from pyarrow import types
 
     if not _is_stamp(column.type):
         if types.is_boolean(column.type):
             column = column.cast(pyarrow.int8())
-        values = column.cast(pyarrow.float64(), safe=False).to_numpy()
+        values = column.cast(pyarrow.float64(), safe=False).to_numpy(zero_copy_only=False)
         return np.array(values, dtype=np.float64)
     counts = column.cast(pyarrow.int64())
-    valid = np.asarray(counts.is_valid().to_numpy())
+    valid = np.asarray(counts.is_valid().to_numpy(zero_copy_only=False))
     exact = np.asarray(counts.fill_null(0).to_numpy())  # int64: nanoseconds since 1970 do not fit a float64
     seconds = np.full(exact.shape, np.nan)
     if valid.any():
-        seconds[valid] = (exact[valid] - exact[valid][0]) * _SECONDS[column.type.unit]
+        if not origin:
+            origin.append(int(exact[valid][0]))
+        seconds[valid] = (exact[valid] - origin[0]) * _SECONDS[column.type.unit]
     return seconds

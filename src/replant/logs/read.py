@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replant.errors import InvalidArgumentError, LogError
+from replant.logs import parquet
 from replant.logs.log import Log
+from replant.logs.recording import MOST_HELD, Recording
 from replant.logs.table import Table, unreadable
-from replant.logs.time import check_dt, sampling_time, time_candidates, unit_in_seconds
+from replant.logs.time import Clock, check_dt, time_candidates, unit_in_seconds
 
 # The module that reads a suffix: a function read(path) -> Table, imported when such a file comes
 FORMATS = {
@@ -36,7 +39,8 @@ def read_columns(path: str | os.PathLike[str]) -> Table:
     Parameters
     ----------
     path : path
-        A file .csv .txt .tsv .dat (text), .parquet .pq, .mat (up to v7) or .npz.
+        A file .csv .txt .tsv .dat (text), .parquet .pq, .mat (up to v7) or .npz; or a folder of Parquet files, the
+        parts of one log in the order of their names.
 
     Raises
     ------
@@ -56,14 +60,14 @@ def read_columns(path: str | os.PathLike[str]) -> Table:
     ('t', 'u [V]', 'y') [0.  0.7]
     """
     path = Path(path)
-    suffix = path.suffix.lower()
-    if path.is_dir():
-        raise LogError(f"{path}: a directory; give the log file inside it")
+    suffix = ".parquet" if path.is_dir() else path.suffix.lower()
     if suffix not in FORMATS:
         raise LogError(f"{path}: unknown file type {suffix!r}; a log is one of {' '.join(FORMATS)}")
     module = importlib.import_module(f"replant.logs.{FORMATS[suffix]}")
     try:
-        if path.stat().st_size == 0:
+        if path.is_dir() and not parquet.parts_of(path):
+            raise LogError(f"{path}: a directory; give the log file inside it, or a folder of Parquet files")
+        if not path.is_dir() and path.stat().st_size == 0:
             raise LogError(f"{path}: the file is empty; record the log again")
         table: Table = module.read(path)
     except FileNotFoundError:
@@ -89,7 +93,8 @@ def read_log(
     Parameters
     ----------
     path : path
-        A file .csv .txt .tsv .dat (text), .parquet .pq, .mat (up to v7) or .npz.
+        A file .csv .txt .tsv .dat (text), .parquet .pq, .mat (up to v7) or .npz; or a folder of Parquet files, the
+        parts of one log in the order of their names.
     input, output : str or int
         The columns, by name or 0-based number. In .mat and .npz files also ``udat[:,0]`` and ``data.udat[:,0]``.
     time : str or int, optional
@@ -122,6 +127,32 @@ def read_log(
     >>> log.dt, log.output
     (0.1, array([0.  , 0.5 , 0.75]))
     """
+    log = open_recording(path, input=input, output=output, time=time, dt=dt, most_held=sys.maxsize).held
+    assert log is not None
+    return log
+
+
+def open_recording(
+    path: str | os.PathLike[str],
+    *,
+    input: str | int,  # noqa: A002 - the field's word
+    output: str | int,
+    time: str | int | None = None,
+    dt: float | None = None,
+    most_held: int = MOST_HELD,
+    progress: Callable[[int, int], None] = lambda rows, about: None,
+) -> Recording:
+    """Check a recorded log from its first row to its last, and open it for passes over its samples.
+
+    The arguments and errors are those of `read_log`, and
+
+    Parameters
+    ----------
+    most_held : int
+        Of so many samples or fewer the recording is held in memory.
+    progress : callable
+        Called with the rows checked so far, and about how many there are.
+    """
     if time is not None and dt is not None:
         raise InvalidArgumentError("give one of the time column (time, --time) and the sampling time (dt, --dt)")
     step = None if dt is None else check_dt(dt)
@@ -132,13 +163,49 @@ def read_log(
     _check_distinct(table, roles)
     if time is None and step is None:
         roles["time"] = _find_time(table, roles)
-    columns = dict(zip(roles, table.columns(list(roles.values())), strict=True))
-    _check_lengths(table, roles, columns)
+    clock = Clock(table.path, table.names[roles["time"]], table.place) if "time" in roles else None
+    kept, rows = _checked(table, roles, clock, most_held, progress)
     stamps = None
-    if step is None:
-        step, stamps = _timing(table, roles["time"], columns["time"])
+    if clock is not None:
+        number = roles["time"]
+        again = (lambda: iter([kept[2]])) if kept else (lambda: (block for (block,) in table.stream([number])))
+        unit = 1.0 if number in table.in_seconds else unit_in_seconds(table.names[number])
+        step = float(f"{clock.step(again) * unit:.12g}")
+        stamps = kept[2] * unit if kept else None
+    assert step is not None
     names = table.names[roles["input"]], table.names[roles["output"]]
-    return Log(columns["input"], columns["output"], step, stamps, *names, table.path)
+    held = Log(kept[0], kept[1], step, stamps, *names, table.path) if kept else None
+    return Recording(table, (roles["input"], roles["output"]), step, clock is not None, rows, held)
+
+
+def _checked(
+    table: Table,
+    roles: dict[str, int],
+    clock: Clock | None,
+    most_held: int,
+    progress: Callable[[int, int], None],
+) -> tuple[list[NDArray[np.float64]], int]:
+    """Go through the columns once; return them, where they are few enough to be held, and how many rows there are."""
+    blocks: list[list[NDArray[np.float64]]] = []
+    rows = 0
+    if roles.keys() == {"input", "output"} and table.exactly and table.about > most_held:
+        return [], table.about
+    for block in table.stream(list(roles.values())):
+        _check_lengths(table, roles, block)
+        rows += len(block[0])
+        if rows <= most_held:
+            blocks.append(block)
+        else:
+            blocks.clear()
+        if clock is not None:
+            clock.take(block[2])
+        progress(rows, max(table.about, rows))
+    if rows < 2:
+        counted = "1 row" if rows == 1 else f"{rows} rows"
+        raise LogError(f"{table.path}: {counted} of data where at least 2 are needed; record more samples")
+    if rows > most_held:
+        return [], rows
+    return [np.concatenate([block[index] for block in blocks]) for index in range(len(roles))], rows
 
 
 def _check_distinct(table: Table, roles: dict[str, int]) -> None:
@@ -155,7 +222,7 @@ def _check_distinct(table: Table, roles: dict[str, int]) -> None:
 def _find_time(table: Table, roles: dict[str, int]) -> int:
     candidates = [number for number in time_candidates(table.names) if number not in roles.values()]
     if len(candidates) > 1:  # structs in one file often have a time each
-        samples, *stamps = table.columns([roles["input"], *candidates])
+        samples, *stamps = next(table.stream([roles["input"], *candidates]))
         candidates = [number for number, column in zip(candidates, stamps, strict=True) if len(column) == len(samples)]
     if len(candidates) == 1:
         return candidates[0]
@@ -165,8 +232,8 @@ def _find_time(table: Table, roles: dict[str, int]) -> int:
     raise LogError(f"{table.path}: several columns could be the time: {names}; {_GIVE_TIME}")
 
 
-def _check_lengths(table: Table, roles: dict[str, int], columns: dict[str, NDArray[np.float64]]) -> None:
-    named: Sequence[tuple[str, int]] = [(table.names[number], len(columns[role])) for role, number in roles.items()]
+def _check_lengths(table: Table, roles: dict[str, int], block: Sequence[NDArray[np.float64]]) -> None:
+    named = [(table.names[number], len(column)) for number, column in zip(roles.values(), block, strict=True)]
     first, length = named[0]
     for name, other in named[1:]:
         if other != length:
@@ -174,13 +241,3 @@ def _check_lengths(table: Table, roles: dict[str, int], columns: dict[str, NDArr
                 f"{table.path}: column {first!r} has {length} samples but {name!r} has {other}; "
                 "choose columns of one length"
             )
-    if length < 2:
-        rows = "1 row" if length == 1 else f"{length} rows"
-        raise LogError(f"{table.path}: {rows} of data where at least 2 are needed; record more samples")
-
-
-def _timing(table: Table, number: int, column: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-    name = table.names[number]
-    unit = 1.0 if number in table.in_seconds else unit_in_seconds(name)
-    step = sampling_time(table.path, name, column, table.place)
-    return float(f"{step * unit:.12g}"), column * unit

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 from pathlib import Path
@@ -33,17 +33,21 @@ class Table:
         The file, for messages.
     names : tuple of str
         The columns' names in the file's order.
-    load : callable
-        From column numbers to one float64 array each; called once for all columns that are needed together.
+    blocks : callable
+        From column numbers to an iterator over blocks of rows, each a list of one float64 array for each of them.
     place : callable
         From a 0-based row to words that find it in the file, such as ``line 12``.
     in_seconds : frozenset of int
         Columns whose file type says that they are time: they come in seconds since the first row.
+    about : int
+        How many rows there are, about: for a progress bar.
+    exactly : bool
+        Whether that is exact, and every row of numbers can be read: then nothing is to be found out by reading it.
 
     Examples
     --------
     >>> data = [np.array([0.0, 0.1]), np.array([5.0, 6.0])]
-    >>> table = Table(Path("log.npz"), ("u", "y"), lambda numbers: [data[n] for n in numbers])
+    >>> table = Table(Path("log.npz"), ("u", "y"), lambda numbers: iter([[data[n] for n in numbers]]))
     >>> table.column("y")
     array([5., 6.])
     >>> table.find("Y"), table.find(1), table.find("1")
@@ -52,9 +56,11 @@ class Table:
 
     path: Path
     names: tuple[str, ...]
-    load: Callable[[Sequence[int]], list[NDArray[np.float64]]]
+    blocks: Callable[[Sequence[int]], Iterator[list[NDArray[np.float64]]]]
     place: Callable[[int], str] = nth_row
     in_seconds: frozenset[int] = frozenset()
+    about: int = 0
+    exactly: bool = False
 
     def column(self, key: str | int) -> NDArray[np.float64]:
         """Return one column as float64, by name or 0-based number."""
@@ -68,9 +74,20 @@ class Table:
         LogError
             If a column does not exist or has a cell that is not a number.
         """
+        blocks = list(self.stream(keys))
+        return [np.concatenate([np.empty(0), *(block[index] for block in blocks)]) for index in range(len(keys))]
+
+    def stream(self, keys: Sequence[str | int]) -> Iterator[list[NDArray[np.float64]]]:
+        """Yield several columns as float64, block of rows by block of rows, in one pass over the file.
+
+        Raises
+        ------
+        LogError
+            If a column does not exist or has a cell that is not a number.
+        """
         numbers = [self.find(key) for key in keys]
         try:
-            return self.load(numbers)
+            yield from self.blocks(numbers)
         except OSError as error:
             raise unreadable(self.path, error) from error
 

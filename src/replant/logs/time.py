@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from numbers import Real
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
 
+CHECKED = 1 << 18  # stamps that the usual interval is taken from
 TOLERANCE = 0.01  # an interval may differ from the sampling time by this share of it
 
 _UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
@@ -67,69 +68,148 @@ def check_dt(dt: object) -> float:
     return step
 
 
-def sampling_time(path: Path, name: str, stamps: NDArray[np.float64], place: Callable[[int], str]) -> float:
-    """Derive the sampling time from regular time stamps, in their unit.
+class Clock:
+    """The sampling time from time stamps that come block by block, in their unit.
 
     It is the mean interval, so rounding of the stamps does not add up. The stamps are regular if each interval is
-    within 1 % of the median, or if rounding to their printed digits explains the rest.
+    within 1 % of the median (of the first 2^18, about), or if rounding to their printed digits explains the rest.
 
     Parameters
     ----------
     path, name : Path, str
         The file and the column, for messages.
-    stamps : float64 array, shape (K,), K >= 2
-        The time stamps.
     place : callable
         From a 0-based row to words that find it in the file.
 
-    Raises
-    ------
-    LogError
-        If a stamp is not finite, repeats or goes back, or if the stamps are irregular; it names the first such row.
-
     Examples
     --------
-    >>> sampling_time(Path("log.csv"), "t", np.array([0.0, 0.033, 0.067, 0.1]), "row {}".format)
+    >>> clock = Clock(Path("log.csv"), "t", "row {}".format)
+    >>> clock.take(np.array([0.0, 0.033]))
+    >>> clock.take(np.array([0.067, 0.1]))
+    >>> clock.step(lambda: [np.array([0.0, 0.033, 0.067, 0.1])])
     0.0333333333333
     """
-    _check_increasing(path, name, stamps, place)
-    intervals = np.diff(stamps)
-    median = float(np.median(intervals))
-    deviation = np.abs(intervals - median)
-    if np.all(deviation <= TOLERANCE * median) or _is_rounded_grid(intervals, median, digits := resolution(stamps)):
-        mean = float((stamps[-1] - stamps[0]) / intervals.size)
-        return float(f"{mean:.12g}")  # 0.1, not 0.09999999999999999: the last digits are rounding of the stamps
-    allowed = TOLERANCE * median + (digits if digits < 0.25 * median else 0.0)
-    allowed *= 1.001  # the sum of both is often met exactly
-    over = deviation > (allowed if np.any(deviation > allowed) else TOLERANCE * median)
-    row = int(np.argmax(over)) + 1
-    raise LogError(
-        f"{path}: {place(row)}, column {name!r}: irregular time stamps, {intervals[row - 1]:.6g} after the one before "
-        f"where {median:.6g} is usual; {_RESAMPLE}"
-    )
+
+    def __init__(self, path: Path, name: str, place: Callable[[int], str]) -> None:
+        self._path, self._name, self._place = path, name, place
+        self._waiting: list[NDArray[np.float64]] = []
+        self._rows = self._seen = 0
+        self._first = self._last = self._median = math.nan
+        self._least, self._most = math.inf, -math.inf
+        self._grid = Grid()
+
+    def take(self, stamps: NDArray[np.float64]) -> None:
+        """Take the stamps of a block.
+
+        Raises
+        ------
+        LogError
+            If a stamp is not finite, repeats or goes back; it names the first such row.
+        """
+        self._waiting.append(stamps)
+        self._rows += stamps.size
+        if self._seen or self._rows >= CHECKED:
+            self._check()
+
+    def step(self, again: Callable[[], Iterable[NDArray[np.float64]]]) -> float:
+        """Return the sampling time; ``again`` gives the stamps once more, where the first irregular one is sought.
+
+        Raises
+        ------
+        LogError
+            Of the last stamps as of those before, or if the stamps are irregular; it names the first such row.
+        """
+        if self._rows > self._seen:
+            self._check()
+        median, digits = self._median, self._grid.resolution
+        deviation = max(self._most - median, median - self._least)
+        if deviation <= TOLERANCE * median or _is_rounded_grid(self._most - self._least, median, digits):
+            mean = (self._last - self._first) / (self._rows - 1)
+            return float(f"{mean:.12g}")  # 0.1, not 0.09999999999999999: the last digits are rounding of the stamps
+        allowed = TOLERANCE * median + (digits if digits < 0.25 * median else 0.0)
+        allowed *= 1.001  # the sum of both is often met exactly
+        row, interval = _first_beyond(again(), median, allowed if deviation > allowed else TOLERANCE * median)
+        raise LogError(
+            f"{self._path}: {self._place(row)}, column {self._name!r}: irregular time stamps, {interval:.6g} after the "
+            f"one before where {median:.6g} is usual; {_RESAMPLE}"
+        )
+
+    def _check(self) -> None:
+        known = [np.array([self._last])] if self._seen else []
+        stamps = np.concatenate([*known, *self._waiting])
+        first = self._seen - len(known)
+        _check_increasing(self._path, self._name, stamps, lambda row: self._place(first + row))
+        if not self._seen:
+            self._first = float(stamps[0])
+        self._last, self._seen, self._waiting = float(stamps[-1]), self._rows, []
+        self._grid.take(stamps)
+        intervals = np.diff(stamps)
+        if intervals.size:
+            if math.isnan(self._median):
+                self._median = float(np.median(intervals))
+            self._least = min(self._least, float(intervals.min()))
+            self._most = max(self._most, float(intervals.max()))
 
 
-def resolution(stamps: NDArray[np.float64]) -> float:
-    """Return the step to which time stamps were rounded: of their decimals, else two steps of float32 or float64.
+def _first_beyond(blocks: Iterable[NDArray[np.float64]], median: float, allowed: float) -> tuple[int, float]:
+    """Return the first row whose interval is off the median by more than is allowed, and that interval."""
+    row, last = 0, np.empty(0)
+    for block in blocks:
+        stamps = np.concatenate([last, block])
+        intervals = np.diff(stamps)
+        over = np.abs(intervals - median) > allowed
+        if over.any():
+            found = int(np.argmax(over))
+            return row - last.size + found + 1, float(intervals[found])
+        row, last = row + block.size, stamps[-1:]
+    raise AssertionError("the stamps changed between two passes")
+
+
+class Grid:
+    """The step to which time stamps were rounded: of their decimals, else two steps of float32 or float64.
 
     Two, because an interval that crosses a power of two has one end on the finer and one on the coarser grid.
 
     Examples
     --------
-    >>> resolution(np.array([0.0, 0.033, 0.067, 0.1]))
+    >>> grid = Grid()
+    >>> grid.take(np.array([0.0, 0.033]))
+    >>> grid.take(np.array([0.067, 0.1]))
+    >>> grid.resolution
     0.001
     """
-    largest = float(np.max(np.abs(stamps)))
-    for decimals in range(16):
-        error = 4.0 * math.ulp(largest * 10.0**decimals)
-        if error > 0.01:
-            break  # beyond the digits of float64 every number looks whole
-        scaled = stamps * 10.0**decimals
-        if np.all(np.abs(scaled - np.rint(scaled)) <= error):
-            return 10.0**-decimals
-    if largest <= np.finfo(np.float32).max and np.array_equal(stamps, stamps.astype(np.float32)):
-        return 2.0 * float(np.spacing(np.float32(largest)))
-    return 2.0 * float(np.spacing(largest))
+
+    def __init__(self) -> None:
+        self._decimals, self._largest, self._single = 0, 0.0, True
+
+    def take(self, stamps: NDArray[np.float64]) -> None:
+        """Look at the stamps of a block."""
+        self._largest = max(self._largest, float(np.max(np.abs(stamps))))
+        self._single = self._single and bool(
+            self._largest <= np.finfo(np.float32).max and np.array_equal(stamps, stamps.astype(np.float32))
+        )
+        while self._has_decimals:
+            scaled = stamps * 10.0**self._decimals
+            if np.all(np.abs(scaled - np.rint(scaled)) <= self._error):
+                return
+            self._decimals += 1
+
+    @property
+    def resolution(self) -> float:
+        """The step."""
+        if self._has_decimals:
+            return 10.0**-self._decimals
+        largest = self._largest
+        return 2.0 * float(np.spacing(np.float32(largest)) if self._single else np.spacing(largest))
+
+    @property
+    def _error(self) -> float:
+        return 4.0 * math.ulp(self._largest * 10.0**self._decimals)
+
+    @property
+    def _has_decimals(self) -> bool:
+        """Beyond the digits of float64 every number looks whole."""
+        return self._decimals < 16 and self._error <= 0.01
 
 
 def _check_increasing(path: Path, name: str, stamps: NDArray[np.float64], place: Callable[[int], str]) -> None:
@@ -147,10 +227,10 @@ def _check_increasing(path: Path, name: str, stamps: NDArray[np.float64], place:
         )
 
 
-def _is_rounded_grid(intervals: NDArray[np.float64], median: float, digits: float) -> bool:
-    """Tell whether the intervals are those of a regular grid, rounded.
+def _is_rounded_grid(spread: float, median: float, digits: float) -> bool:
+    """Tell whether intervals, from the least to the most ``spread`` apart, are those of a regular grid, rounded.
 
     Rounding leaves two lengths, one digit apart; a displaced stamp makes one interval longer and one shorter, so
     three. A missing sample is four digits or more, as coarser ones are not believed.
     """
-    return bool(digits <= 0.25 * median and np.ptp(intervals) <= digits + TOLERANCE * median)
+    return digits <= 0.25 * median and spread <= digits + TOLERANCE * median

@@ -57,7 +57,8 @@ OPTIMIZERS: Mapping[str, Callable[[float], Optimizer]] = {
     "Adam": lambda gain: Adam(5e-5 * gain),
 }
 OFFLINE, NORMALISED, DEFAULT = "least squares", "normalised", "replant"
-RUNS = len(FILTERS) * (len(OPTIMIZERS) * len(GAINS) + 1) + 1
+FURTHER = 5  # records, other than the experiment's own, that tell how much of the default's error is chance
+RUNS = len(FILTERS) * (len(OPTIMIZERS) * len(GAINS) + 1) + 1 + FURTHER
 
 NOTES = (
     "The article's record is not published: a simulated rig with the parameters of Table 6 stands in for it, "
@@ -143,12 +144,15 @@ class Actuator:
         `fit_normalised` by filters.
     rows : tuple of Row
         The twelve runs with either filters, least squares plain and normalised, and the default.
+    elsewhere : tuple of Row
+        The default on `FURTHER` records of the same rig and length, under other voltages and other noise.
     """
 
     record: Record
     offline: Mapping[str, FitResult]
     goals: Mapping[str, FloatArray]
     rows: tuple[Row, ...]
+    elsewhere: tuple[Row, ...]
 
     def row(self, method: str, variant: str = "", filters: str = "gbt") -> Row:
         """Return one row; KeyError if there is none."""
@@ -157,13 +161,13 @@ class Actuator:
                 return row
         raise KeyError((method, variant, filters))
 
-    def article_rows(self) -> list[Row]:
-        """Return the twelve runs with the article's own filters."""
-        return [row for row in self.rows if row.method in OPTIMIZERS and row.filters == "gbt"]
+    def online_rows(self, filters: str = "gbt") -> list[Row]:
+        """Return the twelve runs of the article's methods, with its own filters or with others."""
+        return [row for row in self.rows if row.method in OPTIMIZERS and row.filters == filters]
 
 
-def measure_rig(samples: int = SAMPLES) -> Record:
-    """Return a record of the simulated rig.
+def measure_rig(samples: int = SAMPLES, seed: int = 0) -> Record:
+    """Return a record of the simulated rig; ``seed`` is that of voltage and noise.
 
     Examples
     --------
@@ -171,8 +175,8 @@ def measure_rig(samples: int = SAMPLES) -> Record:
     >>> record.y.size, record.true["a1"]
     (1000, 5891.0)
     """
-    rig, u = deap_rig(noise=NOISE, creep=CREEP), deap_voltage(samples)
-    return Record(rig, u, rig.measure(u))
+    rig, u = deap_rig(noise=NOISE, creep=CREEP), deap_voltage(samples, seed)
+    return Record(rig, u, rig.measure(u, seed))
 
 
 def fit_offline(record: Record, on_run: Callable[[], None] = lambda: None) -> dict[str, FitResult]:
@@ -237,9 +241,13 @@ def reproduce_actuator(record: Record | None = None, on_run: Callable[[], None] 
                 on_run()
     rows += [_offline_row(record, "", filters, fitted.parameters) for filters, fitted in offline.items()]
     rows += [_offline_row(record, NORMALISED, filters, goal) for filters, goal in goals.items()]
-    rows.append(_default_row(record))
+    rows.append(run_default(record))
     on_run()
-    return Actuator(record, offline, goals, tuple(rows))
+    elsewhere = []
+    for seed in range(1, FURTHER + 1):
+        elsewhere.append(run_default(measure_rig(record.u.size, seed)))
+        on_run()
+    return Actuator(record, offline, goals, tuple(rows), tuple(elsewhere))
 
 
 def _run(record: Record, method: str, variant: str, filters: str) -> Row:
@@ -265,8 +273,8 @@ def _offline_row(record: Record, variant: str, filters: str, parameters: FloatAr
     return Row(OFFLINE, variant, filters, errors, record.free_run(STRUCTURE.transfer_function(parameters)))
 
 
-def _default_row(record: Record) -> Row:
-    """Return what replant makes of the record if nothing but the structure is chosen."""
+def run_default(record: Record) -> Row:
+    """Return what replant makes of a record if nothing but the structure is chosen."""
     request = Request(STRUCTURE, record.rig.dt, preprocess=record.rig.preprocess)
     result = run_online(request, record.u, record.y)
     assert result.history is not None

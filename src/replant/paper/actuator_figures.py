@@ -79,7 +79,7 @@ def draw_transients(name: str, actuator: Actuator, filters: str = "gbt") -> Any:
         _limit(axes[list(true).index(coefficient)], true[coefficient])
     axes[0, 0].set_xlim(0.0, actuator.record.u.size * actuator.record.rig.dt)
     canvas.align_ylabels()
-    title = f"Figure {name[3:]}: transients on the actuator, {_NAMES[filters]} (what shoots further leaves the panel)"
+    title = f"Figure {name[3:]}: transients on the actuator, {_NAMES[filters]} (some overshoots are cut off)"
     legend_above(canvas, title, 2)
     return canvas
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from replant import realization
+from replant.ensemble import Ensemble
 from replant.filters import StateVariableFilter
 from replant.identifier import Identifier
 from replant.optimizers import Optimizer
@@ -133,6 +135,14 @@ def trace(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, Float
     """Run an experiment; return the history of its estimate.  Parameters as of `run`."""
     u, y = experiment.plant.record() if record is None else record
     return experiment.identifier(seed).update_many(u, y)
+
+
+def run_seeds(
+    experiment: Experiment, seeds: Iterable[int], record: tuple[FloatArray, FloatArray]
+) -> list[dict[str, float]]:
+    """Run an experiment with each of these seeds, all at once; return for each what `run` does."""
+    ensemble = Ensemble([experiment.identifier(seed) for seed in seeds])
+    return [experiment.indices(trace) for trace in ensemble.trace(*record)]
 
 
 def run(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, FloatArray] | None = None) -> dict[str, float]:

@@ -144,7 +144,7 @@ FIGURES = {
         ),
         Figure(
             "fig4",
-            "Figure 4: a drifting output, AMSGrad with and without a bias in the regressor (the start shoots out)",
+            "Figure 4: a drifting output, AMSGrad with and without a bias in the regressor (the start is cut off)",
             TABLES["table4"],
             (Line("without", "without bias", _style(ORANGE, "-")), Line("with", "with bias", _style(BLUE, "-"))),
             _FIRST_ORDER,

@@ -90,7 +90,8 @@ def summary(results: Sequence[TableResult]) -> list[str]:
         if batch is None:
             lines.append(f"Without buffer: {_count(chosen)} equal in all printed digits.")
         else:
-            lines.append(f"With buffer, batch {batch}: {_count(chosen)} within {LIMIT:g} standard deviations.")
+            said = " as the article prints it" if any("as printed" in row.row.label for row in chosen) else ""
+            lines.append(f"With buffer, batch {batch}{said}: {_count(chosen)} within {LIMIT:g} standard deviations.")
     return lines
 
 

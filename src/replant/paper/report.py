@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,19 @@ CAPTIONS = {
     "fig8": f"{_TRANSIENTS} AMSGrad and Adam with the article's filters.",
     "fig8-exact": f"{_TRANSIENTS} AMSGrad and Adam with exact filters.",
 }
+
+_PRINTED = (
+    (r"(?<=\d)e-(\d+)", r"×10<sup>−\1</sup>"),
+    (r"(?<=\d)e(\d+)", r"×10<sup>\1</sup>"),
+    (r"\^(\d)", r"<sup>\1</sup>"),
+    (r"\b([Jg])_(sum|n)\b", r"\1<sub>\2</sub>"),
+    (r"\b([ab])(\d)\b", r"\1<sub>\2</sub>"),
+    (r"(<sub>\d</sub>) (?=\d)", "\\1\u00a0"),
+    (r"(?<![\w.])-(?=\d)", "−"),
+    (r"\bLambda\b", "Λ"),
+    (r" um\b", "\u00a0µm"),
+    (r" %", "\u00a0%"),
+)
 
 
 def as_element(canvas: Any, name: str) -> str:
@@ -112,22 +126,44 @@ def _actuator(actuator: Actuator | None, pictures: Mapping[str, str]) -> tuple[s
     if actuator is None:
         return title, "".join(figures.values())
     headings, rows = actuator_rendering.summary_table(actuator)
-    first = table(headings, map(_emphasised, rows), actuator_rendering.TITLE, "table wide")
-    claims = "".join(f"<p>{html.escape(line)}</p>" for line in actuator_rendering.summary(actuator))
+    names = [_index(name) if name.startswith("J_") else Html(typeset(name)) for name in headings]
+    first = table(names, map(_emphasised, rows), actuator_rendering.TITLE, "table wide")
+    claims = "".join(f"<p>{typeset(line)}</p>" for line in actuator_rendering.summary(actuator))
     more = "".join(
-        f"<details><summary>{html.escape(name)}</summary>{table(heads, lines, name, 'table wide')}</details>"
+        f"<details><summary>{html.escape(name)}</summary>{table(heads, map(_figures, lines), name, 'table wide')}"
+        "</details>"
         for name, heads, lines in actuator_rendering.measure_tables(actuator)
     )
-    body = [figures.pop("fig6"), f"<h3>{html.escape(actuator_rendering.TITLE)}</h3>", first,
-            _notes([*actuator_rendering.LEGEND, *NOTES]), f'<div class="said">{claims}</div>', more]  # fmt: skip
+    body = [figures.pop("fig6"), f"<h3>{html.escape(actuator_rendering.TITLE)}</h3>",
+            f'<div class="said">{claims}</div>', first,
+            _notes([*actuator_rendering.LEGEND, *NOTES]), more]  # fmt: skip
     return title, "".join([*body, *figures.values()])
+
+
+def _figures(row: Sequence[str]) -> list[str]:
+    """Return a row with its figures as they are printed."""
+    return [row[0], *(Html(typeset(cell)) for cell in row[1:])]
 
 
 def _emphasised(row: Sequence[str]) -> list[str]:
     """Return a row, in bold where it is that of replant's default."""
     if not row[0].startswith(DEFAULT):
-        return list(row)
-    return [Html(f"<b>{html.escape(cell)}</b>") for cell in row]
+        return _figures(row)
+    return [Html(f"<b>{typeset(cell)}</b>") for cell in row]
+
+
+def typeset(text: str) -> str:
+    r"""Return plain text of the terminal as HTML, its symbols, exponents, signs and units as they are printed.
+
+    Examples
+    --------
+    >>> typeset("J_sum 2.79e12, a0 -5 %, g_n 5e-5 (1/s^2)")
+    'J<sub>sum</sub> 2.79×10<sup>12</sup>, a<sub>0</sub> −5\xa0%, g<sub>n</sub> 5×10<sup>−5</sup> (1/s<sup>2</sup>)'
+    """
+    text = html.escape(text)
+    for pattern, printed in _PRINTED:
+        text = re.sub(pattern, printed, text)
+    return text
 
 
 def _sheet(name: str, pictures: Mapping[str, str]) -> str:
@@ -142,5 +178,5 @@ def _sheet(name: str, pictures: Mapping[str, str]) -> str:
 
 
 def _notes(lines: Iterable[str]) -> str:
-    items = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
+    items = "".join(f"<li>{typeset(line)}</li>" for line in lines)
     return f'<ul class="note">{items}</ul>' if items else ""

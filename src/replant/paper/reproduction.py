@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import fmean, stdev
 
-from replant.paper.experiment import run
+from replant.paper.experiment import run_seeds
 from replant.paper.tables import Row, Table
 
 #: Runs of a row with a replay buffer: seeds 0 to 19.
@@ -151,11 +151,9 @@ def _seeds_of(row: Row, seeds: int) -> range:
 
 
 def _reproduce_row(table: Table, row: Row, seeds: int, on_run: Callable[[], None] | None) -> RowResult:
-    record = row.experiment.plant.record()
-    results = []
-    for seed in _seeds_of(row, seeds):
-        results.append(run(row.experiment, seed, record))
-        if on_run is not None:
+    results = run_seeds(row.experiment, _seeds_of(row, seeds), row.experiment.plant.record())
+    if on_run is not None:
+        for _ in results:
             on_run()
     cells = []
     for index, published in zip(table.indices, row.published, strict=True):

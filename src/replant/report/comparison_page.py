@@ -16,12 +16,10 @@ from replant.report.figures import draw_overlay, style
 from replant.report.figures.overlay import legend_columns
 from replant.report.findings import BAD, GOOD, Finding, findings
 from replant.report.numbers import duration, number, percent
-from replant.report.page import Html, code, facts, icon, section, write_page
+from replant.report.page import NO_BREAK, Html, code, facts, icon, section, write_page
 from replant.report.pictures import HALF, look, svg, variable
 from replant.report.style import blank_figure
 from replant.runs import Result
-
-NO_BREAK = "\u00a0"  # a space at which a line may not end
 
 
 def write_comparison(

@@ -14,8 +14,8 @@ MANY_REJECTED = 0.01  # part of the record
 
 # status: gravity, headline, what it means
 _VERDICTS = {
-    "trusted": (GOOD, "Trusted", "Run from the input alone, the model follows the measured output."),
-    "converging": (WARN, "Still converging", "The estimate had not come to rest when the record ended."),
+    "trusted": (GOOD, "Trusted", "The model explains the record."),
+    "converging": (WARN, "Still converging", "The record does not settle the model yet."),
     "not excited": (BAD, "Not excited", "The record does not tell the parameters apart: do not use this model."),
     "inconsistent": (BAD, "Inconsistent", "The model does not explain the record: do not use it as it is."),
     "diverged": (BAD, "Diverged", "What is shown is the last finite estimate: do not use it."),
@@ -52,8 +52,8 @@ def _of_verdict(result: Result) -> list[Finding]:
     if result.samples == 0:
         why = "Every sample was rejected" if any(result.rejected.values()) else "The record is empty"
         return [Finding(BAD, "No sample used", f"{why}: nothing here tells of the plant.")]
-    if gravity != BAD and result.samples < FEW_SAMPLES * result.structure.size:
-        return []  # of a handful of samples no verdict means a thing
+    if status != "diverged" and result.samples < FEW_SAMPLES * result.structure.size:
+        return []  # of a handful of samples no verdict means a thing, but that they are few
     return [Finding(gravity, headline, " ".join([meaning, *map(_sentence, reasons)]).strip())]
 
 
@@ -81,6 +81,12 @@ def _of_model(result: Result) -> list[Finding]:
 
 
 def _sentence(reason: str) -> str:
-    """Return a verdict's reason as a sentence, numbers beyond all measure made short."""
-    reason = re.sub(r"-?\d{7,}(\.\d+)?|-?\binf\b", lambda found: number(float(found[0])), reason)
+    """Return a verdict's reason as a sentence, its longest numbers as they are printed.
+
+    Examples
+    --------
+    >>> _sentence("a coefficient has moved over the last 2.45e+03 s")
+    'A coefficient has moved over the last 2450 s.'
+    """
+    reason = re.sub(r"-?\d{7,}(\.\d+)?|-?\d(\.\d+)?e[+-]\d+|-?\binf\b", lambda found: number(float(found[0])), reason)
     return reason[:1].upper() + reason[1:].rstrip(".") + "."

@@ -16,6 +16,7 @@ import numpy as np
 from replant.errors import MissingDependencyError
 from replant.filters import StateVariableFilter
 from replant.logs import Log
+from replant.optimizers import RecursiveLeastSquares
 from replant.preprocess import Preprocess
 from replant.report import pictures, recipe, tables, words
 from replant.report.figures import style
@@ -23,8 +24,13 @@ from replant.report.findings import BAD, Finding, findings
 from replant.report.material import Material
 from replant.report.numbers import duration, mathml, number, percent, uncertain
 from replant.report.page import asset, code, heading, icon, today
+from replant.report.page import style as page_style
+from replant.report.page import words as in_words
 from replant.report.series import charts
 from replant.runs import Result
+from replant.settings import Settings
+
+NO_MODEL = "<p>G(s) could not be estimated.</p>"
 
 
 def write_report(
@@ -87,7 +93,7 @@ def _fields(material: Material, title: str, command: str, python: str) -> dict[s
         "date": today(),
         "verdict": _verdict(found),
         "model_note": '<p class="note">Not to be used: see above.</p>' if found[0].gravity == BAD else "",
-        "math": mathml(material.result.transfer_function),
+        "math": mathml(material.result.transfer_function) if material.result.parameters.any() else NO_MODEL,
         "figures": _figures(material),
         **_sections(material, plots),
         "coefficients": tables.coefficients(material),
@@ -95,7 +101,7 @@ def _fields(material: Material, title: str, command: str, python: str) -> dict[s
         "reproduce": _reproduce(command, python),
         "origin": tables.origin(material),
         "uplot_css": style_sheet,
-        "css": asset("report.css"),
+        "css": page_style(),
         "uplot_js": script,
         "js": asset("report.js"),
         "data": json.dumps(plots).replace("<", "\\u003c"),
@@ -132,12 +138,13 @@ def _figure(said: str, picture: str, plots: Sequence[dict[str, Any]] = ()) -> st
     columns = " halves" if len(plots) > 1 and not any(plot["name"] == "output" for plot in plots) else ""
     live = f'<div class="live{columns}">{rooms}</div>' if plots else ""
     kind = ' class="both"' if plots else ""
-    return f'<figure{kind}>{live}<div class="still">{drawn}</div><figcaption>{html.escape(said)}</figcaption></figure>'
+    return f'<figure{kind}>{live}<div class="still">{drawn}</div><figcaption>{in_words(said)}</figcaption></figure>'
 
 
 def _room(plot: dict[str, Any]) -> str:
     name, label = html.escape(plot["name"]), html.escape(plot["label"])
-    nothing = '<p class="nothing">no finite values</p>' if plot["empty"] else ""
+    words = "no estimate" if name.startswith("parameter") else "no finite values"
+    nothing = f'<p class="nothing">{words}</p>' if plot["empty"] else ""
     keys = "Arrow keys move, plus and minus zoom, Escape shows everything."
     return (
         f'<div class="chart"><div class="head"><span class="name">{label}</span><span class="legend"></span></div>'
@@ -149,24 +156,31 @@ def _room(plot: dict[str, Any]) -> str:
 def _lede(material: Material) -> str:
     result, log = material.result, material.log
     how = "fitted to the whole record"
-    if result.settings is not None:
-        how = f"identified online by {type(result.settings.optimizer).__name__}"
+    if result.history is not None:
+        how = "identified online" + (f" by {_method(result.settings)}" if result.settings else "")
     return (
         f"{log.input_name} → {log.output_name}, {how}; {len(log):,} samples, "
         f"{duration(len(log) * log.dt)} at {number(log.dt, 6)} s"
     )
 
 
+def _method(settings: Settings) -> str:
+    """Return the estimator in words."""
+    if settings.instruments and isinstance(settings.optimizer, RecursiveLeastSquares):
+        return "recursive refined instrumental variables"
+    return type(settings.optimizer).__name__ + (" with instruments" if settings.instruments else "")
+
+
 def _verdict(found: Sequence[Finding]) -> str:
     first, *others = found
     more = "".join(
         f'<li class="{other.gravity}">{icon(other.gravity)}<span><b>{html.escape(other.headline)}.</b> '
-        f"{html.escape(other.text)}</span></li>"
+        f"{in_words(other.text)}</span></li>"
         for other in others
     )
     return (
         f'<section class="verdict {first.gravity}" aria-label="Verdict">{icon(first.gravity)}<div>'
-        f"<h2>{html.escape(first.headline)}</h2><p>{html.escape(first.text)}</p>"
+        f"<h2>{html.escape(first.headline)}</h2><p>{in_words(first.text)}</p>"
         + (f"<ul>{more}</ul>" if more else "")
         + "</div></section>"
     )

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +26,17 @@ from replant.report.figures.poles import usable_uncertainty
 from replant.runs import Result
 from replant.uncertainty import Uncertainty
 from replant.validation import FloatArray
+
+
+class OverTime(NamedTuple):
+    """Signals over time as they are drawn (V,), from ``start`` s on, ``step`` s apart: the record, or its overview."""
+
+    input: FloatArray
+    output: FloatArray
+    model: FloatArray
+    residual: FloatArray
+    start: float
+    step: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +101,15 @@ class Material:
         return usable_uncertainty(self.result)
 
     @cached_property
+    def over_time(self) -> OverTime:
+        """What is drawn over time."""
+        shown = self.result.overview
+        if shown is None:
+            return OverTime(self.u, self.y, self.result.simulation.output, self.residual, 0.0, self.dt)
+        u, y, model, residual = (each.values for each in (shown.input, shown.output, shown.model, shown.residual))
+        return OverTime(u, y, model, residual, self.dt * shown.output.first, self.dt * shown.output.step)
+
+    @cached_property
     def residual(self) -> FloatArray:
         """Measured less simulated output, (K,)."""
         with np.errstate(over="ignore", invalid="ignore"):
@@ -106,6 +127,7 @@ class Material:
         if self.filter is None or not self.y.size:
             return None
         try:
-            return excitation(regressors_of(self.result, self.filter, self.preprocess, self.u, self.y, self.dt))
+            found = excitation(regressors_of(self.result, self.filter, self.preprocess, self.u, self.y, self.dt))
+            return found and replace(found, samples=found.samples + self.log.earlier)
         except ReplantError:  # a working point that no sample could settle
             return None

@@ -81,6 +81,20 @@ def percent(value: float) -> str:
     return f"{value:.1f} %".replace("-", MINUS)
 
 
+def off_by(value: float, true: float) -> str:
+    """Return how far ``value`` is from ``true``, in percent.
+
+    Examples
+    --------
+    >>> off_by(5877.0, 5891.0), off_by(5890.9, 5891.0), off_by(2.0, 0.0)
+    ('-0.24 %', '-0.0017 %', 'no figure')
+    """
+    if true == 0.0:
+        return "no figure"
+    percent = 100.0 * (value / true - 1.0)
+    return f"{percent:+.2g} %" if abs(percent) < 0.1 else f"{percent:+.2f} %"
+
+
 def complex_number(value: complex, digits: int = 4) -> str:
     """Return a root; of a conjugate pair, given with positive imaginary part, both.
 
@@ -97,7 +111,8 @@ def mathml(model: TransferFunction) -> str:
     """Return G(s) as MathML, long polynomials in several lines."""
     dead_time = ""
     if model.delay:
-        dead_time = f"<msup><mi>e</mi><mrow><mo>{MINUS}</mo>{_math_number(model.delay)}<mi>s</mi></mrow></msup>"
+        delay = "" if model.delay == 1.0 else _math_number(model.delay)
+        dead_time = f"<msup><mi>e</mi><mrow><mo>{MINUS}</mo>{delay}<mi>s</mi></mrow></msup>"
     lines = [*_lines(model.num), *_lines(model.den)]
     longest = max(map(_width, lines)) + 7 + (7 if model.delay else 0)
     name = '<mi>G</mi><mo stretchy="false">(</mo><mi>s</mi><mo stretchy="false">)</mo><mo>=</mo>'

@@ -17,16 +17,35 @@ _ICONS = {  # told apart by shape as well as by colour
 }
 
 
+NO_BREAK = "\u00a0"  # a space at which a line may not end
+
+
 class Html(str):
     """Text that is HTML already, where plain text would be escaped."""
 
     __slots__ = ()
 
 
+def words(text: str) -> Html:
+    r"""Return plain text as HTML whose lines break before a plus-minus sign, if at all, and nowhere behind a figure.
+
+    Examples
+    --------
+    >>> words("2 ± 1, <5 %")
+    '2 ±\xa01, &lt;5\xa0%'
+    """
+    return Html(html.escape(text.replace("± ", "±" + NO_BREAK).replace(" %", NO_BREAK + "%")))
+
+
 @cache
 def asset(name: str) -> str:
     """Return the text of a file that comes with the report."""
     return resources.files("replant.report").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def style() -> str:
+    """Return the style sheet of every page: the palette, and what is made of it."""
+    return asset("palette.css") + asset("report.css")
 
 
 def today() -> str:
@@ -57,7 +76,7 @@ def write_page(path: Path, *, title: str, eyebrow: str, lede: str, body: str) ->
         eyebrow=html.escape(eyebrow),
         lede=html.escape(lede),
         body=body,
-        css=asset("report.css"),
+        css=style(),
         date=today(),
     )
     path.parent.mkdir(parents=True, exist_ok=True)

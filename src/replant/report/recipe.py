@@ -12,19 +12,21 @@ from replant.runs import Result
 from replant.scaling import Scaling
 from replant.settings import Settings
 
+WIDEST = 88  # characters of a line
+
 
 def identifier_as_python(settings: Settings) -> str:
     """Return the Python that makes the same identifier."""
     is_plain = settings.scaling == Scaling.none(settings.structure)
     parts = [
-        f"    rp.{settings.structure!r}, dt={settings.dt!r},",
+        f"    rp.{_call(settings.structure)}, dt={settings.dt!r},",
         f"    filter=rp.{_call(settings.filter)},",
-        f"    scaling={'None' if is_plain else 'rp.' + _call(settings.scaling)},",
+        *(["    scaling=None,"] if is_plain else _broken("scaling", settings.scaling)),
         f"    optimizer=rp.{_call(settings.optimizer)},",
         f"    replay={'rp.' + _call(settings.replay) if settings.replay else None},",
         *(["    instruments=True,"] if settings.instruments else []),
         *([] if settings.normalize else ["    normalize=False,"]),
-        f"    preprocess=rp.{_call(settings.preprocess)},",
+        *_broken("preprocess", settings.preprocess),
         *([f"    startup={settings.startup},"] if settings.instruments else []),
     ]
     return "\n".join(["ident = rp.Identifier(", *parts, ")"])
@@ -46,7 +48,7 @@ def fit_as_python(fitted: FitResult, log: Log) -> str:
     state_filter = f"    filter=rp.{_call(fitted.filter)}," if isinstance(fitted.filter, StateVariableFilter) else ""
     lines = [
         "fitted = rp.fit(",
-        f"    {_signals(log)}, dt={log.dt!r}, structure=rp.{fitted.structure!r}, method={fitted.method!r},",
+        f"    {_signals(log)}, dt={log.dt!r}, structure=rp.{_call(fitted.structure)}, method={fitted.method!r},",
         *([state_filter] if state_filter else []),
         f"    preprocess=rp.{_call(fitted.preprocess)},",
         ")",
@@ -67,14 +69,25 @@ def _open(log: Log) -> str:
     return f"import replant as rp\n\nlog = rp.read_log({str(log.path)!r}, {names}{sampling})"
 
 
+def _broken(name: str, value: Any) -> list[str]:
+    """Return an argument in one line, or in one for each of its own where that gets too long."""
+    line = f"    {name}=rp.{_call(value)},"
+    if len(line) <= WIDEST:
+        return [line]
+    return [f"    {name}=rp.{type(value).__name__}(", *(f"        {part}," for part in _arguments(value)), "    ),"]
+
+
 def _call(value: Any) -> str:
     """Write a frozen dataclass as the call that makes it, defaults left out."""
-    given = [
+    return f"{type(value).__name__}({', '.join(_arguments(value))})"
+
+
+def _arguments(value: Any) -> list[str]:
+    return [
         f"{field.name}={_argument(getattr(value, field.name))}"
         for field in dataclasses.fields(value)
         if getattr(value, field.name) != field.default
     ]
-    return f"{type(value).__name__}({', '.join(given)})"
 
 
 def _argument(value: Any) -> str:

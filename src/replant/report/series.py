@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from replant.overview import POINTS
 from replant.report import words
 from replant.report.diagnostics import Excitation
-from replant.report.downsample import thin
 from replant.report.figures import style
 from replant.report.material import Material
+from replant.thinning import thin
 from replant.validation import FloatArray
 
-POINTS = 36_000  # of each signal at most: a screen is 2,000 columns wide, so nine-fold zoom loses nothing
 PARAMETER_POINTS = 120_000  # of all transients together
 LARGEST = 3e38  # what float32 holds
 
@@ -30,25 +30,27 @@ def charts(material: Material) -> dict[str, list[dict[str, Any]]]:
 
 
 def _fit_charts(material: Material) -> list[dict[str, Any]]:
-    model, dt, unit = material.result.simulation.output, material.dt, style.unit_of(material.output_label)
+    u, y, model, residual, start, step = material.over_time
+    unit = style.unit_of(material.output_label)
     hold = "line" if material.filter is not None and material.filter.input_hold == "foh" else "step"
-    limits = style.output_limits(material.y, model)
+    limits = style.output_limits(y, model)
     drawn = within_reason(model, limits)
     charts = [
         _chart(
-            "input", material.input_label, 130, dt, [_curve(material.u, "input", "input", hold)],
-            style.output_limits(material.u),
+            "input", material.input_label, 130, step, [_curve(u, "input", "input", hold)],
+            style.output_limits(u), start,
         ),
         _chart(
-            "output", material.output_label, 280, dt,
-            [_curve(material.y, "measured", "measured"), _curve(drawn, "model", "model, from the input alone")],
-            limits,
+            "output", material.output_label, 280, step,
+            [_curve(y, "measured", "measured"), _curve(drawn, "model", "model, from the input alone")],
+            limits, start,
         ),
     ]  # fmt: skip
     name = f"residual [{unit}]" if unit else "residual"
-    limits = style.residual_limits(material.residual, material.y)
-    drawn = within_reason(material.residual, limits)
-    charts.append(_chart("residual", name, 140, dt, [_curve(drawn, "residual", "measured − model")], limits))
+    limits = style.residual_limits(residual, y)
+    drawn = within_reason(residual, limits)
+    curves = [_curve(drawn, "residual", "measured − model")]
+    charts.append(_chart("residual", name, 140, step, curves, limits, start))
     return charts
 
 
@@ -62,7 +64,7 @@ def _parameter_charts(material: Material) -> list[dict[str, Any]]:
     charts = []
     for i, (name, label) in enumerate(zip(structure.names, labels, strict=True)):
         true = None if material.truth is None else float(material.truth[i])
-        values, std = history.parameters[:, i], None if history.std is None else history.std[:, i]
+        values, std = style.estimates(history)[:, i], None if history.std is None else history.std[:, i]
         limits = style.settled_limits(values, style.near_the_end(values, std, true))
         curves = [_curve(within_reason(values, limits), "model", "estimate", points=points)]
         if std is not None and np.isfinite(std).any():
@@ -87,7 +89,7 @@ def _excitation_charts(found: Excitation | None, dt: float) -> list[dict[str, An
     number = [_curve(condition, "residual", "1 at best", "decades")]
     return [
         _chart("eigenvalue", "smallest eigenvalue", 140, stride, eigenvalue, _decades(smallest), first),
-        _chart("condition", "condition number", 140, stride, number, _decades(condition), first),
+        _chart("condition", "condition number", 140, stride, number, _decades(condition, 0), first),
     ]
 
 
@@ -153,5 +155,5 @@ def _stride(samples: Any) -> float:
     return float(samples[1] - samples[0]) if samples.size > 1 else 1.0
 
 
-def _decades(logarithms: FloatArray) -> tuple[float, float]:
-    return math.floor(float(logarithms.min()) - 0.05), math.ceil(float(logarithms.max()) + 0.05)
+def _decades(logarithms: FloatArray, lowest: float = -math.inf) -> tuple[float, float]:
+    return max(lowest, math.floor(float(logarithms.min()) - 0.05)), math.ceil(float(logarithms.max()) + 0.05)

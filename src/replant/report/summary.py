@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from replant.report.numbers import off_by
 from replant.runs import Result
 from replant.transfer_function import TransferFunction
 
@@ -79,7 +80,7 @@ def _parameter_table(result: Result, truth: TransferFunction | None) -> Any:
     for name, value, std, target in zip(result.structure.names, result.parameters, _stds(result), true, strict=False):
         cells = [name, f"{value:.4g}", *([f"{std:.2g}"] if known else [])]
         if truth:
-            cells += [f"{target:.4g}", f"{100 * (value / target - 1):+.2f} %"]
+            cells += [f"{target:.4g}", off_by(value, target)]
         table.add_row(*cells)
     return table
 

@@ -16,8 +16,8 @@ from replant.logs import Log
 from replant.report.figures import style
 from replant.report.figures.poles import regions
 from replant.report.material import Material
-from replant.report.numbers import complex_number, duration, number, uncertain
-from replant.report.page import Html, facts
+from replant.report.numbers import MINUS, complex_number, duration, number, off_by, uncertain
+from replant.report.page import Html, facts, words
 from replant.runs import Result
 
 UNCERTAIN = "Estimate ± standard deviation."
@@ -40,7 +40,7 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[str]], name: str, kin
 
 
 def _escaped(cell: str) -> str:
-    return cell if isinstance(cell, Html) else html.escape(cell)
+    return cell if isinstance(cell, Html) else words(cell)
 
 
 def coefficients(material: Material) -> str:
@@ -56,7 +56,7 @@ def coefficients(material: Material) -> str:
     if material.truth is not None:
         headings += ["true", "off by"]
         for row, value, true in zip(rows, result.parameters.tolist(), material.truth, strict=True):
-            row += [number(float(true)), f"{number(100.0 * (value / true - 1.0), 3)} %" if true else "–"]
+            row += [number(float(true)), off_by(value, float(true)).replace("-", MINUS)]
     note = NO_STD if known is None else UNCERTAIN
     return table(headings, rows, "Coefficients") + f'<p class="note">{note}</p>'
 
@@ -99,6 +99,7 @@ def origin(material: Material) -> str:
             *of_record(log),
             ("used", f"{result.samples:,} samples"),
             ("rejected", rejected),
+            *([("residual tests, excitation", f"of the newest {log.input.size:,} samples")] if log.earlier else []),
             ("computed in", f"{number(result.elapsed, 3)} s"),
             ("versions", versions()),
         ]

@@ -1,4 +1,19 @@
-"""Figures of a result, drawn with matplotlib into axes of yours or into a figure of their own."""
+"""Figures of a result, drawn with matplotlib into axes of yours or into a figure of their own, and returned.
+
+Examples
+--------
+>>> import numpy as np
+>>> from replant import Structure, TransferFunction
+>>> from replant.runs import run_online
+>>> from replant.settings import Request
+>>> u = np.where(np.arange(2000) // 50 % 2 == 0, 1.0, -1.0)
+>>> y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.1)
+>>> result = run_online(Request(Structure(poles=1), 0.1), u, y)
+>>> top, bottom = draw_bode(result, 0.1, input_label="voltage [V]", output_label="speed [rpm]")
+>>> top.get_ylabel()
+'magnitude [dB re rpm/V]'
+>>> axis = draw_poles_and_zeros(result)
+"""
 
 from __future__ import annotations
 

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from replant.report.diagnostics import BAND_95, BAND_99, Correlations
-from replant.report.downsample import thin
 from replant.report.figures import style
+from replant.thinning import thin
 from replant.validation import FloatArray
 
+WIDE = 0.2  # a correlation that can be seen on an axis that reaches to 1
 FEW = 60  # lags that can be told apart as stems
 
 
@@ -47,8 +48,23 @@ def draw_correlations(found: Correlations | None, dt: float, *, axes: Any = None
     if found is not None:
         lags = found.auto.size - 1
         _correlation(left, found.auto, 0, found.auto_std, dt)
+        near = reach(found.auto, found.auto_std)
+        if near is not None:
+            left.set_ylim(-near, near)
         _correlation(right, found.cross, -lags, found.cross_std, dt)
     return np.array([left, right], dtype=object)
+
+
+def reach(auto: FloatArray, std: float) -> float | None:
+    """Return how far the axis of an autocorrelation reaches where its limits would not be seen beside the 1 at lag 0.
+
+    Examples
+    --------
+    >>> reach(np.array([1.0, 0.5]), 0.01), reach(np.array([1.0, -0.02]), 0.01)
+    (None, 0.0412...)
+    """
+    near = max(float(np.abs(auto[1:]).max(initial=0.0)), BAND_99 * std)
+    return 1.6 * near if near < WIDE else None
 
 
 def _correlation(axis: Any, values: FloatArray, first: int, std: float, dt: float) -> None:
@@ -62,5 +78,7 @@ def _correlation(axis: Any, values: FloatArray, first: int, std: float, dt: floa
     else:
         drawn = thin(values, 1200)
         axis.plot(dt * first + drawn.times(dt), drawn.values, color=style.RESIDUAL, lw=1.2)
+        for limit in (-BAND_95 * std, BAND_95 * std):  # again, where the curve may cover them
+            axis.axhline(limit, color=style.INK, lw=0.8, ls=(0, (4, 3)))
     axis.set_xlim(dt * (first - 0.5), dt * (first + values.size - 0.5))
     style.legend(axis, 2)

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from replant.report.downsample import thin
 from replant.report.figures import style
-from replant.runs import History, Result
+from replant.runs import Result
+from replant.thinning import thin
 
 WIDEST = 1.5  # how far a panel reaches about the reference at the least, as a part of its size
 DEFAULT_SIZE = (9.0, 1.9, 1.7)  # inches: width, height of a row, of the rest
@@ -78,7 +78,7 @@ def _draw(axis: Any, result: Result, i: int, dt: float, end: float, name: str, c
         if abs(last) <= style.FARTHEST:
             axis.plot([0.0, end], [last, last], **look)
         return
-    begin = _begin(history)
+    begin = style.first_estimate(history)
     if begin == history.samples.size:  # nothing but the solution at the end
         axis.plot([end], [last], marker="o", clip_on=False, **look)
         return
@@ -91,12 +91,6 @@ def _draw(axis: Any, result: Result, i: int, dt: float, end: float, name: str, c
         axis.fill_between(t[0] + low.times(step), low.values, high.values, color=colour, alpha=0.13, lw=0)
     drawn = thin(values, style.SHOWN_SMALL)
     axis.plot(t[0] + drawn.times(step), drawn.values, **look)
-
-
-def _begin(history: History) -> int:
-    """Return the first row with an estimate: zero throughout is none, samples are held back until there is one."""
-    moved = (history.parameters != 0.0).any(axis=1)
-    return int(moved.argmax()) if moved.any() else history.samples.size
 
 
 def limits(others: Sequence[Result], reference: Result, i: int) -> tuple[float, float]:

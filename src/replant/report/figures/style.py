@@ -12,7 +12,7 @@ from replant.labels import unit_of as unit_of
 from replant.labels import without_unit
 from replant.report.numbers import number
 from replant.report.style import BLUE, VERMILION, blank_figure
-from replant.runs import Result
+from replant.runs import History, Result
 from replant.structure import Structure
 from replant.validation import FloatArray
 
@@ -29,6 +29,7 @@ SIGMAS = 2.0  # half-width of every band, in standard deviations
 NO_EXCITATION, NO_CONDITION = 1e-12, 1e10  # beyond which eigenvalue and condition number are round-off
 SHOWN = 3_000  # points a curve; beyond it min and max of each stretch stand for the stretch
 SHOWN_SMALL = 1_000  # in a panel of half the width
+LEVEL = 1e-9  # part of a signal's size: what moves less stands still
 FARTHEST = 1e30  # that an axis reaches: what diverged is not worth more
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -72,9 +73,13 @@ def _plain(axis: Any) -> None:
 
 def label_time(axes: list[Any]) -> None:
     """Name the time below every axis that has none beneath it."""
-    for axis in axes:
-        place = axis.get_subplotspec()
-        if place is None or place.is_last_row() or axis is axes[-1]:
+    places = [axis.get_subplotspec() for axis in axes]
+    for axis, place in zip(axes, places, strict=True):
+        beneath = place is not None and any(
+            other is not None and other.colspan == place.colspan and other.rowspan.start >= place.rowspan.stop
+            for other in places
+        )
+        if not beneath:
             axis.set_xlabel("time [s]")
 
 
@@ -127,7 +132,7 @@ def symbol(name: str) -> str:
 
 
 def symbols(structure: Structure, input_label: str, output_label: str) -> list[str]:
-    """Return each parameter's symbol with its unit, in the order of the names.
+    """Return each parameter's symbol with its unit, in the order of the names; b has one where both signals have.
 
     Examples
     --------
@@ -142,7 +147,7 @@ def symbols(structure: Structure, input_label: str, output_label: str) -> list[s
         else:
             order = structure.poles - int(name[1:])
             seconds = "s" + (str(order).translate(_SUPERSCRIPT) if order > 1 else "")
-            unit = f"1/{seconds}" if name[0] == "a" or not per else f"{per}/{seconds}"
+            unit = f"1/{seconds}" if name[0] == "a" else f"{per}/{seconds}" if per else ""
         labels.append(f"{symbol(name)} [{unit}]" if unit else symbol(name))
     return labels
 
@@ -177,6 +182,19 @@ def mapped_label(label: str, input_map: object) -> str:
     unit = unit_of(label)
     name = without_unit(label)
     return f"{name}² [{unit}²]" if input_map == "square" and unit else f"{name}²" if input_map == "square" else name
+
+
+def first_estimate(history: History) -> int:
+    """Return the first row with an estimate: zero throughout is none, samples are held back until there is one."""
+    moved = (history.parameters != 0.0).any(axis=1)
+    return int(moved.argmax()) if moved.any() else history.samples.size
+
+
+def estimates(history: History) -> FloatArray:
+    """Return the estimate over time (H, P), NaN as long as there is none."""
+    values = history.parameters.copy()
+    values[: first_estimate(history)] = np.nan
+    return values
 
 
 def settled_limits(values: FloatArray, extra: Sequence[float] = ()) -> tuple[float, float]:
@@ -221,6 +239,6 @@ def output_limits(measured: FloatArray, *others: FloatArray) -> tuple[float, flo
         if known.size:
             bottom, top = min(bottom, float(known.min())), max(top, float(known.max()))
     bottom, top = max(bottom, low - span), min(top, high + span)
-    if bottom == top:
-        bottom, top = bottom - 0.5 * span, top + 0.5 * span
+    if top - bottom <= LEVEL * max(abs(low), abs(high)):  # what rounding leaves is not worth an axis
+        bottom, top = bottom - 0.5 * (abs(high) or 1.0), top + 0.5 * (abs(high) or 1.0)
     return bottom - 0.05 * (top - bottom), top + 0.05 * (top - bottom)

@@ -10,9 +10,9 @@ import numpy as np
 from replant.assessment import WORST_CONDITION
 from replant.errors import InvalidArgumentError
 from replant.report.diagnostics import Excitation
-from replant.report.downsample import thin
 from replant.report.figures import style
 from replant.runs import Result
+from replant.thinning import Thinned, thin
 from replant.validation import FloatArray
 
 
@@ -32,7 +32,7 @@ def draw_fit(
     ----------
     result : Result
     u, y : (K,) arrays
-        Raw input and output.
+        Raw input and output; the newest, of a record too long to be held, which is drawn from its overview.
     dt : float
         Sampling time in s.
     axes : three matplotlib axes, optional
@@ -52,14 +52,14 @@ def draw_fit(
         raise InvalidArgumentError(
             f"u and y must be the record of the result, {model.size} samples long, got {u.size} and {y.size}"
         )
-    _curve(top, u, dt, color=style.INPUT, lw=0.9)
-    _curve(middle, y, dt, color=style.MEASURED, lw=2.2, label="measured")
-    _curve(middle, model, dt, color=style.MODEL, lw=1.0, label="model, from the input alone")
-    middle.set_ylim(*style.output_limits(y, model))
+    drawn_u, measured, modelled, residual = _shown(result, u, y)
+    _curve(top, drawn_u, dt, color=style.INPUT, lw=0.9)
+    _curve(middle, measured, dt, color=style.MEASURED, lw=2.2, label="measured")
+    _curve(middle, modelled, dt, color=style.MODEL, lw=1.0, label="model, from the input alone")
+    middle.set_ylim(*style.output_limits(measured.values, modelled.values))
     style.legend(middle, 2)
-    residual = _difference(y, model)
     _curve(bottom, residual, dt, color=style.RESIDUAL, lw=0.8)
-    bottom.set_ylim(*style.residual_limits(residual, y))
+    bottom.set_ylim(*style.residual_limits(residual.values, measured.values))
     unit = style.unit_of(output_label)
     bottom.axhline(0, color=style.MUTED, lw=0.8)
     for axis, label in (
@@ -69,9 +69,17 @@ def draw_fit(
     ):
         axis.set_ylabel(label)
         style.tidy(axis)
-        axis.set_xlim(0.0, dt * max(1, y.size - 1))
+        axis.set_xlim(0.0, dt * max(1, (result.overview.samples if result.overview else y.size) - 1))
     bottom.set_xlabel("time [s]")
     return np.array([top, middle, bottom], dtype=object)
+
+
+def _shown(result: Result, u: FloatArray, y: FloatArray) -> list[Thinned]:
+    """Return input, measured and simulated output, and their difference, as they are drawn."""
+    shown, model = result.overview, result.simulation.output
+    if shown is None:
+        return [thin(signal, style.SHOWN) for signal in (u, y, model, _difference(y, model))]
+    return [signal.again(style.SHOWN) for signal in (shown.input, shown.output, shown.model, shown.residual)]
 
 
 def draw_transients(
@@ -119,10 +127,9 @@ def draw_transients(
         if history is None or not history.samples.size:
             style.say(axis, "no history")
             continue
-        values, std = history.parameters[:, i], None if history.std is None else history.std[:, i]
-        _transient(
-            axis, np.asarray(history.samples * dt, np.float64), values, std, None if truth is None else float(truth[i])
-        )
+        std = None if history.std is None else history.std[:, i]
+        t = np.asarray(history.samples * dt, np.float64)
+        _transient(axis, t, style.estimates(history)[:, i], std, None if truth is None else float(truth[i]))
     style.label_time(axes)
     if axes[0].get_legend_handles_labels()[0]:
         style.legend(axes[0], 3)
@@ -133,6 +140,9 @@ def _transient(axis: Any, t: FloatArray, values: FloatArray, std: FloatArray | N
     axis.set_xlim(0.0, float(t[-1]))
     if abs(float(values[-1])) > style.FARTHEST:
         style.say(axis, "beyond every scale")
+        return
+    if not np.isfinite(values).any():
+        style.say(axis, "no estimate")
         return
     step = float(t[1] - t[0]) if t.size > 1 else 0.0
     drawn = thin(values, style.SHOWN_SMALL)
@@ -178,23 +188,22 @@ def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None) ->
         return np.array([top, bottom], dtype=object)
     t = np.asarray(found.samples * dt, np.float64)
     _decades(top, t, np.clip(found.smallest, style.NO_EXCITATION, None), style.INPUT)
-    _decades(bottom, t, np.clip(found.condition, None, style.NO_CONDITION), style.RESIDUAL)
+    _decades(bottom, t, np.clip(found.condition, None, style.NO_CONDITION), style.RESIDUAL, lowest=0.0)
     if found.condition.max() > WORST_CONDITION / 100:
         bottom.axhline(WORST_CONDITION, color=style.MODEL, lw=1.1, ls=(0, (5, 3)), label="too poor to identify from")
         style.legend(bottom, 1)
     return np.array([top, bottom], dtype=object)
 
 
-def _decades(axis: Any, t: FloatArray, values: FloatArray, colour: str) -> None:
+def _decades(axis: Any, t: FloatArray, values: FloatArray, colour: str, lowest: float = -np.inf) -> None:
     axis.semilogy(t, values, color=colour, lw=1.4, marker="o" if t.size == 1 else None)
     low, high = np.floor(np.log10(values.min()) - 0.05), np.ceil(np.log10(values.max()) + 0.05)
-    axis.set_ylim(10.0**low, 10.0**high)
+    axis.set_ylim(10.0 ** max(low, lowest), 10.0**high)
     axis.set_xlim(0.0, float(t[-1]))
     style.logarithmic(axis.yaxis)
 
 
-def _curve(axis: Any, signal: FloatArray, dt: float, **look: Any) -> None:
-    drawn = thin(signal, style.SHOWN)
+def _curve(axis: Any, drawn: Thinned, dt: float, **look: Any) -> None:
     axis.plot(drawn.times(dt), drawn.values, **look)
 
 

@@ -1,0 +1,212 @@
+"""Speed of ensembles: updates/s against the number of members and of threads, beside one identifier in the same run.
+
+One identifier and every ensemble take the same chunk of samples in turn; a ratio is the median, over the repetitions,
+of their rates in the same turn, so that what else the machine does hardly counts.  Times on one thread are processor
+times of the thread.  Several threads are compared with one by the clock, which counts for something only on an idle
+machine: beside it stand how many processors the process had meanwhile, and its processor time on one thread by that on
+several, which is 1 where the threads do not hinder each other.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+import replant as rp
+
+STRUCTURE, DT = rp.Structure(poles=2, zeros=1), 1e-3
+MEMBERS = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
+OPTIMIZERS = {
+    "Gradient": rp.Gradient(gain=2.0),
+    "Adam": rp.Adam(step_size=1e-3),
+    "AMSGrad": rp.AMSGrad(step_size=1e-3),
+    "IntegralCost": rp.IntegralCost(gain=2.0, forgetting_rate=0.1),
+}
+BATCH, CAPACITY = 10, 5000  # those of the article's tables
+PROMISED, PROMISED_MEMBERS = 3.5, 64  # times the rate of one stream, on one thread
+TASK = 200_000  # updates of an ensemble that are timed at once, about
+
+Clock = Callable[[], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Rate:
+    """One ensemble beside one identifier.
+
+    Attributes
+    ----------
+    optimizer : str
+    buffer : str
+        "none"; "one seed": the members draw the same rows; "own seeds".
+    members, threads : int
+    updates_per_second : float
+        Of all members together.
+    ratio : float
+        To one identifier on one thread; of several threads, to the same ensemble on one.
+    quartiles : tuple of float
+    processors : float
+        How many the process had, on the mean: of several threads alone.
+    efficiency : float
+        Processor time on one thread by that on several.
+    """
+
+    optimizer: str
+    buffer: str
+    members: int
+    threads: int
+    updates_per_second: float
+    ratio: float
+    quartiles: tuple[float, float]
+    processors: float = 1.0
+    efficiency: float = 1.0
+
+
+def measure(members: Sequence[int] = MEMBERS, repetitions: int = 15) -> dict[str, object]:
+    """Return all rates: {"one_thread": [...], "threads": [...]}."""
+    rates = [
+        beside_one(name, buffer, number, repetitions if number <= PROMISED_MEMBERS else max(repetitions // 3, 3))
+        for name in OPTIMIZERS
+        for buffer in ("none", "one seed", "own seeds")
+        for number in (members if name == "AMSGrad" else [PROMISED_MEMBERS])
+    ]
+    threads = [
+        beside_one_thread("AMSGrad", buffer, PROMISED_MEMBERS, count, repetitions)
+        for buffer in ("none", "one seed", "own seeds")
+        for count in range(2, (os.cpu_count() or 1) + 1)
+    ]
+    return {
+        "promised": {"members": PROMISED_MEMBERS, "ratio": PROMISED},
+        "one_thread": [asdict(rate) for rate in rates],
+        "threads": [asdict(rate) for rate in threads],
+    }
+
+
+def identifiers(optimizer: str, buffer: str, members: int) -> list[rp.Identifier]:
+    """Return the members, before their first sample."""
+    seeds = range(members) if buffer == "own seeds" else [0] * members
+    replays = [None if buffer == "none" else rp.Replay(CAPACITY, BATCH, seed=seed) for seed in seeds]
+    lowpass = rp.StateVariableFilter(cutoff=50.0)
+    return [
+        rp.Identifier(
+            STRUCTURE, DT, filter=lowpass, scaling=None, optimizer=OPTIMIZERS[optimizer], replay=replay,
+            instruments=False,
+        )
+        for replay in replays
+    ]  # fmt: skip
+
+
+def streams(members: int, samples: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return input and output (samples, members): noise, of which every member makes the same effort."""
+    generator = np.random.default_rng(7)
+    u = generator.choice([-1.0, 1.0], (samples // 20 + 1, members)).repeat(20, axis=0)[:samples]
+    return u, 0.1 * generator.standard_normal((samples, members))
+
+
+def beside_one(optimizer: str, buffer: str, members: int, repetitions: int) -> Rate:
+    """Time an ensemble on one thread and one identifier, in turn."""
+    updates = 1 if buffer == "none" else BATCH
+    many = max(TASK // (updates * members), 200)  # samples of the ensemble
+    alone = TASK // updates  # and of the identifier
+    one, ensemble = identifiers(optimizer, buffer, 1)[0], rp.Ensemble(identifiers(optimizer, buffer, members))
+    (u, y), (all_u, all_y) = streams(1, alone), streams(members, many)
+    fill(ensemble, all_u, all_y)
+    one.update_many(u[:, 0], y[:, 0])
+    times = []
+    for _ in range(repetitions):
+        mine = timed(lambda: one.update_many(u[:, 0], y[:, 0]), thread_clock)[0] / alone
+        theirs = timed(lambda: ensemble.update_many(all_u, all_y), thread_clock)[0] / (many * members)
+        times.append((mine, theirs))
+    ratios, rate = quotient(times), updates * 1e9 / float(np.median([theirs for _, theirs in times]))
+    return Rate(optimizer, buffer, members, 1, rate, ratios[1], (ratios[0], ratios[2]))
+
+
+def beside_one_thread(optimizer: str, buffer: str, members: int, threads: int, repetitions: int) -> Rate:
+    """Time an ensemble on several threads and on one, by the clock, in turn."""
+    updates = 1 if buffer == "none" else BATCH
+    samples = 20 * TASK // (updates * members)  # so many that starting the threads does not count
+    pair = [rp.Ensemble(identifiers(optimizer, buffer, members), n_jobs=count) for count in (1, threads)]
+    u, y = streams(members, samples)
+    for ensemble in pair:
+        fill(ensemble, u, y)
+    times, used = [], []
+    for _ in range(repetitions):
+        turn = [(timed(lambda each=each: each.update_many(u, y), both_clocks)) for each in pair]
+        times.append((turn[0][0], turn[1][0]))
+        used.append((turn[0][1], turn[1][1]))
+    ratios, rate = quotient(times), updates * members * samples * 1e9 / float(np.median([t for _, t in times]))
+    had = float(np.median([processor / clock for (_, clock), (_, processor) in zip(times, used, strict=True)]))
+    quartiles = (ratios[0], ratios[2])
+    return Rate(optimizer, buffer, members, threads, rate, ratios[1], quartiles, had, quotient(used)[1])
+
+
+def fill(ensemble: rp.Ensemble, u: np.ndarray, y: np.ndarray) -> None:
+    """Run until the buffers are full, so that the draws are spread over all of their memory."""
+    for _ in range(-(-CAPACITY // u.shape[0])):
+        ensemble.update_many(u, y)
+
+
+def timed(task: Callable[[], object], clock: Clock) -> np.ndarray:
+    """Return how far the clock, or each of several, went on during the task, in ns."""
+    start = clock()
+    task()
+    return clock() - start
+
+
+def thread_clock() -> np.ndarray:
+    return np.array([time.thread_time_ns()])
+
+
+def both_clocks() -> np.ndarray:
+    return np.array([time.perf_counter_ns(), time.process_time_ns()])
+
+
+def quotient(times: list[tuple[float, float]]) -> list[float]:
+    """Return the quartiles of the first time by the second."""
+    pairs = np.array(times)
+    return np.percentile(pairs[:, 0] / pairs[:, 1], [25, 50, 75]).tolist()
+
+
+def tables(result: dict[str, object]) -> list[Table]:
+    """Return the rates as Markdown."""
+    alone = Table(title="Ensembles on one thread, beside one identifier", box=box.MARKDOWN)
+    several = Table(title=f"{PROMISED_MEMBERS} members on several threads, beside one thread", box=box.MARKDOWN)
+    for table, key in ((alone, "one_thread"), (several, "threads")):
+        columns = ["optimizer", "buffer", "members", "threads", "million updates/s", "ratio", "quartiles"]
+        for column in [*columns, "processors", "efficiency"] if key == "threads" else columns:
+            table.add_column(column, justify="left" if column in ("optimizer", "buffer") else "right")
+        for each in result[key]:  # type: ignore[attr-defined]
+            low, high = each["quartiles"]
+            cells = [each["optimizer"], each["buffer"], str(each["members"]), str(each["threads"])]
+            cells += [f"{each['updates_per_second'] / 1e6:.1f}", f"{each['ratio']:.2f}", f"{low:.2f}..{high:.2f}"]
+            table.add_row(
+                *cells, *([f"{each['processors']:.2f}", f"{each['efficiency']:.2f}"] if key == "threads" else [])
+            )
+    return [alone, several]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--members", type=int, nargs="+", default=MEMBERS, metavar="M")
+    parser.add_argument("--repetitions", type=int, default=15, metavar="N", help="default: %(default)s")
+    parser.add_argument("--json", type=Path, metavar="PATH", help="write the figures there as well")
+    options = parser.parse_args()
+    result = measure(options.members, options.repetitions)
+    console = Console(width=120)
+    for table in tables(result):
+        console.print(table)
+    if options.json:
+        options.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

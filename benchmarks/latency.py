@@ -1,0 +1,88 @@
+"""One sample from Python: how long a call of `Identifier.update` takes, in the middle and at worst."""
+
+from __future__ import annotations
+
+import gc
+import sys
+import time
+import tracemalloc
+from typing import Any
+
+import numpy as np
+
+import replant as rp
+from kernels import DT, REPLAY, chunks
+
+STRUCTURE = rp.Structure(poles=3, zeros=1)
+CASES: dict[str, dict[str, Any]] = {
+    "the default": {},
+    "AMSGrad without replay": {"optimizer": "amsgrad", "replay": None},
+    "AMSGrad with a batch of 20": {"optimizer": "amsgrad", "replay": REPLAY},
+}
+CALLS = {"the default": 1_000_000}
+FEWER_CALLS = 100_000
+MEDIAN, WORST, GROWTH = 2.0, 20.0, 4096  # µs, µs at 99.9 %, bytes
+
+
+def measure() -> dict[str, Any]:
+    """Return the figures: ``rows``, one for each case, in µs; ``growth``, in bytes over a hundred thousand calls."""
+    rows = [latency(case, choices, CALLS.get(case, FEWER_CALLS)) for case, choices in CASES.items()]
+    grown = growth()
+    kernel = rows[2]["kernel"]
+    holds = (
+        rows[0]["median"] <= MEDIAN
+        and rows[1]["median"] <= MEDIAN
+        and rows[2]["median"] <= MEDIAN + kernel
+        and rows[0]["percentile_999"] <= WORST
+        and grown <= GROWTH
+    )
+    return {"rows": rows, "growth": grown, "holds": holds}
+
+
+def latency(case: str, choices: dict[str, Any], calls: int) -> dict[str, Any]:
+    """Time each of many calls, the start-up and its solutions apart."""
+    record = 100_000
+    u, y = next(chunks(STRUCTURE, record, 1))
+    identifier = rp.Identifier(STRUCTURE, DT, **choices)
+    identifier.update_many(u[:20_000], y[:20_000])
+    inputs, outputs = u.tolist(), y.tolist()
+    times = np.empty(calls)
+    clock, update = time.perf_counter_ns, identifier.update
+    for k in range(calls):
+        one, other = inputs[k % record], outputs[k % record]
+        start = clock()
+        update(one, other)
+        times[k] = clock() - start
+    begun = time.perf_counter_ns()
+    identifier.update_many(u, y)
+    kernel = (time.perf_counter_ns() - begun) / record
+    middle, worst, maximum = np.percentile(times, [50, 99.9, 100]) / 1e3
+    return {
+        "case": case, "calls": calls, "median": float(middle), "percentile_999": float(worst),
+        "maximum": float(maximum), "kernel": kernel / 1e3,
+    }  # fmt: skip
+
+
+def growth(calls: int = 100_000) -> int:
+    """Return by how many bytes Python's memory grows over so many calls."""
+    u, y = (signal.tolist() for signal in next(chunks(STRUCTURE, calls, 1)))
+    identifier = rp.Identifier(STRUCTURE, DT)
+    for k in range(20_000):
+        identifier.update(u[k], y[k])
+    gc.collect()
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    for k in range(calls):
+        identifier.update(u[k], y[k])
+    gc.collect()
+    after = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    return after - before
+
+
+if __name__ == "__main__":
+    figures = measure()
+    for row in figures["rows"]:
+        print(row)
+    print(f"grown by {figures['growth']} bytes")
+    sys.exit(int(not figures["holds"]))

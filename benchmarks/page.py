@@ -1,0 +1,173 @@
+"""The page docs/performance.md: the figures of one run as tables, with what bounds them counted by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+Figures = dict[str, Any]
+
+HEAD = """# Performance
+
+Written by `make bench` from one run; do not edit. Times are of this machine; what to compare are the ratios, each
+measured in the same run, in turn, as a median over many repetitions (in brackets: the quartiles).
+
+"""
+LIMITS = """
+## What bounds an update
+
+Counted by hand for AMSGrad with five parameters, one row of the buffer:
+
+* **Dependent operations.** The next update needs the parameters that this one leaves, so latencies add up: the
+  prediction (one product, then five sums in their order: about 24 cycles), the error and its weight (8), the gradient
+  (4), its square into v (12), the maximum (4), the square root (19), the sum and the division (17), the new parameter
+  (4): some 90 cycles, about 27 ns at 3.4 GHz. That is the limit that is met: the operations themselves, 14
+  multiplications and sums an entry and a square root and a division for four entries at a time, would take about 30
+  cycles.
+* **Memory.** A row is P + 2 numbers, 56 bytes, one or two cache lines: regressor, output and 1/m^2 lie side by side.
+  Which rows a sample draws is known before the first of them is learned, and nothing that is learned decides where the
+  next row lies: the processor fetches rows ahead while the chain above runs. A buffer in the second-level cache costs
+  nothing, one in main memory about 80 ns / (number of fetches in flight, ten or more).
+* **One call from Python** costs what the interpreter and the passing of arguments cost; the kernel itself is a small
+  part of it. Where samples come in groups, `update_many` does not pay it.
+"""
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table; all columns but the first are numbers."""
+    lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]
+    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
+
+
+def ratio(row: Figures) -> str:
+    low, high = row["ratio_quartiles"]
+    return f"{row['ratio']:.2f} ({low:.2f}..{high:.2f})"
+
+
+def kernels(figures: Figures) -> str:
+    alone = [row for row in figures["rows"] if not row["replay"]]
+    replayed = [row for row in figures["rows"] if row["replay"]]
+    rows = [
+        [
+            one["optimizer"], str(one["entries"]), f"{one['sample']:.0f}", f"{one['sample_c']:.0f}", ratio(one),
+            f"{many['update']:.1f}", f"{many['sample_c'] / many['updates_per_sample']:.1f}", ratio(many),
+        ]
+        for one, many in zip(alone, replayed, strict=True)
+    ]  # fmt: skip
+    worst = max(figures["rows"], key=lambda row: row["ratio"])
+    text = (
+        "A sample through filters, regressor, buffer and update, beside a C program of the same arithmetic "
+        "(`benchmarks/reference.c`, gcc -O3 -march=native), from the same state, with the same numbers at the end; "
+        "with replay 20 updates a sample. Nanoseconds.\n\n"
+    )
+    head = ["optimizer", "P", "sample", "C", "ratio", "with replay: an update", "C", "ratio"]
+    largest = f"\nLargest ratio {worst['ratio']:.2f} ({worst['optimizer']}, P = {worst['entries']}).\n"
+    return text + table(head, rows) + largest
+
+
+def parts(figures: Figures) -> str:
+    rows = [
+        [row["part"], str(row["entries"]), f"{row['sample']:.0f}", f"{row['sample_c']:.0f}", ratio(row)]
+        for row in sorted(figures["rows"], key=lambda row: row["part"])
+    ]
+    text = (
+        "The parts of the default method (regressor and instruments from the refined filter, recursive least squares "
+        "on the factors U D U') and the Kalman filter, beside `benchmarks/parts.c`. Nanoseconds a sample. Plain "
+        "filters are slower than C's at the smallest sizes because one kernel serves every structure, clock and dead "
+        "time; the article's method has a kernel of its own, above.\n\n"
+    )
+    return text + table(["part", "P", "ours", "C", "ratio"], rows)
+
+
+def latency(figures: Figures) -> str:
+    rows = [
+        [
+            row["case"], f"{row['calls']:,}", f"{row['median']:.2f}", f"{row['percentile_999']:.1f}",
+            f"{row['maximum']:.0f}", f"{row['kernel']:.2f}",
+        ]
+        for row in figures["rows"]
+    ]  # fmt: skip
+    text = "`Identifier.update(u, y)`, one call a sample, three poles and a zero. Microseconds.\n\n"
+    head = ["settings", "calls", "median", "99.9 %", "longest", "a sample in `update_many`"]
+    grown = f"\nMemory grew by {figures['growth']:,} bytes over a hundred thousand calls.\n"
+    return text + table(head, rows) + grown
+
+
+def peers(figures: Figures) -> str:
+    rows = [
+        [
+            row["task"], row["library"], row["form"], f"{row['ours'] / 1e3:.2f}", f"{row['theirs'] / 1e3:.2f}",
+            ratio(row), f"{row['difference']:.0e}",
+        ]
+        for row in figures["rows"]
+    ]  # fmt: skip
+    text = (
+        "Five parameters, the same samples, the same estimate at the end (last column: the relative difference). Ours "
+        "takes (u, y) and filters them itself. The others know regressors only: they get them from the same filter as "
+        'one product of a NumPy matrix and vector a sample ("from u, y": the same task), or ready made ("regressor '
+        'given": the update alone). torch is given the gradient, without autograd; optax is jitted, once a sample as a '
+        "live stream needs it, or over whole chunks, against `update_many`. AMSGrad of torch and optax begin at a late "
+        "step, where their correction of bias, which the article's has not, is one. Microseconds a sample.\n\n"
+    )
+    return text + table(["task", "library", "form", "ours", "theirs", "ratio", "difference"], rows)
+
+
+def ensembles(figures: Figures) -> str:
+    return str(figures["markdown"])
+
+
+def streaming(figures: Figures) -> str:
+    names = [name for name in ("memory", "parquet", "csv") if name in figures]
+    rows = [
+        [
+            {"memory": "rows in memory"}.get(name, name.upper() if name == "csv" else name.capitalize()),
+            f"{figures[name]['seconds']:.1f}",
+            f"{figures[name]['samples_per_second'] / 1e6:.2f}",
+            f"{figures[name]['ratio']:.2f}" if "ratio" in figures[name] else "",
+            f"{figures[name]['resident_mb']:.0f}" if "resident_mb" in figures[name] else "",
+            f"{figures[name]['file_mb']:.0f}" if "file_mb" in figures[name] else "",
+        ]
+        for name in names
+    ]
+    text = f"{figures['rows']:,} rows of time, input and output through the default method (`replant run`).\n\n"
+    return text + table(["from", "s", "10^6 samples/s", "ratio to memory", "resident MB", "file MB"], rows)
+
+
+def scaling(figures: Figures) -> str:
+    rows = [
+        [
+            f"{row['what']}, {row['size']}",
+            ", ".join(str(size) for size in row["sizes"]),
+            ", ".join(f"{cost:.0f}" for cost in row["nanoseconds"]),
+            f"{row['exponent']:.2f}",
+            f"{row['expected']:g}",
+        ]
+        for row in figures["rows"]
+    ]
+    text = (
+        "Cost against size where the arithmetic outweighs what every call costs: the slope in a double logarithm.\n\n"
+    )
+    return text + table(["kernel", "sizes", "ns", "exponent", "expected"], rows)
+
+
+SECTIONS: dict[str, tuple[str, Callable[[Figures], str]]] = {
+    "kernels": ("Kernels beside C", kernels),
+    "parts": ("Parts of the default method beside C", parts),
+    "latency": ("One sample from Python", latency),
+    "peers": ("Other libraries", peers),
+    "ensembles": ("Many identifiers at once", ensembles),
+    "streaming": ("Logs larger than memory", streaming),
+    "scaling": ("How cost grows", scaling),
+}
+
+
+def section(name: str, figures: Figures) -> str:
+    """Return one section of the page."""
+    title, body = SECTIONS[name]
+    return f"## {title}\n\n{body(figures)}"
+
+
+def page(figures: Figures) -> str:
+    """Return the whole page."""
+    machine = "\n".join(f"* {key}: {value}" for key, value in figures["machine"].items())
+    return HEAD + machine + "\n\n" + "\n".join(section(name, figures[name]) for name in SECTIONS) + LIMITS

@@ -1,0 +1,140 @@
+"""How cost grows with the number of parameters, the order, the batch and the buffer, beside what the arithmetic says.
+
+Each cost is the median time of the kernel over sizes where the arithmetic outweighs what every call costs; its
+exponent is the slope of a straight line through log cost over log size.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+import replant as rp
+from kernels import DT
+from replant.kernels import chain, first_order, second_order
+from replant.kernels import layout as at
+from replant.kernels.compiled import kernel
+from replant.state import State
+
+REPETITIONS = 21
+WITHIN = 0.1
+
+Once = Callable[[], None]
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Cost of one kernel over one size."""
+
+    what: str
+    size: str
+    sizes: list[int]
+    nanoseconds: list[float]
+    exponent: float
+    expected: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether it grows as it should."""
+        return abs(self.exponent - self.expected) <= WITHIN
+
+
+@kernel
+def learn(algorithm, theta, memory, settings, buffer, rows, samples, batch):
+    """``samples`` times a batch."""
+    for k in range(samples):
+        first_order.learn(algorithm, theta, memory, settings, buffer, rows[k], batch, 0)
+
+
+@kernel
+def least_squares(theta, memory, settings, buffer, rows, samples):
+    for k in range(samples):
+        second_order.recursive_least_squares(theta, memory, settings, buffer, rows[k], 1, 0)
+
+
+@kernel
+def kalman(theta, memory, settings, buffer, rows, samples):
+    for k in range(samples):
+        second_order.kalman_tracking(theta, memory, settings, buffer, rows[k], 1, 0, 1e-3)
+
+
+@kernel
+def filters(ints, reals, banks, u, y):
+    for k in range(u.size):
+        chain.observe(ints, reals, banks, u[k], y[k], reals[at.INTERVAL])
+
+
+def problem(P: int, capacity: int, samples: int, batch: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return a buffer of rows and which of them are drawn."""
+    generator = np.random.default_rng(5)
+    buffer = np.ones((capacity, P + 2))
+    buffer[:, :P] = generator.standard_normal((capacity, P)) / np.sqrt(P)
+    buffer[:, P] = buffer[:, :P].sum(axis=1)
+    return buffer, generator.integers(0, capacity, (samples, batch))
+
+
+def gradient_family(optimizer: Any, P: int, capacity: int = 1000, batch: int = 20, samples: int = 200) -> Once:
+    buffer, rows = problem(P, capacity, samples, batch)
+    theta, memory, settings = np.zeros(P), optimizer.memory(P), optimizer.settings(DT, np.ones(P))
+    return lambda: learn(optimizer.code, theta, memory, settings, buffer, rows, samples, batch)
+
+
+def second_family(optimizer: Any, P: int, samples: int = 200) -> Once:
+    buffer, rows = problem(P, 1000, samples, 1)
+    theta, memory, settings = np.zeros(P), optimizer.memory(P), optimizer.settings(DT, np.ones(P))
+    call = kalman if isinstance(optimizer, rp.KalmanTracking) else least_squares
+    return lambda: call(theta, memory, settings, buffer, rows, samples)
+
+
+def filter_bank(n: int, samples: int = 500) -> Once:
+    structure = rp.Structure(poles=n, zeros=n - 1)
+    state = State.build(structure, DT, state_filter=rp.StateVariableFilter(cutoff=50.0))
+    u = np.random.default_rng(6).standard_normal(samples)
+    return lambda: filters(state.ints, state.reals, state.banks, u, u)
+
+
+def cases() -> Iterator[tuple[str, str, float, dict[int, Once], int]]:
+    """Name, size, expected exponent, what is timed for each size, and updates in one go."""
+    adam, least, tracking = rp.Adam(1e-3), rp.RecursiveLeastSquares(), rp.KalmanTracking(1e-3)
+    wide = (64, 128, 256, 512)
+    yield "Gradient", "parameters", 1, {P: gradient_family(rp.Gradient(1.0), P) for P in wide}, 4000
+    yield "Adam", "parameters", 1, {P: gradient_family(adam, P) for P in wide}, 4000
+    yield "AMSGrad", "parameters", 1, {P: gradient_family(rp.AMSGrad(1e-3), P) for P in wide}, 4000
+    integral = rp.IntegralCost(1.0, 0.1)
+    yield "IntegralCost", "parameters", 2, {P: gradient_family(integral, P) for P in (16, 32, 64)}, 4000
+    yield "least squares", "parameters", 2, {P: second_family(least, P) for P in (24, 32, 48, 64)}, 200
+    yield "Kalman tracking", "parameters", 3, {P: second_family(tracking, P) for P in (12, 16, 24, 32)}, 200
+    yield "filters", "order", 2, {n: filter_bank(n) for n in (16, 24, 32, 48)}, 500
+    batches = (5, 20, 80, 320)
+    yield "Adam", "batch", 1, {B: gradient_family(adam, 6, batch=B) for B in batches}, 200
+    # a buffer of 10^5 rows of 64 bytes lies in the second cache; beyond, memory's latency adds to the arithmetic
+    sizes = (100, 1000, 10_000)
+    yield "Adam", "buffer", 0, {C: gradient_family(adam, 6, capacity=C) for C in sizes}, 4000
+
+
+def measure() -> dict[str, Any]:
+    """Return the figures: ``rows``, one for each kernel and size."""
+    results = []
+    for what, size, expected, timed, updates in cases():
+        times: dict[int, list[float]] = {number: [] for number in timed}
+        for _ in range(REPETITIONS):
+            for number, once in timed.items():  # in turn: what else the machine does falls on all alike
+                begun = time.thread_time_ns()
+                once()
+                times[number].append((time.thread_time_ns() - begun) / updates)
+        sizes, cost = list(times), [float(np.median(found)) for found in times.values()]
+        exponent = float(np.polyfit(np.log(sizes), np.log(cost), 1)[0])
+        results.append(Scaling(what, size, sizes, cost, exponent, expected))
+    return {"rows": [asdict(result) for result in results], "holds": all(result.holds for result in results)}
+
+
+if __name__ == "__main__":
+    figures = measure()
+    for row in figures["rows"]:
+        print(row)
+    sys.exit(int(not figures["holds"]))

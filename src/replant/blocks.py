@@ -1,0 +1,126 @@
+"""Blocks: the arrays of several identifiers side by side, so that one kernel steps them all in vectors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from replant.kernels import layout as at
+from replant.state import IntArray, State
+from replant.validation import FloatArray
+
+LINE = 64  # bytes, of the cache
+#: What the members of a block have in common: everything in `ints` but the random seed and what changes.
+ALIKE = (*range(at.ORDER, at.STARTED), at.MEMORY_SIZE, at.SETTINGS_SIZE)
+#: By what members are sorted into blocks: those alike in all of it draw the same rows of their buffers.
+IN_STEP = (at.SEED, at.DRAWN, at.FILLED, at.HEAD)
+
+
+def is_under_way(state: State) -> bool:
+    """Return whether the lean kernel's first sample is taken and its one discretisation made."""
+    from replant.kernels import bank as bk
+
+    kept = state.banks[0, bk.at_kept(int(state.ints[at.ORDER]), state.entries)]
+    interval = state.reals[at.INTERVAL]
+    return bool(state.ints[at.STARTED]) and bool(abs(kept - interval) <= 1e-9 * interval)
+
+
+def kind(state: State) -> tuple[int, ...]:
+    """Return what members of one block must have in common."""
+    return tuple(state.ints[list(ALIKE)].tolist())
+
+
+def order(state: State) -> tuple[int, ...]:
+    """Return by what members are sorted into blocks."""
+    return tuple(state.ints[list(IN_STEP)].tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """The stacked arrays of up to `kernels.vector.LANES` members; see `replant.kernels.lanes`.
+
+    Attributes
+    ----------
+    numbers : (LANES,) int64 array
+        Which members of the ensemble these are; lanes left over repeat the first.
+    members : int
+        How many there are.
+    ints, reals, banks, buffer, recent : arrays
+        As of `State`; the member axis is the first of ``ints``, the last of the others.
+    apart : bool
+        Whether the members have random streams of their own; then the member axis of ``buffer`` is the first.
+    """
+
+    numbers: IntArray
+    members: int
+    ints: np.ndarray[tuple[int, int], np.dtype[np.int64]]
+    reals: FloatArray
+    banks: FloatArray
+    buffer: FloatArray
+    recent: FloatArray
+    apart: bool
+    work: tuple[np.ndarray, ...] = field(repr=False)
+
+    @classmethod
+    def of_states(cls, numbers: Sequence[int], states: Sequence[State]) -> Block:
+        """Stack the arrays of these members."""
+        from replant.kernels.vector import LANES
+
+        lanes = [*states, *[states[0]] * (LANES - len(states))]
+        rows = [*numbers, *[numbers[0]] * (LANES - len(numbers))]
+        first, buffers = states[0], [state.buffer for state in lanes]
+        apart = len({int(state.ints[at.SEED]) for state in states}) > 1
+        batch, memory = int(first.ints[at.BATCH]), int(first.ints[at.MEMORY_SIZE])
+        work = (
+            np.ones(LANES, np.int64),
+            aligned((batch, first.buffer.shape[1], LANES)),
+            np.arange(batch),
+            np.zeros(LANES, np.uint64),
+            aligned((first.entries + memory, LANES)),
+        )
+        return cls(
+            np.array(rows),
+            len(states),
+            np.stack([state.ints for state in lanes]),
+            side_by_side([state.reals for state in lanes]),
+            side_by_side([state.banks for state in lanes]),
+            np.stack(buffers) if apart else side_by_side(buffers),
+            side_by_side([state.recent for state in lanes]),
+            apart,
+            work,
+        )
+
+    def state(self, lane: int) -> State:
+        """Return one member's arrays: views, which follow it."""
+        return State(
+            self.ints[lane],
+            self.reals[:, lane],
+            self.banks[..., lane],
+            self.buffer[lane] if self.apart else self.buffer[..., lane],
+            self.recent[..., lane],
+        )
+
+    def take(self, start: int, u: FloatArray, y: FloatArray, errors: FloatArray, parameters: FloatArray) -> None:
+        """Take the samples from row ``start`` on; see `replant.kernels.lanes.steps`."""
+        from replant.kernels import lanes
+
+        lanes.steps(
+            self.ints, self.reals, self.banks, self.buffer, self.recent, *self.work, self.apart, self.numbers,
+            self.members, start, u, y, errors, parameters,
+        )  # fmt: skip
+
+
+def side_by_side(arrays: Sequence[FloatArray]) -> FloatArray:
+    """Return the arrays stacked along a new last axis, each vector on a line of the cache of its own."""
+    result = aligned((*arrays[0].shape, len(arrays)))
+    return np.stack(arrays, axis=-1, out=result)
+
+
+def aligned(shape: tuple[int, ...]) -> FloatArray:
+    """Return a new array of zeros that begins on a line of the cache: no vector then lies across two."""
+    size = int(np.prod(shape))
+    room = np.zeros(size + LINE // 8)
+    skip = -room.ctypes.data % LINE // 8
+    return room[skip : skip + size].reshape(shape)

@@ -1,0 +1,8 @@
+"""Checkpoint: exact save and resume.
+
+`encoding` makes bytes of an identifier and back, `files` keeps bytes on disk through any crash, `store` joins them.
+"""
+
+from replant.checkpoint.store import Loaded, load, save
+
+__all__ = ["Loaded", "load", "save"]

@@ -1,0 +1,238 @@
+"""The bytes of a checkpoint: everything that an identifier knows, exactly; nothing in them is ever executed.
+
+    magic (8), version (uint32), length of the header (uint32),
+    header: JSON in ASCII, padded by blanks to a multiple of 8; what is not an array, and name, type, shape and rows
+        stored of each array,
+    the arrays, raw, one after the other: rows at the end that are all zero bits are not stored,
+    SHA-256 of all that is above (32).
+
+All numbers are little-endian.  The checksum tells damage, not forgery: it is no signature.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from replant.checkpoint.soundness import check_state, layout_of_state
+from replant.checkpoint.values import from_plain, to_plain
+from replant.errors import ArgumentTypeError, DamagedCheckpointError, InvalidArgumentError
+from replant.settings import Request, Settings
+from replant.state import State
+
+Progress = Mapping[str, int | float | str]
+
+MAGIC = b"\x89replant"
+VERSION = 1  # to be raised when the meaning of anything stored changes; the layout of the state watches over itself
+START = struct.Struct("<8sII")
+DIGEST = 32
+LONGEST_HEADER = 2**20
+LARGEST = 2**34  # bytes of one array, rows not stored included: a state beyond 16 GiB is none
+
+#: The plain attributes of an identifier and what they are.  Those of the second kind are there once it has begun.
+ATTRIBUTES: dict[str, type | tuple[type, ...]] = {
+    "_request": Request,
+    "_settings": (Settings, type(None)),
+    "_held_rejects": dict,
+    "_hold": int,
+    "_resolve_at": int,
+}
+RUNNING: dict[str, type] = {"_regular": bool}
+#: Kept as arrays.
+HELD, STATE = "_held", "_state"
+#: Follow from the others.
+DERIVED = {"_ints", "_kernel", "_mapped", "_step", "_steps"}
+
+#: The arrays of a running identifier, in their order, and of one that is starting.
+STATE_ARRAYS = tuple(field.name for field in fields(State))
+TYPES = {"ints": "<i8"}
+FLOAT = "<f8"
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """What a checkpoint holds.
+
+    Attributes
+    ----------
+    attributes : dict
+        Of the identifier, but for those that follow from them.
+    progress : dict
+        What the caller gave along: how far the source was read, counters.
+    """
+
+    attributes: dict[str, Any]
+    progress: dict[str, int | float | str]
+
+
+def encode(attributes: Mapping[str, Any], progress: Progress | None = None) -> bytes:
+    """Return the bytes of an identifier with these attributes; equal identifiers give equal bytes.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If a setting or an entry of ``progress`` cannot be stored: a function of the user's own, for example.
+    """
+    running = attributes["_settings"] is not None
+    arrays = _arrays_of(attributes, running)
+    kept = {name: array[: _rows_in_use(array)] for name, array in arrays.items()}
+    header = _header(
+        {
+            "layout": layout_of_state() if running else None,
+            "attributes": {name: to_plain("", attributes[name]) for name in _names(running)},
+            "progress": {name: to_plain(f"progress[{name!r}]", value) for name, value in _checked(progress).items()},
+            "arrays": [[name, _type(name), list(arrays[name].shape), len(kept[name])] for name in arrays],
+        }
+    )
+    if len(header) > LONGEST_HEADER or any(array.nbytes > LARGEST for array in arrays.values()):
+        raise InvalidArgumentError("this is too large for a checkpoint: use a smaller buffer, or less progress")
+    parts = [START.pack(MAGIC, VERSION, len(header)), header]
+    parts += [np.asarray(array, _type(name)).tobytes() for name, array in kept.items()]
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part)
+    return b"".join([*parts, digest.digest()])
+
+
+def decode(data: bytes | bytearray | memoryview) -> Contents:
+    """Return what `encode` was given.
+
+    Raises
+    ------
+    DamagedCheckpointError
+        For anything but the bytes that `encode` of this version made: one line says what is wrong.
+    ArgumentTypeError
+        If these are no bytes at all.
+    """
+    if not isinstance(data, bytes | bytearray | memoryview):
+        raise ArgumentTypeError(f"data must be bytes, got {type(data).__name__}")
+    header, body = _parts(bytes(data))
+    try:
+        return _contents(header, body)
+    except DamagedCheckpointError:
+        raise
+    except Exception as error:  # a header that is not ours fails in almost any way
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise DamagedCheckpointError(f"it does not describe an identifier of this version ({reason[:120]})") from error
+
+
+def _header(content: dict[str, Any]) -> bytes:
+    text = json.dumps(content, allow_nan=False, separators=(",", ":")).encode("ascii")
+    return text + b" " * (-len(text) % 8)
+
+
+def _arrays_of(attributes: Mapping[str, Any], running: bool) -> dict[str, np.ndarray[Any, Any]]:
+    if running:
+        return {name: getattr(attributes[STATE], name) for name in STATE_ARRAYS}
+    held = attributes[HELD]
+    numbers = np.fromiter(itertools.chain.from_iterable(held), np.float64, 3 * len(held))
+    return {HELD: numbers.reshape(-1, 3)}
+
+
+def _names(running: bool) -> list[str]:
+    return [*ATTRIBUTES, *(RUNNING if running else ())]
+
+
+def _type(name: str) -> str:
+    return TYPES.get(name, FLOAT)
+
+
+def _checked(progress: Progress | None) -> dict[str, int | float | str]:
+    for name, value in (progress or {}).items():
+        if type(name) is not str or type(value) not in (int, float, str):
+            raise InvalidArgumentError(f"progress must map names to int, float or str, got {name!r}: {value!r}")
+    return dict(progress or {})
+
+
+def _rows_in_use(array: np.ndarray[Any, Any]) -> int:
+    """Return how many rows there are up to the last one that has a bit set: a wide buffer is filled slowly."""
+    bits = array.view(np.uint64)
+    low, high = 0, len(bits)
+    while low < high:  # whether all is zero from a row on is monotone in that row
+        middle = (low + high) // 2
+        if bits[middle:].any():
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+def _parts(data: bytes) -> tuple[dict[str, Any], memoryview]:
+    """Return header and arrays of bytes that are whole."""
+    if not data:
+        raise DamagedCheckpointError("it is empty")
+    if data[: len(MAGIC)] != MAGIC:
+        raise DamagedCheckpointError("it is not a checkpoint; `Identifier.save` writes one, and `read_log` reads a log")
+    if len(data) < START.size + DIGEST:
+        raise DamagedCheckpointError("it is cut off")
+    _, version, length = START.unpack_from(data)
+    if version != VERSION:
+        raise DamagedCheckpointError(f"its format is version {version}; this replant reads version {VERSION}")
+    view = memoryview(data)
+    if hashlib.sha256(view[:-DIGEST]).digest() != data[-DIGEST:]:
+        raise DamagedCheckpointError("it is damaged or cut off: its checksum does not match")
+    body = START.size + length
+    if length > LONGEST_HEADER or body > len(data) - DIGEST:
+        raise DamagedCheckpointError("its header is longer than the file")
+    try:
+        header = json.loads(view[START.size : body].tobytes().decode("ascii"))
+    except (ValueError, RecursionError) as error:
+        raise DamagedCheckpointError("its header is not JSON") from error
+    if not isinstance(header, dict):
+        raise DamagedCheckpointError("its header is not an object")
+    return header, view[body:-DIGEST]
+
+
+def _contents(header: dict[str, Any], body: memoryview) -> Contents:
+    attributes = {name: from_plain(plain) for name, plain in header["attributes"].items()}
+    settings: Settings | None = attributes.get("_settings")
+    running = settings is not None
+    if list(attributes) != _names(running):
+        raise DamagedCheckpointError("it is of another version of replant: it holds other things")
+    for name, kind in {**ATTRIBUTES, **(RUNNING if running else {})}.items():
+        if not isinstance(attributes[name], kind):
+            raise TypeError(f"{name.lstrip('_')} is a {type(attributes[name]).__name__}")
+    if header["layout"] != (layout_of_state() if running else None):
+        raise DamagedCheckpointError("it is of another version of replant, which lays the state out otherwise")
+    arrays = _arrays(header["arrays"], body, STATE_ARRAYS if running else (HELD,))
+    if settings is not None:
+        state = State(**arrays)
+        check_state(state, settings, attributes["_resolve_at"])
+        attributes |= {STATE: state, HELD: [], "_mapped": False}  # a callable map is not stored
+    else:
+        attributes[HELD] = [tuple(row) for row in arrays[HELD].reshape(-1, 3).tolist()]
+        if len(attributes[HELD]) >= attributes["_hold"]:
+            raise DamagedCheckpointError("it holds back more samples than it waits for")
+    progress = {name: from_plain(plain) for name, plain in header["progress"].items()}
+    return Contents(attributes, _checked(progress))
+
+
+def _arrays(declared: list[Any], body: memoryview, names: tuple[str, ...]) -> dict[str, Any]:
+    """Return the arrays, all sizes checked before the first is allocated."""
+    if tuple(name for name, *_ in declared) != names:
+        raise ValueError("other arrays")
+    sizes = []
+    for name, kind, shape, rows in declared:
+        whole = [*shape, rows]
+        if kind != _type(name) or not shape or any(type(size) is not int or size < 0 for size in whole):
+            raise ValueError(f"{name} is declared as {kind} {shape}")
+        if rows > shape[0] or 8 * math.prod(shape) > LARGEST:
+            raise ValueError(f"{name} is declared too large")
+        sizes.append(rows * math.prod(shape[1:]))
+    if 8 * sum(sizes) != len(body):
+        raise DamagedCheckpointError(f"its arrays are declared as {8 * sum(sizes)} bytes, but it holds {len(body)}")
+    arrays, start = {}, 0
+    for (name, kind, shape, rows), size in zip(declared, sizes, strict=True):
+        array = np.zeros(shape, np.dtype(kind).newbyteorder("="))
+        array[:rows] = np.frombuffer(body, kind, size, 8 * start).reshape(rows, *shape[1:])
+        arrays[name] = array
+        start += size
+    return arrays

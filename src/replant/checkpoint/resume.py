@@ -1,0 +1,49 @@
+"""The short way back: the identifier that was saved under a name."""
+
+from __future__ import annotations
+
+import warnings
+
+from replant.checkpoint import store
+from replant.checkpoint.files import AnyPath
+from replant.identifier import Identifier
+
+
+def load(path: AnyPath) -> Identifier:
+    """Return the identifier that `Identifier.save` put there; it goes on to the bit as if nothing had happened.
+
+    Where the file is damaged or gone, and the one before it (``path`` + ".previous") is not, that one is used, and a
+    warning says so.
+
+    Parameters
+    ----------
+    path : path
+
+    Raises
+    ------
+    MissingCheckpointError
+        If there is no such file.
+    DamagedCheckpointError
+        If it is not a checkpoint, damaged, cut off, or of a version that cannot be read: one line says which.
+    CheckpointError
+        If the system does not let it be read.
+
+    See Also
+    --------
+    replant.checkpoint.load : tells what was saved along, and whether the previous one had to be used.
+
+    Examples
+    --------
+    >>> import tempfile, replant as rp
+    >>> ident = rp.Identifier(rp.Structure(poles=1), dt=0.01)
+    >>> _ = ident.update(1.0, 0.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     ident.save(f"{folder}/rig")
+    ...     again = rp.load(f"{folder}/rig")
+    >>> again.samples, again.to_bytes() == ident.to_bytes()
+    (1, True)
+    """
+    loaded = store.load(path)
+    if loaded.used_previous:
+        warnings.warn(f"{loaded.used_previous}; the previous checkpoint is used instead", stacklevel=2)
+    return loaded.identifier

@@ -1,0 +1,74 @@
+"""Whether a state that was read fits its settings: every size as they make it, every position inside its array.
+
+The kernels do not check their indices; what they work on must be sound before they see it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import fields
+from functools import cache
+
+from replant.errors import DamagedCheckpointError
+from replant.kernels import layout as at
+from replant.settings import Settings
+from replant.state import State
+
+
+@cache
+def layout_of_state() -> str:
+    """Return a fingerprint of where each number lies in a state: another one means another version of the kernels."""
+    from replant.kernels import bank, path, residuals
+
+    slots = [
+        f"{module.__name__}.{name}={value}"
+        for module in (at, bank, path, residuals)
+        for name, value in sorted(vars(module).items())
+        if name.isupper() and isinstance(value, int | float)
+    ]
+    return hashlib.sha256("\n".join(slots).encode()).hexdigest()[:16]
+
+
+#: What the settings alone decide, beside the offsets of the blocks.
+DECIDED = (
+    "ORDER", "ENTRIES", "PARAMETERS", "INPUT_ENTRIES", "ALGORITHM", "STRAIGHT_INPUT", "BILINEAR", "CONSTANT", "REFINED",
+    "INSTRUMENTS", "CAPACITY", "BATCH", "WARMUP", "RING", "RECENT", "COLOURED", "MEMORY_SIZE", "SETTINGS_SIZE",
+)  # fmt: skip
+
+
+def check_state(state: State, settings: Settings, resolve_at: int) -> None:
+    """Raise DamagedCheckpointError unless the kernels can work on this state.
+
+    ``resolve_at`` is how many samples the next solution of the whole record waits for, 0 for none.
+    """
+    from replant.kernels import bank, path
+
+    capacity = settings.replay.capacity if settings.replay else 1
+    if len(state.buffer) != capacity:  # before one of that size is laid out to compare with
+        raise DamagedCheckpointError("its buffer is not as long as its settings say")
+    fresh = State.of_settings(settings, len(state.recent))
+    for field in fields(State):
+        shape, expected = getattr(state, field.name).shape, getattr(fresh, field.name).shape
+        if shape != expected:
+            raise DamagedCheckpointError(f"its {field.name} have the shape {shape} where the settings need {expected}")
+    for name, slot in vars(at).items():
+        if (name in DECIDED or name.startswith("AT_")) and state.ints[slot] != fresh.ints[slot]:
+            raise DamagedCheckpointError(f"its state and its settings differ in {name}")
+    ints = state.ints
+    limits = {
+        at.HEAD: (0, capacity - 1),
+        at.FILLED: (0, capacity),
+        at.NEWEST: (0, ints[at.RING] - 1),
+        at.ACTIVE: (1, 2),
+        at.WARMING: (0, 1),
+        at.RECENT_HEAD: (0, max(len(state.recent) - 1, 0)),
+        at.PAST_KEPT: (0, ints[at.SAMPLES]),
+    }
+    positions = all(low <= ints[slot] <= high for slot, (low, high) in limits.items())
+    if resolve_at and resolve_at <= ints[at.SAMPLES]:
+        raise DamagedCheckpointError("it waits for a sample that has passed")
+    nexts = state.banks[:, bank.NEXT]
+    rows = state.block(at.AT_PATH, path.size(state.entries))[path.KEPT]
+    positions = positions and 0 <= rows <= path.ROOM
+    if not positions or not ((nexts >= 0) & (nexts < bank.KEPT)).all():
+        raise DamagedCheckpointError("its state points outside of its arrays")

@@ -1,0 +1,76 @@
+"""Save an identifier to a file, and go on from it, or from the one before it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from replant.checkpoint.encoding import Progress, decode, encode
+from replant.checkpoint.files import AnyPath, previous, read, write
+from replant.errors import CheckpointError, DamagedCheckpointError, MissingCheckpointError
+from replant.identifier import Identifier
+
+
+@dataclass(frozen=True, eq=False)
+class Loaded:
+    """What a checkpoint gave.
+
+    Attributes
+    ----------
+    identifier : Identifier
+        In the state in which it was saved, to the bit.
+    progress : dict
+        What was given to `save` along with it.
+    used_previous : str or None
+        Why the previous checkpoint had to be used instead; None where it had not.
+    """
+
+    identifier: Identifier
+    progress: dict[str, int | float | str]
+    used_previous: str | None
+
+
+def save(path: AnyPath, identifier: Identifier, progress: Progress | None = None) -> None:
+    """Save ``identifier``, with numbers and words of the caller's along; see `Identifier.save`."""
+    write(path, encode(vars(identifier), progress))
+
+
+def load(path: AnyPath) -> Loaded:
+    """Return what was saved under ``path``, or, where that is damaged or gone, what was saved before it.
+
+    Raises
+    ------
+    MissingCheckpointError
+        If there is neither the file nor a previous one.
+    DamagedCheckpointError, CheckpointError
+        If there is none that can be used: one line says why of each.
+
+    Examples
+    --------
+    >>> import tempfile, replant as rp
+    >>> ident = rp.Identifier(rp.Structure(poles=1), dt=0.01)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save(f"{folder}/rig", ident, {"sequence": 17})
+    ...     loaded = load(f"{folder}/rig")
+    >>> loaded.progress, loaded.used_previous
+    ({'sequence': 17}, None)
+    """
+    try:
+        return _load(path, None)
+    except CheckpointError as error:
+        refused = error
+    try:
+        return _load(previous(path), str(refused))
+    except MissingCheckpointError:
+        raise refused from None
+    except CheckpointError as error:
+        kind = DamagedCheckpointError if isinstance(refused, DamagedCheckpointError) else CheckpointError
+        raise kind(f"{refused}; {error}") from error
+
+
+def _load(path: AnyPath, used_previous: str | None) -> Loaded:
+    data = read(path)
+    try:
+        contents = decode(data)
+    except DamagedCheckpointError as error:
+        raise DamagedCheckpointError(f"{path}: {error}") from error
+    return Loaded(Identifier._of(contents.attributes), contents.progress, used_previous)

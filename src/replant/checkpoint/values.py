@@ -1,0 +1,126 @@
+"""Settings as plain JSON and back, exactly: numbers to the bit, every kind of object by its name."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import warnings
+from typing import Any
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError
+from replant.filters import RefinedFilter, StateVariableFilter
+from replant.optimizers import OPTIMIZERS
+from replant.preprocess import Preprocess
+from replant.replay import Replay
+from replant.scaling import Scaling
+from replant.settings import Request, Settings
+from replant.structure import Structure
+
+#: Every kind of object that settings are made of, by name.  Optimizers come from their own list.
+KINDS: dict[str, type] = {
+    kind.__name__: kind
+    for kind in (
+        Request,
+        Settings,
+        Structure,
+        StateVariableFilter,
+        RefinedFilter,
+        Scaling,
+        Replay,
+        Preprocess,
+        *OPTIMIZERS.values(),
+    )
+}
+
+
+def to_plain(name: str, value: Any) -> Any:
+    """Return ``value`` as what JSON can hold; what JSON has no word for becomes an object of one tag.
+
+    Raises
+    ------
+    InvalidArgumentError
+        For what cannot be told in words, as a function; the message names it.
+
+    Examples
+    --------
+    >>> to_plain("replay", Replay(seed=3))
+    {'Replay': {'capacity': 20000, 'batch_size': 20, 'warmup': 20, 'seed': 3}}
+    >>> to_plain("limits", (0.5, np.inf))
+    {'tuple': [0.5, {'float': 'inf'}]}
+    """
+    kind = type(value)
+    if value is None or kind in (bool, int, str):
+        return value
+    if kind is float:
+        return value if math.isfinite(value) else {"float": repr(value)}
+    if kind is list:
+        return [to_plain(f"{name}[{i}]", entry) for i, entry in enumerate(value)]
+    if kind is tuple:
+        return {"tuple": [to_plain(f"{name}[{i}]", entry) for i, entry in enumerate(value)]}
+    if kind is dict:
+        return {"dict": [[key, to_plain(f"{name}[{key!r}]", entry)] for key, entry in value.items()]}
+    if isinstance(value, np.generic | np.ndarray) and value.dtype.kind in "fiub" and value.dtype.itemsize <= 8:
+        little = np.asarray(value).astype(value.dtype.newbyteorder("<"))
+        return {"numpy": [little.dtype.str, list(value.shape), little.tobytes().hex()]}
+    if KINDS.get(kind.__name__) is kind:
+        fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        inside = f"{name}." if name else ""
+        return {kind.__name__: {key: to_plain(f"{inside}{key}", entry) for key, entry in fields.items()}}
+    raise InvalidArgumentError(f"{name} cannot be kept in a checkpoint: {_why(name, value)}")
+
+
+def _why(name: str, value: Any) -> str:
+    if callable(value):
+        called = getattr(value, "__name__", type(value).__name__)
+        remedy = "give the identifier the input that it has mapped" if name.endswith("input_map") else "give a value"
+        return f"{called} is a function, and code is not stored; {remedy} instead"
+    return f"it is a {type(value).__name__}, and only replant's own objects, numbers, lists and NumPy arrays are stored"
+
+
+def from_plain(plain: Any) -> Any:
+    """Return what `to_plain` was given.
+
+    Objects are built by their constructors, so that nothing comes in which these would refuse.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For anything that `to_plain` does not write.
+
+    Examples
+    --------
+    >>> from_plain({"Structure": {"poles": 2, "zeros": 1, "delay": 0.0, "bias": False, "feedthrough": False}})
+    Structure(poles=2, zeros=1, delay=0.0, bias=False, feedthrough=False)
+    """
+    if isinstance(plain, list):
+        return [from_plain(entry) for entry in plain]
+    if not isinstance(plain, dict):
+        return plain
+    ((tag, inner),) = plain.items()
+    if tag == "float":
+        return float(inner)
+    if tag == "tuple":
+        return tuple(from_plain(entry) for entry in inner)
+    if tag == "dict":
+        return {key: from_plain(entry) for key, entry in inner}
+    if tag == "numpy":
+        return _numbers(*inner)
+    kind = KINDS.get(tag)
+    if kind is None:
+        raise ValueError(f"there is no {tag}")
+    fields = {key: from_plain(entry) for key, entry in inner.items()}
+    if set(fields) != {field.name for field in dataclasses.fields(kind)}:
+        raise ValueError(f"{tag} has other settings here")
+    with warnings.catch_warnings():  # whoever chose these settings has been warned already
+        warnings.simplefilter("ignore")
+        return kind(**fields)
+
+
+def _numbers(dtype: str, shape: list[int], digits: str) -> Any:
+    kind = np.dtype(dtype)
+    if kind.kind not in "fiub":
+        raise ValueError(f"{dtype} is no kind of number")
+    values = np.frombuffer(bytes.fromhex(digits), kind).reshape(shape)
+    return values.astype(kind.newbyteorder("="))[()]  # [()]: a number stays a number

@@ -1,0 +1,125 @@
+"""``replant live``: identify a plant while it runs."""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from replant.cli.options import BIAS, INPUT_MAP
+from replant.errors import InvalidArgumentError
+from replant.live.run import Plan, run
+from replant.live.session import Limits
+from replant.optimizers import OPTIMIZERS
+from replant.preprocess import Preprocess
+from replant.rigs import deap_rig
+from replant.settings import Request
+from replant.structure import Structure
+
+DASHBOARD = "127.0.0.1:8710"
+UNITS = {"ms": 1e-3, "s": 1.0, "": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+DEMO = "demo"  # the source that needs no options: its structure is known
+
+
+class Time(click.ParamType[float]):
+    """A length of time such as 500ms, 60s, 10min or 24h."""
+
+    name = "time"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return it in s."""
+        found = re.fullmatch(r"(\d+(?:\.\d*)?)\s*(ms|s|min|h|d|)", str(value).strip())
+        seconds = float(found[1]) * UNITS[found[2]] if found else math.nan
+        if not 0.0 < seconds < math.inf:
+            self.fail(f"{value!r} is no length of time; write 60s, 10min or 24h", param, ctx)
+        return seconds
+
+
+@click.command(name="live")
+@click.argument("source")
+@click.option("--poles", type=int, metavar="N", help="Number of poles.")
+@click.option("--zeros", type=int, metavar="M", help="Number of zeros.  [default: 0]")
+@click.option("--dt", type=float, metavar="S", help="Sampling time in s.")
+@click.option("--delay", type=float, default=0.0, metavar="S", help="Dead time in s.")
+@BIAS
+@INPUT_MAP
+@click.option("--optimizer", type=click.Choice(["auto", *OPTIMIZERS]), default="auto", show_default=True)
+@click.option("--startup", type=int, default=500, show_default=True, help="Samples that the first model is made from.")
+@click.option("--for", "seconds", type=Time(), metavar="TIME", help="End after a time, such as 60s.")
+@click.option("--samples", type=click.IntRange(min=1), metavar="N", help="End after so many samples.")
+@click.option("--until", type=click.Choice(["trusted"]), help="End as soon as the verdict is that.")
+@click.option(
+    "--to", "sinks", multiple=True, metavar="ADDRESS", help="Send estimates: -, udp://HOST:PORT, mqtt://HOST/TOPIC."
+)
+@click.option(
+    "--record", type=click.Path(path_type=Path), metavar="DIR", help="Record samples and estimates (Parquet)."
+)
+@click.option("--checkpoint", type=click.Path(path_type=Path), metavar="FILE", help="Keep the state; go on from it.")
+@click.option("--every", type=Time(), default="10s", show_default=True, metavar="TIME", help="Between checkpoints.")
+@click.option(
+    "--dashboard",
+    is_flag=False,
+    flag_value=DASHBOARD,
+    metavar="[HOST:PORT]",
+    help=f"Serve a page, at {DASHBOARD}; demo does, unless it is off.",
+)
+@click.option(
+    "--token", metavar="WORD", help="What a browser must bring; needed where not only this machine can reach it."
+)
+def command(source: str, **options: Any) -> None:
+    """Identify G(s) from live samples of input u and output y.
+
+    SOURCE is one of -, tcp://HOST:PORT, udp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200, mqtt://HOST/TOPIC, a
+    recorded log as in log.csv?input=u&output=y, or demo: a simulated rig that needs no other option.
+
+    Lines are u,y or t,u,y or, with ?columns=n,t,u,y, numbered.  Ctrl-C ends, and prints what was found.
+    """
+    rig = deap_rig() if is_demo(source) else None
+    if rig is not None:
+        usual = {"poles": 3, "zeros": 1, "dt": rig.dt, "dashboard": DASHBOARD}
+        options |= {name: value for name, value in usual.items() if options[name] is None}
+        options["input_map"] = rig.input_map
+    plan = Plan(
+        source,
+        _request(options),
+        Limits(options["seconds"], options["samples"], options["until"] == "trusted"),
+        options["sinks"],
+        options["record"],
+        options["checkpoint"],
+        options["every"],
+        _address(options["dashboard"]),
+        options["token"],
+        None if rig is None else rig.plant,
+    )
+    if not run(plan):
+        sys.exit(1)
+
+
+def is_demo(source: str) -> bool:
+    """Whether a source is the simulated rig."""
+    return source == DEMO or source.startswith(DEMO + "?")
+
+
+def _request(options: dict[str, Any]) -> Request:
+    for name, example in (("poles", "--poles 2"), ("dt", "--dt 0.001")):
+        if options[name] is None:
+            raise InvalidArgumentError(f"--{name} is missing; give it, as in {example}")
+    structure = Structure(options["poles"], options["zeros"] or 0, options["delay"], options["bias"])
+    preprocess = Preprocess(options["input_map"], "mean", "mean")
+    return Request(
+        structure, options["dt"], preprocess=preprocess, optimizer=options["optimizer"], startup=options["startup"]
+    )  # fmt: skip
+
+
+def _address(text: str | None) -> tuple[str, int] | None:
+    """Return host and port of the dashboard; None where there is to be none."""
+    if text is None or text == "off":
+        return None
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdigit() or int(port) > 65535:
+        raise InvalidArgumentError(f"--dashboard {text}: write HOST:PORT, as in {DASHBOARD}, or off")
+    return host.strip("[]"), int(port)

@@ -1,0 +1,298 @@
+"""Ensemble: many independent identifiers stepped at once, in vectors and in threads."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from replant.blocks import Block, is_under_way, kind, order
+from replant.errors import ArgumentTypeError, InvalidArgumentError
+from replant.identifier import Identifier
+from replant.trace import Trace
+from replant.transfer_function import TransferFunction
+from replant.validation import FloatArray, array_of_reals, whole
+
+LEAST = 3  # members that a block pays for: it takes about the time of two
+
+
+class Ensemble:
+    """Step M identifiers at once: on M streams, or on one stream with M settings.
+
+    Each member is what the identifier would be by itself, to the last digits: with a start-up, rejected samples,
+    random numbers and an end of its own.  The samples of all come at the same time.
+
+    Parameters
+    ----------
+    identifiers : Identifier or sequence of Identifier
+        One to be copied, or each member; of structures with the same parameters.  They are copied: the ensemble never
+        touches yours.
+    members : int, optional
+        How many copies, where one identifier is given.
+    n_jobs : int, optional
+        Threads that `update_many` and `trace` share the members among, as in joblib: None is one, -1 is all processors,
+        -2 all but one.  The interpreter is free meanwhile.
+
+    Raises
+    ------
+    InvalidArgumentError, ArgumentTypeError
+        For an argument that cannot be used; the message names it.
+
+    Notes
+    -----
+    Members go through the processor's vector unit eight at a time where they have a fixed filter, an optimizer that
+    follows the gradient, no instruments, no dead time and fewer zeros than poles; with replay or without, each with
+    settings, scaling and cutoff of its own.  Those eight must be of one optimizer, and of one capacity and batch.  With
+    equal seeds and as many samples in their buffers they read the same rows, which is faster still.  All other members
+    (instruments, the refined filter, `RecursiveLeastSquares`, `KalmanTracking`, a dead time) are stepped one after the
+    other, as by `Identifier.update_many`; they share the threads, but not the vectors.
+
+    Time stamps are not for ensembles: all members' clocks are regular.
+
+    Examples
+    --------
+    A plant's record through three step sizes at once:
+
+    >>> import numpy as np, replant as rp
+    >>> u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 1000), 10)
+    >>> y = rp.TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.1)
+    >>> settings = {"filter": rp.StateVariableFilter(cutoff=1.0), "scaling": None, "instruments": False}
+    >>> steps = [rp.AMSGrad(1e-5), rp.AMSGrad(1e-4), rp.AMSGrad(1e-3)]
+    >>> sweep = Ensemble([rp.Identifier(rp.Structure(1), 0.1, optimizer=step, **settings) for step in steps])
+    >>> errors = sweep.update_many(u, y)
+    >>> errors.shape, sweep.parameters.shape
+    ((10000, 3), (3, 2))
+    >>> sweep.parameters[-1].round(2)
+    array([0.5, 2. ])
+    """
+
+    def __init__(
+        self, identifiers: Identifier | Iterable[Identifier], members: int | None = None, *, n_jobs: int | None = None
+    ) -> None:
+        self._members = _copies(identifiers, members)
+        self._blocks: list[Block] = []
+        self._threads = _threads(n_jobs)
+
+    def __len__(self) -> int:
+        return len(self._members)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy needs: members by themselves, which form blocks anew."""
+        return {
+            "_members": [self.member(number) for number in range(len(self))],
+            "_blocks": [],
+            "_threads": self._threads,
+        }
+
+    def update(self, u: Any, y: Any) -> FloatArray:
+        """Take one sample of each member; return the a-priori output errors (M,), as `Identifier.update` does.
+
+        Parameters
+        ----------
+        u, y : (M,) arrays or floats
+            A number is for all members.
+        """
+        return self._run(self._row("u", u), self._row("y", y), 0, threads=1)[0][:, 0]
+
+    def update_many(self, u: Any, y: Any) -> FloatArray:
+        """Take a chunk of samples of each member; return the a-priori output errors (K, M).
+
+        Parameters
+        ----------
+        u, y : (K, M) or (K,) arrays
+            A vector is for all members.
+
+        Raises
+        ------
+        InvalidArgumentError, ArgumentTypeError
+            If shapes or types do not fit; the state stays as it was.
+        """
+        return self._run(self._rows("u", u), self._rows("y", y), 0, self._threads)[0].T
+
+    def trace(self, u: Any, y: Any) -> tuple[Trace, ...]:
+        """Take a chunk of samples as `update_many` does; return each member's `Trace`: K (P + 1) numbers a member."""
+        start = self.parameters
+        errors, parameters = self._run(self._rows("u", u), self._rows("y", y), start.shape[1], self._threads)
+        return tuple(Trace(self.names, *one) for one in zip(start, parameters, errors, strict=True))
+
+    def freeze(self) -> None:
+        """Stop adapting, as `Identifier.freeze` does, all members."""
+        self._must_run()
+        for member in self._members:
+            member.freeze()
+
+    def resume(self) -> None:
+        """Adapt again after `freeze`."""
+        self._must_run()
+        for member in self._members:
+            member.resume()
+
+    def reset(self) -> None:
+        """Forget every sample and begin again, all members."""
+        self._blocks = []
+        for member in self._members:
+            member.reset()
+
+    def member(self, number: int) -> Identifier:
+        """Return a copy of one member: an identifier in the same state, which goes on as the member does."""
+        return self._members[number].clone()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, in their order."""
+        return self._members[0].names
+
+    @property
+    def parameters(self) -> FloatArray:
+        """The estimates (M, P) in physical units."""
+        return np.array([member.parameters for member in self._members])
+
+    @property
+    def transfer_functions(self) -> tuple[TransferFunction, ...]:
+        """The estimates as G(s), one a member."""
+        return tuple(member.transfer_function for member in self._members)
+
+    @property
+    def samples(self) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+        """Accepted samples (M,), those held back for start-up included."""
+        return np.array([member.samples for member in self._members])
+
+    @property
+    def status(self) -> tuple[str, ...]:
+        """`Identifier.status` of each member."""
+        return tuple(member.status for member in self._members)
+
+    def _row(self, name: str, value: Any) -> FloatArray:
+        """Return one sample of each member as a chunk (1, M), or (1, 1) for all."""
+        array = array_of_reals(name, value)
+        if array.shape not in ((), (len(self),)):
+            raise InvalidArgumentError(f"{name} must be a number or have shape ({len(self)},), got shape {array.shape}")
+        return array.reshape(1, -1)
+
+    def _rows(self, name: str, value: Any) -> FloatArray:
+        """Return a chunk as (K, M), or (K, 1) for all members."""
+        array = array_of_reals(name, value)
+        if array.ndim == 1:
+            return array[:, None]
+        if array.ndim != 2 or array.shape[1] != len(self):
+            raise InvalidArgumentError(
+                f"{name} must have shape (K,) or (K, {len(self)}), a column a member, got shape {array.shape}"
+            )
+        return array
+
+    def _must_run(self) -> None:
+        if "starting" in self.status:
+            raise InvalidArgumentError("some members are still starting: they have no estimate to freeze yet")
+
+    def _run(self, u: FloatArray, y: FloatArray, size: int, threads: int) -> tuple[FloatArray, FloatArray]:
+        """Take a chunk; return errors (M, K) and the first ``size`` parameters (M, K, size) after each sample."""
+        if u.shape[0] != y.shape[0]:
+            raise InvalidArgumentError(f"u and y must have the same length, got {u.shape[0]} and {y.shape[0]} samples")
+        chunk = (u, y, np.empty((len(self), u.shape[0])), np.empty((len(self), u.shape[0], size)))
+        tasks = [partial(block.take, 0, *chunk) for block in self._blocks]
+        inside = {number for block in self._blocks for number in block.numbers.tolist()}
+        reached = {n: self._lead_in(n, *chunk) for n in range(len(self)) if n not in inside}
+        for block, start in self._form_blocks(reached):
+            tasks.append(partial(block.take, start, *chunk))
+            reached = {n: k for n, k in reached.items() if n not in block.numbers}
+        tasks += [partial(self._take_alone, n, start, len(u), *chunk) for n, start in reached.items() if start < len(u)]
+        _carry_out(tasks, threads)
+        return chunk[2], chunk[3]
+
+    def _lead_in(self, number: int, *chunk: FloatArray) -> int:
+        """Take a member's first samples by itself, until it may join a block; return how many."""
+        member, taken = self._members[number], 0
+        while taken < chunk[0].shape[0] and may_join(member) and not is_ready(member):
+            self._take_alone(number, taken, taken + 1, *chunk)
+            taken += 1
+        return taken
+
+    def _take_alone(self, number: int, start: int, end: int, *chunk: FloatArray) -> None:
+        """Take the samples from ``start`` to ``end`` as a single identifier does."""
+        u, y, errors, parameters = chunk
+        member, own_u, own_y = self._members[number], number * (u.shape[1] > 1), number * (y.shape[1] > 1)
+        if u.shape[0] == 1 and not parameters.size:
+            errors[number, 0] = member.update(float(u[0, own_u]), float(y[0, own_y]))
+            return
+        trace = member.update_many(u[start:end, own_u], y[start:end, own_y])
+        errors[number, start:end] = trace.errors
+        parameters[number, start:end] = trace.parameters[:, : parameters.shape[2]]
+
+    def _form_blocks(self, reached: dict[int, int]) -> list[tuple[Block, int]]:
+        """Put the members that may form blocks, of those with the samples that they have ``reached``, into some."""
+        from replant.kernels.vector import LANES
+
+        ready = [n for n in reached if may_join(self._members[n]) and is_ready(self._members[n])]
+        states = {n: self._members[n]._state for n in ready}
+        alike = {n: (reached[n], kind(states[n])) for n in ready}
+        ready.sort(key=lambda n: (alike[n], order(states[n])))
+        formed = []
+        for (start, _), group in groupby(ready, key=lambda n: alike[n]):
+            numbers = list(group)
+            for first in range(0, len(numbers), LANES):
+                some = numbers[first : first + LANES]
+                if len(some) >= LEAST:
+                    block = Block.of_states(some, [states[n] for n in some])
+                    for lane, number in enumerate(some):
+                        self._members[number]._work_on(block.state(lane), regular=True)
+                    formed.append((block, start))
+        self._blocks += [block for block, _ in formed]
+        return formed
+
+
+def may_join(member: Identifier) -> bool:
+    """Return whether a member belongs into a block, now or, as far as is known, once it has begun."""
+    if member.settings is None:
+        return not member._request.wants_instruments
+    from replant.kernels import plain
+
+    return member._steps is plain.steps and not member._mapped
+
+
+def is_ready(member: Identifier) -> bool:
+    """Return whether it has begun, and its filters are under way."""
+    return member.settings is not None and is_under_way(member._state)
+
+
+def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None) -> list[Identifier]:
+    """Return the ensemble's own members."""
+    if isinstance(identifiers, Identifier):
+        return [identifiers.clone() for _ in range(1 if members is None else whole("members", members, 1))]
+    if members is not None:
+        raise InvalidArgumentError("members goes with one identifier; a sequence of them is as long as it is")
+    each = list(identifiers)
+    wrong = next((type(one).__name__ for one in each if not isinstance(one, Identifier)), None)
+    if wrong is not None:
+        raise ArgumentTypeError(f"identifiers must be an Identifier or a sequence of them, got a {wrong} among them")
+    if not each:
+        raise InvalidArgumentError("identifiers must not be empty")
+    others = {one.names for one in each} - {each[0].names}
+    if others:
+        raise InvalidArgumentError(f"all members must have the same parameters, got {each[0].names} and {others.pop()}")
+    return [one.clone() for one in each]
+
+
+def _threads(n_jobs: int | None) -> int:
+    """Return how many threads joblib's ``n_jobs`` stands for."""
+    if n_jobs is None:
+        return 1
+    jobs = whole("n_jobs", n_jobs, -(2**31))
+    if jobs == 0:
+        raise InvalidArgumentError("n_jobs must not be 0: 1 is one thread, -1 all processors")
+    return jobs if jobs > 0 else max(multiprocessing.cpu_count() + 1 + jobs, 1)
+
+
+def _carry_out(tasks: Sequence[Callable[[], None]], threads: int) -> None:
+    """Run the tasks, shared among so many threads."""
+    if threads == 1 or len(tasks) < 2:
+        for task in tasks:
+            task()
+        return
+    with ThreadPoolExecutor(min(threads, len(tasks))) as pool:
+        for future in [pool.submit(task) for task in tasks]:
+            future.result()

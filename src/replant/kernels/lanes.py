@@ -1,0 +1,352 @@
+"""What happens to one sample of each of `LANES` identifiers at once: `plain`, in vectors.
+
+The arrays are those of one identifier (see `layout`), stacked: with the member axis last, so that a quantity of all
+members is one vector, but for ``ints``, where it comes first.  All arithmetic is that of `plain` and `first_order`,
+compiled for vectors (see `vector`), so a member gets the same bits here as there and can go on at either place.
+
+As long as no member rejects a sample that others accept, they are level: what counts samples is kept by the first of
+them for all.  Where they have the same random stream too, the drawn rows are the same, and each is read where it lies;
+else every member draws for itself, and the rows of the batch are gathered first.
+
+A member whose sample is rejected goes through the arithmetic with the others, on its last sample over again, and is put
+back afterwards.
+"""
+
+import numpy as np
+
+from replant.kernels import bank as bk
+from replant.kernels import first_order as first
+from replant.kernels import layout as at
+from replant.kernels import plain
+from replant.kernels.compiled import cut, kernel, part, rare
+from replant.kernels.random_stream import draw_below
+from replant.kernels.step import acceptable, draw_rows, keep_estimate, keep_sample
+from replant.kernels.vector import LANES, prefetch, vectors
+
+# Rows of the work space, after the 2 n that `plain.advance_states` uses.
+INPUT, OUTPUT, ERROR, FINITE, ASIDE = range(5)
+ASIDE_SCALARS = 3
+
+# What is the same for level members.
+LEVEL = (
+    at.SAMPLES, at.RESTED, at.LEARNED, at.FILLED, at.HEAD, at.DRAWN, at.NEWEST, at.RECENT_HEAD, at.PAST_KEPT,
+    at.PAST_DUE,
+)  # fmt: skip
+
+
+@cut
+def cut_filters(ints, reals, banks):
+    """Return the arrays of `plain.advance_states`.  The regular clock's discretisation is the bank's first."""
+    n, T, bank = ints[at.ORDER], ints[at.ENTRIES], banks[0]
+    A, states, room = bk.at_kept(n, T) + 1, bk.at_states(n, T), ints[at.AT_WORK]
+    constant = A + n * n
+    return (
+        bank[A:constant],
+        bank[constant : constant + n],
+        bank[constant + n : constant + 2 * n],
+        bank[states + bk.OUTPUT * n : states + bk.OUTPUT * n + n],
+        bank[states + bk.INPUT * n : states + bk.INPUT * n + n],
+        reals[room : room + n],
+        reals[room + n : room + 2 * n],
+    )
+
+
+@rare
+def are_level(ints):
+    """Say whether all members have counted the same."""
+    same = True
+    for lane in range(1, LANES):
+        for slot in LEVEL:
+            same &= ints[lane, slot] == ints[0, slot]
+    return same
+
+
+@rare
+def spread(ints):
+    """Let all members know what the first has counted for them."""
+    for lane in range(1, LANES):
+        for slot in LEVEL:
+            ints[lane, slot] = ints[0, slot]
+
+
+@rare
+def set_aside(ints, reals, bank, lane, back):
+    """Keep what one sample changes outside the estimate, which is kept anyway; or put it ``back``."""
+    n, T = ints[at.ORDER], ints[at.ENTRIES]
+    room, states, phi = ints[at.AT_WORK] + 2 * n + ASIDE, bk.at_states(n, T), ints[at.AT_PHI]
+    for i, slot in enumerate((at.ELAPSED, at.INPUT_NOW, at.LAST_OUTPUT)):
+        if back:
+            reals[slot, lane] = reals[room + i, lane]
+        else:
+            reals[room + i, lane] = reals[slot, lane]
+    room += ASIDE_SCALARS
+    for i in range(2 * n):  # the states of output and input, one after the other
+        if back:
+            bank[states + i, lane] = reals[room + i, lane]
+        else:
+            reals[room + i, lane] = bank[states + i, lane]
+    room += 2 * n
+    for i in range(T):
+        if back:
+            reals[phi + i, lane] = reals[room + i, lane]
+        else:
+            reals[room + i, lane] = reals[phi + i, lane]
+
+
+@rare
+def write_estimate(ints, reals, source, row, lane):
+    """Give a member the estimate and the optimizer's memory that lie in ``source`` from ``row`` on."""
+    T, M = ints[at.ENTRIES], ints[at.MEMORY_SIZE]
+    for i in range(T):
+        reals[ints[at.AT_THETA] + i, lane] = source[row + i, lane]
+    for i in range(M):
+        reals[ints[at.AT_MEMORY] + i, lane] = source[row + T + i, lane]
+
+
+@part
+def read(ints, reals, numbers, u, y):
+    """Fetch the members' samples, mapped, into the work space; return whether every one is acceptable.
+
+    ``u`` and ``y`` hold one for each member, or one for all.
+    """
+    r, row = vectors(reals), ints[at.AT_WORK] + 2 * ints[at.ORDER]
+    own_u, own_y = min(u.size - 1, 1), min(y.size - 1, 1)
+    for lane in range(LANES):
+        reals[row + INPUT, lane], reals[row + OUTPUT, lane] = u[own_u * numbers[lane]], y[own_y * numbers[lane]]
+    if ints[at.SQUARE_INPUT] == 1:
+        r[row + INPUT] *= r[row + INPUT]
+    r[row + INPUT] -= r[at.INPUT_OFFSET]
+    r[row + OUTPUT] -= r[at.OUTPUT_OFFSET]
+    fine = True
+    for lane in range(LANES):
+        fine &= abs(reals[row + INPUT, lane]) <= at.LARGEST
+        fine &= abs(reals[row + OUTPUT, lane]) <= at.LARGEST
+    return fine
+
+
+@part
+def admit(ints, reals, recent, u, y, interval):
+    """Put an accepted sample among the raw samples and the past inputs: those of one member, or level ones'."""
+    if ints[at.RECENT] > 0:
+        keep_sample(ints, recent, u, y, interval)
+    newest = ints[at.NEWEST] + 1
+    if newest == ints[at.RING]:
+        newest = 0
+    ints[at.NEWEST] = newest
+    reals[ints[at.AT_INPUTS] + newest] = u
+    reals[ints[at.AT_HELD] + newest] = reals[at.INPUT_NOW]
+    reals[ints[at.AT_INTERVALS] + newest] = interval
+
+
+@rare
+def admit_each(ints, reals, banks, recent, live):
+    """Admit or reject the samples that were read, member by member."""
+    row = ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
+    for lane in range(LANES):
+        u, y = reals[row + INPUT, lane], reals[row + OUTPUT, lane]
+        if acceptable(ints[lane], u, y):
+            live[lane] = 1
+            admit(ints[lane], reals[:, lane], recent[:, :, lane], u, y, reals[at.INTERVAL, lane])
+        else:
+            live[lane] = 0
+            reals[row + INPUT, lane], reals[row + OUTPUT, lane] = reals[at.INPUT_NOW, lane], reals[at.LAST_OUTPUT, lane]
+            set_aside(ints[lane], reals, banks[0], lane, False)
+
+
+@rare
+def fetch_ahead(ints, buffer):
+    """Ask the memory for the rows that the next sample will draw: where a sample is, no cache can guess."""
+    filled, drawn = min(ints[at.FILLED] + 1, ints[at.CAPACITY]), ints[at.DRAWN]
+    for i in range(ints[at.BATCH] - 1):
+        row = draw_below(ints[at.SEED], drawn + i, filled)
+        for j in range(buffer.shape[1]):
+            prefetch(buffer, row, j)
+
+
+@rare
+def learn(ints, theta, memory, settings, buffer, rows, batch):
+    """Let the members' optimizer consume the first ``batch`` of the rows."""
+    first.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, 0)
+
+
+@rare
+def draw_each(ints, live, buffer, newest, apart):
+    """Store each member's newest sample and draw its rows; return the smallest and the largest batch."""
+    fewest, most, width = ints[0, at.BATCH], 0, newest.shape[0]
+    for lane in range(LANES):
+        if live[lane] == 1:
+            head = ints[lane, at.HEAD]
+            for i in range(width):
+                if apart:
+                    buffer[lane, head, i] = newest[i, lane]
+                else:
+                    buffer[head, i, lane] = newest[i, lane]
+            batch = draw_rows(ints[lane], ints[lane, at.ROWS :])
+            fewest, most = min(fewest, batch), max(most, batch)
+            if apart:
+                for k in range(batch - 1):
+                    prefetch(buffer[lane], ints[lane, at.ROWS + k], 0)
+                    prefetch(buffer[lane], ints[lane, at.ROWS + k], width - 1)  # may lie on the next line
+    return fewest, most
+
+
+@rare
+def gather(ints, buffer, drawn, picked, most, apart):
+    """Lay the batch that each member has drawn before its newest sample, the last row of ``drawn``."""
+    for k in range(most - 1):
+        row = drawn[drawn.shape[0] - most + k]
+        for lane in range(LANES):
+            picked[lane] = ints[lane, at.ROWS + k]
+        for i in range(row.shape[0]):
+            if apart:
+                for lane in range(LANES):
+                    row[i, lane] = buffer[lane, picked[lane], i]
+            else:
+                for lane in range(LANES):
+                    row[i, lane] = buffer[picked[lane], i, lane]
+
+
+@cut
+def learn_each_its_own(ints, reals, live, buffer, apart, work, estimate):
+    """Let every member learn the rows that it draws for itself."""
+    theta, memory, kept_theta, kept_memory, _, _, settings, _ = estimate
+    drawn, order, picked, spare = work
+    rows, last, learned = vectors(drawn), order.size - 1, vectors(spare)
+    fewest, most = draw_each(ints, live, buffer, drawn[last], apart)
+    gather(ints, buffer, drawn, picked, most, apart)
+    if fewest < most:  # some buffers are not warm yet: their members learn the newest sample alone
+        learn(ints[0], theta, memory, settings, rows, order[last:], fewest)  # which is one
+        for i in range(theta.size):
+            learned[i] = theta[i]
+            theta[i] = kept_theta[i]
+        for i in range(memory.size):
+            learned[theta.size + i] = memory[i]
+            memory[i] = kept_memory[i]
+    learn(ints[0], theta, memory, settings, rows, order[last + 1 - most :], most)
+    if fewest < most:
+        for lane in range(LANES):
+            if ints[lane, at.FILLED] <= ints[lane, at.WARMUP]:
+                write_estimate(ints[0], reals, spare, 0, lane)
+
+
+@cut
+def update_estimate(ints, reals, live, shared, buffer, apart, work, estimate, target):
+    """Learn the newest samples and their batches; return 0 for members all of whose numbers are finite, else NaN."""
+    theta, memory, kept_theta, kept_memory, phi, unit, settings, rows = estimate
+    for i in range(theta.size):
+        kept_theta[i] = theta[i]
+    for i in range(memory.size):
+        kept_memory[i] = memory[i]
+    if shared:
+        stored = vectors(buffer)
+        batch = plain.remember(ints[0], phi, stored, rows, target)
+        if ints[0, at.BATCH] > 1:
+            fetch_ahead(ints[0], stored)
+        learn(ints[0], theta, memory, settings, stored, rows, batch)
+    else:
+        plain.write_row(ints[0], vectors(work[0])[ints[0, at.BATCH] - 1], phi, target)
+        learn_each_its_own(ints, reals, live, buffer, apart, work, estimate)
+    finite = 0.0
+    for i in range(theta.size):
+        finite += 0.0 * (theta[i] * unit[i])
+    for i in range(memory.size):
+        finite += 0.0 * memory[i]
+    return finite
+
+
+@part
+def take(ints, reals, live, shared, buffer, apart, work, filters, regressor, estimate):
+    """Take the samples that were admitted; leave the errors in the work space.  ``shared``: all draw the same rows."""
+    r, row = vectors(reals), ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
+    A, constant, ramp, wy, wu, new_wy, new_wu = filters
+    u, y, last_u, last_y = r[row + INPUT], r[row + OUTPUT], r[at.INPUT_NOW], r[at.LAST_OUTPUT]
+    r[at.ELAPSED] += r[at.INTERVAL]
+    rise = u - last_u if ints[0, at.STRAIGHT_INPUT] == 1 else 0.0
+    plain.advance_states(A, constant, ramp, wy, wu, new_wy, new_wu, last_y, y - last_y, last_u, rise)
+    r[at.INPUT_NOW], r[at.LAST_OUTPUT] = u, y
+    target = plain.fill_regressor(r, regressor, y)
+    error, theta, phi = target, estimate[0], estimate[4]
+    for i in range(theta.size):
+        error -= theta[i] * phi[i]
+    r[row + ERROR] = error * r[at.OUTPUT_SCALE]
+    if ints[0, at.ADAPT] == 1:
+        r[row + FINITE] = update_estimate(ints, reals, live, shared, buffer, apart, work, estimate, target)
+
+
+@part
+def undo(ints, reals, bank, live):
+    """Undo the updates that left float64, and all that rejected samples did."""
+    work, backup, adapts = ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER], ints[0, at.AT_BACKUP], ints[0, at.ADAPT] == 1
+    for lane in range(LANES):
+        if live[lane] == 0:
+            set_aside(ints[lane], reals, bank, lane, True)
+            reals[work + ERROR, lane] = np.nan
+        elif not adapts or reals[work + FINITE, lane] == 0.0:
+            continue
+        else:
+            ints[lane, at.REFUSED] += 1
+        if adapts:
+            write_estimate(ints[lane], reals, reals, backup, lane)
+
+
+@part
+def count(ints):
+    """Count a sample, of one member or of level ones; return whether the estimate is to be kept."""
+    ints[at.SAMPLES] += 1
+    if ints[at.ADAPT] == 0:
+        ints[at.RESTED] += 1
+    else:
+        ints[at.LEARNED] = ints[at.SAMPLES]
+    return ints[at.SAMPLES] >= ints[at.PAST_DUE]
+
+
+@rare
+def count_each(ints, reals, live, counted):
+    """Count the accepted samples member by member, unless that is done, and keep the estimates that are due."""
+    for lane in range(LANES):
+        if live[lane] == 1 and (counted or count(ints[lane])):
+            keep_estimate(ints[lane], reals[:, lane])
+
+
+@kernel
+def steps(
+    ints, reals, banks, buffer, recent, live, drawn, order, picked, spare, apart, numbers, members, start, u, y, errors,
+    parameters,
+):  # fmt: skip
+    """Take the samples from ``start`` on; write error and estimate (physical units) of each of the first ``members``.
+
+    ``u`` and ``y`` have a row a sample, and a column for each of the ensemble's members or one for all; ``errors`` and
+    ``parameters`` have a row a member.  ``numbers`` says which of the ensemble's members these are; lanes beyond
+    ``members`` repeat the first.  ``apart`` says that the members have random streams of their own, and that
+    ``buffer`` has the member axis first, so that a row of one member lies together.  ``live``, ``drawn``, ``order``
+    (0, 1, 2, ...), ``picked`` and ``spare`` are work.
+    """
+    r, b = vectors(reals), vectors(banks)
+    filters, regressor = cut_filters(ints[0], r, b), plain.cut_regressor(ints[0], r, b)
+    estimate = plain.cut_estimate(ints[0], r)
+    theta, unit, row = ints[0, at.AT_THETA], ints[0, at.AT_UNIT], ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
+    level, work = are_level(ints), (drawn, order, picked, spare)
+    for lane in range(LANES):
+        live[lane] = 1
+    for k in range(start, u.shape[0]):
+        fine = read(ints[0], reals, numbers, u[k], y[k])
+        if level and not fine:
+            spread(ints)
+            level = False
+        if level:
+            admit(ints[0], r, vectors(recent), r[row + INPUT], r[row + OUTPUT], r[at.INTERVAL])
+        else:
+            admit_each(ints, reals, banks, recent, live)
+        take(ints, reals, live, level and not apart, buffer, apart, work, filters, regressor, estimate)
+        undo(ints, reals, banks[0], live)
+        if not level:
+            count_each(ints, reals, live, False)
+        elif count(ints[0]):
+            spread(ints)
+            count_each(ints, reals, live, True)
+        for lane in range(members):
+            errors[numbers[lane], k] = reals[row + ERROR, lane]
+            for i in range(parameters.shape[2]):
+                parameters[numbers[lane], k, i] = reals[theta + i, lane] * reals[unit + i, lane]
+    if level:
+        spread(ints)

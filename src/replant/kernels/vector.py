@@ -1,0 +1,152 @@
+"""A number that is eight: the same quantity of `LANES` members side by side, in one vector of the processor.
+
+Numba does not know such a type; with it a kernel written for one identifier compiles, as it stands, to one that steps
+eight at once: where it reads ``theta[i]`` it gets the i-th parameter of eight members, and each of ``+ - * /``,
+``sqrt`` and ``max`` is one instruction (or two or four, as wide as the processor is) for all of them.  Every lane is
+rounded by itself, as IEEE 754 has it, so a member gets the same bits as alone.  Left to its own devices the compiler
+does not find this: the member's loop would have to be the innermost of every sum, with all intermediate values in
+memory and checks that no two arrays overlap, which costs most of what is won.
+
+There is no comparison and no branch: what depends on the data of one member is done outside, lane by lane.
+"""
+
+import math
+import operator
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.imputils import impl_ret_borrowed
+from numba.core.typeconv.castgraph import Conversion
+from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model, type_callable
+
+#: Members side by side: as many float64 as one line of the cache holds.
+LANES = 8
+
+
+class Vector(types.Type):
+    """The type of `LANES` float64; a single float64 beside one stands for as many equal ones."""
+
+    def __init__(self) -> None:
+        super().__init__(f"Vector({LANES})")  # the cache of compiled kernels knows a type by its name
+
+    def can_convert_from(self, typingctx, other):
+        """Let a float64 become a vector."""
+        return Conversion.safe if isinstance(other, types.Float) else None
+
+    def unify(self, typingctx, other):
+        """Make a variable that is a float64 at first, like a sum, a vector throughout."""
+        return self if isinstance(other, types.Float) else None
+
+
+VECTOR = Vector()
+_CODE = ir.VectorType(ir.DoubleType(), LANES)
+
+
+@register_model(Vector)
+class _Model(models.PrimitiveModel):
+    def __init__(self, dmm, fe_type):
+        super().__init__(dmm, fe_type, _CODE)
+
+
+@lower_cast(types.Float, Vector)
+def _broadcast(context, builder, fromty, toty, value):
+    index, anything = ir.IntType(32), ir.Constant(_CODE, ir.Undefined)
+    first = builder.insert_element(anything, value, ir.Constant(index, 0))
+    return builder.shuffle_vector(first, anything, ir.Constant(ir.VectorType(index, LANES), [0] * LANES))
+
+
+def _pair(context):
+    """Type an operation of two vectors, or of a vector and a float64."""
+
+    def result(a, b):
+        known = all(each == VECTOR or isinstance(each, types.Float) for each in (a, b))
+        return VECTOR if known and VECTOR in (a, b) else None
+
+    return result
+
+
+def _binary(instruction, *operators):
+    """Let these operators be one instruction."""
+
+    def lower(context, builder, signature, args):
+        return instruction(builder, *(context.cast(builder, *each, VECTOR) for each in zip(args, signature.args)))
+
+    for each in operators:
+        type_callable(each)(_pair)
+        for pair in ((Vector, Vector), (Vector, types.Float), (types.Float, Vector)):
+            lower_builtin(each, *pair)(lower)
+
+
+def _unary(instruction, function):
+    """Let this function of a vector be one instruction."""
+
+    @type_callable(function)
+    def typer(context):
+        return lambda a: VECTOR if a == VECTOR else None
+
+    @lower_builtin(function, VECTOR)
+    def lower(context, builder, signature, args):
+        return instruction(builder, *args)
+
+
+def _larger(builder, a, b):
+    """Return what Python's max(a, b) does: b where it is larger, else a."""
+    return builder.select(builder.fcmp_ordered(">", b, a), b, a)
+
+
+def _root(builder, a):
+    kind = ir.FunctionType(_CODE, [_CODE])
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.sqrt.v{LANES}f64"), [a])
+
+
+_binary(ir.IRBuilder.fadd, operator.add, operator.iadd)
+_binary(ir.IRBuilder.fsub, operator.sub, operator.isub)
+_binary(ir.IRBuilder.fmul, operator.mul, operator.imul)
+_binary(ir.IRBuilder.fdiv, operator.truediv, operator.itruediv)
+_binary(_larger, max)
+_unary(ir.IRBuilder.fneg, operator.neg)
+_unary(_root, math.sqrt)
+
+
+def _vectors(typingctx, array):
+    if array.layout != "C" or array.dtype != types.float64:
+        return None  # Numba then names the call and the type that came
+    kind = types.Array(VECTOR, array.ndim - 1, "C", aligned=False)  # aligned to a float64, no more
+
+    def code(context, builder, signature, args):
+        source = context.make_array(signature.args[0])(context, builder, args[0])
+        view = context.make_array(kind)(context, builder)
+        size = source.nitems.type
+        view.data = builder.bitcast(source.data, view.data.type)
+        view.nitems = builder.sdiv(source.nitems, ir.Constant(size, LANES))
+        view.itemsize = ir.Constant(size, 8 * LANES)
+        view.shape = cgutils.pack_array(builder, cgutils.unpack_tuple(builder, source.shape)[:-1])
+        view.strides = cgutils.pack_array(builder, cgutils.unpack_tuple(builder, source.strides)[:-1])
+        view.meminfo, view.parent = source.meminfo, source.parent
+        return impl_ret_borrowed(context, builder, signature.return_type, view._getvalue())
+
+    return kind(array), code
+
+
+#: In kernels: return the float64 array (..., LANES), in C order, as an array (...) of vectors, of the same memory.
+vectors: Any = intrinsic(_vectors)
+
+
+def _prefetch(typingctx, array, row, column):
+    def code(context, builder, signature, args):
+        view = context.make_array(signature.args[0])(context, builder, args[0])
+        place = cgutils.get_item_pointer(context, builder, signature.args[0], view, args[1:])
+        anywhere, whole = cgutils.voidptr_t, ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [anywhere, whole, whole, whole])
+        function = builder.module.declare_intrinsic("llvm.prefetch", [anywhere], kind)
+        to_read, and_to_keep, data = (ir.Constant(whole, number) for number in (0, 3, 1))
+        builder.call(function, [builder.bitcast(place, anywhere), to_read, and_to_keep, data])
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, types.intp), code
+
+
+#: In kernels: ask the memory for one element of a matrix ahead of its use.
+prefetch: Any = intrinsic(_prefetch)

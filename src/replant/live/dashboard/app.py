@@ -1,0 +1,204 @@
+"""The application: the page and its assets, one websocket of views, downloads, commands."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib.util
+import json
+import logging
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.middleware.gzip import GZipMiddleware
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from replant.errors import MissingDependencyError, ReplantError
+from replant.live.dashboard.hub import COMMANDS, Hub
+from replant.live.dashboard.security import Guard
+from replant.report.page import asset as report_asset
+
+PERIOD = 0.2  # s between two views to one browser
+HISTORY_PERIOD = 1.0  # s between two histories, which are long
+MOST_WATCHING = 256  # browsers at a time
+_TRY_LATER, _POLICY = 1013, 1008  # how a websocket is closed
+_TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+_OWN = ("dashboard.js", "format.js", "plots.js", "plane.js", "model.js", "dashboard.css", "icon.svg")
+
+
+def create_app(hub: Hub, *, token: str | None, hosts: tuple[str, ...]) -> Starlette:
+    """Return the dashboard of ``hub`` as an ASGI application.
+
+    Parameters
+    ----------
+    hub : Hub
+    token : str or None
+        What a browser must bring to be let in; None where only this machine can reach the server.
+    hosts : tuple of str
+        Names by which the server may be called.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without uplot-python.
+    """
+    assets = _assets()
+    page = _own("index.html")
+
+    async def index(_: Request) -> Response:
+        return Response(page, media_type="text/html")
+
+    async def asset(request: Request) -> Response:
+        name = request.path_params["name"]
+        if name not in assets:
+            return PlainTextResponse("There is nothing here.\n", 404)
+        return Response(assets[name], media_type=_TYPES[Path(name).suffix])
+
+    return Starlette(
+        routes=[
+            Route("/", index),
+            Route("/assets/{name}", asset),
+            *_routes(hub),
+        ],
+        middleware=[
+            Middleware(Guard, token=token, hosts=hosts),
+            Middleware(GZipMiddleware, minimum_size=1024, compresslevel=4),
+        ],
+    )
+
+
+def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
+    """Return what speaks with the identification."""
+
+    async def live(socket: WebSocket) -> None:
+        await _stream(hub, socket)
+
+    async def model_json(_: Request) -> Response:
+        return _model(hub, "application/json", "model.json", lambda model: json.dumps(model, indent=2) + "\n")
+
+    async def model_python(_: Request) -> Response:
+        return _model(hub, "text/x-python", "model.py", python_of)
+
+    async def command(request: Request) -> Response:
+        name = request.path_params["name"]
+        if name not in COMMANDS:
+            return PlainTextResponse(f"There is no command of that name: {', '.join(COMMANDS)}.\n", 404)
+        try:
+            hub.command(name)
+        except ReplantError as error:
+            return PlainTextResponse(f"{error}\n", 409)
+        return Response(status_code=204)
+
+    async def report(_: Request) -> Response:
+        try:
+            return _file(await hub.report(), "text/html", "report.html")
+        except ReplantError as error:
+            return PlainTextResponse(f"{error}\n", 503)
+        except Exception:
+            logging.getLogger("replant.live").exception("the report could not be made")
+            return PlainTextResponse("The report could not be made: the terminal says why.\n", 500)
+
+    return [
+        WebSocketRoute("/live", live),
+        Route("/model.json", model_json),
+        Route("/model.py", model_python),
+        Route("/command/{name}", command, methods=["POST"]),
+        Route("/report", report, methods=["POST"]),
+    ]
+
+
+async def _stream(hub: Hub, socket: WebSocket) -> None:
+    """Send views until the browser leaves, or speaks: it has nothing to say here."""
+    if hub.watching >= MOST_WATCHING:
+        await socket.close(_TRY_LATER, "too many are watching")
+        return
+    await socket.accept()
+    views = asyncio.create_task(_send(hub, socket))
+    heard = asyncio.create_task(socket.receive())
+    try:
+        await asyncio.wait({views, heard}, return_when=asyncio.FIRST_COMPLETED)
+        if heard.done() and heard.result()["type"] == "websocket.receive":
+            await socket.close(_POLICY, "nothing is read here")
+    finally:
+        for task in (views, heard):
+            task.cancel()
+        await asyncio.gather(views, heard, return_exceptions=True)
+
+
+async def _send(hub: Hub, socket: WebSocket) -> None:
+    """Send the newest view, wait until it is on its way, and so on: a slow browser slows nobody but itself."""
+    clock = asyncio.get_running_loop().time
+    history_due = 0.0
+    async for frame in hub.subscribe():
+        due = clock() + PERIOD
+        try:
+            await socket.send_text(frame.view)
+            if clock() >= history_due:
+                history_due = clock() + HISTORY_PERIOD
+                await socket.send_text(frame.history)
+        except (WebSocketDisconnect, RuntimeError):  # it left meanwhile
+            return
+        await asyncio.sleep(due - clock())
+
+
+def _model(hub: Hub, kind: str, name: str, written: Any) -> Response:
+    model = hub.model()
+    if not model:
+        return PlainTextResponse("There is no model yet.\n", 404)
+    return _file(written(model).encode(), kind, name)
+
+
+def _file(content: bytes, kind: str, name: str) -> Response:
+    return Response(content, media_type=kind, headers={"Content-Disposition": f'attachment; filename="{name}"'})
+
+
+def python_of(model: dict[str, Any]) -> str:
+    """Return a program that makes the model's transfer function.
+
+    Examples
+    --------
+    >>> print(python_of({"num": [1.25], "den": [1.0, 0.5], "delay": 0.0, "verdict": "trusted", "samples": 7}))
+    # identified by replant from 7 samples; verdict: trusted
+    from replant import TransferFunction
+    <BLANKLINE>
+    G = TransferFunction(num=[1.25], den=[1.0, 0.5], delay=0.0)
+    print(G)
+    <BLANKLINE>
+    """
+    num, den = ([float(value) for value in model[key]] for key in ("num", "den"))
+    return (
+        f"# identified by replant from {int(model['samples'])} samples; verdict: {_line(model['verdict'])}\n"
+        "from replant import TransferFunction\n\n"
+        f"G = TransferFunction(num={num}, den={den}, delay={float(model['delay'])})\n"
+        "print(G)\n"
+    )
+
+
+def _line(text: Any) -> str:
+    """Return text that cannot leave its line: what stands in a comment must stay there."""
+    return " ".join(str(text).split())
+
+
+def _own(name: str) -> bytes:
+    return resources.files("replant.live.dashboard").joinpath("assets", name).read_bytes()
+
+
+@cache
+def _assets() -> dict[str, bytes]:
+    """Return everything that the page loads, by name; uPlot from its installed package, which need not be imported."""
+    found = {name: _own(name) for name in _OWN}
+    found["palette.css"] = report_asset("palette.css").encode()  # of one house with the report
+    spec = importlib.util.find_spec("uplot")
+    for folder in (spec and spec.submodule_search_locations) or ():
+        static = Path(folder, "static")
+        if (static / "uPlot.iife.js").is_file():
+            found["uPlot.js"] = (static / "uPlot.iife.js").read_bytes()
+            found["uPlot.css"] = (static / "uPlot.min.css").read_bytes()
+            return found
+    raise MissingDependencyError("the dashboard needs uplot-python: pip install 'replant[live]'")

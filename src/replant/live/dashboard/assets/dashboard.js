@@ -1,0 +1,209 @@
+// The page: one websocket brings views, the newest is drawn; buttons send commands.
+import { clock, count, percent, rate, shortly, uncertain } from "./format.js";
+import { fillModes, typeset } from "./model.js";
+import { splane } from "./plane.js";
+import { bodePlots, parameterPlots, readColours, timePlots } from "./plots.js";
+
+const at = id => document.getElementById(id);
+const write = (place, text) => { if (place.textContent !== text) place.textContent = text; };
+const page = { view: null, history: null, paused: false, due: false, acting: false };
+
+// --- the verdict: a sentence, a colour and a shape ---
+const SIGNS = {
+  good: "M12 1a11 11 0 1 0 0 22a11 11 0 1 0 0-22z|M6.5 12.5l3.7 3.7 7.3-8",
+  warn: "M12 1.5L23.5 22H.5z|M12 9v6M12 18v.6",
+  bad: "M7.4 1h9.2L23 7.4v9.2L16.6 23H7.4L1 16.6V7.4z|M8 8l8 8M16 8l-8 8",
+  none: "M12 1L23 12L12 23L1 12z|M7.5 12h.1M12 12h.1M16.5 12h.1",
+};
+const VERDICTS = {
+  trusted: ["good", "Trusted", "The model predicts samples that it was not made from."],
+  converging: ["warn", "Still converging", "The estimate has not come to rest: do not act on it yet."],
+  "not excited": ["bad", "Not excited", "The input does not tell the parameters apart: do not use this model."],
+  inconsistent: ["bad", "Inconsistent", "The model does not explain the samples: do not use it as it is."],
+  diverged: ["bad", "Diverged", "What is shown is the last finite estimate: do not use it."],
+};
+
+const sentence = text => (text ? text[0].toUpperCase() + text.slice(1).replace(/\.?$/, ".") : "");
+
+function drawVerdict(view) {
+  let [gravity, headline, meaning] = VERDICTS[view.verdict] ?? ["warn", sentence(view.verdict).replace(/\.$/, ""), ""];
+  if (view.status === "starting") {
+    [gravity, headline, meaning] = ["none", "Collecting the first samples", "The first model is made once there are enough of them."];
+  }
+  const box = document.querySelector(".verdict");
+  if (box.dataset.gravity !== gravity || !box.querySelector("path")) {
+    box.dataset.gravity = gravity;
+    const paths = SIGNS[gravity].split("|").map((d, i) => {
+      const path = document.createElementNS("http://www.w3.org/2000/svg", "path");
+      path.setAttribute("d", d);
+      if (i) path.setAttribute("class", "mark");
+      return path;
+    });
+    box.querySelector("svg").replaceChildren(...paths);
+  }
+  write(at("headline"), headline);
+  write(at("meaning"), meaning);
+  write(at("announced"), `Verdict: ${headline}. ${meaning}`); // read aloud when it changes, unlike the figures below
+  const list = at("reasons"), reasons = view.reasons.map(sentence);
+  while (list.children.length > reasons.length) list.lastChild.remove();
+  reasons.forEach((text, i) => write(list.children[i] ?? list.appendChild(document.createElement("li")), text));
+}
+
+// --- figures ---
+const total = counts => Object.values(counts ?? {}).reduce((sum, value) => sum + value, 0);
+
+function drawVitals(view) {
+  write(at("source"), view.source || "replant live");
+  at("source").title = view.source;
+  write(at("clock"), clock(view.at));
+  write(at("samples"), count(view.samples));
+  write(at("rate"), rate(view.rate));
+  write(at("lag"), shortly(view.lag));
+  write(at("rejected"), count(total(view.rejected)));
+  const lost = [...Object.entries(view.rejected ?? {}), ...Object.entries(view.counters ?? {})].filter(([, value]) => value);
+  write(at("losses"), lost.length ? lost.map(([reason, value]) => `${count(value)} ${reason}`).join(" · ")
+    : "Nothing rejected, lost or malformed so far.");
+  write(at("adapt"), view.adapting ? "Freeze" : "Adapt");
+  at("adapt").title = view.adapting ? "Hold the parameters still; samples go on being judged" : "Let the parameters follow the samples again";
+}
+
+function small(place, [value, std]) {
+  const note = document.createElement("small");
+  note.textContent = std;
+  place.replaceChildren(value + " ", note);
+}
+
+// --- drawing: the newest view, once a frame at the most, and only where it is seen ---
+const time = timePlots(), bode = bodePlots(), parameters = parameterPlots(at("multiples")), plane = splane(at("plane"));
+readColours();
+
+function draw() {
+  page.due = false;
+  const { view, history } = page;
+  if (!view || page.paused || document.hidden) return;
+  drawVitals(view);
+  drawVerdict(view);
+  at("main").dataset.model = view.status === "starting" ? "no" : "yes";
+  typeset(at("formula"), view);
+  write(at("fit"), percent(view.simulated));
+  small(at("gain"), uncertain(view.dc_gain, view.dc_gain_std));
+  fillModes(at("modes"), view);
+  time.draw(view);
+  bode.draw(view);
+  plane.draw(view);
+  if (history) parameters.draw(view, history);
+  at("main").dataset.drawn = String(1 + Number(at("main").dataset.drawn ?? 0));
+  showLink();
+}
+
+function ask() {
+  if (page.due) return;
+  page.due = true;
+  requestAnimationFrame(draw);
+}
+
+// --- the connection ---
+const LINKS = { connected: "connected", connecting: "connecting to the source", waiting: "source lost, trying again", ended: "source has ended" };
+let socket = null, wait = 250, open = false, timer = 0;
+
+function showLink() {
+  const link = at("link"), view = page.view;
+  let state = open ? (view?.source_state ?? "connecting") : "reconnecting";
+  let text = open ? (view ? (LINKS[state] ?? state) : "connecting") : "reconnecting";
+  if (open && state === "connected" && view && !view.adapting) [state, text] = ["frozen", "connected, frozen"];
+  if (page.paused) text += ", drawing paused";
+  link.dataset.state = state;
+  write(link.querySelector("span"), text);
+  at("main").dataset.fresh = open ? "yes" : "no";
+  at("reset").disabled = !open || !view || page.acting;
+  at("adapt").disabled = at("reset").disabled || view.status === "starting"; // there is nothing to hold still yet
+}
+
+function connect() {
+  clearTimeout(timer);
+  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
+  socket.onmessage = event => {
+    const message = JSON.parse(event.data);
+    if (!open) { open = true; wait = 250; say(""); }
+    if (message.view) page.view = message.view;
+    if (message.history) page.history = message.history;
+    ask();
+  };
+  socket.onclose = () => {
+    open = false;
+    showLink();
+    timer = setTimeout(connect, wait * (0.75 + Math.random() / 2));
+    wait = Math.min(2 * wait, 8000);
+  };
+}
+
+// --- actions ---
+function say(text) {
+  at("notice").hidden = !text;
+  write(at("notice"), text);
+}
+
+async function post(path) {
+  try {
+    const answer = await fetch(path, { method: "POST" });
+    if (answer.ok) { say(""); return answer; }
+    say((await answer.text()).trim() || `The server answered ${answer.status}.`);
+  } catch {
+    say("The server cannot be reached: nothing was done.");
+  }
+  return null;
+}
+
+at("pause").addEventListener("click", () => {
+  page.paused = !page.paused;
+  write(at("pause"), page.paused ? "Resume" : "Pause");
+  at("pause").classList.toggle("on", page.paused);
+  showLink();
+  ask();
+});
+
+async function act(name) {
+  page.acting = true;
+  showLink();
+  await post(`/command/${name}`);
+  page.acting = false;
+  showLink();
+}
+at("adapt").addEventListener("click", () => act(page.view?.adapting ? "freeze" : "adapt"));
+
+const sure = at("sure");
+at("reset").addEventListener("click", () => { sure.returnValue = "no"; sure.showModal(); });
+sure.addEventListener("close", () => { if (sure.returnValue === "yes") act("reset"); });
+
+const menu = at("save");
+document.addEventListener("click", event => { if (!menu.contains(event.target)) menu.open = false; });
+menu.addEventListener("keydown", event => {
+  if (event.key !== "Escape" || !menu.open) return;
+  menu.open = false;
+  menu.querySelector("summary").focus();
+});
+menu.querySelectorAll("a").forEach(link => link.addEventListener("click", () => { menu.open = false; }));
+
+at("report").addEventListener("click", async () => {
+  at("report").disabled = true;
+  menu.open = false;
+  menu.querySelector("summary").focus();
+  say("The report is being made…");
+  const answer = await post("/report");
+  if (answer) {
+    const link = document.createElement("a"), url = URL.createObjectURL(await answer.blob());
+    Object.assign(link, { href: url, download: "report.html" }).click();
+    setTimeout(() => URL.revokeObjectURL(url), 60_000);
+  }
+  at("report").disabled = false;
+});
+
+// --- start ---
+if (new URLSearchParams(location.search).has("token")) history.replaceState(null, "", location.pathname); // it is in a cookie now
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+  readColours();
+  for (const chart of [...time.charts, ...bode.charts, ...parameters.charts]) chart.repaint();
+});
+document.addEventListener("visibilitychange", ask);
+addEventListener("online", () => { if (!open && socket.readyState === WebSocket.CLOSED) { wait = 250; connect(); } });
+connect();

@@ -1,0 +1,104 @@
+// The s-plane: poles with their ellipses of two standard deviations, zeros, lines of equal damping.
+import { known, number, tick } from "./format.js";
+import { steady } from "./plots.js";
+
+const SVG = "http://www.w3.org/2000/svg";
+const DAMPINGS = [0.1, 0.3, 0.5, 0.7, 0.9];
+const EDGE = { left: 8, right: 8, top: 6, bottom: 20 };
+
+function shape(tag, attributes, text) {
+  const element = document.createElementNS(SVG, tag);
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+  if (text !== undefined) element.textContent = text;
+  return element;
+}
+
+/** Where axis ticks lie: about that many, at 1, 2 or 5 times a power of ten. */
+function ticks(low, high, about) {
+  const rough = (high - low) / about, power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map(m => m * power).find(candidate => candidate >= rough), found = [];
+  for (let at = Math.ceil(low / step) * step; at <= high + 1e-9 * step; at += step) found.push(Math.abs(at) < 1e-9 * step ? 0 : at);
+  return found;
+}
+
+/** Half axes and directions of the ellipse of two standard deviations, as points around the pole. */
+function ellipse(pole, covariance) {
+  const [[xx, xy], [, yy]] = covariance;
+  if (![xx, xy, yy].every(known)) return null;
+  const middle = (xx + yy) / 2, half = Math.hypot((xx - yy) / 2, xy), angle = Math.atan2(2 * xy, xx - yy) / 2;
+  const long = 2 * Math.sqrt(Math.max(middle + half, 0)), wide = 2 * Math.sqrt(Math.max(middle - half, 0));
+  return Array.from({ length: 48 }, (_, i) => {
+    const turn = (i / 24) * Math.PI, a = long * Math.cos(turn), b = wide * Math.sin(turn);
+    return [pole.real + a * Math.cos(angle) - b * Math.sin(angle), pole.imag + a * Math.sin(angle) + b * Math.cos(angle)];
+  });
+}
+
+/** With each pole above the axis its conjugate below. */
+function both(poles, covariances) {
+  const found = [];
+  poles.forEach((pole, i) => {
+    if (!known(pole.real) || !known(pole.imag) || pole.imag < 0) return;
+    const outline = covariances?.[i] ? ellipse(pole, covariances[i]) : null;
+    found.push({ ...pole, outline });
+    if (pole.imag) found.push({ real: pole.real, imag: -pole.imag, outline: outline?.map(([x, y]) => [x, -y]) });
+  });
+  return found;
+}
+
+export function splane(room) {
+  const picture = shape("svg", { role: "img", "aria-label": "Poles and zeros in the s-plane" });
+  room.append(picture);
+  const across = steady(0.02, 0.5), up = steady(0.02, 0.5);
+  let last = null;
+
+  const draw = view => {
+    last = view;
+    const width = room.clientWidth, height = room.clientHeight;
+    if (!width || !height) return;
+    const poles = both(view.poles ?? [], view.pole_covariance), zeros = both(view.zeros ?? []);
+    const reach = Math.max(...poles.map(p => Math.hypot(p.real, p.imag)), 0) || 1;
+    const near = zeros.filter(zero => Math.hypot(zero.real, zero.imag) <= 5 * reach); // one far out would hide the poles
+    const all = [...poles, ...near], xs = all.map(p => p.real), ys = all.map(p => Math.abs(p.imag));
+    const [left, right] = across(Math.min(0, ...xs) * 1.3 - 0.02 * reach, Math.max(0.3 * Math.abs(Math.min(0, ...xs)), 1.3 * Math.max(0, ...xs), 0.02 * reach));
+    const tall = Math.max(1.45 * Math.max(0, ...ys), 0.35 * reach), [bottom, top] = up(-tall, tall);
+    const x = value => EDGE.left + ((value - left) / (right - left)) * (width - EDGE.left - EDGE.right);
+    const y = value => EDGE.top + ((top - value) / (top - bottom)) * (height - EDGE.top - EDGE.bottom);
+    picture.setAttribute("viewBox", `0 0 ${width} ${height}`);
+    picture.replaceChildren(
+      ...grid(x, y, [left, right, bottom, top], width, height),
+      ...poles.filter(p => p.outline).map(p => shape("polygon", { class: "ellipse", points: p.outline.map(([a, b]) => `${x(a).toFixed(1)},${y(b).toFixed(1)}`).join(" ") })),
+      ...near.map(p => shape("circle", { class: "zero", cx: x(p.real), cy: y(p.imag), r: 5 })),
+      ...poles.map(p => shape("path", { class: p.real > 0 ? "pole unstable" : "pole", d: `M${x(p.real) - 5} ${y(p.imag) - 5}l10 10m0-10l-10 10` })),
+    );
+    const hidden = zeros.length - near.length;
+    if (hidden) picture.append(shape("text", { x: width - EDGE.right, y: height - EDGE.bottom - 6, "text-anchor": "end" }, `zero far out, at ${number(zeros.find(z => !near.includes(z)).real, 3)}`));
+    picture.setAttribute("aria-label", "Poles in the s-plane: " + (poles.map(p => `${number(p.real, 3)}${p.imag ? ` ${p.imag < 0 ? "−" : "+"} ${number(Math.abs(p.imag), 3)}i` : ""}`).join(", ") || "none yet"));
+  };
+  new ResizeObserver(() => last && draw(last)).observe(room);
+  return { draw };
+}
+
+function grid(x, y, [left, right, bottom, top], width, height) {
+  const floor = height - EDGE.bottom, found = [];
+  found.push(shape("rect", { class: "unstable-half", x: x(0), y: EDGE.top, width: Math.max(0, x(right) - x(0)), height: floor - EDGE.top }));
+  let above = -Infinity;
+  for (const damping of DAMPINGS) { // from the origin outwards to the frame
+    const slope = Math.sqrt(1 - damping ** 2) / damping, far = Math.min(-left, top / slope), down = Math.min(-left, -bottom / slope);
+    found.push(shape("line", { class: "ray", x1: x(0), y1: y(0), x2: x(-far), y2: y(far * slope) }));
+    found.push(shape("line", { class: "ray", x1: x(0), y1: y(0), x2: x(-down), y2: y(-down * slope) }));
+    const side = far === -left, level = side ? y(far * slope) + 4 : EDGE.top + 10;
+    if (!side || (level > EDGE.top + 24 && level > above + 14)) {
+      if (side) above = level;
+      found.push(shape("text", { class: "damping", x: x(-far) + 3, y: level }, `ζ ${damping}`));
+    }
+  }
+  for (const value of ticks(left, right, width / 70)) {
+    found.push(shape("line", { class: value ? "line" : "axis", x1: x(value), x2: x(value), y1: EDGE.top, y2: floor }));
+    found.push(shape("text", { x: Math.min(Math.max(x(value), 12), width - 12), y: height - 5, "text-anchor": "middle" }, tick(value)));
+  }
+  for (const value of ticks(bottom, top, Math.max(4, height / 50))) {
+    found.push(shape("line", { class: value ? "line" : "axis", x1: EDGE.left, x2: width - EDGE.right, y1: y(value), y2: y(value) }));
+    if (value) found.push(shape("text", { x: width - EDGE.right - 2, y: y(value) - 3, "text-anchor": "end" }, `${tick(value)}i`));
+  }
+  return found;
+}

@@ -1,0 +1,165 @@
+"""Hub: the newest view of the identification, handed to every browser that watches; commands and reports go back."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import threading
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
+from typing import Any
+
+from replant.errors import ReplantError
+
+#: What a page may ask of the identification.
+COMMANDS = ("freeze", "adapt", "reset")
+DIGITS = 7  # of a number that is only drawn: a screen shows four
+_DRAWN = ("window", "bode", "history")
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One view as it goes over the wire, written once for all browsers.
+
+    Attributes
+    ----------
+    number : int
+        Counts up from 1.
+    view, history : str
+        JSON objects: the view but for its history; and the history alone, which is long and changes slowly.
+    """
+
+    number: int
+    view: str
+    history: str
+
+
+class Hub:
+    """Where the identification leaves its newest view, and where browsers fetch it.
+
+    Nothing is queued: who comes late gets the newest view and never learns of those in between.
+
+    Parameters
+    ----------
+    command : callable
+        Called with one of ``COMMANDS``, in the server's thread; must return at once.
+    report : callable
+        Returns a report as HTML; called in a thread of its own, one call at a time.
+
+    Examples
+    --------
+    >>> hub = Hub(command=print, report=lambda: b"<!doctype html>")
+    >>> hub.publish({"at": 0.5, "num": [1.25], "den": [1.0, 0.5], "delay": 0.0})
+    >>> hub.newest["at"]
+    0.5
+    >>> hub.command("freeze")
+    freeze
+    """
+
+    def __init__(self, *, command: Callable[[str], None], report: Callable[[], bytes]) -> None:
+        self._command = command
+        self._report = report
+        self._newest: tuple[int, dict[str, Any] | None] = (0, None)
+        self._frame: Frame | None = None
+        self._waiting: set[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = set()
+        self._reporting = threading.Lock()
+
+    @property
+    def newest(self) -> dict[str, Any] | None:
+        """The view published last, None before the first."""
+        return self._newest[1]
+
+    def publish(self, view: dict[str, Any]) -> None:
+        """Replace the newest view; from any thread, at the price of a few microseconds while nobody watches.
+
+        Parameters
+        ----------
+        view : dict
+            `View.to_json()`: plain JSON values, None where a figure is not known.
+        """
+        self._newest = (self._newest[0] + 1, view)
+        for loop, event in tuple(self._waiting):
+            with contextlib.suppress(RuntimeError):  # its loop has just been closed
+                loop.call_soon_threadsafe(event.set)
+
+    async def subscribe(self) -> AsyncIterator[Frame]:
+        """Yield the newest frame at once and then whenever there is a newer one; those in between are skipped."""
+        entry = (asyncio.get_running_loop(), asyncio.Event())
+        self._waiting.add(entry)
+        seen = 0
+        try:
+            while True:
+                entry[1].clear()
+                frame = self._written()
+                if frame is None or frame.number == seen:
+                    await entry[1].wait()
+                    continue
+                seen = frame.number
+                yield frame
+        finally:
+            self._waiting.discard(entry)
+
+    def _written(self) -> Frame | None:
+        """Return the newest view as a frame, written when the first browser asks for it."""
+        number, view = self._newest
+        if view is not None and (self._frame is None or self._frame.number != number):
+            shown = {key: _rounded(value) if key in _DRAWN else value for key, value in view.items()}
+            history = shown.pop("history", None)
+            self._frame = Frame(number, _text({"view": shown}), _text({"history": history}))
+        return self._frame
+
+    @property
+    def watching(self) -> int:
+        """How many subscribers there are."""
+        return len(self._waiting)
+
+    def command(self, name: str) -> None:
+        """Hand a command to the identification.
+
+        Raises
+        ------
+        ValueError
+            If it is none of ``COMMANDS``.
+        """
+        if name not in COMMANDS:
+            raise ValueError(f"command must be one of {', '.join(COMMANDS)}, got {name!r}")
+        self._command(name)
+
+    def model(self) -> dict[str, Any]:
+        """Return the newest model with all its digits; empty before there is one."""
+        view = self.newest or {}
+        if not view.get("den"):
+            return {}
+        keys = ("num", "den", "delay", "names", "parameters", "std", "verdict", "reasons", "samples", "at", "source")
+        return {key: view[key] for key in keys if key in view}
+
+    async def report(self) -> bytes:
+        """Return a report of the identification as HTML; takes seconds, in a thread.
+
+        Raises
+        ------
+        ReplantError
+            While another one is being made.
+        """
+        if not self._reporting.acquire(blocking=False):
+            raise ReplantError("a report is being made already: try again when it is there")
+        try:
+            return await asyncio.to_thread(self._report)
+        finally:
+            self._reporting.release()
+
+
+def _rounded(value: Any) -> Any:
+    """Return ``value`` with its numbers cut to the digits that can be seen: half the bytes."""
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}")
+    if isinstance(value, list | tuple):
+        return [_rounded(entry) for entry in value]
+    if isinstance(value, dict):
+        return {key: _rounded(entry) for key, entry in value.items()}
+    return value
+
+
+def _text(message: dict[str, Any]) -> str:
+    return json.dumps(message, allow_nan=False, separators=(",", ":"))

@@ -1,0 +1,157 @@
+"""The server: the dashboard in a thread, at an address that only this machine reaches unless a token guards it."""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+import threading
+import time
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+from urllib.parse import quote
+
+from replant.errors import InvalidArgumentError, MissingDependencyError, ReplantError
+from replant.live.dashboard.hub import Hub
+
+if TYPE_CHECKING:
+    import uvicorn
+
+GRACE = 1.0  # s that browsers get to say goodbye
+_LOOPBACK = ("localhost", "127.0.0.1", "::1")
+
+
+class Dashboard:
+    """A dashboard being served, until `stop` or the end of a with block.
+
+    Attributes
+    ----------
+    url : str
+        What to open, with the token where one is needed.
+    port : int
+    """
+
+    def __init__(self, server: uvicorn.Server, listening: socket.socket, host: str, token: str | None) -> None:
+        self.port: int = listening.getsockname()[1]
+        name = {"0.0.0.0": socket.gethostname(), "::": socket.gethostname()}.get(host, host)
+        query = "" if token is None else f"?token={quote(token, safe='')}"
+        self.url = f"http://{f'[{name}]' if ':' in name else name}:{self.port}/{query}"
+        self._server = server
+        self._thread = threading.Thread(
+            target=server.run, kwargs={"sockets": [listening]}, name="replant dashboard", daemon=True
+        )
+        self._thread.start()
+        while not server.started and self._thread.is_alive():
+            time.sleep(0.005)
+        if not server.started:
+            listening.close()
+            raise ReplantError("the dashboard's server did not start: the lines above say why")
+
+    def stop(self) -> None:
+        """Say goodbye to all browsers and end the thread; they connect again when a server is back."""
+        self._server.should_exit = True
+        self._thread.join()
+
+    def __enter__(self) -> Self:
+        """Return the dashboard."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop serving."""
+        self.stop()
+
+
+def serve(hub: Hub, host: str = "127.0.0.1", port: int = 0, token: str | None = None) -> Dashboard:
+    """Serve the dashboard of ``hub`` from a thread, and return once it answers.
+
+    Parameters
+    ----------
+    hub : Hub
+    host : str
+        Address to listen on; any but this machine's own (127.0.0.1, ::1, localhost) needs a token.
+    port : int
+        0 takes a free one.
+    token : str, optional
+        What a browser must bring.
+
+    Raises
+    ------
+    InvalidArgumentError
+        For an address of the network without a token, a token that no header can carry, or an address that cannot be
+        listened on.
+    MissingDependencyError
+        Without the packages of the extra ``live``.
+
+    Examples
+    --------
+    >>> with serve(Hub(command=print, report=bytes)) as dashboard:
+    ...     dashboard.url == f"http://127.0.0.1:{dashboard.port}/"
+    True
+    """
+    _check(host, port, token)
+    try:
+        import uvicorn
+
+        from replant.live.dashboard.app import create_app
+    except ModuleNotFoundError as error:
+        message = f"the dashboard needs {error.name}: pip install 'replant[live]'"
+        raise MissingDependencyError(message) from None
+    app = create_app(hub, token=token, hosts=_names(host))
+    listening = _listen(host, port)
+    config = uvicorn.Config(
+        app,
+        log_config=None,
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        lifespan="off",
+        loop="asyncio",
+        ws="websockets-sansio",
+        ws_max_size=1024,  # the page never speaks
+        ws_per_message_deflate=False,  # a hundred browsers would cost a core
+        timeout_graceful_shutdown=int(GRACE),
+        proxy_headers=False,
+    )
+    return Dashboard(uvicorn.Server(config), listening, host, token)
+
+
+def _check(host: str, port: int, token: str | None) -> None:
+    if not 0 <= port <= 65535:
+        raise InvalidArgumentError(f"port must be from 0 to 65535, got {port}")
+    if token is not None and not (token and token.isascii() and token.isprintable() and " " not in token):
+        raise InvalidArgumentError("token must be printable ASCII without spaces, and not empty")
+    if token is None and not _is_loopback(host):
+        raise InvalidArgumentError(f"listening on {host} lets the whole network in: give a token, or use 127.0.0.1")
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def _names(host: str) -> tuple[str, ...]:
+    """Return the names that people may type to get to a server on ``host``."""
+    if _is_loopback(host):
+        return _LOOPBACK
+    name = socket.gethostname()  # not getfqdn, which without a network waits for a name server
+    return (host, name, f"{name}.local", *_LOOPBACK)
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    """Return a socket that listens: binding here, not in the thread, lets an address in use be said in one line."""
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        listening = socket.socket(family, kind, protocol)
+        try:
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listening.bind(address)
+        except OSError:
+            listening.close()
+            raise
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InvalidArgumentError(f"the dashboard cannot listen on {host}:{port}: {reason}") from None
+    return listening

@@ -1,0 +1,149 @@
+"""Look at an identifier: from its state and the session's pulse to a View.  Takes tens of milliseconds."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from replant.assessment import simulate
+from replant.identifier import Identifier
+from replant.live.history import History
+from replant.live.view import Bode, Pulse, View, Window
+from replant.thinning import thin
+from replant.transfer_function import TransferFunction
+from replant.uncertainty import Uncertainty
+from replant.validation import FloatArray
+
+POINTS = 1000  # of the window: more than its picture has columns
+FREQUENCIES = 200
+LONGEST_IRREGULAR = 3000  # samples simulated where each interval costs a discretisation of its own
+SIGMAS = 2.0
+WIDEST = 60.0  # dB at which a band is cut: beyond it nothing is known anyway
+
+
+def look(identifier: Identifier, pulse: Pulse, history: History) -> View:
+    """Return the view of an identifier; `history` gets its newest row.
+
+    Parameters
+    ----------
+    identifier : Identifier
+        Left as it is.
+    pulse : Pulse
+    history : History
+        Of the views before.
+    """
+    known = identifier.settings is not None
+    unknown = np.full(identifier.structure.size, np.nan)
+    parameters = identifier.parameters if known else unknown
+    uncertainty = identifier.uncertainty
+    std = uncertainty.std
+    model = identifier.transfer_function
+    finite = known and bool(np.isfinite(parameters).all())
+    window, simulated = _window(identifier, model if finite else None, pulse.at)
+    verdict = identifier.assess()
+    history.append(pulse.at, parameters, std)
+    return View(
+        at=pulse.at,
+        samples=identifier.samples,
+        rejected=identifier.rejected,
+        counters=dict(pulse.counters),
+        source=pulse.source,
+        source_state=pulse.source_state,
+        rate=pulse.rate,
+        lag=pulse.lag,
+        status=identifier.status,
+        adapting=identifier.adapting,
+        names=identifier.names,
+        parameters=parameters,
+        std=std,
+        num=model.num if finite else np.zeros(0),
+        den=model.den if finite else np.zeros(0),
+        delay=model.delay,
+        **_roots(model, uncertainty if finite else None),
+        verdict=verdict.status,
+        reasons=verdict.reasons,
+        simulated=simulated,
+        window=window,
+        bode=_bode(model if finite else None, uncertainty, identifier.dt),
+        history=history.rows(),
+    )
+
+
+def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str, Any]:
+    """Return poles with their covariances, zeros and the static gain; nothing of a model not known yet."""
+    if uncertainty is None:
+        nothing = np.zeros(0, np.complex128)
+        covariance = np.zeros((0, 2, 2))
+        gain = math.nan
+        return {
+            "poles": nothing, "pole_covariance": covariance, "zeros": nothing, "dc_gain": gain, "dc_gain_std": gain
+        }  # fmt: skip
+    poles, covariances = [], []
+    with np.errstate(all="ignore"):
+        for uncertain in uncertainty.modes:
+            poles.append(uncertain.mode.pole)
+            covariances.append(uncertain.covariance)
+            if uncertain.mode.pole.imag:  # a mode stands for the pair
+                mirrored = uncertain.covariance * np.array([[1.0, -1.0], [-1.0, 1.0]])
+                poles.append(uncertain.mode.pole.conjugate())
+                covariances.append(mirrored)
+        gain_std = uncertainty.dc_gain_std
+    return {
+        "poles": np.array(poles, np.complex128),
+        "pole_covariance": np.array(covariances).reshape(-1, 2, 2),
+        "zeros": model.zeros,
+        "dc_gain": float(model.dc_gain),
+        "dc_gain_std": gain_std,
+    }
+
+
+def _window(identifier: Identifier, model: TransferFunction | None, at: float) -> tuple[Window, float]:
+    """Return the newest samples with the model's output, and the fit between them in percent."""
+    u, y, intervals = identifier.recent.T
+    regular = bool((np.abs(intervals[1:] - identifier.dt) <= 1e-6 * identifier.dt).all())
+    if not regular:
+        u, y, intervals = (signal[-LONGEST_IRREGULAR:] for signal in (u, y, intervals))
+    t = at - (intervals.sum() - np.cumsum(intervals))
+    output, fit = np.full(u.size, np.nan), math.nan
+    if model is not None and u.size > 1:
+        settings = identifier.settings
+        assert settings is not None
+        stamps = None if regular else t
+        with np.errstate(all="ignore"):
+            run = simulate(model, u, y, identifier.dt, input_hold=settings.filter.input_hold, t=stamps)
+        output, fit = run.output, run.fit
+    if u.size > POINTS:
+        width = -(-u.size // (POINTS // 2))
+        places = np.minimum(np.arange(0, 2 * -(-u.size // width)) * width // 2 + width // 4, u.size - 1)
+        t, u, y, output = t[places], *(thin(signal, POINTS).values for signal in (u, y, output))
+    return Window(t, u, y, output), fit
+
+
+def _bode(model: TransferFunction | None, uncertainty: Uncertainty, dt: float) -> Bode:
+    """Return the frequency response from well below the slowest root to well above the fastest, or to Nyquist's."""
+    nothing = np.zeros(0)
+    if model is None:
+        return Bode(nothing, nothing, nothing, nothing, nothing)
+    nyquist = math.pi / dt
+    sizes = np.abs(np.concatenate([model.poles, model.zeros]))
+    sizes = sizes[np.isfinite(sizes) & (sizes > 1e-9 * nyquist) & (sizes < 1e3 * nyquist)]
+    low, high = (float(sizes.min()) / 30, float(sizes.max()) * 30) if sizes.size else (nyquist / 1e4, nyquist)
+    omega = np.geomspace(low, max(min(high, nyquist), 10 * low), FREQUENCIES)
+    with np.errstate(all="ignore"):
+        response = model.response(omega)
+        magnitude = 20.0 * np.log10(np.abs(response))
+        if not np.isfinite(magnitude).all():
+            return Bode(nothing, nothing, nothing, nothing, nothing)
+        phase = np.degrees(np.unwrap(np.angle(response)))
+        phase -= 360.0 * round(float(phase[0]) / 360.0)
+        half = _half_band(uncertainty, omega)
+    return Bode(omega, magnitude, phase, magnitude - half, magnitude + half)
+
+
+def _half_band(uncertainty: Uncertainty, omega: FloatArray) -> FloatArray:
+    if not np.isfinite(uncertainty.covariance).all():
+        return np.full(omega.size, np.nan)
+    relative, _ = uncertainty.response(omega)
+    return np.minimum(SIGMAS * 20.0 / math.log(10.0) * relative, WIDEST)

@@ -1,0 +1,84 @@
+"""Progress: how far a session has come, as its checkpoint remembers it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from replant.sources import Batch
+from replant.validation import FloatArray
+
+COUNTER = "counter "  # before a counter's name in a checkpoint
+
+
+@dataclass
+class Progress:
+    """How far a session has come.
+
+    Attributes
+    ----------
+    taken : int
+        Samples taken, rejected ones included.
+    at : float
+        Rig time of the newest in s: its stamp, or taken times dt.
+    sequence : int or None
+        Its number, where the device gives one.
+    offset : float
+        What was added to its stamp, in s: see `Clock`.
+    earlier : dict
+        What the sources before this resumption counted.
+    """
+
+    taken: int = 0
+    at: float = 0.0
+    sequence: int | None = None
+    offset: float = 0.0
+    earlier: dict[str, int] = field(default_factory=dict)
+
+    def advance(self, batch: Batch, t: FloatArray | None, dt: float) -> FloatArray:
+        """Count the samples of a batch, not empty, with rig time ``t``; return that, or of a regular clock its own."""
+        clock = np.asarray((self.taken + 1 + np.arange(batch.u.size)) * dt) if t is None else t
+        self.taken += batch.u.size
+        if np.isfinite(clock[-1]):
+            self.at = float(clock[-1])
+        if batch.sequence is not None:
+            self.sequence = int(batch.sequence[-1])
+        return clock
+
+    def counted(self, counters: Mapping[str, int]) -> dict[str, int]:
+        """Return what was counted in all, ``counters`` being the source's of now.
+
+        Examples
+        --------
+        >>> Progress(earlier={"lost": 2, "duplicate": 1}).counted({"lost": 3})
+        {'lost': 5, 'duplicate': 1}
+        """
+        every = {**self.earlier, **counters}
+        return {name: self.earlier.get(name, 0) + counters.get(name, 0) for name in every}
+
+    def with_counters(self, counters: Mapping[str, int]) -> dict[str, int | float | str]:
+        """Return what a checkpoint holds beside the identifier."""
+        kept: dict[str, int | float | str] = {"taken": self.taken, "at": self.at, "offset": self.offset}
+        if self.sequence is not None:
+            kept["sequence"] = self.sequence
+        return kept | {COUNTER + name: count for name, count in self.counted(counters).items()}
+
+    @classmethod
+    def of(cls, kept: Mapping[str, int | float | str]) -> Progress:
+        """Return the progress that a checkpoint holds.
+
+        Examples
+        --------
+        >>> Progress.of(Progress(3, 0.5, 7).with_counters({"lost": 1}))
+        Progress(taken=3, at=0.5, sequence=7, offset=0.0, earlier={'lost': 1})
+        """
+        sequence = kept.get("sequence")
+        return cls(
+            int(kept.get("taken", 0)),
+            float(kept.get("at", 0.0)),
+            None if sequence is None else int(sequence),
+            float(kept.get("offset", 0.0)),
+            {name.removeprefix(COUNTER): int(count) for name, count in kept.items() if name.startswith(COUNTER)},
+        )

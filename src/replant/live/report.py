@@ -1,0 +1,73 @@
+"""The report of a running identification: its estimate, judged over the samples that it keeps."""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from replant.assessment import fit_percent, simulate
+from replant.errors import ReplantError
+from replant.identifier import Identifier
+from replant.live.view import View
+from replant.logs import Log
+from replant.prediction import one_step
+from replant.runs import History, Result
+
+
+def report_of(identifier: Identifier, view: View) -> bytes:
+    """Return the HTML report of an identifier.
+
+    Parameters
+    ----------
+    identifier : Identifier
+    view : View
+        Made from it: the verdict and the history are taken from there.
+
+    Raises
+    ------
+    ReplantError
+        During start-up.
+    """
+    from replant.report.html import write_report
+
+    if identifier.settings is None:
+        raise ReplantError("there is no model to report on yet")
+    u, y, _ = identifier.recent.T.copy()
+    log = Log(u, y, identifier.dt, None, "input", "output", Path(view.source))
+    with tempfile.TemporaryDirectory() as folder:
+        page = write_report(Path(folder, "report.html"), _result(identifier, view), log, command=f"live {view.source}")
+        return page.read_bytes()
+
+
+def _result(identifier: Identifier, view: View) -> Result:
+    settings = identifier.settings
+    assert settings is not None
+    u, y, _ = identifier.recent.T.copy()
+    seen = dataclasses.replace(settings, preprocess=dataclasses.replace(settings.preprocess, input_map="identity"))
+    simulation = simulate(
+        identifier.transfer_function, u - float(settings.preprocess.input_offset), y, identifier.dt,
+        input_hold=settings.filter.input_hold,
+    )  # fmt: skip
+    rows = view.history
+    known = np.isfinite(rows.parameters).all(axis=1)
+    # transients are drawn over the samples of the log: those kept, which are the newest
+    samples = np.round((rows.t - view.at) / identifier.dt).astype(np.int64) + u.size
+    known &= samples > 0
+    covariance = identifier.covariance
+    return Result(
+        identifier.structure,
+        identifier.parameters,
+        identifier.transfer_function,
+        fit_percent(y, y - one_step(y - simulation.output)),
+        simulation,
+        identifier.samples,
+        identifier.rejected,
+        identifier.assess(),
+        0.0,
+        seen,
+        History(samples[known], rows.parameters[known], rows.std[known]),
+        covariance if np.isfinite(covariance).all() else None,
+    )

@@ -1,0 +1,332 @@
+"""Session: source -> identifier -> sinks, in one loop that waits for nothing but samples."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from replant.errors import CheckpointError, InvalidArgumentError, ReplantError
+from replant.identifier import Identifier
+from replant.live.background import Background, one_line
+from replant.live.clock import Clock
+from replant.live.estimate import Estimate
+from replant.live.keeper import Keeper
+from replant.live.notices import Notices
+from replant.live.observer import Observer
+from replant.live.progress import Progress
+from replant.live.recorder import Recorder
+from replant.live.sinks import Sink
+from replant.live.view import Pulse
+from replant.sources import Batch, Source
+from replant.validation import FloatArray
+
+UNKNOWN = "unknown"  # the verdict while no observer gives one
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When a session ends by itself.
+
+    Attributes
+    ----------
+    seconds : float or None
+        After so much real time.
+    samples : int or None
+        When so many samples have been taken, those before a resumption and rejected ones included.
+    until_trusted : bool
+        When the verdict is "trusted".
+    """
+
+    seconds: float | None = None
+    samples: int | None = None
+    until_trusted: bool = False
+
+
+class Session:
+    """Learn the samples of a source while they come, and hand the estimates on.
+
+    Parameters
+    ----------
+    source : Source
+    identifier : Identifier
+    background : Background
+        Writes what the recorder and the keeper hand it; closed in the end.
+    notices : Notices
+    observer : Observer
+    sinks : sequence of Sink
+    recorder : Recorder or None
+    keeper : Keeper or None
+        Keeps checkpoints.
+    limits : Limits
+    progress : Progress
+        Of the session that this one resumes.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        identifier: Identifier,
+        *,
+        background: Background,
+        notices: Notices,
+        observer: Observer,
+        sinks: Sequence[Sink] = (),
+        recorder: Recorder | None = None,
+        keeper: Keeper | None = None,
+        limits: Limits = Limits(),
+        progress: Progress | None = None,
+    ) -> None:
+        self.identifier, self.source = identifier, source
+        self.progress = progress or Progress()
+        self._background, self._notices, self._observer = background, notices, observer
+        self._recorder, self._keeper = recorder, keeper
+        self._outlets = [_Outlet(sink) for sink in (*sinks, *([recorder] if recorder else []))]
+        self._limits = limits
+        self._meter = _Meter()
+        last = self.progress.at if self.progress.taken else -np.inf
+        self._clock = Clock(identifier.dt, last, self.progress.offset)
+        self._learned = self._trusted = False
+        self._verdict = UNKNOWN
+
+    def run(self) -> bool:
+        """Run until the stream ends, a limit is reached, or SIGINT or SIGTERM asks for the end.
+
+        Returns
+        -------
+        bool
+            Whether the verdict was "trusted" in the end, where that was to end the session; else True.
+
+        Raises
+        ------
+        ReplantError
+            If the source fails for good; what was learned has been kept and handed on before.
+        """
+        begun = time.monotonic()
+        if self.progress.sequence is not None:
+            self.source.seek(self.progress.sequence)
+        with self._stopped_by_signals():
+            try:
+                self._learn(begun)
+            except ReplantError:  # the source cannot go on: what was learned is kept
+                self._finish()
+                raise
+            self._finish()
+        return self._trusted or not self._limits.until_trusted
+
+    def _learn(self, begun: float) -> None:
+        for batch in self.source.batches():
+            self._take(batch)
+            self._go_on(time.monotonic())
+            if self._is_enough(time.monotonic() - begun):
+                break
+        self.source.close()
+
+    def stop(self) -> None:
+        """End soon, when what has come in already is learned; from any thread, or from a signal handler."""
+        self.source.close()
+
+    @property
+    def pulse(self) -> Pulse:
+        """What the session knows and its identifier does not."""
+        rate, lag = self._meter.read()
+        counters = self.progress.counted(self.source.counters)
+        return Pulse(self.progress.at, self.source.name, self.source.state, counters, rate, lag)
+
+    def _take(self, batch: Batch) -> None:
+        """Learn the samples of a batch that are still wanted."""
+        batch = self._cut(batch)
+        if not batch.u.size:
+            return
+        t = self._stamps(batch)
+        self.identifier.update_many(batch.u, batch.y, t)
+        clock = self.progress.advance(batch, t, self.identifier.dt)
+        if self._recorder is not None:
+            self._recorder.take(batch.sequence, clock, batch.u, batch.y)
+        self._learned = True
+        self._meter.count(batch.u.size, batch.arrived)
+        self._mark()
+
+    def _stamps(self, batch: Batch) -> FloatArray | None:
+        """Return the time stamps to learn with: the device's, or those that its numbers give on a regular clock."""
+        stamps = batch.t
+        if stamps is None:
+            if batch.sequence is None:
+                return None
+            stamps = np.asarray(batch.sequence * self.identifier.dt)
+        before = self._clock.offset
+        t = self._clock.follow(stamps)
+        if self._clock.offset != before:
+            self._observer.show("replant: the device's clock went back: its filters begin anew, the estimate goes on")
+            self.progress.offset = self._clock.offset
+        return t
+
+    def _cut(self, batch: Batch) -> Batch:
+        """Return as much of a batch as the limit on samples leaves."""
+        if self._limits.samples is None:
+            return batch
+        return _part(batch, slice(0, max(self._limits.samples - self.progress.taken, 0)))
+
+    def _go_on(self, now: float) -> None:
+        """Do what is due besides learning."""
+        for name in self._observer.poll():
+            self._obey(name)
+        self._hear()
+        self._send(now)
+        if self._observer.hand(self.identifier, self.pulse, learned=self._learned):
+            self._learned = False
+            self._meter.forget_lag()
+        if self._keeper is not None and self._keeper.is_due(now):
+            self._keep(self._keeper)
+
+    def _hear(self) -> None:
+        """Take the newest verdict; a new one is worth an estimate even if no sample comes."""
+        view = self._observer.view
+        verdict = UNKNOWN if view is None else view.verdict
+        if verdict != self._verdict and self.progress.taken:
+            self._mark()
+        self._verdict, self._trusted = verdict, verdict == "trusted"
+
+    def _mark(self) -> None:
+        """Note that there is something new to send."""
+        for outlet in self._outlets:
+            outlet.pending = True
+
+    def _keep(self, keeper: Keeper) -> None:
+        """Keep a checkpoint; what was recorded until then is on the disk before it."""
+        if self._recorder is not None:
+            self._recorder.flush()
+        keeper.keep(self.identifier, self.progress.with_counters(self.source.counters))
+
+    def _send(self, now: float, *, at_any_rate: bool = False) -> None:
+        """Send the newest estimate to each outlet whose turn it is."""
+        due = [outlet for outlet in self._outlets if outlet.pending and (at_any_rate or now >= outlet.due)]
+        if not due:
+            return
+        estimate = self._estimate()
+        for outlet in due:
+            outlet.pending, outlet.due = False, now + outlet.sink.interval
+            try:
+                outlet.sink.send(estimate)
+            except BrokenPipeError:  # as `| head` does: nobody wants to know any more
+                self.stop()
+            except OSError as error:
+                self._notices.say(outlet.sink.name, f"replant: {outlet.sink.name}: {one_line(error)}; going on")
+
+    def _estimate(self) -> Estimate:
+        view, identifier = self._observer.view, self.identifier
+        unknown = np.full(identifier.structure.size, np.nan)
+        return Estimate(
+            self.progress.at,
+            self.progress.sequence,
+            identifier.samples,
+            identifier.names,
+            identifier.parameters if identifier.settings is not None else unknown,
+            unknown if view is None else view.std,
+            identifier.status,
+            self._verdict,
+        )
+
+    def _obey(self, name: str) -> None:
+        """Do what a user of the dashboard asks for."""
+        try:
+            {"freeze": self.identifier.freeze, "adapt": self.identifier.resume, "reset": self.identifier.reset}[name]()
+        except InvalidArgumentError as mistake:
+            self._observer.show(f"replant: {mistake}")
+            return
+        self._learned = True
+        self._observer.show(f"replant: {name}, asked for at the dashboard")
+
+    def _is_enough(self, seconds: float) -> bool:
+        limits = self._limits
+        return (
+            (limits.seconds is not None and seconds >= limits.seconds)
+            or (limits.samples is not None and self.progress.taken >= limits.samples)
+            or (limits.until_trusted and self._trusted)
+        )
+
+    def _finish(self) -> None:
+        """Keep what was learned first of all, then hand on the last estimate with its verdict."""
+        if self._recorder is not None:
+            self._recorder.flush()
+        self._background.wait()
+        if self._keeper is not None:
+            try:
+                self._keeper.finish(self.identifier, self.progress.with_counters(self.source.counters))
+            except CheckpointError as error:
+                self._observer.show(f"replant: {error}")
+        self._observer.look_again(self.identifier, self.pulse)
+        self._hear()
+        self._send(time.monotonic(), at_any_rate=True)
+        for outlet in self._outlets:
+            outlet.sink.close()
+        self._background.close()
+
+    @contextmanager
+    def _stopped_by_signals(self) -> Iterator[None]:
+        """Stop on the first SIGINT or SIGTERM; the second one finds Python's own handling."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+        def stop(*_: object) -> None:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+            self.stop()
+
+        for number in before:
+            signal.signal(number, stop)
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+@dataclass
+class _Outlet:
+    """A sink with what it has not been sent yet, and when its turn comes."""
+
+    sink: Sink
+    pending: bool = False
+    due: float = 0.0
+
+
+class _Meter:
+    """Samples a second, and how long they took from the wire into the estimate."""
+
+    def __init__(self) -> None:
+        self._since, self._samples, self._rate, self._lag = time.monotonic(), 0, 0.0, 0.0
+
+    def count(self, samples: int, arrived: float) -> None:
+        """Count samples that were just learned, the newest of which had arrived then."""
+        self._samples += samples
+        self._lag = max(self._lag, time.monotonic() - arrived)
+
+    def read(self) -> tuple[float, float]:
+        """Return the rate over about a second, and the longest lag since it was forgotten."""
+        now = time.monotonic()
+        if now - self._since >= 1.0:
+            self._rate, self._samples, self._since = self._samples / (now - self._since), 0, now
+        return self._rate, self._lag
+
+    def forget_lag(self) -> None:
+        """Begin a new longest lag."""
+        self._lag = 0.0
+
+
+def _part(batch: Batch, part: slice) -> Batch:
+    t, sequence = batch.t, batch.sequence
+    return replace(
+        batch,
+        u=batch.u[part],
+        y=batch.y[part],
+        t=None if t is None else t[part],
+        sequence=None if sequence is None else sequence[part],
+    )

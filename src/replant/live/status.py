@@ -1,0 +1,151 @@
+"""Status: the view at the terminal, drawn over itself where a person watches, else a line now and then."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from replant.live.view import View
+from replant.report.summary import fraction, true_parameters
+from replant.transfer_function import TransferFunction
+
+LINES_APART = 5.0  # s between two lines where nobody watches
+#: Of each verdict: a shape and a colour, that either alone may tell.
+LOOKS = {
+    "trusted": ("●", "green"),
+    "converging": ("◐", "yellow"),
+    "not excited": ("○", "yellow"),
+    "inconsistent": ("▲", "red"),
+    "diverged": ("✕", "red"),
+}
+
+
+class Status:
+    """Write views to standard error.
+
+    Parameters
+    ----------
+    truth : TransferFunction or None
+        The true plant of a simulated rig, shown beside the estimate.
+    """
+
+    def __init__(self, truth: TransferFunction | None = None) -> None:
+        from rich.console import Console
+
+        self._truth = truth
+        self._console = Console(stderr=True)
+        self._live: Any = None
+        self._next = 0.0
+        if self._console.is_terminal:
+            from rich.live import Live
+
+            self._live = Live(console=self._console, auto_refresh=False, transient=True)
+            self._live.start()
+
+    def show(self, view: View, lines: Sequence[str] = ()) -> None:
+        """Show lines, for good, and the view until the next one."""
+        for line in lines:
+            self._console.print(line, markup=False, highlight=False, soft_wrap=True)
+        if self._live is not None:
+            self._live.update(screen(view, self._truth), refresh=True)
+        elif time.monotonic() >= self._next:
+            self._next = time.monotonic() + LINES_APART
+            print(one_line(view), file=sys.stderr, flush=True)
+
+    def close(self) -> None:
+        """Take the status away; what was said stays."""
+        if self._live is not None:
+            self._live.stop()
+
+
+def print_summary(view: View, truth: TransferFunction | None = None, *, to_stderr: bool = False) -> None:
+    """Print what was found in the end."""
+    from rich.console import Console
+
+    Console(stderr=to_stderr).print(screen(view, truth, running=False))
+
+
+def one_line(view: View) -> str:
+    """Return a view in one line: the newest estimate, what it is worth, and how fast samples come."""
+    figures = ", ".join(
+        f"{name} {value:.4g}" + (f" +- {std:.2g}" if math.isfinite(std) else "")
+        for name, value, std in zip(view.names, view.parameters.tolist(), view.std.tolist(), strict=True)
+        if math.isfinite(value)
+    )
+    parts = [f"{view.at:.1f} s", f"{view.samples:,} samples", f"{view.rate:,.0f}/s", _lost(view), view.verdict, figures]
+    if view.source_state != "connected":
+        parts.insert(0, view.source_state)
+    return "; ".join(part for part in parts if part)
+
+
+def screen(view: View, truth: TransferFunction | None = None, *, running: bool = True) -> Any:
+    """Return a view as something that rich draws."""
+    from rich.console import Group
+    from rich.padding import Padding
+    from rich.text import Text
+
+    shape, colour = LOOKS.get(view.verdict, ("?", "default"))
+    frozen = "" if view.adapting else "  (frozen: the estimate stands, samples go on)"
+    rows: list[Any] = [_head(view), Text(_traffic(view, running=running), no_wrap=True, overflow="ellipsis"), Text("")]
+    if view.den.size:
+        model = TransferFunction(view.num, view.den, view.delay)
+        rows += [Text(line, no_wrap=True, overflow="ellipsis") for line in fraction(model)]
+        rows += [Text(""), _coefficients(view, truth), Text("")]
+        rows.append(Text(f"DC gain  {_figure(view.dc_gain, view.dc_gain_std)}    {_fit(view)}"))
+    rows.append(Text.assemble("Verdict  ", (f"{shape} {view.verdict}", f"bold {colour}"), frozen))
+    rows += [Padding(Text(reason), (0, 0, 0, 9)) for reason in view.reasons]
+    if running:
+        rows.append(Text("Ctrl-C ends", style="dim"))
+    return Group(*rows)
+
+
+def _head(view: View) -> Any:
+    from rich.text import Text
+
+    colour = {"connected": "green", "ended": "default"}.get(view.source_state, "yellow")
+    return Text.assemble(
+        (view.source, "bold"), "  ", (view.source_state, colour), no_wrap=True, overflow="ellipsis"
+    )  # fmt: skip
+
+
+def _traffic(view: View, *, running: bool) -> str:
+    if not running:
+        return "   ".join(part for part in (f"{view.at:,.1f} s", f"{view.samples:,} samples", _lost(view)) if part)
+    lag = f"{1e3 * view.lag:.1f} ms behind" if view.lag < 1.0 else f"{view.lag:.1f} s behind"
+    parts = [f"{view.at:,.1f} s", f"{view.samples:,} samples", f"{view.rate:,.0f}/s", lag, _lost(view)]
+    return "   ".join(part for part in parts if part)
+
+
+def _lost(view: View) -> str:
+    """Return what was not learned, by reason."""
+    counts = [*view.rejected.items(), *view.counters.items()]
+    return ", ".join(f"{count:,} {reason}" for reason, count in counts if count)
+
+
+def _coefficients(view: View, truth: TransferFunction | None) -> Any:
+    from rich.table import Table
+
+    true = true_parameters(truth) if truth is not None else []
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for heading in ("coefficient", "estimate", "std", *(("true", "off by") if true else ())):
+        table.add_column(heading, justify="right")
+    for i, name in enumerate(view.names):
+        value, std = float(view.parameters[i]), float(view.std[i])
+        cells = [name, f"{value:.5g}", f"{std:.2g}" if math.isfinite(std) else "unknown"]
+        if i < len(true):
+            cells += [f"{true[i]:.5g}", f"{100 * (value / true[i] - 1):+.2f} %" if true[i] else ""]
+        table.add_row(*cells)
+    return table
+
+
+def _figure(value: float, std: float) -> str:
+    return f"{value:.4g} +- {std:.2g}" if math.isfinite(std) else f"{value:.4g}"
+
+
+def _fit(view: View) -> str:
+    if not math.isfinite(view.simulated):
+        return ""
+    return f"Fit  {view.simulated:.1f} % from the input alone, newest samples"

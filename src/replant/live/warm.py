@@ -1,0 +1,56 @@
+"""Warm: compile what a session will need before the first sample comes, so that none waits for a compiler."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+from collections.abc import Callable
+
+import numpy as np
+
+from replant.identifier import Identifier
+from replant.settings import Request
+from replant.transfer_function import TransferFunction
+
+PATIENCE = 3.0  # s after which the wait is explained
+STARTUP, SAMPLES = 500, 1200  # enough for a first model, and for the record to be solved again
+
+
+def warm(request: Request, say: Callable[[str], None]) -> None:
+    """Identify a simulated plant as is asked for, with and without time stamps.
+
+    Parameters
+    ----------
+    request : Request
+    say : callable
+        Told why, if it takes long: kernels are compiled once and kept on disk.
+    """
+    waiting = threading.Timer(PATIENCE, say, ["replant: compiling (once): up to a minute"])
+    waiting.daemon = True
+    waiting.start()
+    try:
+        _identify(dataclasses.replace(request, startup=STARTUP))
+    finally:
+        waiting.cancel()
+
+
+def _identify(request: Request) -> None:
+    u, y = _record(request)
+    identifier = Identifier(**vars(request))
+    identifier.update_many(u, y)
+    identifier.finish_startup()
+    identifier.update_many(u[:2], y[:2])
+    identifier.update_many(u[:2], y[:2], request.dt * np.arange(1, 3))
+
+
+def _record(request: Request) -> tuple[np.ndarray, np.ndarray]:
+    """Return a record of a plant of the structure asked for, with well-damped poles that the clock sees well."""
+    structure, dt = request.structure, request.dt
+    speeds = np.geomspace(0.05, 0.2, structure.poles) / dt
+    zeros = np.geomspace(0.07, 0.3, structure.zeros) / dt
+    den, num = np.poly(-speeds), np.atleast_1d(np.poly(-zeros))
+    plant = TransferFunction(np.asarray(num * den[-1] / num[-1]), np.asarray(den))
+    generator = np.random.default_rng(0)
+    u = 2.0 + np.repeat(generator.choice([-1.0, 1.0], SAMPLES // 8), 8)
+    mapped = np.asarray(request.preprocess.map_input(u))
+    return u, plant.simulate(mapped, dt) + 0.01 * generator.standard_normal(u.size)

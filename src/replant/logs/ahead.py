@@ -1,0 +1,34 @@
+"""Work ahead: the next blocks of a file are read and parsed while the last ones are being used."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
+
+T = TypeVar("T")
+
+
+def ahead(jobs: Iterable[Callable[[], T]], workers: int) -> Iterator[T]:
+    """Yield the results of ``jobs`` in their order, with one more than ``workers`` of them under way.
+
+    Reading, parsing and identification each leave the interpreter to the others, so threads are enough.
+
+    Examples
+    --------
+    >>> list(ahead((lambda k=k: k * k for k in range(5)), workers=2))
+    [0, 1, 4, 9, 16]
+    """
+    pending: deque[Future[T]] = deque()
+    with ThreadPoolExecutor(workers, "replant-read") as pool:
+        try:
+            for job in jobs:
+                pending.append(pool.submit(job))
+                if len(pending) > workers:
+                    yield pending.popleft().result()
+            while pending:
+                yield pending.popleft().result()
+        finally:
+            for job_under_way in pending:
+                job_under_way.cancel()

@@ -1,0 +1,102 @@
+"""The whole trace of an online run as a Parquet file: a row for each sample, written as the run goes."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from replant.errors import LogError, MissingDependencyError
+from replant.trace import Trace
+
+GROUP_ROWS = 1 << 17  # of a row group: what is held before it is written
+SUFFIXES = (".parquet", ".pq")
+
+
+class FullTrace:
+    """Writes traces, as they come, below the columns ``time [s]``, the parameters' names and ``error``.
+
+    Used in a ``with`` statement; where that ends in an error, no file is left.
+
+    Parameters
+    ----------
+    path : Path
+        The file, .parquet or .pq.
+    dt : float
+        Sampling time in s.
+
+    Raises
+    ------
+    LogError
+        If the file has another suffix or cannot be written.
+    MissingDependencyError
+        If pyarrow is not installed.
+    """
+
+    def __init__(self, path: Path, dt: float) -> None:
+        if path.suffix.lower() not in SUFFIXES:
+            raise LogError(f"{path}: the full trace is a Parquet file; give it the suffix .parquet")
+        try:
+            import pyarrow.parquet  # noqa: F401 - said now, not after the run
+        except ImportError as error:
+            raise MissingDependencyError(f"{path}: writing needs pyarrow: pip install 'replant[parquet]'") from error
+        self.path, self._dt = path, dt
+        self._unfinished = path.with_name(path.name + ".part")
+        self._held: list[Trace] = []
+        self._rows = 0
+        self._writer: Any = None
+
+    def __enter__(self) -> FullTrace:
+        with self._errors():
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._unfinished.touch()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        with self._errors():
+            if kind is None:
+                self._write()
+            if self._writer is not None:
+                self._writer.close()
+            if kind is None:
+                self._unfinished.replace(self.path)
+            else:
+                self._unfinished.unlink()
+
+    def take(self, trace: Trace) -> None:
+        """Take the trace of the next samples."""
+        self._held.append(trace)
+        if sum(map(len, self._held)) >= GROUP_ROWS:
+            with self._errors():
+                self._write()
+
+    def _write(self) -> None:
+        if not self._held:
+            return
+        import pyarrow
+        from pyarrow import parquet
+
+        parameters = np.concatenate([trace.parameters for trace in self._held])
+        errors = np.concatenate([trace.errors for trace in self._held])
+        columns: dict[str, Any] = {"time [s]": self._dt * np.arange(self._rows, self._rows + errors.size)}
+        columns |= {name: parameters[:, i].copy() for i, name in enumerate(self._held[0].names)}
+        table = pyarrow.table({**columns, "error": errors})
+        if self._writer is None:
+            self._writer = parquet.ParquetWriter(self._unfinished, table.schema)
+        self._writer.write_table(table)
+        self._rows += errors.size
+        self._held = []
+
+    @contextlib.contextmanager
+    def _errors(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            reason = error.strerror or error
+            raise LogError(f"{self.path}: cannot be written ({reason}); choose another file") from error

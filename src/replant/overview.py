@@ -1,0 +1,82 @@
+"""Overview: a record too long to be held, thinned for plots, and its newest samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from replant.thinning import Thinned, Thinner
+from replant.validation import FloatArray
+
+POINTS = 36_000  # of each signal at most: a screen is 2,000 columns wide, so nine-fold zoom loses nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Overview:
+    """What is kept of a record too long to be held.
+
+    Attributes
+    ----------
+    input, output, model, residual : Thinned
+        Raw input, measured and simulated output, and their difference, over the whole record.
+    newest_input, newest_output : (N,) arrays
+        The newest samples, as they were.
+    samples : int
+        How many the record has.
+    """
+
+    input: Thinned
+    output: Thinned
+    model: Thinned
+    residual: Thinned
+    newest_input: FloatArray
+    newest_output: FloatArray
+    samples: int
+
+
+class Recorder:
+    """Keeps what is drawn of a record, and of a model's run beside it, that come batch by batch.
+
+    Parameters
+    ----------
+    length : int
+        Samples of the record.
+    newest : int, optional
+        How many samples are kept; all by default.
+    """
+
+    def __init__(self, length: int, newest: int | None = None) -> None:
+        self.samples = 0
+        self._newest = length if newest is None else newest
+        self._kept: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+        self._thinners = [Thinner(length, POINTS) for _ in range(4)] if self._newest < length else []
+
+    def take(self, u: FloatArray, y: FloatArray, modelled: FloatArray) -> None:
+        """Take the next samples (K,): input, measured and modelled output."""
+        self._kept.append((u, y, modelled))
+        self.samples += u.size
+        while sum(part[0].size for part in self._kept[1:]) >= max(self._newest, 1):
+            del self._kept[0]
+        if self._thinners:
+            with np.errstate(over="ignore", invalid="ignore"):
+                signals = (u, y, modelled, y - modelled)
+            for thinner, signal in zip(self._thinners, signals, strict=True):
+                thinner.take(signal)
+
+    def output(self, shift: float) -> FloatArray:
+        """Return the newest samples of the modelled output, ``shift`` added."""
+        return self._last(2) + shift
+
+    def overview(self, shift: float) -> Overview | None:
+        """Return the overview, ``shift`` added to the modelled output; None where every sample is kept."""
+        if not self._thinners:
+            return None
+        u, y, model, residual = (thinner.thinned for thinner in self._thinners)
+        model = replace(model, values=model.values + shift)
+        residual = replace(residual, values=residual.values - shift)
+        return Overview(u, y, model, residual, self._last(0), self._last(1), self.samples)
+
+    def _last(self, which: int) -> FloatArray:
+        whole = np.concatenate([np.empty(0), *(part[which] for part in self._kept)])
+        return whole[max(0, whole.size - self._newest) :]

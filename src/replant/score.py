@@ -1,0 +1,201 @@
+r"""Score: how well a model explains a record that comes batch by batch, from the input alone and one step ahead.
+
+The initial state is fitted over the first 2^18 samples, so that a record of any length takes one pass; the offset over
+all of them.  With the residual e of that, the autoregression D(q) e = w of order 4 and the sum of w^2 follow from sums
+of products :math:`e_{k-i} e_{k-j}`: no second pass is needed for the fit one step ahead either.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from replant.assessment.simulation import bridged, initial_weights, with_initial
+from replant.response import Response
+from replant.transfer_function import TransferFunction
+from replant.validation import FloatArray
+
+FITTED = 1 << 18  # samples over which the initial state is fitted
+
+_BoolArray = np.ndarray[tuple[int], np.dtype[np.bool_]]
+
+
+class Score:
+    """Runs a model from the input alone beside the measured output, and keeps what its fits are made of.
+
+    Parameters
+    ----------
+    model : TransferFunction
+    dt : float
+        Sampling time in s.
+    input_hold : {"zoh", "foh"}
+
+    Examples
+    --------
+    >>> g = TransferFunction([2.0], [1.0, 1.0])
+    >>> u = np.repeat([0.0, 1.0, -1.0, 1.0], 10)
+    >>> score = Score(g, dt=0.1)
+    >>> output = score.take(u, g.simulate(u, 0.1) + 5.0)
+    >>> round(score.simulated, 6), output[:2].round(6) + score.shift
+    (100.0, array([5., 5.]))
+    """
+
+    def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh") -> None:
+        self._response = Response(model, dt, input_hold)
+        self._weights = np.zeros(1 + model.den.size - 1)
+        self._input, self._batches, self._failed = 0.0, 0, False
+        self._error, self._output = _ErrorSums(), _OutputSums()
+
+    def take(self, u: FloatArray, y: FloatArray) -> FloatArray:
+        """Take the next samples (K,); return the model's output, `shift` not yet added.
+
+        The first batch must hold `FITTED` samples, or all where there are fewer.  NaN in ``u`` is bridged by the last
+        input, NaN in ``y`` left out.
+        """
+        u, self._input = bridged(u, self._input)
+        with np.errstate(over="ignore", invalid="ignore"):
+            forced, free = self._response.output(u), self._response.free(u.size)
+            if self._batches == 0:
+                weights = initial_weights(forced, free, y)
+                self._weights = self._weights if weights is None else weights
+            self._batches += 1
+            modelled = with_initial(forced, free, self._weights)
+            self._failed = self._failed or not bool(np.isfinite(modelled).all())
+            if not self._failed:
+                known = np.asarray(np.isfinite(y))
+                self._output.take(y[known])
+                self._error.take(np.where(known, y - modelled, 0.0), known)
+        return modelled
+
+    @property
+    def usable(self) -> bool:
+        """Whether there is anything to compare: a model within float64, and a measured output."""
+        return not self._failed and self._output.count > 0
+
+    @property
+    def shift(self) -> float:
+        """What the offset of the whole record adds to that of the first batch; NaN where nothing is usable."""
+        if not self.usable:
+            return math.nan
+        return self._error.mean if self._batches > 1 else 0.0  # over one batch, it is the least-squares solution
+
+    @property
+    def offset(self) -> float:
+        """The estimated constant between measured and simulated output."""
+        return float(self._weights[0]) + self.shift if self.usable else 0.0
+
+    @property
+    def simulated(self) -> float:
+        """Fit in percent, from the input alone."""
+        return self._fit(self._error.power(self.shift)) if self.usable else -math.inf
+
+    @property
+    def one_step(self) -> float:
+        """Fit in percent, one step ahead: the residual's own past taken into account."""
+        return self._fit(self._error.innovation(self.shift)) if self.usable else math.nan
+
+    def _fit(self, power: float) -> float:
+        spread = self._output.spread
+        if spread == 0.0:
+            return math.nan
+        with np.errstate(over="ignore", invalid="ignore"):
+            return float(100.0 * (1.0 - np.sqrt(max(power, 0.0)) / np.sqrt(spread)))
+
+
+class _OutputSums:
+    """Number and spread of the measured outputs."""
+
+    def __init__(self) -> None:
+        self.count, self._level, self._sum, self._squares = 0, 0.0, 0.0, 0.0
+        self._least, self._most = math.inf, -math.inf
+
+    def take(self, y: FloatArray) -> None:
+        if y.size == 0:
+            return
+        if self.count == 0:
+            self._level = float(y.mean())
+        self._least, self._most = min(self._least, float(y.min())), max(self._most, float(y.max()))
+        moved = y - self._level
+        self.count += y.size
+        self._sum += float(moved.sum())
+        self._squares += float(moved @ moved)
+
+    @property
+    def spread(self) -> float:
+        """Sum of (y - mean y)^2; 0 of an output that stands still."""
+        if self._least == self._most:
+            return 0.0
+        return self._squares - self._sum**2 / self.count
+
+
+class _ErrorSums:
+    """Sums of products of the residual and its past, with the residual's mean still open."""
+
+    def __init__(self) -> None:
+        from replant.kernels.residuals import LAGS
+
+        self._lags = LAGS
+        self._past, self._known_past = np.zeros(LAGS), np.zeros(LAGS, bool)
+        self._samples = 0
+        size = LAGS + 2
+        #: Of (e_k .. e_{k-LAGS}, 1): over every sample (unknown ones are zeros), over those with a known past, the rest
+        self._all, self._usable, self._rest = np.zeros((size, size)), np.zeros((size, size)), np.zeros((2, 2))
+        self._head, self._known_head = np.zeros(0), np.zeros(0, bool)  # the first samples
+        self._pairs = np.zeros(LAGS + 1)  # known samples whose partner so many samples ago is known as well
+        self._sums = np.zeros(LAGS + 1)  # of e_k + e_{k-lag} over them
+
+    def take(self, error: FloatArray, known: _BoolArray) -> None:
+        """Take residuals (K,), zero where they are not known."""
+        lags, count = self._lags, error.size
+        if count == 0:
+            return
+        whole, there = np.concatenate([self._past, error]), np.concatenate([self._known_past, known])
+        stack = np.ones((count, lags + 2))
+        for lag in range(lags + 1):
+            stack[:, lag] = whole[lags - lag : lags - lag + count]
+            both = there[lags:] & there[lags - lag : lags - lag + count]
+            self._pairs[lag] += np.count_nonzero(both)
+            self._sums[lag] += float(((error + stack[:, lag]) * both).sum())
+        self._all[0] += stack[:, 0] @ stack
+        follows = np.convolve(~there, np.ones(lags + 1))[lags : lags + count] == 0  # on a known past
+        alone = known & ~follows
+        if self._samples == 0:  # before the record there is nothing, where the mean is not to be taken off either
+            self._head, self._known_head = error[:lags], known[:lags]
+            alone[:lags] = False
+        usable = stack if follows.all() else stack[follows]
+        self._usable += usable.T @ usable
+        single = np.stack([error[alone], np.ones(np.count_nonzero(alone))])
+        self._rest += single @ single.T
+        self._past, self._known_past = whole[-lags:].copy(), there[-lags:].copy()
+        self._samples += count
+
+    @property
+    def mean(self) -> float:
+        return float(self._all[0, -1] / self._pairs[0])
+
+    def power(self, mean: float) -> float:
+        """Return the sum of (e - mean)^2."""
+        return float(self._covariances(mean)[0])
+
+    def innovation(self, mean: float) -> float:
+        """Return the sum of w^2, w being the residual itself where its past is not known."""
+        from replant.kernels import residuals
+
+        if self._samples <= self._lags:
+            return self.power(mean)
+        model = np.empty(self._lags + 1)
+        residuals.autoregression(self._covariances(mean), model, np.empty(self._lags + 1))
+        weights = np.append(model, -mean * model.sum())
+        alone = np.array([1.0, -mean])
+        return float(weights @ self._usable @ weights + alone @ self._rest @ alone) + self._of_head(model, mean)
+
+    def _of_head(self, model: FloatArray, mean: float) -> float:
+        """Return the part of the first samples, which have no past of full length."""
+        error = np.where(self._known_head, self._head - mean, 0.0)
+        predicted = np.convolve(model, error)[: error.size]
+        follows = np.cumsum(~self._known_head) == 0
+        return float((np.where(follows, predicted, error) ** 2).sum())
+
+    def _covariances(self, mean: float) -> FloatArray:
+        return self._all[0, :-1] - mean * self._sums + mean**2 * self._pairs

@@ -1,0 +1,146 @@
+"""Address: the parts of a source's URL, each checked with the remedy in the message."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
+
+from replant.errors import InvalidArgumentError
+
+
+@dataclass(frozen=True)
+class Address:
+    """A source's URL, taken apart.
+
+    Attributes
+    ----------
+    name : str
+        The URL for people: without password.
+    scheme, host, path : str
+        The path without its first slash where a host goes before it.
+    port : int or None
+    user, password : str or None
+    options : dict
+        What follows the question mark.
+
+    Examples
+    --------
+    >>> address = split("mqtt://lab:secret@10.0.0.7:1884/rig/1?qos=0")
+    >>> address.name, address.host, address.port, address.path
+    ('mqtt://lab@10.0.0.7:1884/rig/1?qos=0', '10.0.0.7', 1884, 'rig/1')
+    >>> address.whole("qos", 1, least=0)
+    0
+    """
+
+    name: str
+    scheme: str
+    host: str = ""
+    port: int | None = None
+    path: str = ""
+    user: str | None = None
+    password: str | None = field(default=None, repr=False)
+    options: dict[str, str] = field(default_factory=dict)
+
+    def allow(self, *known: str) -> None:
+        """Refuse options that this kind of source does not have."""
+        for option in self.options:
+            if option not in known:
+                listed = ", ".join(known)
+                raise InvalidArgumentError(f"{self.name}: unknown option {option!r}; known are: {listed}")
+
+    def place(self, example: str) -> tuple[str, int]:
+        """Return host and port, both needed."""
+        if not self.host:
+            raise InvalidArgumentError(f"{self.name}: the host is missing; write {example}")
+        if self.port is None:
+            raise InvalidArgumentError(f"{self.name}: the port is missing; write {example}")
+        return self.host, self.port
+
+    def whole(self, option: str, default: int, *, least: int) -> int:
+        """Return an option as a whole number of at least ``least``."""
+        text = self.options.get(option, str(default))
+        try:
+            value = int(text)
+        except ValueError:
+            value = least - 1
+        if value < least:
+            raise InvalidArgumentError(
+                f"{self.name}: {option} must be a whole number of at least {least}, got {text!r}; "
+                f"write {option}={max(default, least)}"
+            )
+        return value
+
+    def positive(self, option: str) -> float | None:
+        """Return an option as a positive number, None where it is not given."""
+        text = self.options.get(option)
+        if text is None:
+            return None
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not 0.0 < value < math.inf:
+            raise InvalidArgumentError(
+                f"{self.name}: {option} must be a positive number, got {text!r}; write {option}=1"
+            )
+        return value
+
+    def one_of(self, option: str, choices: Collection[str], default: str) -> str:
+        """Return an option as one of the words in ``choices``."""
+        value = self.options.get(option, default)
+        if value not in choices:
+            listed = ", ".join(choices)
+            raise InvalidArgumentError(f"{self.name}: {option} must be one of {listed}; got {value!r}")
+        return value
+
+
+def split(url: str) -> Address:
+    """Take a URL with a scheme and // apart.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If its port is not a number or its options are not name=value.
+    """
+    try:
+        parts = urlsplit(url)
+    except ValueError as cause:
+        raise InvalidArgumentError(f"{url}: not a URL ({cause}); write scheme://host:port") from None
+    name = shown(parts)
+    try:
+        port = parts.port
+    except ValueError:
+        raise InvalidArgumentError(f"{name}: the port must be a number from 0 to 65535") from None
+    return Address(
+        name,
+        parts.scheme.lower(),
+        parts.hostname or "",
+        port,
+        unquote(parts.path).removeprefix("/") if parts.netloc else unquote(parts.path),
+        None if parts.username is None else unquote(parts.username),
+        None if parts.password is None else unquote(parts.password),
+        options_of(name, parts.query),
+    )
+
+
+def shown(parts: SplitResult) -> str:
+    """Return the URL without its password."""
+    return parts.geturl() if parts.password is None else parts.geturl().replace(f":{parts.password}@", "@", 1)
+
+
+def options_of(name: str, query: str) -> dict[str, str]:
+    """Return what follows the question mark.
+
+    Examples
+    --------
+    >>> options_of("demo", "speed=max&seed=3")
+    {'speed': 'max', 'seed': '3'}
+    """
+    try:
+        return dict(parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query)))
+    except ValueError:
+        raise InvalidArgumentError(
+            f"{name}: options are written ?name=value&name=value after the address, not ?{query}"
+        ) from None

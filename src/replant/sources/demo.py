@@ -1,0 +1,94 @@
+"""Demo: the simulated actuator as an endless stream, for whoever has no rig at hand."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from replant import realization
+from replant.rigs import deap_rig, deap_voltage
+from replant.signals import white_noise
+from replant.sources.address import Address
+from replant.sources.batch import Batch
+from replant.sources.pace import Pace, speed_of
+from replant.sources.reader import Reader
+from replant.validation import FloatArray
+
+#: Samples simulated at once: each block has its own input and noise, a function of the seed and its number alone.
+BLOCK = 1 << 16
+#: Samples handed over at once at the most.
+PART = 1 << 12
+
+
+class DemoSource(Reader):
+    """The rig of `deap_rig` under `deap_voltage`, ``demo?speed=max&seed=0``: 1 kHz, numbered, the same every time.
+
+    Parameters
+    ----------
+    name : str
+    speed : float
+        1 for real time, infinite for as fast as possible.
+    seed : int
+    """
+
+    def __init__(self, name: str = "demo", speed: float = 1.0, seed: int = 0) -> None:
+        super().__init__(name, waits=True, capacity=4 * PART)
+        self._seed = seed
+        self._pace = Pace(speed)
+
+    def _read(self) -> None:
+        self._connected(again=False)
+        dt = deap_rig().dt
+        last = self._numbering.last
+        at = 0 if last is None else max(last + 1, 0)
+        begun = at
+        for first, u, y in simulated(self._seed, at // BLOCK):
+            while at < first + BLOCK:
+                if self._alarm.rung:
+                    return
+                end = int(min(begun + self._pace.gone() / dt + 1.0, at + PART, first + BLOCK))
+                if end > at:
+                    sequence = np.arange(at, end)
+                    chosen = slice(at - first, end - first)
+                    self._deliver(Batch(u[chosen], y[chosen], np.asarray(sequence * dt), sequence, time.monotonic()))
+                    at = end
+                else:
+                    self._pace.wait(self._alarm, (at - begun) * dt)
+
+
+def simulated(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, FloatArray]]:
+    """Yield the blocks of the demo from the ``skip``-th on: number of the first sample, voltage and displacement.
+
+    The plant is simulated from rest at sample 0 through what is skipped, so that every block is always the same.
+    """
+    from replant.kernels.simulate import filter_states, free_responses
+
+    rig = deap_rig()
+    plant, preprocess = rig.plant, rig.preprocess
+    model = realization.companion(plant.den)
+    transition, _, _ = realization.exact(model.matrix, model.column, rig.dt, "zoh")
+    taps = realization.input_taps(model.matrix, model.column, rig.dt, "zoh", 0.0)
+    row = np.zeros(model.column.size)
+    row[-plant.num.size :] = plant.num / model.scale[-plant.num.size :]
+    free = free_responses(transition, row, BLOCK)
+    over_a_block = np.linalg.matrix_power(transition, BLOCK)
+    state = np.zeros(row.size)
+    number = 0
+    while True:
+        draw = int(np.random.SeedSequence([seed, number]).generate_state(1, np.uint64)[0])
+        u = deap_voltage(BLOCK, draw)
+        moved = preprocess.map_input(u) - float(preprocess.input_offset)
+        forced = filter_states(transition, taps, 0, np.append(moved, 0.0))
+        if number >= skip:
+            still = rig.output_rest + forced[:-1] @ row + free @ state
+            yield number * BLOCK, u, still + white_noise(BLOCK, rig.noise, draw + 1)
+        state = over_a_block @ state + forced[-1]
+        number += 1
+
+
+def open_demo(address: Address, columns: tuple[str, ...] | None) -> DemoSource:
+    """Return the source that the word ``demo`` names."""
+    address.allow("speed", "seed")
+    return DemoSource(address.name, speed_of(address, 1.0), address.whole("seed", 0, least=0))

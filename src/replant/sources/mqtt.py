@@ -1,0 +1,152 @@
+"""MQTT: messages of a topic, with paho; subscribed again after the broker was away."""
+
+from __future__ import annotations
+
+import time
+import uuid
+from collections import deque
+from typing import Any
+
+from replant.errors import InvalidArgumentError, MissingDependencyError
+from replant.sources.address import Address
+from replant.sources.parser import Parser
+from replant.sources.payload import Payloads
+from replant.sources.reader import Reader
+
+EXAMPLE = "mqtt://127.0.0.1:1883/rig/1"
+PORT = 1883
+#: How often the broker must have heard of us, in s.
+KEEPALIVE = 15
+#: A longer message is passed over, in bytes.
+LONGEST_MESSAGE = 1 << 20
+#: Messages taken together at the most.
+TOGETHER = 256
+
+
+class MqttSource(Reader):
+    """Messages of a topic with lines, JSON or packed numbers, ``mqtt://user:password@host:port/topic?qos=0``.
+
+    After a break it connects by itself, with growing pauses, and subscribes again.  With qos 1 the broker keeps what
+    comes meanwhile, as many messages as it is set to; it also waits for our answer every few messages, and drops some
+    where they come faster than that.  What is delivered twice is dropped by its sequence number; what the broker
+    retained is old and is passed over, counted as "retained".  Nobody waits for a full queue: its oldest samples are
+    dropped and counted.
+
+    Parameters
+    ----------
+    address : Address
+        Host, port, topic (its path), user, password.
+    columns : tuple of str or None
+        See `Parser`.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without paho-mqtt.
+    """
+
+    def __init__(self, address: Address, columns: tuple[str, ...] | None = None) -> None:
+        super().__init__(address.name, waits=False)
+        load(address.name)
+        self._address = address
+        self._qos = int(address.one_of("qos", ("0", "1"), "0"))
+        self._parser = Parser(self._counts, columns)
+        self._payloads = Payloads(self._parser)
+        self._id = f"replant-{uuid.uuid4().hex[:12]}"
+        self._messages: deque[bytes] = deque()
+        self._again = False
+
+    def _read(self) -> None:
+        while not self._alarm.rung:
+            trouble = self._session()
+            if not self._alarm.rung:
+                self._wait_to_connect(trouble, again=self._again)
+        self._deliver(self._parser.finish(time.monotonic()))
+
+    def _session(self) -> str:
+        """Connect and receive until the alarm is rung or the broker is gone; return what happened."""
+        self.trouble = ""
+        client = self._client()
+        try:
+            client.connect(self._address.host, self._address.port or PORT, KEEPALIVE)
+            while not self._alarm.rung and client.socket() is not None:
+                ready = self._alarm.ready(client.socket(), 0.05 if client.want_write() else 1.0)
+                if client.want_write():
+                    client.loop_write()
+                if ready:
+                    self._drain(client)
+                client.loop_misc()
+        except OSError as error:
+            return error.strerror or str(error)
+        finally:
+            if self._alarm.rung:
+                client.unsubscribe(self._address.path)  # else the broker goes on keeping messages for us
+            client.disconnect()
+        return self.trouble or "the broker closed the connection"
+
+    def _drain(self, client: Any) -> None:
+        """Deliver the messages that are there."""
+        for _ in range(TOGETHER):
+            waiting = len(self._messages)
+            if client.loop_read() or len(self._messages) == waiting:
+                break
+        if self._messages:
+            messages = list(self._messages)
+            self._messages.clear()
+            self._deliver(self._payloads.parse(messages, time.monotonic()))
+
+    def _client(self) -> Any:
+        mqtt = load(self.name)
+        client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2, self._id, clean_session=self._qos == 0)
+        if self._address.user is not None:
+            client.username_pw_set(self._address.user, self._address.password)
+        client.on_connect = self._on_connect
+        client.on_subscribe = self._on_subscribe
+        client.on_message = self._on_message
+        return client
+
+    def _on_connect(self, client: Any, data: Any, flags: Any, reason: Any, properties: Any) -> None:
+        if reason.is_failure:
+            self.trouble = f"the broker refuses: {reason}"
+        else:
+            client.subscribe(self._address.path, self._qos)
+
+    def _on_subscribe(self, client: Any, data: Any, number: int, reasons: Any, properties: Any) -> None:
+        if any(reason.is_failure for reason in reasons):
+            self.trouble = f"the broker refuses the topic: {reasons[0]}"
+            client.disconnect()
+        else:
+            self._connected(again=self._again)
+            self._again = True
+
+    def _on_message(self, client: Any, data: Any, message: Any) -> None:
+        if message.retain:
+            self._counts["retained"] += 1
+        elif len(message.payload) > LONGEST_MESSAGE:
+            self._counts["too long"] += 1
+        else:
+            self._messages.append(message.payload)
+
+
+def load(name: str) -> Any:
+    """Return paho's client module."""
+    try:
+        from paho.mqtt import client
+    except ImportError as error:
+        raise MissingDependencyError(f"{name}: MQTT needs paho-mqtt: pip install 'replant[live]'") from error
+    return client
+
+
+def open_mqtt(address: Address, columns: tuple[str, ...] | None) -> MqttSource:
+    """Return the source that a URL names."""
+    address.allow("columns", "qos")
+    if not address.host:
+        raise InvalidArgumentError(f"{address.name}: the broker is missing; write {EXAMPLE}")
+    if not address.path:
+        raise InvalidArgumentError(f"{address.name}: the topic is missing; write {EXAMPLE}")
+    *above, last = address.path.split("/")
+    if any("#" in level for level in above) or any(
+        mark in level and level != mark for level in (*above, last) for mark in "#+"
+    ):
+        raise InvalidArgumentError(f"{address.name}: + stands for a whole level, # for all that follow; write rig/+")
+    return MqttSource(address, columns)

@@ -1,0 +1,169 @@
+"""Parser: blocks of lines into samples; at once where a block is clean, else line by line."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+
+from replant.logs.layout import is_data
+from replant.sources.batch import Batch
+from replant.sources.rows import (
+    BY_WIDTH,
+    Malformed,
+    Row,
+    check_width,
+    columns_of,
+    from_cells,
+    from_json,
+    json_value,
+    json_values,
+    table_from_cells,
+    table_from_json,
+)
+from replant.validation import FloatArray
+
+Item = TypeVar("Item")
+
+#: A block of so many lines is read line by line: reading at once costs as much as ten of them.
+FEW = 10
+#: Whole numbers up to here are exact in float64.
+LARGEST_NUMBER = 2.0**53
+#: What is wrong with a row whose time stamp or number cannot be one.
+REASONS = {"n": "not a sequence number", "t": "time not finite"}
+
+
+class Parser:
+    r"""The reader of one stream's lines: CSV or JSON, each line whichever it is.
+
+    Which columns there are is known by ``columns``, or by the first two lines of CSV that agree in width (the first
+    may have been cut), or by the first JSON object.  Blank lines and comments are passed over.  Every other line is
+    either samples or counted by reason.
+
+    Parameters
+    ----------
+    counters : Counter
+        Gets the reasons.
+    columns : tuple of str or None
+        Of `FIELDS`, in the order of the lines.
+
+    Examples
+    --------
+    >>> counters = Counter()
+    >>> parser = Parser(counters)
+    >>> batch = parser.parse(b"0.0,1,0.5\n0.1,1,abc\n0.2,1,0.7\n", arrived=0.0)
+    >>> batch.t, batch.y, dict(counters)
+    (array([0. , 0.2]), array([0.5, 0.7]), {'not a number': 1})
+    """
+
+    def __init__(self, counters: Counter[str], columns: tuple[str, ...] | None = None) -> None:
+        self.columns = columns
+        self._counters = counters
+        self._waiting: Row | None = None  # a first line that no other has confirmed
+
+    def parse(self, block: bytes, arrived: float) -> Batch | None:
+        """Return the samples in whole lines, None if there are none."""
+        return self.batch(self.tables(block), arrived)
+
+    def tables(self, block: bytes) -> list[FloatArray]:
+        """Return the rows in whole lines, each of `columns`."""
+        lines = block.decode("ascii", "replace").replace("\r\n", "\n").split("\n")
+        if not lines[-1]:
+            lines.pop()  # what follows the last line's end
+        return self._tables(lines)
+
+    def finish(self, arrived: float) -> Batch | None:
+        """Return the first line if no other came to confirm it."""
+        row, self._waiting = self._waiting, None
+        if row is None:
+            return None
+        self.columns = BY_WIDTH[len(row)]
+        return self.batch([np.array([row])], arrived)
+
+    def batch(self, tables: Sequence[FloatArray], arrived: float) -> Batch | None:
+        """Return rows of `columns` as samples; those whose number or time stamp cannot be one are counted."""
+        if not tables or self.columns is None:
+            return None
+        table = self._believable(np.concatenate(tables) if len(tables) > 1 else tables[0])
+        by_name = {name: table[:, column].copy() for column, name in enumerate(self.columns)}
+        sequence = by_name["n"].astype(np.int64) if "n" in by_name else None
+        return Batch(by_name["u"], by_name["y"], by_name.get("t"), sequence, arrived)
+
+    def _believable(self, table: FloatArray) -> FloatArray:
+        """Return the rows whose number and time stamp can be one."""
+        for column, name in enumerate(self.columns or ()):
+            if name in REASONS:
+                values = table[:, column]
+                fine = np.isfinite(values) if name == "t" else is_number(values)
+                if not fine.all():
+                    self.count(REASONS[name], int(fine.size - fine.sum()))
+                    table = table[fine]
+        return table
+
+    def count(self, reason: str, samples: int = 1) -> None:
+        """Count lines or samples that were refused."""
+        if samples:
+            self._counters[reason] += samples
+
+    def settle(self, columns: tuple[str, ...]) -> None:
+        """Choose the columns; a line that waits and has others is none of these samples."""
+        self.columns = columns
+        if self._waiting is not None:
+            self.count("fields missing")
+            self._waiting = None
+
+    def _tables(self, lines: list[str]) -> list[FloatArray]:
+        """Return the rows of lines; a block that is off is halved until what is off stands alone."""
+        if self.columns is None or len(lines) <= FEW:
+            return self._each(filter(is_data, lines), self._line)
+        if lines[0].startswith(("{", "[")):
+            values = json_values(lines)
+            if values is not None:
+                table = table_from_json(values, self.columns)
+                return self._each(values, self._value) if table is None else [table]
+        elif any(map(str.strip, lines)):  # of a block without data loadtxt would warn
+            table = table_from_cells(lines, len(self.columns))
+            if table is not None:
+                return [table]
+        middle = len(lines) // 2
+        return self._tables(lines[:middle]) + self._tables(lines[middle:])
+
+    def _each(self, items: Iterable[Item], read: Callable[[Item], list[Row]]) -> list[FloatArray]:
+        """Return the rows that ``read`` finds in each item; those that are off are counted."""
+        rows: list[Row] = []
+        for item in items:
+            try:
+                rows += read(item)
+            except Malformed as reason:
+                self.count(str(reason))
+        return [np.array(rows)] if rows else []
+
+    def _line(self, line: str) -> list[Row]:
+        line = line.strip()
+        if line[0] in "{[":
+            return self._value(json_value(line))
+        row = from_cells(line)
+        if self.columns is not None:
+            check_width(row, len(self.columns))
+            return [row]
+        check_width(row, min(max(len(row), min(BY_WIDTH)), max(BY_WIDTH)))
+        first, self._waiting = self._waiting, row
+        if first is None:
+            return []
+        check_width(first, len(row))  # the line before was cut
+        self.columns, self._waiting = BY_WIDTH[len(row)], None
+        return [first, row]
+
+    def _value(self, value: Any) -> list[Row]:
+        columns = columns_of(value) if self.columns is None else self.columns
+        rows = from_json(value, columns or ("u", "y"))
+        if self.columns is None and rows and columns:
+            self.settle(columns)
+        return rows
+
+
+def is_number(values: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Tell which values can be sequence numbers: whole, not negative, exact in float64."""
+    return np.asarray((values >= 0.0) & (values < LARGEST_NUMBER) & (values == np.trunc(values)))

@@ -1,0 +1,59 @@
+"""Standard input: lines of whatever program writes into the pipe."""
+
+from __future__ import annotations
+
+import os
+import stat
+import sys
+import time
+
+from replant.errors import InvalidArgumentError
+from replant.sources.address import Address
+from replant.sources.lines import Lines
+from replant.sources.parser import Parser
+from replant.sources.reader import Reader
+
+BLOCK = 1 << 18
+
+
+class PipeSource(Reader):
+    """Lines from an open file, ``-`` for standard input.  A full queue stops the reading, and the writer waits.
+
+    Parameters
+    ----------
+    name : str
+    file : int
+        The file's descriptor; it is not closed.
+    columns : tuple of str or None
+        See `Parser`.
+    """
+
+    def __init__(self, name: str, file: int, columns: tuple[str, ...] | None = None) -> None:
+        super().__init__(name, waits=True)
+        self._file = file
+        self._parser = Parser(self._counts, columns)
+
+    def _read(self) -> None:
+        self._connected(again=False)
+        lines = Lines(self._counts)
+        # select() waits for pipes on POSIX, for sockets alone on Windows; a file always has something
+        waits = os.name == "posix" and not stat.S_ISREG(os.fstat(self._file).st_mode)
+        while not self._alarm.rung:
+            if waits and not self._alarm.ready(self._file, 60.0):
+                continue
+            data = os.read(self._file, BLOCK)
+            if not data:
+                self._deliver(self._parser.parse(lines.rest(), time.monotonic()))
+                break
+            self._deliver(self._parser.parse(lines.split(data), time.monotonic()))
+        self._deliver(self._parser.finish(time.monotonic()))
+
+
+def open_pipe(address: Address, columns: tuple[str, ...] | None) -> PipeSource:
+    """Return the source that reads standard input."""
+    address.allow("columns")
+    try:
+        file = sys.stdin.fileno()
+    except (AttributeError, OSError, ValueError):
+        raise InvalidArgumentError("-: there is no standard input; pipe samples into the command") from None
+    return PipeSource(address.name, file, columns)

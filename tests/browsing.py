@@ -1,0 +1,63 @@
+"""What tests of pages share: the system's Chromium, and whether what it shows can be read."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+OPTIONS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+OPTIONS += ["--disable-component-update", "--disable-sync"]
+
+# every piece of text that is shown, with its colour, what lies behind it and its size
+TEXTS = """() => {
+  const parse = colour => colour.match(/[\\d.]+/g).map(Number);
+  const behind = element => {
+    for (let at = element; at; at = at.parentElement) {
+      const colour = parse(getComputedStyle(at).backgroundColor);
+      if (colour.length === 3 || colour[3] > 0) return colour;
+    }
+    return [255, 255, 255];
+  };
+  const found = [];
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) {
+    const node = walker.currentNode, element = node.parentElement;
+    if (!node.data.trim() || element.closest("script, style") || !element.getClientRects().length) continue;
+    const style = getComputedStyle(element);
+    const colour = element.ownerSVGElement ? style.fill : style.color;
+    found.push([node.data.trim().slice(0, 30), parse(colour), behind(element), style.opacity]);
+  }
+  const root = getComputedStyle(document.documentElement), probe = document.createElement("i");
+  document.body.append(probe);
+  probe.style.color = root.getPropertyValue("--muted");
+  found.push(["axes of the plots", parse(getComputedStyle(probe).color), behind(probe), "1"]);
+  return found;
+}"""
+
+
+@contextmanager
+def chromium() -> Iterator:
+    """A browser without a window; skips the test, with the reason, where there is none."""
+    found = shutil.which("chromium")
+    if found is None:
+        pytest.skip("no chromium on the path: apt-get install chromium")
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with playwright.sync_playwright() as driver:
+        launched = driver.chromium.launch(executable_path=found, args=OPTIONS)
+        yield launched
+        launched.close()
+
+
+def luminance(colour: list[float]) -> float:
+    linear = [
+        c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in (value / 255 for value in colour[:3])
+    ]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def contrast(one: list[float], other: list[float]) -> float:
+    darker, lighter = sorted([luminance(one), luminance(other)])
+    return (lighter + 0.05) / (darker + 0.05)

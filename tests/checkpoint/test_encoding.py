@@ -1,0 +1,286 @@
+"""The bytes of a checkpoint: one wrong bit, a byte too few, sizes that lie: refused with a reason, never guessed at."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tracemalloc
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import replant as rp
+from builders import identifier, random_plant, record
+from replant.checkpoint.encoding import DIGEST, MAGIC, START, VERSION, decode
+from replant.kernels import layout as at
+
+
+def running(samples: int = 3) -> rp.Identifier:
+    """One whose checkpoint is small: it began at once, and little has come."""
+    ident = identifier(structure=rp.Structure(1))
+    for k in range(samples):
+        ident.update(float(k % 2), 0.1 * k)
+    return ident
+
+
+def starting() -> rp.Identifier:
+    ident = rp.Identifier(rp.Structure(1), 0.1)
+    for k in range(4):
+        ident.update(float(k % 2), 0.1 * k)
+    return ident
+
+
+SMALL = {"running": running().to_bytes({"sequence": 3}), "starting": starting().to_bytes()}
+every_checkpoint = pytest.mark.parametrize("data", SMALL.values(), ids=SMALL)
+
+
+def sealed(content: bytes) -> bytes:
+    """Bytes with a checksum that is right: what someone could make who means it."""
+    return content + hashlib.sha256(content).digest()
+
+
+def parts(data: bytes) -> tuple[dict[str, Any], bytes]:
+    _, _, length = START.unpack_from(data)
+    return json.loads(data[START.size : START.size + length]), data[START.size + length : -DIGEST]
+
+
+def assembled(header: Any, body: bytes) -> bytes:
+    text = header if isinstance(header, bytes) else json.dumps(header).encode()
+    return sealed(START.pack(MAGIC, VERSION, len(text)) + text + body)
+
+
+def reason(data: bytes) -> str:
+    """Why these bytes are refused: one line."""
+    with pytest.raises(rp.DamagedCheckpointError) as caught:
+        rp.Identifier.from_bytes(data)
+    words = str(caught.value)
+    assert words
+    assert "\n" not in words
+    return words
+
+
+@every_checkpoint
+def test_every_single_flipped_bit_is_refused(data: bytes) -> None:
+    assert rp.Identifier.from_bytes(data).to_bytes(decode(data).progress) == data
+    for place in range(len(data)):
+        for bit in range(8):
+            flipped = bytearray(data)
+            flipped[place] ^= 1 << bit
+            with pytest.raises(rp.DamagedCheckpointError):
+                decode(flipped)
+
+
+@every_checkpoint
+def test_every_cut_and_anything_appended_is_refused(data: bytes) -> None:
+    for length in range(len(data)):
+        with pytest.raises(rp.DamagedCheckpointError):
+            decode(data[:length])
+    for tail in (b"\0", b"\n", data):
+        with pytest.raises(rp.DamagedCheckpointError):
+            decode(data + tail)
+
+
+def test_the_reasons() -> None:
+    data = SMALL["running"]
+    assert reason(b"") == "it is empty"
+    assert "read_log" in reason(b"t,u,y\n0.0,1.0,0.0\n")
+    assert reason(data[:20]) == "it is cut off"
+    assert "checksum" in reason(data[:-1])
+    assert "checksum" in reason(data[:200] + bytes(100) + data[300:])
+
+
+def test_another_version_is_refused_and_the_one_that_can_be_read_is_named() -> None:
+    data = SMALL["running"]
+    newer = sealed(START.pack(MAGIC, VERSION + 1, 8) + data[START.size : -DIGEST])
+    assert reason(newer) == f"its format is version {VERSION + 1}; this replant reads version {VERSION}"
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_refused(noise: bytes) -> None:
+    for data in (noise, MAGIC + noise, sealed(MAGIC + noise), sealed(START.pack(MAGIC, VERSION, len(noise)) + noise)):
+        assert reason(data)
+
+
+@pytest.mark.parametrize("data", ["text", None, 3, [1, 2]])
+def test_what_is_no_bytes_is_a_type_error(data: Any) -> None:
+    with pytest.raises(rp.ArgumentTypeError, match="data must be bytes"):
+        rp.Identifier.from_bytes(data)
+
+
+def test_any_kind_of_bytes_will_do() -> None:
+    data = SMALL["running"]
+    for kind in (bytes, bytearray, memoryview):
+        assert rp.Identifier.from_bytes(kind(data)).samples == 3
+
+
+# --- a right checksum over wrong content
+
+
+@every_checkpoint
+def test_a_forged_header_gives_an_identifier_or_a_reason(data: bytes) -> None:
+    """Flip any bit of it and seal it again: never another kind of error, whatever it then says."""
+    _, _, length = START.unpack_from(data)
+    refused = 0
+    for place in range(8, START.size + length):
+        for bit in range(0, 8, 3):
+            forged = bytearray(data[:-DIGEST])
+            forged[place] ^= 1 << bit
+            try:
+                decode(sealed(bytes(forged)))
+            except rp.DamagedCheckpointError:
+                refused += 1
+    assert refused > length
+
+
+KERNELS: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "gradient": {"optimizer": rp.Adam(1e-3), "instruments": True, "structure": rp.Structure(2, 1, delay=0.12)},
+    "second order": {"optimizer": rp.KalmanTracking(1e-3), "filter": rp.RefinedFilter(), "instruments": "auto"},
+    "solved again": {"optimizer": "auto", "filter": "auto", "instruments": "auto"},
+}
+
+
+@pytest.mark.parametrize("kind", KERNELS)
+def test_forged_positions_do_not_reach_the_kernels(kind: str) -> None:
+    """Flip bits of each whole number of the state: it is refused, or runs on inside of its arrays."""
+    ident = identifier(dt=0.2, startup=100, **KERNELS[kind])
+    u, y = record(random_plant(2, 2, 1), 1, 300, 0.2)
+    ident.update_many(u[:150], y[:150])
+    assert ident.status == "running"
+    header, body = parts(ident.to_bytes())
+    (name, _, (size,), rows), *_ = header["arrays"]
+    assert (name, size) == ("ints", len(ident._state.ints))
+    refused = 0
+    for slot in range(rows):
+        for bit in (0, 1, 4, 20, 40, 62, 63):
+            forged = bytearray(body)
+            forged[8 * slot + bit // 8] ^= 1 << bit % 8
+            try:
+                other = rp.Identifier.from_bytes(assembled(header, bytes(forged)))
+            except rp.DamagedCheckpointError:
+                refused += 1
+            else:
+                other.update_many(u[150:], y[150:])
+    assert refused > 7 * 30  # sizes and offsets: none of their bits
+
+
+def change(path: str, value: Any) -> Callable[[dict[str, Any]], None]:
+    *way, last = path.split("/")
+
+    def act(header: dict[str, Any]) -> None:
+        for key in way:
+            header = header[int(key) if isinstance(header, list) else key]  # type: ignore[assignment]
+        header[int(last) if isinstance(header, list) else last] = value  # type: ignore[index]
+
+    return act
+
+
+BUFFER = 3  # its place in the header's list of arrays
+
+
+@pytest.mark.parametrize(
+    ("act", "words"),
+    [
+        (change(f"arrays/{BUFFER}/2", [2**40, 6]), "declared too large"),
+        (change(f"arrays/{BUFFER}/2", [2**31, 2**31]), "declared too large"),
+        (change(f"arrays/{BUFFER}/2", [0, 2**62, 2**62]), "differ|declared|settings"),
+        (change(f"arrays/{BUFFER}/2", [-1, 6]), "declared as"),
+        (change(f"arrays/{BUFFER}/2", [50.0, 6]), "declared as"),
+        (change(f"arrays/{BUFFER}/2", []), "declared as"),
+        (change(f"arrays/{BUFFER}/1", "|O"), "declared as"),
+        (change(f"arrays/{BUFFER}/3", 51), "declared too large"),
+        (change(f"arrays/{BUFFER}/3", 2), "its arrays are declared as"),
+        (change(f"arrays/{BUFFER}/2", [49, 4]), "not as long as its settings say"),
+        (change("arrays/1/2", [10_000]), "its reals have the shape"),
+        (change("arrays/0/0", "reals"), "other arrays"),
+        (change("attributes/_settings/Settings/replay/Replay/capacity", 2**30), "not as long as its settings say"),
+        (change("attributes/_settings/Settings/optimizer", {"Gradient": {"gain": 1.0}}), "settings"),
+        (change("attributes/_settings/Settings/structure/Structure/poles", 2), "must have 3 entries"),
+        (change("attributes/_settings/Settings/structure/Structure/poles", 0), "poles must be at least 1"),
+        (change("attributes/_settings/Settings/dt", "soon"), "identifier"),
+        (change("attributes/_hold", "long"), "hold is a str"),
+        (change("attributes/_request", None), "request is a NoneType"),
+        (change("attributes/_news", 1), "holds other things"),
+        (change("attributes", {}), "holds other things"),
+        (change("layout", "0123456789abcdef"), "lays the state out otherwise"),
+        (change("layout", None), "lays the state out otherwise"),
+        (change("progress/where", [1]), "progress must map"),
+        (change("progress", []), "identifier"),
+    ],
+)
+def test_a_forged_entry_is_refused(act: Callable[[dict[str, Any]], None], words: str) -> None:
+    header, body = parts(SMALL["running"])
+    assert header["arrays"][BUFFER][0] == "buffer"
+    act(header)
+    tracemalloc.start()
+    try:
+        with pytest.raises(rp.DamagedCheckpointError, match=words):
+            decode(assembled(header, body))
+        assert tracemalloc.get_traced_memory()[1] < 2**20, "something large was allocated before it was checked"
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    "header", [b"[]", b"3", b"{}", b"", b"\xff", b"[" * 100_000, b'{"arrays":' * 50_000, b'{"attributes":{"a":NaN}}']
+)
+def test_a_header_that_is_none_is_refused(header: bytes) -> None:
+    assert reason(assembled(header, b""))
+
+
+def test_a_header_longer_than_the_file_is_refused() -> None:
+    assert "longer" in reason(sealed(START.pack(MAGIC, VERSION, 2**32 - 1) + b"{}"))
+    assert "longer" in reason(sealed(START.pack(MAGIC, VERSION, 3) + b"{}"))
+
+
+# --- what goes along, and what it costs
+
+
+def test_progress_goes_along_exactly() -> None:
+    progress = {"sequence": 2**60, "seconds": 0.1 + 0.2, "never": float("inf"), "source": 'tcp://[::1]:9 "\u00e9\ud800'}
+    assert decode(running().to_bytes(progress)).progress == progress
+    assert decode(running().to_bytes()).progress == {}
+
+
+@pytest.mark.parametrize("progress", [{"a": None}, {"a": True}, {"a": np.int64(3)}, {"a": [1]}, {3: 1}])
+def test_progress_of_other_kinds_is_refused(progress: Any) -> None:
+    with pytest.raises(rp.InvalidArgumentError, match="progress must map names to int, float or str"):
+        running().to_bytes(progress)
+
+
+def test_too_much_progress_is_refused() -> None:
+    with pytest.raises(rp.InvalidArgumentError, match="too large"):
+        running().to_bytes({"story": "x" * 2**20})
+
+
+def test_rows_that_were_never_written_cost_nothing() -> None:
+    """A buffer of 240000 rows holds no more than came in; it comes back whole."""
+    wide = identifier(replay=rp.Replay(capacity=240_000, batch_size=4, warmup=4))
+    sizes = []
+    for _ in range(3):
+        wide.update_many(np.ones(100), np.ones(100))
+        sizes.append(len(wide.to_bytes()))
+    assert sizes[0] < 30_000
+    row = 8 * (wide._state.buffer.shape[1] + 3)  # the buffer's and that of the raw samples
+    assert abs(sizes[2] - sizes[1] - 100 * row) <= 16
+    assert rp.Identifier.from_bytes(wide.to_bytes())._state.buffer.shape == wide._state.buffer.shape
+
+
+def test_a_negative_zero_is_no_row_that_was_never_written() -> None:
+    ident = rp.Identifier(rp.Structure(1), 0.1)
+    ident.update(-0.0, -0.0, -0.0)
+    (row,) = rp.Identifier.from_bytes(ident.to_bytes())._held
+    assert np.signbit(row).all()
+
+
+def test_the_size_stays_once_the_rings_are_full() -> None:
+    ident = running()
+    ident.update_many(np.ones(11_000), np.ones(11_000))
+    size = len(ident.to_bytes())
+    ident.update_many(np.ones(50_000), np.ones(50_000))
+    assert abs(len(ident.to_bytes()) - size) <= 8
+    assert ident._state.ints[at.SAMPLES] == 61_003

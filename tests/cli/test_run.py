@@ -1,0 +1,199 @@
+"""`replant run` on logs of any length: what a person sees meanwhile, and what is left afterwards."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+import replant as rp
+from replant import runs
+from replant.cli import main, options
+from replant.cli import run as run_command
+from replant.cli.output import COMPILING, announced_compiling, in_thousands
+from replant.logs import open_recording, read_columns
+
+DT = 0.05
+PLANT = rp.TransferFunction([2.0], [1.0, 0.5])
+OPTIONS = ("--input", "u", "--output", "y", "--poles", "1")
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.choice([-1.0, 1.0], 500), 10)
+    y = PLANT.simulate(u, DT) + 3.0 + 0.01 * rng.standard_normal(u.size)
+    path = tmp_path / "log.csv"
+    rows = (f"{DT * k:.2f},{u[k]},{y[k].item()!r}\n" for k in range(u.size))
+    path.write_text("t,u,y\n" + "".join(rows))
+    return path
+
+
+@pytest.fixture
+def short_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As if the log were too long to be held."""
+    monkeypatch.setattr(options, "open_recording", partial(open_recording, most_held=1000))
+    monkeypatch.setattr(runs, "FITTED", 800)
+    monkeypatch.setattr(run_command, "FITTED", 800)
+
+
+def run(*arguments: object) -> None:
+    main(["run", *map(str, arguments), *OPTIONS])
+
+
+def answer_to(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, object]:
+    run(*arguments, "--json")
+    answer: dict[str, object] = json.loads(capsys.readouterr().out)
+    del answer["elapsed_seconds"]
+    return answer
+
+
+def test_a_log_that_is_not_held_gives_the_same_answer(
+    capsys: pytest.CaptureFixture[str], log: Path, request: pytest.FixtureRequest
+) -> None:
+    """But for the fits, whose initial state is that of the first samples."""
+    held = answer_to(capsys, log)
+    request.getfixturevalue("short_memory")
+    streamed = answer_to(capsys, log)
+    fits, others = streamed.pop("fit"), held.pop("fit")
+    assert streamed == held
+    assert fits == pytest.approx(others, abs=0.01)
+
+
+@pytest.mark.usefixtures("short_memory")
+def test_the_full_trace_is_that_of_update_many(capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason="pip install 'replant[parquet]'")
+    path = tmp_path / "trace.parquet"
+    run(log, "--full-trace", path)
+    assert f"wrote {path}" in capsys.readouterr().out.replace("\n", "")
+    t, a0, b0, error = read_columns(path).columns(["time [s]", "a0", "b0", "error"])
+    u, y = read_columns(log).columns(["u", "y"])
+    preprocess = rp.Preprocess("identity", "mean", "mean")
+    expected = rp.Identifier(rp.Structure(poles=1), DT, startup=500, preprocess=preprocess).update_many(u, y)
+    np.testing.assert_allclose(t, DT * np.arange(u.size), rtol=1e-12)
+    np.testing.assert_array_equal(np.column_stack([a0, b0]), expected.parameters)
+    np.testing.assert_array_equal(error, expected.errors)
+
+
+@pytest.mark.usefixtures("short_memory")
+def test_plots_and_report_show_the_whole_of_a_log_that_is_not_held(
+    capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib", reason="pip install 'replant[report]'")
+    pytest.importorskip("pyarrow", reason="pip install 'replant[parquet]'")
+    run(log, "--out", tmp_path / "out", "--full-trace", tmp_path / "trace.pq")
+    capsys.readouterr()
+    assert (tmp_path / "out" / "fit.png").stat().st_size > 10_000
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "5,000 samples" in page
+    assert "of the newest 800 samples" in page
+    assert "--full-trace" not in page  # what repeats the result needs no second copy of it
+    charts = json.loads(re.search(r'<script[^>]*type="application/json"[^>]*>(.*?)</script>', page, re.DOTALL)[1])
+    for chart in charts["fit"]:
+        assert chart["start"] + chart["step"] * chart["count"] == pytest.approx(5000 * DT, rel=0.01)
+    ends = [chart["start"] + chart["step"] * (chart["count"] - 1) for chart in charts["excitation"]]
+    assert ends == pytest.approx([5000 * DT] * 2, rel=0.01)
+    assert all(chart["start"] > 4000 * DT for chart in charts["excitation"])
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.usefixtures("short_memory")
+def test_a_person_sees_how_far_it_is(
+    capsys: pytest.CaptureFixture[str], log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(runs, "CHUNK", 10)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setattr(sys, "stderr", terminal)
+    run(log, "--json")
+    text = terminal.getvalue()
+    assert all(word in text for word in ("checking", "identifying", "%", "left"))
+    assert re.search(r"\d [kM]? ?samples/s", text)
+    assert json.loads(capsys.readouterr().out)["samples"] == 5000
+
+
+def test_nothing_is_drawn_where_nobody_looks(capsys: pytest.CaptureFixture[str], log: Path) -> None:
+    run(log, "--json")
+    assert capsys.readouterr().err.replace(COMPILING + "\n", "") == ""
+
+
+def test_mistakes_are_said_in_one_line(capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path) -> None:
+    with pytest.raises(SystemExit) as stop:
+        run(log, "--full-trace", tmp_path / "trace.csv")
+    assert stop.value.code == 2
+    message = capsys.readouterr().err.replace(COMPILING + "\n", "")
+    assert message.count("\n") == 1
+    assert "the full trace is a Parquet file; give it the suffix .parquet" in message
+
+
+def test_compiling_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
+    """Of any number of kernels, at the first that no cache holds; those that are there say nothing."""
+
+    @numba.njit
+    def doubled(value: float) -> float:
+        return value + value
+
+    @numba.njit
+    def tripled(value: float) -> float:
+        return value + value + value
+
+    with announced_compiling():
+        assert (doubled(1.0), tripled(1.0)) == (2.0, 3.0)
+    assert capsys.readouterr().err == COMPILING + "\n"
+    with announced_compiling():
+        assert (doubled(2.0), tripled(2.0)) == (4.0, 6.0)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(("value", "text"), [(999.0, "999"), (1000.0, "1 k"), (2.5e9, "2.5 G")])
+def test_a_rate_in_three_digits(value: float, text: str) -> None:
+    assert in_thousands(value) == text
+
+
+PEAK = """
+import sys
+from pathlib import Path
+from replant.logs import open_recording
+from replant.runs import run_source
+from replant.settings import Request
+import replant as rp
+
+QUICK = {"filter": rp.StateVariableFilter(2.0), "optimizer": rp.Gradient(0.1), "scaling": None, "replay": None}
+recording = open_recording(sys.argv[1], input="u", output="y", most_held=0)
+run_source(Request(rp.Structure(poles=1), recording.dt, **QUICK), recording, newest=1000)
+status = Path("/proc/self/status").read_text()
+print(next(line for line in status.splitlines() if line.startswith("VmHWM")).split()[1])
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no /proc to read a process's peak memory from")
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_memory_does_not_grow_with_the_log(tmp_path: Path, suffix: str) -> None:
+    """Past a few batches the peak stays: a log held in memory would add three numbers a row, and its text more."""
+    pyarrow = pytest.importorskip("pyarrow", reason="pip install 'replant[parquet]'")
+    from pyarrow import csv, parquet
+
+    peaks, lengths = [], (1_000_000, 4_000_000)
+    for rows in lengths:
+        u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], rows // 20), 20)
+        columns = {"t": np.round(DT * np.arange(rows), 2), "u": u, "y": np.round(PLANT.simulate(u, DT), 4)}
+        path = tmp_path / f"{rows}.{suffix}"
+        (csv.write_csv if suffix == "csv" else parquet.write_table)(pyarrow.table(columns), path)
+        found = subprocess.run([sys.executable, "-c", PEAK, path], capture_output=True, text=True)
+        assert found.returncode == 0, found.stderr
+        peaks.append(1024 * int(found.stdout))
+    assert peaks[1] - peaks[0] < 0.5 * 24 * (lengths[1] - lengths[0])
+    assert peaks[1] < 500e6, peaks

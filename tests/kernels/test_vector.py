@@ -1,0 +1,95 @@
+"""Vectors beside NumPy: what a kernel makes of eight numbers at once, and lane by lane."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numba import TypingError, njit
+
+from replant.kernels.vector import LANES, prefetch, vectors
+
+generator = np.random.default_rng(5)
+A, B = generator.standard_normal((2, 3, LANES))
+A[0, 1], A[0, 2], A[1, 0], B[1, 0], A[2, 3] = np.nan, np.inf, -0.0, 0.0, -np.inf
+
+#: Each works on floats and on vectors.
+OPERATIONS: dict[str, Callable[[Any, Any], Any]] = {
+    "sum": lambda a, b: a + b,
+    "difference": lambda a, b: a - b,
+    "product": lambda a, b: a * b,
+    "quotient": lambda a, b: a / b,
+    "negative": lambda a, b: -a,
+    "larger": lambda a, b: max(a, b),
+    "with a number on the left": lambda a, b: 2.0 / (1.0 + b) - (3.0 - b) * 0.1,
+    "with a number on the right": lambda a, b: (a * 2.0 - 1.0) / 3.0 + 0.5,
+    "larger than a number": lambda a, b: max(a, 0.25),
+    "root": lambda a, b: math.sqrt(a * a + b * b),
+}
+
+
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_each_lane_gets_the_bits_of_a_float(name: str) -> None:
+    operation = njit(error_model="numpy")(OPERATIONS[name])
+
+    @njit(error_model="numpy")
+    def of_vectors(a, b, result):  # type: ignore[no-untyped-def]
+        a, b, result = vectors(a), vectors(b), vectors(result)
+        for i in range(a.size):
+            result[i] = operation(a[i], b[i])
+
+    result = np.zeros_like(A)
+    of_vectors(A, B, result)
+    expected = np.array([[operation(a, b) for a, b in zip(*rows, strict=True)] for rows in zip(A, B, strict=True)])
+    np.testing.assert_array_equal(result, expected)
+    np.testing.assert_array_equal(np.signbit(result)[~np.isnan(expected)], np.signbit(expected)[~np.isnan(expected)])
+
+
+def test_a_sum_that_begins_as_a_number_becomes_a_vector() -> None:
+    @njit
+    def total(a, result):  # type: ignore[no-untyped-def]
+        a, result, running = vectors(a), vectors(result), 0.0
+        for i in range(a.size):
+            running += a[i]
+        result[0] = running if a.size > 0 else 1.0
+
+    result = np.zeros((1, LANES))
+    total(B, result)
+    np.testing.assert_array_equal(result[0], B[0] + B[1] + B[2])
+    total(B[:0], result)
+    np.testing.assert_array_equal(result[0], np.ones(LANES))
+
+
+def test_the_vectors_of_an_array_are_the_same_memory_row_by_row() -> None:
+    @njit
+    def copy_last_row(a):  # type: ignore[no-untyped-def]
+        rows = vectors(a)
+        rows[0][1:] = rows[a.shape[0] - 1][1:]
+        return rows.shape, rows[1:].size
+
+    array = np.arange(4.0 * 3 * LANES).reshape(4, 3, LANES)
+    before = array.copy()
+    assert copy_last_row(array) == ((4, 3), 9)
+    np.testing.assert_array_equal(array[0, 1:], before[3, 1:])
+    np.testing.assert_array_equal(array[0, 0], before[0, 0])
+    np.testing.assert_array_equal(array[1:], before[1:])
+
+
+@pytest.mark.parametrize("array", [np.zeros((LANES, 3)).T, np.zeros((3, LANES), np.float32)], ids=["order", "type"])
+def test_only_contiguous_float64_can_be_seen_as_vectors(array: np.ndarray) -> None:
+    with pytest.raises(TypingError):
+        njit(lambda a: vectors(a).size)(array)
+
+
+def test_prefetch_reaches_the_compiler_and_changes_nothing() -> None:
+    @njit
+    def ask(a):  # type: ignore[no-untyped-def]
+        prefetch(a, 1, 2)
+
+    array = np.arange(12.0).reshape(3, 4)
+    ask(array)
+    assert "call void @llvm.prefetch" in next(iter(ask.inspect_llvm().values()))
+    np.testing.assert_array_equal(array, np.arange(12.0).reshape(3, 4))

@@ -1,0 +1,128 @@
+"""The command as a person runs it: a process of its own, and what comes out of it."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import replant as rp
+from live.fakes import DT, REQUEST
+from replant import checkpoint
+
+PATIENCE = 120.0  # s: only guards against hanging
+MODEL = ("--poles", "1", "--dt", str(DT), "--startup", str(REQUEST.startup))
+
+
+@contextmanager
+def live(source: str, *options: object, model: tuple[str, ...] = MODEL) -> Iterator[subprocess.Popen[bytes]]:
+    """Run ``replant live``; killed at the end of the block if it still runs."""
+    command = [sys.executable, "-W", "error", "-m", "replant", "live", source, *model, *map(str, options)]
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=dict(os.environ)
+    )  # fmt: skip
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def finished(process: subprocess.Popen[bytes], data: bytes | None = None) -> tuple[int, str, str]:
+    """Exit code, standard output and error of a process that ends by itself."""
+    out, err = process.communicate(data, timeout=PATIENCE)
+    return process.returncode, out.decode(), err.decode()
+
+
+def lines(u: np.ndarray, y: np.ndarray, t: np.ndarray | None = None, first: int | None = None) -> list[bytes]:
+    """CSV lines of samples, exact, with stamps and numbers from ``first`` on where they are given."""
+    columns = [] if first is None else [range(first, first + u.size)]
+    columns += [] if t is None else [t.tolist()]
+    return [(",".join(map(repr, row)) + "\n").encode() for row in zip(*columns, u.tolist(), y.tolist(), strict=True)]
+
+
+def learned(u: np.ndarray, y: np.ndarray, t: np.ndarray | None = None) -> rp.Identifier:
+    """An identifier that took a record at once."""
+    identifier = rp.Identifier(**vars(REQUEST))
+    identifier.update_many(u, y, t)
+    return identifier
+
+
+def estimates(text: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def wait_for(what: Callable[[], Any]) -> Any:
+    """Wait until something is there, and return it."""
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        found = what()
+        if found:
+            return found
+        time.sleep(0.02)
+    raise AssertionError(f"waited {PATIENCE} s in vain")
+
+
+def sequence_of(path: Path) -> int:
+    """The number of the last sample in a checkpoint; -1 where there is none yet."""
+    try:
+        return int(checkpoint.load(path).progress.get("sequence", -1))
+    except checkpoint_errors():
+        return -1
+
+
+def checkpoint_errors() -> type[Exception]:
+    from replant.errors import CheckpointError
+
+    return CheckpointError
+
+
+class ReplayingPeer:
+    """A TCP peer that sends numbered lines, to each client from where it asks for, a block at a time."""
+
+    def __init__(self, lines: list[bytes], block: int = 50, pause: float = 0.0) -> None:
+        self._lines, self._block, self._pause = lines, block, pause
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.url = f"tcp://127.0.0.1:{self._listening.getsockname()[1]}?columns=n,t,u,y"
+        self.sent = 0
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                client, _ = self._listening.accept()
+            except OSError:
+                return
+            with client:
+                try:
+                    self._send(client)
+                    client.recv(1)  # until it goes
+                except OSError:
+                    continue
+
+    def _send(self, client: socket.socket) -> None:
+        client.settimeout(0.3)  # who goes on says so at once
+        try:
+            at = int(client.recv(100).split()[1]) + 1
+        except TimeoutError:
+            at = 0
+        client.settimeout(PATIENCE)
+        while at < len(self._lines):
+            client.sendall(b"".join(self._lines[at : at + self._block]))
+            at = min(at + self._block, len(self._lines))
+            self.sent = max(self.sent, at)
+            time.sleep(self._pause)
+
+    def close(self) -> None:
+        self._listening.close()

@@ -1,0 +1,206 @@
+"""Who is let in and who is not: token, host, origin, and the headers that keep foreign content out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from live.dashboard.conftest import ask
+from live.dashboard.feed import Feed
+from replant.errors import InvalidArgumentError
+from replant.live.dashboard import Dashboard, Hub, serve
+
+TOKEN = "correct-horse+/=&?"
+HANDSHAKE = (
+    "Upgrade: websocket",
+    "Connection: Upgrade",
+    "Sec-WebSocket-Version: 13",
+    "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+)
+EVERYTHING = (
+    "GET /",
+    "GET /assets/dashboard.js",
+    "GET /model.json",
+    "POST /command/reset",
+    "POST /report",
+    "GET /none",
+)
+
+
+@pytest.fixture(scope="module")
+def guarded(watched: tuple[Feed, Dashboard]) -> Iterator[Dashboard]:
+    """The feed's dashboard, asking for a token."""
+    with serve(watched[0].hub, token=TOKEN) as served:
+        yield served
+
+
+def origin(port: int, host: str = "127.0.0.1") -> str:
+    return f"Origin: http://{host}:{port}"
+
+
+# --- host ---
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "LOCALHOST"])
+def test_its_own_names_are_answered(dashboard: Dashboard, host: str) -> None:
+    assert ask(dashboard.port, "GET /", host=host)[0] == 200
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "127.0.0.1.evil.example", "localhost.evil.example", "user@127.0.0.1", "10.0.0.1", "[::2]"]
+)
+@pytest.mark.parametrize("line", EVERYTHING)
+def test_any_other_name_is_refused(dashboard: Dashboard, feed: Feed, line: str, host: str) -> None:
+    """A name that an attacker's page has had pointed at this machine."""
+    status, headers, body = ask(dashboard.port, line, f"Origin: http://{host}:{dashboard.port}", host=host)
+    assert (status, feed.commands) == (421, [])
+    assert b"does not go by that name" in body
+    assert "content-security-policy" in headers
+
+
+def test_two_hosts_or_none_are_refused(dashboard: Dashboard) -> None:
+    assert ask(dashboard.port, "GET /", host=None)[0] == 400
+    assert ask(dashboard.port, "GET /", "Host: evil.example")[0] in (400, 421)
+
+
+# --- origin ---
+
+
+def test_a_command_from_its_own_page_arrives(dashboard: Dashboard, feed: Feed) -> None:
+    for name in ("freeze", "adapt", "reset"):
+        assert ask(dashboard.port, f"POST /command/{name}", origin(dashboard.port))[0] == 204
+    assert feed.commands == ["freeze", "adapt", "reset"]
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        (),
+        ("Origin: null",),
+        ("Origin: http://evil.example",),
+        ("Origin: http://127.0.0.1",),
+        ("Origin: http://[",),
+        ("Origin: http://127.0.0.1:1",),
+        ("Origin: file://127.0.0.1:PORT",),
+        ("Referer: http://127.0.0.1:PORT/",),
+    ],
+)
+@pytest.mark.parametrize("line", ["POST /command/reset", "POST /report"])
+def test_a_post_from_elsewhere_does_nothing(
+    dashboard: Dashboard, feed: Feed, line: str, headers: tuple[str, ...]
+) -> None:
+    sent = [header.replace("PORT", str(dashboard.port)) for header in headers]
+    status, _, body = ask(dashboard.port, line, *sent)
+    assert (status, feed.commands) == (403, [])
+    assert body == b"Only the dashboard's own page may do that.\n"
+
+
+def test_a_get_changes_nothing(dashboard: Dashboard, feed: Feed) -> None:
+    assert ask(dashboard.port, "GET /command/reset", origin(dashboard.port))[0] == 405
+    assert ask(dashboard.port, "GET /report", origin(dashboard.port))[0] == 405
+    assert ask(dashboard.port, "POST /command/shutdown", origin(dashboard.port))[0] == 404
+    assert feed.commands == []
+
+
+@pytest.mark.parametrize("foreign", ["Origin: http://evil.example", "X-Nothing: 1"])
+def test_a_websocket_from_elsewhere_is_refused(dashboard: Dashboard, foreign: str) -> None:
+    """Websockets know no same-origin policy: without this any page could read along."""
+    assert ask(dashboard.port, "GET /live", *HANDSHAKE, foreign)[0] == 403
+
+
+# --- token ---
+
+
+@pytest.mark.parametrize("line", EVERYTHING)
+@pytest.mark.parametrize(
+    "brought",
+    [
+        (),
+        ("Authorization: Bearer wrong",),
+        ("Authorization: Bearer",),
+        (f"Authorization: Basic {TOKEN}",),
+        (f"Authorization: Bearer {TOKEN}x",),
+        (f"Authorization: Bearer {TOKEN[:-1]}",),
+        (f"Cookie: replant-PORT={TOKEN}",),
+        ("Cookie: replant-PORT=; ;;=,",),
+        ("Cookie: \xff\xfe",),
+    ],
+)
+def test_without_the_token_nothing_is_told(guarded: Dashboard, feed: Feed, line: str, brought: tuple[str, ...]) -> None:
+    sent = [header.replace("PORT", str(guarded.port)) for header in brought]
+    status, headers, body = ask(guarded.port, line, origin(guarded.port), *sent)
+    assert (status, feed.commands) == (401, [])
+    assert TOKEN.encode() not in body
+    assert "set-cookie" not in headers
+
+
+def test_a_program_brings_the_token_in_a_header(guarded: Dashboard, feed: Feed) -> None:
+    bearer = f"Authorization: Bearer {TOKEN}"
+    status, headers, _ = ask(guarded.port, "GET /model.json", bearer)
+    assert (status, "set-cookie" in headers) == (200, False)
+    assert ask(guarded.port, "POST /command/freeze", bearer, origin(guarded.port))[0] == 204
+    assert ask(guarded.port, "POST /command/reset", bearer)[0] == 403  # the token does not replace the origin
+    assert feed.commands == ["freeze"]
+
+
+def test_a_browser_brings_it_once_and_then_a_cookie(guarded: Dashboard, feed: Feed) -> None:
+    path = guarded.url.removeprefix(f"http://127.0.0.1:{guarded.port}")
+    status, headers, _ = ask(guarded.port, f"GET {path}")
+    cookie, *limits = headers["set-cookie"].split("; ")
+    assert status == 200
+    assert set(limits) == {"HttpOnly", "SameSite=Strict", "Path=/"}
+    assert TOKEN not in cookie
+    assert ask(guarded.port, "GET /assets/dashboard.js", f"Cookie: {cookie}")[0] == 200
+    assert ask(guarded.port, "POST /command/freeze", f"Cookie: {cookie}", origin(guarded.port))[0] == 204
+    assert feed.commands == ["freeze"]
+
+
+def test_a_token_in_the_address_does_not_act(guarded: Dashboard, feed: Feed) -> None:
+    query = guarded.url.partition("?")[2]
+    assert ask(guarded.port, f"POST /command/reset?{query}", origin(guarded.port))[0] == 401
+    assert feed.commands == []
+
+
+def test_a_websocket_needs_the_token_too(guarded: Dashboard) -> None:
+    assert ask(guarded.port, "GET /live", *HANDSHAKE, origin(guarded.port))[0] == 403
+
+
+# --- where it listens ---
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.1", "example.org"])
+def test_the_network_is_not_let_in_without_a_token(host: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=r"lets the whole network in: give a token, or use 127\.0\.0\.1"):
+        serve(Hub(command=print, report=bytes), host)
+
+
+@pytest.mark.parametrize("token", ["", " ", "two words", "naïve", "line\nbreak"])
+def test_a_token_that_no_header_can_carry_is_refused(token: str) -> None:
+    with pytest.raises(InvalidArgumentError, match="token must be printable ASCII"):
+        serve(Hub(command=print, report=bytes), token=token)
+
+
+def test_with_a_token_it_listens_everywhere_and_still_knows_its_names(feed: Feed) -> None:
+    with serve(feed.hub, "0.0.0.0", token=TOKEN) as served:
+        bearer = f"Authorization: Bearer {TOKEN}"
+        assert ask(served.port, "GET /", bearer)[0] == 200
+        assert ask(served.port, "GET /", bearer, host="evil.example")[0] == 421
+        assert ask(served.port, "GET /")[0] == 401
+
+
+# --- headers ---
+
+
+@pytest.mark.parametrize("line", [*EVERYTHING, "GET /model.py", "GET /assets/../server.py", "PUT /", "OPTIONS /report"])
+def test_every_answer_forbids_foreign_content(dashboard: Dashboard, line: str) -> None:
+    _, headers, _ = ask(dashboard.port, line, origin(dashboard.port))
+    policy = dict(entry.strip().split(" ", 1) for entry in headers["content-security-policy"].split(";"))
+    assert policy.pop("default-src") == "'none'"
+    assert policy.pop("frame-ancestors") == "'none'"
+    assert set(policy.values()) <= {"'self'", "'none'"}
+    assert headers["x-content-type-options"] == "nosniff"
+    assert headers["cache-control"] == "no-store"
+    assert headers["x-frame-options"] == "DENY"
+    assert not [name for name in headers if name.startswith("access-control")]
+    assert "server" not in headers

@@ -1,0 +1,105 @@
+"""Stand-ins for what surrounds a session, and the record that they play."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+import replant as rp
+from replant.live.estimate import Estimate
+from replant.live.view import Pulse
+from replant.settings import Request
+from replant.sources import Batch
+
+PLANT, DT = rp.TransferFunction([2.0], [1.0, 0.5]), 0.05
+REQUEST = Request(rp.Structure(1), DT, preprocess=rp.Preprocess("identity", "mean", "mean"), startup=200)
+
+
+def record(samples: int = 3000, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Input and noisy output of `PLANT` around a working point."""
+    generator = np.random.default_rng(seed)
+    u = np.repeat(generator.choice([-1.0, 1.0], -(-samples // 10)), 10)[:samples]
+    return 3.0 + u, 7.0 + PLANT.simulate(u, DT) + 0.02 * generator.standard_normal(samples)
+
+
+class FakeSource:
+    """Batches of random sizes, numbered from ``first``; goes on after a number as a peer that can replay."""
+
+    name, state = "fake://", "connected"
+
+    def __init__(
+        self, u: np.ndarray, y: np.ndarray, *, numbered: bool = True, t: np.ndarray | None = None, seed: int = 1,
+        between: Callable[[int], None] = lambda done: None, endless: bool = False,
+    ) -> None:  # fmt: skip
+        self.counters: dict[str, int] = {}
+        self._u, self._y, self._t, self._numbered = u, y, t, numbered
+        self._at, self._closed, self._between, self._endless = 0, False, between, endless
+        self._generator = np.random.default_rng(seed)
+
+    def seek(self, sequence: int) -> None:
+        self._at = sequence + 1
+
+    def close(self) -> None:
+        self._closed = True
+
+    def batches(self) -> Iterator[Batch]:
+        while self._at < self._u.size and not self._closed:
+            end = min(self._at + int(self._generator.integers(0, 50)), self._u.size)
+            part = slice(self._at, end)
+            self._at = end
+            yield Batch(
+                self._u[part], self._y[part], None if self._t is None else self._t[part],
+                np.arange(part.start, end) if self._numbered else None, time.monotonic(),
+            )  # fmt: skip
+            self._between(end)
+        while self._endless and not self._closed:
+            time.sleep(0.01)
+            yield Batch(np.zeros(0), np.zeros(0), None, None, time.monotonic())
+
+
+class FakeObserver:
+    """Never has a view, unless it is given one; remembers what was shown and handed."""
+
+    url = ""
+
+    def __init__(self, view: Any = None, commands: tuple[str, ...] = ()) -> None:
+        self.view = self.last = view
+        self.shown: list[str] = []
+        self.pulses: list[Pulse] = []
+        self._commands = list(commands)
+
+    def show(self, line: str) -> None:
+        self.shown.append(line)
+
+    def poll(self) -> list[str]:
+        commands, self._commands = self._commands, []
+        return commands
+
+    def ask(self, name: str) -> None:
+        self._commands.append(name)
+
+    def hand(self, identifier: rp.Identifier, pulse: Pulse, *, learned: bool) -> bool:
+        self.pulses.append(pulse)
+        return True
+
+    def look_again(self, identifier: rp.Identifier, pulse: Pulse) -> None:
+        pass
+
+
+class FakeSink:
+    name, interval = "fake sink", 0.0
+
+    def __init__(self, failure: Exception | None = None) -> None:
+        self.sent: list[Estimate] = []
+        self.closed, self._failure = False, failure
+
+    def send(self, estimate: Estimate) -> None:
+        if self._failure is not None:
+            raise self._failure
+        self.sent.append(estimate)
+
+    def close(self) -> None:
+        self.closed = True

@@ -1,0 +1,293 @@
+"""``replant live`` over a pipe, sockets and a broker: to the bit what `Identifier.update_many` gives."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from live.command import (
+    MODEL,
+    ReplayingPeer,
+    estimates,
+    finished,
+    learned,
+    lines,
+    live,
+    sequence_of,
+    wait_for,
+)
+from live.fakes import DT, record
+from replant import checkpoint
+from replant.cli import main
+
+U, Y = record()
+T = 5.0 + DT * np.arange(U.size)
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        return int(taken.getsockname()[1])
+
+
+def test_a_pipe_ends_with_the_bits_of_run_on_what_was_recorded(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """Without stamps: `replant run --startup` on the recorded folder is the very same identification."""
+    data = b"".join(lines(U, Y))
+    with live("-", "--to", "-", "--record", tmp_path / "record", "--checkpoint", tmp_path / "rig") as process:
+        code, out, err = finished(process, data)
+    assert code == 0
+    assert "Traceback" not in err
+    last = estimates(out)[-1]
+    kept = checkpoint.load(tmp_path / "rig").identifier
+    assert kept.to_bytes() == learned(U, Y).to_bytes()
+    assert [last["a0"], last["b0"]] == kept.parameters.tolist()
+    assert (last["samples"], last["trusted"], last["verdict"]) == (U.size, 1, "trusted")
+    assert last["std_a0"] == pytest.approx(kept.uncertainty.std[0], rel=1e-9)
+    assert "trusted" in err  # the summary: standard output is taken
+
+    main(["run", str(tmp_path / "record"), "--input", "u", "--output", "y", *MODEL, "--json"])
+    again = json.loads(capsys.readouterr().out)["parameters"]
+    assert [again["a0"]["value"], again["b0"]["value"]] == kept.parameters.tolist()
+
+
+def test_a_summary_for_people_is_printed_in_the_end(tmp_path: Path) -> None:
+    with live("-") as process:
+        code, out, err = finished(process, b"nonsense\n1e999,2\n" + b"".join(lines(U, Y, T)))
+    assert code == 0
+    assert "G(s) = " in out
+    assert "● trusted" in out
+    assert "a0" in err  # a line of status
+    assert "3,000 samples" in out
+    assert "not a number" in out
+    assert "Traceback" not in err
+
+
+def test_lines_over_tcp_with_stamps_and_numbers(tmp_path: Path) -> None:
+    peer = ReplayingPeer(lines(U, Y, T, first=0))
+    with live(peer.url, "--checkpoint", tmp_path / "rig", "--samples", U.size) as process:
+        code, out, _ = finished(process)
+    peer.close()
+    assert code == 0
+    assert "● trusted" in out
+    loaded = checkpoint.load(tmp_path / "rig")
+    assert loaded.identifier.to_bytes() == learned(U, Y, T).to_bytes()
+    assert loaded.progress["sequence"] == U.size - 1
+
+
+def test_datagrams_in_and_estimates_out(tmp_path: Path) -> None:
+    """As a controller and PlotJuggler get them: a flat JSON object a datagram, numbers under their names."""
+    port = free_port()
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as controller,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as rig,
+        live(
+            f"udp://127.0.0.1:{port}?columns=n,t,u,y", "--samples", 1000, "--to",
+            f"udp://127.0.0.1:{bound(controller)}", "--checkpoint", tmp_path / "rig", "--every", "1h",
+        ) as process,
+    ):  # fmt: skip
+        controller.settimeout(0.2)
+        rows = lines(U[:1000], Y[:1000], T[:1000], first=0)
+        answers, at = [], 0
+        deadline = time.monotonic() + 120.0
+        while process.poll() is None and time.monotonic() < deadline:
+            # the number of the newest sample learned comes back: no datagram is ever lost for want of waiting
+            rig.sendto(b"".join(rows[at : at + 10]), ("127.0.0.1", port))
+            try:
+                answers.append(json.loads(controller.recv(2000)))
+            except TimeoutError:
+                continue
+            at = answers[-1]["sequence"] + 1
+        assert finished(process)[0] == 0
+    assert answers[-1]["sequence"] == 999
+    assert answers[-1]["timestamp"] == T[999]
+    identifier = learned(U[:1000], Y[:1000], T[:1000])
+    assert [answers[-1]["a0"], answers[-1]["b0"]] == identifier.parameters.tolist()
+    assert checkpoint.load(tmp_path / "rig").identifier.to_bytes() == identifier.to_bytes()
+    numeric = {name for name, value in answers[-1].items() if not isinstance(value, str)}
+    assert numeric == {"timestamp", "sequence", "samples", "a0", "b0", "std_a0", "std_b0", "trusted"}
+
+
+def bound(receiver: socket.socket) -> int:
+    receiver.bind(("127.0.0.1", 0))
+    return int(receiver.getsockname()[1])
+
+
+# --- MQTT
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[int]:
+    found = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
+    if found is None:
+        pytest.skip("no mosquitto: install it to test against a real broker")
+    port = free_port()
+    config = tmp_path / "mosquitto.conf"
+    config.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\n")
+    process = subprocess.Popen([found, "-c", str(config)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        wait_for(lambda: answers(port))
+        yield port
+    finally:
+        process.kill()
+        process.wait()
+
+
+def answers(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+def test_samples_and_the_model_over_a_broker(broker: int, tmp_path: Path) -> None:
+    """The model is retained: who subscribes later has it at once, with verdict and standard deviations."""
+    from paho.mqtt.client import Client
+    from paho.mqtt.enums import CallbackAPIVersion
+
+    client = Client(CallbackAPIVersion.VERSION2)
+    client.connect("127.0.0.1", broker)
+    client.loop_start()
+    url = f"mqtt://127.0.0.1:{broker}"
+    path = tmp_path / "rig"
+    with live(
+        f"{url}/rig/1", "--to", f"{url}/rig/1/model", "--samples", U.size, "--checkpoint", path, "--every", "100ms"
+    ) as process:
+        first = json.dumps({"n": 0, "t": T[0], "u": U[0], "y": Y[0]})
+
+        def heard() -> bool:
+            client.publish("rig/1", first, qos=1)
+            return sequence_of(path) >= 0
+
+        wait_for(heard)  # until it has subscribed, what is published is lost
+        for at in range(1, U.size, 10):
+            part = slice(at, at + 10)
+            numbers = list(range(U.size))[part]
+            batch = {"n": numbers, "t": T[part].tolist(), "u": U[part].tolist(), "y": Y[part].tolist()}
+            client.publish("rig/1", json.dumps(batch), qos=1)
+        code, _, _ = finished(process)
+    assert code == 0
+    assert checkpoint.load(path).identifier.to_bytes() == learned(U, Y, T).to_bytes()
+
+    retained: list[dict] = []
+    client.on_message = lambda *arguments: retained.append(json.loads(arguments[2].payload))
+    client.subscribe("rig/1/model", qos=1)
+    model = wait_for(lambda: retained)[0]
+    client.disconnect()
+    client.loop_stop()
+    assert [model["a0"], model["b0"]] == learned(U, Y, T).parameters.tolist()
+    assert model["trusted"] == 1
+    assert model["std_a0"] > 0
+
+
+# --- ends
+
+
+def test_sigterm_leaves_a_checkpoint_and_a_summary(tmp_path: Path) -> None:
+    path = tmp_path / "rig"
+    peer = ReplayingPeer(lines(U, Y, T, first=0))
+    with live(peer.url, "--checkpoint", path, "--every", "50ms") as process:
+        wait_for(lambda: sequence_of(path) == U.size - 1)
+        path.unlink()
+        process.send_signal(signal.SIGTERM)
+        code, out, err = finished(process)
+    peer.close()
+    assert code == 0
+    assert "G(s) = " in out
+    assert "Traceback" not in err
+    assert checkpoint.load(path).identifier.to_bytes() == learned(U, Y, T).to_bytes()
+
+
+def killed_and_resumed(tmp_path: Path, times: int) -> None:
+    """Kill it again and again while samples come, and let it go on from its checkpoint each time."""
+    u, y = record(20_000)
+    t = DT * np.arange(u.size)
+    path = tmp_path / "rig"
+    peer = ReplayingPeer(lines(u, y, t, first=0), block=20, pause=0.002)
+    generator = np.random.default_rng(0)
+    reached = [-1]
+    for k in range(times):
+        target = int(u.size * (k + 1) / (times + 2))
+        with live(peer.url, "--checkpoint", path, "--every", "20ms") as process:
+            wait_for(lambda: sequence_of(path) >= target)  # noqa: B023 - called in this round only
+            time.sleep(generator.uniform(0.0, 0.05))
+            process.kill()
+        reached.append(sequence_of(path))
+        assert reached[-1] < u.size - 1, "it was killed too late to show anything"
+    with live(peer.url, "--checkpoint", path, "--samples", u.size) as process:
+        code, out, _ = finished(process)
+    peer.close()
+    assert code == 0
+    assert f"{u.size:,} samples" in out
+    assert all(np.diff(reached) > 0)
+    assert checkpoint.load(path).identifier.to_bytes() == learned(u, y, t).to_bytes()
+
+
+def test_killed_under_load_it_goes_on_to_the_bit(tmp_path: Path) -> None:
+    killed_and_resumed(tmp_path, times=3)
+
+
+@pytest.mark.slow
+def test_killed_twenty_times_under_load_it_goes_on_to_the_bit(tmp_path: Path) -> None:
+    killed_and_resumed(tmp_path, times=20)
+
+
+# --- mistakes
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("-", "--dt", "0.1"), "--poles is missing"),
+        (("-", "--poles", "1"), "--dt is missing"),
+        (("ftp://x", *MODEL), "unknown scheme"),
+        (
+            ("tcp://127.0.0.1:9", *MODEL, "--for", "tomorrow"),
+            "'tomorrow' is no length of time; write 60s, 10min or 24h",
+        ),
+        (("tcp://127.0.0.1:9", *MODEL, "--to", "http://x"), "give -, udp://HOST:PORT or mqtt://HOST:PORT/TOPIC"),
+        (("tcp://127.0.0.1:9", *MODEL, "--to", "udp://127.0.0.1"), "give a port"),
+        (("tcp://127.0.0.1:9", *MODEL, "--to", "udp://127.0.0.1:99999"), "give a port"),
+        (("tcp://127.0.0.1:9", *MODEL, "--to", "mqtt://127.0.0.1"), "name one topic"),
+        (
+            ("tcp://127.0.0.1:9", *MODEL, "--to", "mqtt://me:secret@127.0.0.1:99999/a"),
+            "--to mqtt://me@127.0.0.1:99999/a: give a port",
+        ),
+        (("tcp://127.0.0.1:9", *MODEL, "--dashboard", "here"), "write HOST:PORT"),
+        (("tcp://127.0.0.1:9", *MODEL, "--checkpoint", "/nowhere/rig"), "there is no folder /nowhere; make it first"),
+    ],
+)
+def test_a_mistake_is_one_line(arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["live", *arguments])
+    out, err = capsys.readouterr()
+    assert stop.value.code == 2
+    assert out == ""
+    assert err.count("\n") == 1
+    assert message in err
+
+
+def test_a_dashboard_that_cannot_listen_is_one_line() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        address = f"127.0.0.1:{taken.getsockname()[1]}"
+        with live("-", "--dashboard", address) as process:
+            code, out, err = finished(process, b"")
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert f"cannot listen on {address}" in err
+
+
+def test_recording_into_a_used_folder_is_refused(tmp_path: Path) -> None:
+    used = tmp_path / "samples"
+    used.mkdir()
+    (used / "part-00000001.parquet").write_bytes(b"")
+    with live("-", "--record", tmp_path) as process:
+        code, _, err = finished(process, b"")
+    assert code == 2
+    assert "holds a record already; choose another folder" in err
+    assert err.count("\n") == 1

@@ -1,0 +1,137 @@
+"""Recorded folders: readable at every moment, whole, and read back to the bit."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas
+import pyarrow.parquet
+import pytest
+
+import replant as rp
+from live.fakes import DT, record
+from replant.errors import LogError
+from replant.live import recorder as recording
+from replant.live.background import Background
+from replant.live.estimate import Estimate
+from replant.live.notices import Notices
+from replant.live.recorder import Recorder
+
+U, Y = record(1000)
+T, N = DT * np.arange(1000), np.arange(1000)
+
+
+def recorded(folder: Path, parts: list[slice], *, numbered: bool = True, go_on: bool = False) -> list[str]:
+    """Record parts of the record, each flushed; return what was said."""
+    said: list[str] = []
+    background = Background(Notices(said.append))
+    recorder = Recorder(folder, background, go_on=go_on)
+    for part in parts:
+        recorder.take(N[part] if numbered else None, T[part], U[part], Y[part])
+        recorder.flush()
+    background.close()
+    return said
+
+
+@pytest.mark.parametrize("numbered", [False, True])
+def test_what_was_recorded_is_read_back_to_the_bit(tmp_path: Path, numbered: bool) -> None:
+    assert recorded(tmp_path, [slice(0, 1), slice(1, 700), slice(700, 1000)], numbered=numbered) == []
+    log = rp.read_log(tmp_path, input="u", output="y")
+    np.testing.assert_array_equal(log.input, U)
+    np.testing.assert_array_equal(log.output, Y)
+    np.testing.assert_array_equal(log.time, T)
+    assert log.dt == pytest.approx(DT)
+    frame = pandas.read_parquet(tmp_path / "samples")
+    assert list(frame) == ["n", "t", "u", "y"]
+    np.testing.assert_array_equal(frame["y"], Y)
+    assert frame["n"].isna().all() != numbered
+
+
+def test_estimates_are_recorded_beside_them(tmp_path: Path) -> None:
+    background = Background(Notices(print))
+    recorder = Recorder(tmp_path, background)
+    for k in range(3):
+        values = np.array([k + 0.5, np.nan]), np.array([0.1, np.nan])
+        recorder.send(Estimate(k * DT, k, k + 1, ("a0", "b0"), *values, "running", "trusted"))
+    recorder.close()
+    background.close()
+    frame = pandas.read_parquet(tmp_path / "estimates")
+    assert list(frame) == ["t", "n", "samples", "a0", "b0", "std_a0", "std_b0", "status", "verdict"]
+    np.testing.assert_array_equal(frame["a0"], [0.5, 1.5, 2.5])
+    assert frame["b0"].isna().all()
+    assert set(frame["verdict"]) == {"trusted"}
+
+
+def test_a_crash_while_a_part_is_written_costs_that_part_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorded(tmp_path, [slice(0, 300)])
+    with monkeypatch.context() as crash:
+        crash.setattr(os, "fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+        said = recorded(tmp_path, [slice(300, 600)], go_on=True)
+    assert ["No space left" in line for line in said] == [True]
+    assert any(path.name.startswith(".") for path in (tmp_path / "samples").iterdir())  # what a crash leaves
+    assert len(rp.read_log(tmp_path, input="u", output="y")) == 300
+    assert len(pandas.read_parquet(tmp_path / "samples")) == 300
+
+    recorded(tmp_path, [slice(300, 600)], go_on=True)
+    assert not any(path.name.startswith(".") for path in (tmp_path / "samples").iterdir())
+    assert len(rp.read_log(tmp_path, input="u", output="y")) == 600
+
+
+def test_samples_that_are_sent_again_are_recorded_once(tmp_path: Path) -> None:
+    """After a crash a peer sends again what came after the checkpoint; part of that has been recorded already."""
+    recorded(tmp_path, [slice(0, 400)])
+    recorded(tmp_path, [slice(200, 350), slice(350, 500), slice(500, 1000)], go_on=True)
+    log = rp.read_log(tmp_path, input="u", output="y")
+    np.testing.assert_array_equal(log.input, U)
+    np.testing.assert_array_equal(log.time, T)
+
+
+def test_parts_are_written_by_themselves_when_they_are_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recording, "ROWS", 100)
+    background = Background(Notices(print))
+    recorder = Recorder(tmp_path, background)
+    for at in range(0, 600, 50):
+        part = slice(at, at + 50)
+        recorder.take(None, T[part], U[part], Y[part])
+    background.close()
+    parts = sorted((tmp_path / "samples").iterdir())
+    assert [pyarrow.parquet.ParquetFile(path).metadata.num_rows for path in parts] == [100] * 6
+
+
+def test_a_used_folder_is_not_mixed_with_another_record(tmp_path: Path) -> None:
+    recorded(tmp_path, [slice(0, 10)])
+    with pytest.raises(rp.InvalidArgumentError, match="holds a record already; choose another folder"):
+        recorded(tmp_path, [slice(10, 20)])
+
+
+def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(rp.InvalidArgumentError, match="choose a folder that can be written"):
+        recorded(tmp_path / "file", [slice(0, 10)])
+
+
+# --- folders as logs
+
+
+def test_a_folder_without_parquet_files_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="a directory; give the log file inside it"):
+        rp.read_log(tmp_path, input="u", output="y")
+
+
+def test_files_with_other_columns_are_refused(tmp_path: Path) -> None:
+    recorded(tmp_path, [slice(0, 10)])
+    pandas.DataFrame({"t": [1.0], "u": [1.0]}).to_parquet(tmp_path / "samples" / "part-00000002.parquet")
+    with pytest.raises(LogError, match=r"part-00000002.parquet: other columns than in part-00000001.parquet"):
+        rp.read_log(tmp_path, input="u", output="y")
+
+
+def test_dates_in_a_folder_are_refused(tmp_path: Path) -> None:
+    """Each file's would count from its own first row."""
+    for k in range(2):
+        stamps = pandas.date_range("2024-01-01", periods=3, freq="s")
+        pandas.DataFrame({"time": stamps, "u": 1.0, "y": 2.0}).to_parquet(tmp_path / f"{k}.parquet")
+    assert len(rp.read_log(tmp_path, input="u", output="y", dt=1.0)) == 6
+    with pytest.raises(LogError, match="store the time in s as numbers"):
+        rp.read_log(tmp_path, input="u", output="y", time="time")

@@ -1,0 +1,330 @@
+"""The session's loop: what it learns, to the bit; when it ends; what it does besides."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replant as rp
+from live.fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, record
+from replant import checkpoint
+from replant.live.background import Background
+from replant.live.keeper import Keeper, resume
+from replant.live.notices import Notices
+from replant.live.progress import Progress
+from replant.live.session import UNKNOWN, Limits, Session
+
+
+def make(
+    source: FakeSource, *, observer: FakeObserver | None = None, path: Path | None = None, every: float = 1e-9,
+    identifier: rp.Identifier | None = None, **arguments: Any,
+) -> tuple[Session, FakeObserver]:  # fmt: skip
+    observer = observer or FakeObserver()
+    notices = Notices(observer.show)
+    background = Background(notices)
+    keeper = None if path is None else Keeper(path, every, background)
+    session = Session(
+        source, identifier or rp.Identifier(**vars(REQUEST)), background=background, notices=notices,
+        observer=observer, keeper=keeper, **arguments,
+    )  # fmt: skip
+    return session, observer
+
+
+def learned(u: np.ndarray, y: np.ndarray, t: np.ndarray | None = None) -> bytes:
+    """The state of an identifier that took a record at once."""
+    identifier = rp.Identifier(**vars(REQUEST))
+    identifier.update_many(u, y, t)
+    return identifier.to_bytes()
+
+
+def view(verdict: str) -> Any:
+    return SimpleNamespace(verdict=verdict, std=np.array([0.25, 0.5]))
+
+
+# --- what is learned
+
+
+@pytest.mark.parametrize("stamped", [False, True])
+def test_batches_of_any_size_give_the_bits_of_the_whole_record(stamped: bool) -> None:
+    u, y = record()
+    t = 5.0 + DT * np.arange(u.size) if stamped else None
+    session, _ = make(FakeSource(u, y, numbered=False, t=t))
+    assert session.run()
+    assert session.identifier.to_bytes() == learned(u, y, t)
+    assert session.progress.taken == u.size
+    assert session.progress.at == pytest.approx(t[-1] if stamped else u.size * DT)
+
+
+def test_numbers_without_stamps_stand_for_a_regular_clock() -> None:
+    """Lost samples are lost time: without that a tenth lost would make the plant a tenth faster."""
+    u, y = record(6000)
+    kept = np.flatnonzero(np.random.default_rng(3).random(u.size) > 0.1)
+
+    class Lossy(FakeSource):
+        def batches(self) -> Any:
+            for batch in super().batches():
+                chosen = np.isin(batch.sequence, kept)
+                yield type(batch)(
+                    batch.u[chosen], batch.y[chosen], None, batch.sequence[chosen], batch.arrived
+                )  # fmt: skip
+
+    session, _ = make(Lossy(u, y))
+    session.run()
+    assert session.identifier.samples == kept.size
+    a0, b0 = session.identifier.parameters
+    assert a0 == pytest.approx(0.5, rel=0.02)
+    assert b0 == pytest.approx(2.0, rel=0.02)
+    assert session.identifier.to_bytes() == learned(u[kept], y[kept], kept * DT)
+
+
+def test_a_device_that_starts_anew_is_followed() -> None:
+    """Its stamps begin at zero again: no sample but the first is rejected, and the estimate goes on."""
+    u, y = record(4000)
+    t = np.concatenate([500.0 + DT * np.arange(2000), DT * np.arange(2000)])
+    session, observer = make(FakeSource(u, y, numbered=False, t=t))
+    session.run()
+    assert session.identifier.rejected["not later"] == 1
+    assert session.identifier.samples == u.size - 1
+    assert session.identifier.parameters[0] == pytest.approx(0.5, rel=0.02)
+    assert session.progress.at > 600.0
+    assert ["clock" in line for line in observer.shown] == [True]
+
+
+# --- when it ends
+
+
+@pytest.mark.parametrize("limit", [1, 217, 2999])
+def test_a_limit_on_samples_is_exact(limit: int) -> None:
+    u, y = record()
+    session, _ = make(FakeSource(u, y), limits=Limits(samples=limit))
+    session.run()
+    assert session.progress.taken == limit
+    assert session.identifier.to_bytes() == learned(u[:limit], y[:limit], DT * np.arange(limit))
+
+
+def test_a_limit_on_time_ends_a_silent_source() -> None:
+    session, _ = make(FakeSource(np.zeros(0), np.zeros(0), endless=True), limits=Limits(seconds=0.05))
+    assert session.run()
+
+
+def test_until_trusted_ends_when_the_observer_says_so() -> None:
+    u, y = record()
+    observer = FakeObserver(view("converging"))
+
+    def at_last(done: int) -> None:
+        if done > 1000:
+            observer.view = view("trusted")
+
+    session, _ = make(FakeSource(u, y, between=at_last), observer=observer, limits=Limits(until_trusted=True))
+    assert session.run()
+    assert 1000 < session.progress.taken < 1200
+
+
+def test_a_stream_that_ends_before_the_verdict_is_told_apart() -> None:
+    session, _ = make(FakeSource(*record(500)), limits=Limits(until_trusted=True))
+    assert not session.run()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_with_a_last_checkpoint(tmp_path: Path, number: signal.Signals) -> None:
+    u, y = record()
+    before = signal.getsignal(number)
+    sink = FakeSink()
+
+    def ask(done: int) -> None:
+        if done >= u.size:
+            os.kill(os.getpid(), number)
+
+    source = FakeSource(u, y, between=ask, endless=True)
+    session, _ = make(source, path=tmp_path / "rig", every=1e9, sinks=[sink])
+    assert session.run()
+    assert signal.getsignal(number) is before
+    loaded = checkpoint.load(tmp_path / "rig")
+    assert loaded.identifier.to_bytes() == learned(u, y, DT * np.arange(u.size))
+    assert loaded.progress["sequence"] == u.size - 1
+    assert sink.closed
+    assert sink.sent[-1].samples == u.size
+
+
+def test_what_has_come_in_already_is_learned_before_it_ends() -> None:
+    u, y = record(1000)
+
+    class Draining(FakeSource):
+        def close(self) -> None:
+            """Closed, it still hands over what is complete."""
+
+    source = Draining(u, y, between=lambda done: session.stop())
+    session, _ = make(source)
+    session.run()
+    assert session.progress.taken == u.size
+
+
+def test_a_checkpoint_is_written_before_anything_that_may_take_long(tmp_path: Path) -> None:
+    class Slow(FakeObserver):
+        def look_again(self, *_: Any) -> None:
+            self.found = (tmp_path / "rig").exists()
+
+    observer = Slow()
+    session, _ = make(FakeSource(*record(300)), observer=observer, path=tmp_path / "rig", every=1e9)
+    session.run()
+    assert observer.found
+
+
+def test_it_can_be_stopped_from_another_thread() -> None:
+    session, _ = make(FakeSource(*record(100), endless=True))
+    threading.Timer(0.05, session.stop).start()
+    assert session.run()
+
+
+# --- estimates
+
+
+def test_estimates_carry_the_newest_verdict_and_the_last_one_always_goes_out() -> None:
+    u, y = record()
+    sink, slow = FakeSink(), FakeSink()
+    slow.interval = 1e9
+    session, _ = make(FakeSource(u, y), observer=FakeObserver(view("trusted")), sinks=[sink, slow])
+    session.run()
+    assert np.isnan(sink.sent[0].parameters).all()
+    assert sink.sent[0].status == "starting"
+    last = sink.sent[-1]
+    assert (last.samples, last.sequence, last.timestamp) == (u.size, u.size - 1, DT * (u.size - 1))
+    assert last.verdict == "trusted"
+    np.testing.assert_array_equal(last.parameters, session.identifier.parameters)
+    np.testing.assert_array_equal(last.std, [0.25, 0.5])
+    assert [estimate.samples for estimate in slow.sent] == [sink.sent[0].samples, u.size]
+
+
+def test_without_an_observer_no_verdict_is_claimed() -> None:
+    sink = FakeSink()
+    session, _ = make(FakeSource(*record()), sinks=[sink])
+    session.run()
+    assert {estimate.verdict for estimate in sink.sent} == {UNKNOWN}
+    assert np.isnan(sink.sent[-1].std).all()
+
+
+def test_a_sink_that_fails_is_said_once_and_the_others_go_on() -> None:
+    good, bad = FakeSink(), FakeSink(OSError(101, "Network is unreachable"))
+    session, observer = make(FakeSource(*record()), sinks=[bad, good])
+    session.run()
+    assert len(good.sent) > 10
+    assert observer.shown == ["replant: fake sink: Network is unreachable; going on"]
+
+
+def test_a_reader_that_has_gone_ends_the_session() -> None:
+    session, observer = make(FakeSource(*record()), sinks=[FakeSink(BrokenPipeError(32, "Broken pipe"))])
+    assert session.run()
+    assert session.progress.taken < 100
+    assert observer.shown == []
+
+
+# --- what the dashboard asks for
+
+
+def test_commands_are_obeyed_and_one_that_cannot_be_is_said() -> None:
+    u, y = record()
+    observer = FakeObserver(commands=("freeze",))
+    seen: list[tuple[int, bool]] = []
+
+    def between(done: int) -> None:
+        seen.append((session.identifier.samples, session.identifier.adapting))
+        if 1000 < done < 1050:
+            observer.ask("freeze")
+        elif 2000 < done < 2050:
+            observer.ask("adapt")
+        elif 2500 < done < 2550:
+            observer.ask("reset")
+
+    session, _ = make(FakeSource(u, y, between=between), observer=observer)
+    session.run()
+    assert "there is no estimate to freeze yet" in observer.shown[0]
+    assert {adapting for samples, adapting in seen if 1100 < samples < 2000} == {False}
+    assert {adapting for samples, adapting in seen if 2100 < samples < 2500} == {True}
+    assert session.identifier.samples < 600
+    assert session.progress.taken == u.size
+
+
+# --- checkpoints
+
+
+def test_a_source_that_fails_leaves_a_checkpoint(tmp_path: Path) -> None:
+    u, y = record(1000)
+
+    def fail(done: int) -> None:
+        if done >= 900:
+            raise rp.LogError("the wire is gone")
+
+    session, _ = make(FakeSource(u, y, between=fail), path=tmp_path / "rig", every=1e9)
+    with pytest.raises(rp.LogError, match="the wire is gone"):
+        session.run()
+    assert checkpoint.load(tmp_path / "rig").progress["taken"] == session.progress.taken >= 900
+
+
+def test_counters_go_on_over_a_resumption(tmp_path: Path) -> None:
+    u, y = record(600)
+    for k in range(1, 4):
+        loaded = resume(tmp_path / "rig", REQUEST)
+        source = FakeSource(u, y)
+        source.counters = {"lost": 2}
+        session, _ = make(
+            source, path=tmp_path / "rig", progress=None if loaded is None else Progress.of(loaded.progress)
+        )
+        session.run()
+        assert session.pulse.counters == {"lost": 2 * k}
+
+
+def test_a_resumed_session_goes_on_to_the_bit_and_uses_no_sample_twice(tmp_path: Path) -> None:
+    u, y = record()
+    path = tmp_path / "rig"
+    taken = 0
+    for limit in (150, 151, 700, 1234, 3000):
+        loaded = resume(path, REQUEST)
+        assert (loaded is None) == (taken == 0)
+        arguments = {} if loaded is None else {
+            "identifier": loaded.identifier, "progress": Progress.of(loaded.progress)
+        }  # fmt: skip
+        session, _ = make(FakeSource(u, y, seed=limit), path=path, limits=Limits(samples=limit), **arguments)
+        assert session.progress.taken == taken
+        session.run()
+        taken = session.progress.taken
+    assert session.identifier.to_bytes() == learned(u, y, DT * np.arange(u.size))
+
+
+def test_a_checkpoint_that_fails_warns_once_and_identification_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    u, y = record()
+    good = tmp_path / "rig"
+    first, _ = make(FakeSource(u[:500], y[:500]), path=good)
+    first.run()
+    kept = good.read_bytes()
+
+    def full(*_: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    session, observer = make(FakeSource(u, y), path=good)
+    session.run()
+    assert session.identifier.to_bytes() == learned(u, y, DT * np.arange(u.size))
+    assert good.read_bytes() == kept
+    said = [line for line in observer.shown if "No space left on device" in line]
+    assert len(said) == 2  # once while it runs, once for the last one
+    assert "going on" in said[0]
+
+
+def test_a_checkpoint_of_another_structure_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "rig"
+    rp.Identifier(**vars(REQUEST)).save(path)
+    with pytest.raises(rp.InvalidArgumentError, match=r"rig: the checkpoint is of dt 0.05, and 0.1 is asked for now"):
+        resume(path, type(REQUEST)(**{**vars(REQUEST), "dt": 0.1}))
+    with pytest.raises(rp.InvalidArgumentError, match=r"move .* away to begin anew"):
+        resume(path, type(REQUEST)(**{**vars(REQUEST), "structure": rp.Structure(2)}))
+    assert resume(path, REQUEST) is not None
+    assert resume(tmp_path / "none", REQUEST) is None

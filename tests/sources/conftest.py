@@ -1,0 +1,33 @@
+"""What the tests of sources share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from replant.sources import Source
+from sources.wires import Peer, Reading
+
+
+@pytest.fixture
+def read() -> Iterator[Callable[[Source], Reading]]:
+    """Read a source in the background; whatever happens it is closed."""
+    readings: list[Reading] = []
+
+    def start(source: Source) -> Reading:
+        readings.append(Reading(source))
+        return readings[-1]
+
+    yield start
+    for reading in readings:
+        reading.source.close()
+    for reading in readings:
+        reading.finish()
+
+
+@pytest.fixture
+def peer() -> Iterator[Peer]:
+    server = Peer()
+    yield server
+    server.close()

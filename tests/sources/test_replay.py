@@ -1,0 +1,119 @@
+"""A log replayed: all of it, from a row on, at a pace; and what is wrong with it told in one line."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from replant.errors import InvalidArgumentError, LogError
+from replant.logs import read_log
+from replant.sources import open_source
+from sources.wires import Reading, csv
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    file = tmp_path / "log.csv"
+    t = np.arange(10_000) * 1e-2
+    u, y = np.random.default_rng(10).normal(size=(2, t.size))
+    file.write_bytes(b"t,u,y\n" + csv(t, u, y))
+    return file
+
+
+def test_all_of_it_equals_the_log_to_the_bit(log: Path, read: Callable[..., Reading]) -> None:
+    reading = read(open_source(str(log)))
+    reading.join()
+    expected = read_log(log, input="u", output="y")
+    assert expected.time is not None
+    assert np.array_equal(reading.column("u"), expected.input)
+    assert np.array_equal(reading.column("y"), expected.output)
+    assert np.array_equal(reading.column("t"), expected.time)
+    assert reading.column("sequence").tolist() == list(range(len(expected)))
+    assert reading.source.counters == {}
+    assert reading.source.state == "ended"
+
+
+def test_seek_skips(log: Path, read: Callable[..., Reading]) -> None:
+    for after, first in ((6999, 7000), (10**6, None)):
+        source = open_source(str(log))
+        source.seek(after)
+        reading = read(source)
+        reading.join()
+        assert [int(batch.sequence[0]) for batch in reading.batches[:1] if batch.sequence is not None] == [
+            first for first in [first] if first is not None
+        ]
+        assert reading.source.counters == {}
+
+
+def test_the_columns_that_the_options_name(tmp_path: Path, read: Callable[..., Reading]) -> None:
+    file = tmp_path / "log.csv"
+    file.write_text("time [ms],volt,speed\n0,1,10\n100,2,\n200,3,30\n")
+    reading = read(open_source(f"{file}?input=volt&output=speed"))
+    reading.join()
+    assert np.allclose(reading.column("t"), [0.0, 0.1, 0.2])
+    assert reading.column("u").tolist() == [1, 2, 3]
+    assert np.isnan(reading.column("y")).tolist() == [False, True, False]
+    untimed = read(open_source(f"{file}?input=1&output=2&dt=0.1"))
+    untimed.join()
+    assert untimed.batches[0].t is None
+
+
+def test_rows_without_a_time_stamp_are_counted(tmp_path: Path, read: Callable[..., Reading]) -> None:
+    file = tmp_path / "log.csv"
+    file.write_text("t,u,y\n0,1,1\n,2,2\n0.2,3,3\n")
+    reading = read(open_source(str(file)))
+    reading.join()
+    assert reading.column("y").tolist() == [1.0, 3.0]
+    assert reading.column("sequence").tolist() == [0, 2]
+    assert reading.source.counters == {"time not finite": 1, "lost": 1}
+
+
+@pytest.mark.parametrize("clock", ["", "&time=t", "&dt=0.01"])
+def test_a_pace(log: Path, read: Callable[..., Reading], clock: str) -> None:
+    """A hundred seconds at a thousandfold speed take a tenth of a second, and come in parts."""
+    begun = time.monotonic()
+    reading = read(open_source(f"{log}?speed=1000{clock}"))
+    reading.join()
+    assert time.monotonic() - begun >= 0.0999
+    assert len(reading) == 10_000
+    assert len(reading.batches) > 3
+
+
+def test_a_slow_replay_is_closed_at_once(log: Path, read: Callable[..., Reading]) -> None:
+    reading = read(open_source(f"{log}?speed=0.001"))
+    reading.wait_for(1)
+    reading.stop()
+    assert len(reading) < 10
+
+
+def test_a_file_whose_name_has_a_question_mark(tmp_path: Path, read: Callable[..., Reading]) -> None:
+    file = tmp_path / "what?.csv"
+    file.write_text("u,y\n1,2\n3,4\n")
+    reading = read(open_source(str(file)))
+    reading.join()
+    assert len(reading) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("missing.csv", "no such file"),
+        ("log.csv?input=x", "no column 'x'"),
+        ("log.csv?colour=red", "unknown option 'colour'; known are: input, output, time, dt, speed"),
+        ("log.csv?speed=fast", "speed must be a positive number"),
+        ("log.csv?speed=0", "speed must be a positive number"),
+        ("log.csv?time=t&dt=1", "give one of time and dt"),
+        ("log.csv?speed", "options are written"),
+        ("untimed.csv?speed=1", "add &time=COLUMN or &dt=SECONDS"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(log: Path, name: str, message: str) -> None:
+    log.with_name("untimed.csv").write_text("u,y\n1,2\n3,4\n")
+    with pytest.raises((InvalidArgumentError, LogError)) as caught:
+        open_source(str(log.with_name(name)))
+    assert message in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1

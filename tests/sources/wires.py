@@ -1,0 +1,107 @@
+"""Both ends of a wire: a source read by a thread, waiting without guessing times, and peers to read from."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from replant.sources import Batch, Source
+
+#: No test depends on how quick the machine is; this only keeps a broken one from hanging.
+PATIENCE = 60.0
+
+
+def wait_until(condition: Callable[[], bool], what: str) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, f"waited in vain until {what}"
+        time.sleep(0.002)
+
+
+class Reading:
+    """A source, read to its end by a thread."""
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.batches: list[Batch] = []
+        self.ticks = 0
+        self.error: BaseException | None = None
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        try:
+            for batch in self.source.batches():
+                if len(batch):
+                    self.batches.append(batch)
+                else:
+                    self.ticks += 1
+        except BaseException as error:
+            self.error = error
+
+    def __len__(self) -> int:
+        return sum(len(batch) for batch in self.batches)
+
+    def column(self, name: str) -> np.ndarray:
+        return np.concatenate([getattr(batch, name) for batch in self.batches])
+
+    def wait_for(self, samples: int) -> None:
+        wait_until(lambda: len(self) >= samples or self.error is not None, f"{samples} samples came, {len(self)} did")
+        assert self.error is None
+
+    def wait_state(self, state: str) -> None:
+        wait_until(lambda: self.source.state == state, f"the state is {state}")
+
+    def wait_counted(self, reason: str, count: int) -> None:
+        wait_until(lambda: self.source.counters.get(reason, 0) >= count, f"{reason} is {count}")
+
+    def join(self) -> None:
+        """Wait for the end of the stream."""
+        self._thread.join(PATIENCE)
+        assert not self._thread.is_alive(), "the source did not end"
+        if self.error is not None:
+            raise self.error
+
+    def finish(self) -> None:
+        self.source.close()
+        self._thread.join(PATIENCE)
+
+    def stop(self) -> None:
+        self.source.close()
+        self.join()
+
+
+class Peer:
+    """A TCP server for one connection at a time, on a port that the system chose."""
+
+    def __init__(self, port: int = 0) -> None:
+        self.listener = socket.create_server(("127.0.0.1", port))
+        self.listener.settimeout(PATIENCE)
+        self.port = self.listener.getsockname()[1]
+        self.url = f"tcp://127.0.0.1:{self.port}"
+        self.connection: socket.socket | None = None
+
+    def accept(self) -> socket.socket:
+        self.hang_up()
+        self.connection, _ = self.listener.accept()
+        self.connection.settimeout(PATIENCE)
+        return self.connection
+
+    def hang_up(self) -> None:
+        if self.connection is not None:
+            self.connection.close()
+            self.connection = None
+
+    def close(self) -> None:
+        self.hang_up()
+        self.listener.close()
+
+
+def csv(*columns: np.ndarray) -> bytes:
+    """Return lines of CSV with every digit."""
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return "".join(",".join(map(repr, row)) + "\n" for row in rows).encode()
