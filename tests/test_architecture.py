@@ -31,7 +31,7 @@ LEVELS: list[set[str]] = [
         "batches",
         "thinning",
     },
-    {"filters", "overview"},
+    {"filters", "overview", "scatter"},
     {"transfer_function"},
     {"structure", "rigs", "response"},
     {"scaling"},

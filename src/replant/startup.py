@@ -93,6 +93,7 @@ def seed(state: State, settings: Settings, refined: Refined, record: Record) -> 
         _seed_covariance(state, settings, refined, rate)
     if state.ints[at.COLOURED]:
         _seed_colour(state, settings, refined, rate)
+        _seed_path(state, settings, refined, rate)
     if not settings.optimizer.keeps_colour and settings.optimizer.keeps_covariance:
         _seed_tracking(state, settings, refined, record)
     if settings.optimizer.keeps_covariance:
@@ -187,6 +188,19 @@ def _seed_colour(state: State, settings: Settings, refined: Refined, rate: Float
     squares = source[head + lags * of_full :].reshape(of_full, of_full)
     colour[head : head + lags * size] = (ring[:, :size] / sigma).ravel()
     colour[head + lags * size :] = (squares[:size, :size] / np.outer(sigma, sigma)).ravel()
+
+
+def _seed_path(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:
+    """Write the path that led to the start-up's estimate, in scaled parameters."""
+    from replant.kernels import path
+
+    size = state.entries
+    sigma = state.block(at.AT_SIGMA, size) / rate
+    kept = state.block(at.AT_PATH, path.size(size))
+    kept[: path.ROWS] = refined.path[: path.ROWS]
+    source = refined.path[path.ROWS :].reshape(path.ROOM, 2, -1)[:, :, :size]
+    target = kept[path.ROWS :].reshape(path.ROOM, 2, size)
+    target[:, 0], target[:, 1] = source[:, 0] * sigma / settings.scaling.output, source[:, 1] * sigma**2
 
 
 def ready_record(

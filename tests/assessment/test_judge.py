@@ -78,6 +78,17 @@ def test_each_finding_has_its_word_and_its_reason(changes: dict[str, Any], statu
     assert any(words in reason for reason in verdict.reasons), verdict.reasons
 
 
+@pytest.mark.parametrize(("size", "status"), [(0.005, "trusted"), (0.5, "converging")])
+def test_slow_noise_is_named_where_it_is_why_the_estimate_is_known_no_better(size: float, status: str) -> None:
+    covariance = np.diag((size * TRUE) ** 2)
+    for slowness, named in ((1.0, False), (2.0, False), (10.0, True)):
+        verdict = judge(evidence(covariance=covariance, slowness=slowness))
+        assert verdict.status == status
+        assert ("the output drifts" in verdict.reasons[0]) == named
+    rounding = judge(evidence(covariance=1e-20 * covariance, slowness=10.0))
+    assert "the output drifts" not in rounding.reasons[0]
+
+
 def test_a_small_part_that_is_left_is_a_caveat() -> None:
     """Nearly free of noise, the plant bends a little: the square of its output is added, which no G(s) makes."""
     clean = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]).simulate(U, DT)

@@ -55,6 +55,8 @@ class Evidence:
         Samples since the residual began to be larger than usual, if that is no chance; else 0.
     stuck : bool
         Whether the sensor was found stuck, or at an end of its scale, just now.
+    slowness : float
+        How many times wider the estimate scatters than the residual's power and colour make it; 1 where that tells all.
     output_unit : float
         What the output of the record counts in, in the user's unit.
     """
@@ -75,7 +77,8 @@ class Evidence:
     largest_power: float = 0.0
     usual_interval: float = 0.0
     grown: int = 0
-    stuck: bool = False
+    stuck: int = 0
+    slowness: float = 1.0
     output_unit: float = 1.0
 
     def in_own_units(self) -> Evidence:

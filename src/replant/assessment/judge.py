@@ -20,7 +20,7 @@ import numpy as np
 from replant.assessment import sensor
 from replant.assessment.changes import burst_finding, growth_finding
 from replant.assessment.cross_test import unexplained
-from replant.assessment.estimate import MOVED_SIGMAS, Certainty
+from replant.assessment.estimate import MOVED_SIGMAS, Certainty, slow_noise
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.excitation import LEAST_POWER, excitation
 from replant.assessment.model_run import ModelRun
@@ -214,5 +214,5 @@ def _in_favour(evidence: Evidence, figures: Figures) -> str:
     seen = "in sample" if evidence.in_sample else "which it had not seen"
     return (
         f"run from the input alone over {evidence.span}, {seen}, the model fits the output to {fit:.1f} %; "
-        f"its coefficients are known to {percent(uncertainty)}"
+        f"its coefficients are known to {percent(uncertainty)}{slow_noise(evidence, uncertainty)}"
     )

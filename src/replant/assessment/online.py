@@ -10,7 +10,7 @@ from replant.assessment import sensor
 from replant.assessment.evidence import Evidence
 from replant.assessment.judge import RESTING, judge
 from replant.assessment.verdict import Assessment, Finding, conclude
-from replant.covariance import covariance
+from replant.covariance import covariance, slowness
 from replant.kernels import layout as at
 from replant.refined import Record
 from replant.settings import Request, Settings
@@ -70,6 +70,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         record,
         estimate=state.theta[:size] * state.unit[:size],
         covariance=known if np.isfinite(known).all() else None,
+        slowness=slowness(state, settings),
         earlier=earlier,
         unseen=min(samples - learned, record.u.size // 2),
         learned=learned - origin,
