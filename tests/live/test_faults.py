@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import resource
 import signal
 from collections.abc import Callable, Iterator
@@ -34,7 +35,7 @@ class InStep(FakeSource):
 
     def batches(self) -> Iterator[Batch]:
         edges = [0, *range(GOOD, self._u.size + 1, STEP)]
-        for first, end in zip(edges[:-1], edges[1:], strict=True):
+        for first, end in itertools.pairwise(edges):
             part = slice(first, end)
             yield Batch(self._u[part], self._y[part], None, np.arange(first, end), 0.0)
             yield Batch(np.zeros(0), np.zeros(0), None, None, 0.0)  # the verdict is there

@@ -53,7 +53,7 @@ class Status:
             return
         try:
             self._show(view, lines)
-        except OSError:  # the terminal was closed, or `| head` has seen enough: views are still wanted elsewhere
+        except (OSError, SystemExit):  # the window was closed, or `| head` has seen enough, where rich would exit
             self._gone = True
 
     def _show(self, view: View, lines: Sequence[str]) -> None:
@@ -68,7 +68,7 @@ class Status:
     def close(self) -> None:
         """Take the status away; what was said stays."""
         if self._live is not None:
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(OSError, SystemExit):
                 self._live.stop()
 
 
