@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 import urllib.request
 from collections.abc import Iterator
@@ -117,6 +120,26 @@ def test_it_is_started_again_once_with_its_history_and_then_given_up(
     observer.look_again(identifier(100), Pulse())  # does not wait for what cannot come
     said = capfd.readouterr().err.splitlines()
     assert ["started again" in said[0], "no verdict" in said[1]] == [True, True]
+
+
+def test_a_crowd_at_the_page_is_none_of_the_sessions_business(observer: Observer) -> None:
+    """A hundred pages that do not read, and garbage: views go on, and nothing of it is in this process."""
+    seen(observer, identifier(1000))
+    threads, port = threading.active_count(), int(observer.url.rstrip("/").rpartition(":")[2])
+    upgrade = (
+        f"GET /live HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nOrigin: http://127.0.0.1:{port}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+    ).encode()
+    with contextlib.ExitStack() as crowd:
+        for k in range(100):
+            page = crowd.enter_context(socket.create_connection(("127.0.0.1", port), timeout=30.0))
+            page.sendall(upgrade)
+            if k % 2:
+                page.sendall(b"\xff\x00" * 5000)
+            assert page.recv(12) == b"HTTP/1.1 101"
+        for samples in range(1100, 1500, 100):
+            assert seen(observer, identifier(samples)).samples == samples
+        assert threading.active_count() == threads
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
