@@ -1,6 +1,6 @@
 """`replant live` measured from outside: throughput over TCP and MQTT, latency over UDP, memory, dashboard open.
 
-    python benchmarks/live.py [--seconds 60] [tcp] [mqtt] [udp]
+    python benchmarks/live.py [--seconds 60] [tcp] [mqtt] [udp] [crowd]
 
 Sender, broker and session share the machine's cores.  The record is periodic, so that a few megabytes of lines can be
 sent again and again; its samples carry no numbers then, and the count of samples learned tells whether any was lost.
@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import itertools
 import json
+import os
 import re
 import select
 import shutil
@@ -34,6 +36,8 @@ SETTLED = 10.0  # s after which memory has to stand still
 MESSAGE = 10  # samples in an MQTT message
 MQTT_RATE = 60_000  # samples/s sent over MQTT, where nobody makes the sender wait
 UDP_RATE = 1000
+CROWD, ROUNDS = 100, 3  # browsers; how often the session is measured without and with them
+WARM_UP = 5  # records learned before it is measured
 
 
 def record() -> tuple[np.ndarray, np.ndarray]:
@@ -73,22 +77,32 @@ class Watched:
         return f"memory {first:.0f} MB after {SETTLED:.0f} s, {last - first:+.1f} MB until the end"
 
 
-def browse(url: str) -> None:
-    """Take views as a page does until the session ends, and print how many there were."""
+def browse(url: str, clients: int) -> None:
+    """Take views as so many pages do until the session ends, and print how many there were."""
+    import asyncio
+
+    from websockets.asyncio.client import connect
     from websockets.exceptions import WebSocketException
-    from websockets.sync.client import connect
 
     frames = 0
-    with contextlib.suppress(WebSocketException, OSError), connect(
-        url.replace("http", "ws", 1) + "live", origin=url.rstrip("/"), max_size=2**24
-    ) as page:  # fmt: skip
-        for _ in page:
-            frames += 1
+
+    async def page() -> None:
+        nonlocal frames
+        where, origin = url.replace("http", "ws", 1) + "live", url.rstrip("/")
+        with contextlib.suppress(WebSocketException, OSError):
+            async with connect(where, origin=origin, max_size=2**24) as views:
+                async for _ in views:
+                    frames += 1
+
+    async def pages() -> None:
+        await asyncio.gather(*(page() for _ in range(clients)))
+
+    asyncio.run(pages())
     print(frames)
 
 
 @contextlib.contextmanager
-def session(*arguments: str) -> Iterator[Watched]:
+def session(*arguments: str, watch: bool = True) -> Iterator[Watched]:
     """Run a session; it is ready for samples at the beginning of the block."""
     command = [sys.executable, "-m", "replant", "live", *arguments, *MODEL, "--dashboard", "127.0.0.1:0"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -100,7 +114,7 @@ def session(*arguments: str) -> Iterator[Watched]:
             watched.url = found[0]
             break
     threading.Thread(target=process.stderr.read, daemon=True).start()
-    watcher = threading.Thread(target=watched.watch)
+    watcher = threading.Thread(target=watched.watch if watch else process.stdout.read)  # type: ignore[union-attr]
     watcher.start()
     try:
         yield watched
@@ -170,6 +184,65 @@ def mqtt(seconds: float) -> None:
         client.disconnect()
         client.loop_stop()
     _report("MQTT JSON", sent * MESSAGE, elapsed, samples, lost, watched)
+
+
+def crowd(seconds: float) -> None:
+    """What a hundred browsers, and one client that sends garbage, cost the session: its own processor time a sample.
+
+    Each in turn, alone and watched, a few times over: where others use the machine, the ratio still tells.
+    """
+    u, y = record()
+    block = "".join(f"{a:.6g},{b:.6g}\n" for a, b in zip(u.tolist(), y.tolist(), strict=True)).encode()
+    found: dict[int, list[tuple[float, float]]] = {0: [], CROWD: []}
+    for _ in range(ROUNDS):
+        for clients, figures in found.items():
+            figures.append(_watched_by(clients, block, seconds / (2 * ROUNDS)))
+    alone, watched = (np.median(figures, axis=0) for figures in found.values())
+    for name, (cost, rate) in (("alone", alone), (f"{CROWD} browsers, and garbage", watched)):
+        print(f"{name:<31}{1e6 * cost:.3f} us of the session's processor time a sample; {rate:,.0f} samples/s")
+    print(f"{'':<31}processor time {watched[0] / alone[0] - 1.0:+.1%}, samples/s {watched[1] / alone[1] - 1.0:+.1%}")
+
+
+def _watched_by(clients: int, block: bytes, seconds: float) -> tuple[float, float]:
+    """Return the session's processor time a sample and samples/s, while so many clients are there."""
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        url = f"tcp://127.0.0.1:{listening.getsockname()[1]}"
+        with session(url, watch=False) as watched, listening.accept()[0] as peer:
+            crowd = [
+                subprocess.Popen([sys.executable, __file__, *what, watched.url], stdout=subprocess.DEVNULL)
+                for what in (["--browse-by", str(clients), "--browse"], ["--litter"])
+                if clients
+            ]
+            for _ in range(WARM_UP):
+                peer.sendall(block)
+            time.sleep(5.0 if clients else 0.0)  # until they are there
+            begun, spent, sent = time.monotonic(), _processor_time(watched.process.pid), 0
+            while (elapsed := time.monotonic() - begun) < seconds:
+                peer.sendall(block)
+                sent += PERIOD
+            spent = _processor_time(watched.process.pid) - spent
+            for client in crowd:
+                client.kill()
+                client.wait()
+    return spent / sent, sent / elapsed
+
+
+def _processor_time(process: int) -> float:
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def litter(url: str) -> None:
+    """Send noise, as requests and as websockets, twenty times a second for ever."""
+    port, noise = int(url.rstrip("/").rpartition(":")[2]), np.random.default_rng(0).bytes(1 << 16)
+    upgrade = f"GET /live HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nOrigin: {url.rstrip('/')}\r\n".encode() + (
+        b"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+        b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+    )
+    for k in itertools.count():
+        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1.0) as wire:
+            wire.sendall((upgrade if k % 2 else b"") + noise)
+        time.sleep(0.05)
 
 
 def _report(wire: str, sent: int, elapsed: float, samples: int, lost: str, watched: Watched) -> None:
@@ -252,15 +325,19 @@ def _take(wire: socket.socket, back: np.ndarray) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", nargs="*", metavar="tcp|mqtt|udp")
+    parser.add_argument("what", nargs="*", metavar="tcp|mqtt|udp|crowd")
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--browse", metavar="URL", help=argparse.SUPPRESS)
+    parser.add_argument("--browse-by", type=int, default=1, help=argparse.SUPPRESS)
+    parser.add_argument("--litter", metavar="URL", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.browse:
-        browse(arguments.browse)
+        browse(arguments.browse, arguments.browse_by)
         return
-    for name in arguments.what or ["tcp", "mqtt", "udp"]:
-        {"tcp": tcp, "mqtt": mqtt, "udp": udp}[name](arguments.seconds)
+    if arguments.litter:
+        litter(arguments.litter)
+    for name in arguments.what or ["tcp", "mqtt", "udp", "crowd"]:
+        {"tcp": tcp, "mqtt": mqtt, "udp": udp, "crowd": crowd}[name](arguments.seconds)
 
 
 if __name__ == "__main__":

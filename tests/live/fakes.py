@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 import replant as rp
+from replant.live.background import Background
 from replant.live.estimate import Estimate
+from replant.live.keeper import Keeper
+from replant.live.notices import Notices
+from replant.live.session import Session
 from replant.live.view import Pulse
 from replant.settings import Request
-from replant.sources import Batch
+from replant.sources import Batch, Source
 
 PLANT, DT = rp.TransferFunction([2.0], [1.0, 0.5]), 0.05
 REQUEST = Request(rp.Structure(1), DT, preprocess=rp.Preprocess("identity", "mean", "mean"), startup=200)
@@ -103,3 +109,27 @@ class FakeSink:
 
     def close(self) -> None:
         self.closed = True
+
+
+class JudgingObserver(FakeObserver):
+    """Has a verdict on every state that it is handed, at once: what a real one finds, without its delay."""
+
+    def hand(self, identifier: rp.Identifier, pulse: Pulse, *, learned: bool) -> bool:
+        assessment = identifier.assess()
+        self.view = self.last = SimpleNamespace(verdict=assessment.status, std=identifier.uncertainty.std)
+        return super().hand(identifier, pulse, learned=learned)
+
+
+def make(
+    source: Source, *, observer: FakeObserver | None = None, path: Path | None = None, every: float = 1e-9,
+    identifier: rp.Identifier | None = None, **arguments: Any,
+) -> tuple[Session, FakeObserver]:  # fmt: skip
+    observer = observer or FakeObserver()
+    notices = Notices(observer.show)
+    background = Background(notices)
+    keeper = None if path is None else Keeper(path, every, background)
+    session = Session(
+        source, identifier or rp.Identifier(**vars(REQUEST)), background=background, notices=notices,
+        observer=observer, keeper=keeper, **arguments,
+    )  # fmt: skip
+    return session, observer

@@ -10,6 +10,7 @@ import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,8 +29,10 @@ from live.command import (
 from live.fakes import DT, record
 from replant import checkpoint
 from replant.cli import main
+from replant.rigs import deap_rig
 
 U, Y = record()
+ROOT = Path(__file__).resolve().parents[2]
 T = 5.0 + DT * np.arange(U.size)
 
 
@@ -56,6 +59,35 @@ def test_a_pipe_ends_with_the_bits_of_run_on_what_was_recorded(tmp_path: Path, c
     main(["run", str(tmp_path / "record"), "--input", "u", "--output", "y", *MODEL, "--json"])
     again = json.loads(capsys.readouterr().out)["parameters"]
     assert [again["a0"]["value"], again["b0"]["value"]] == kept.parameters.tolist()
+
+
+def test_the_demo_is_trusted_and_its_record_gives_the_bits_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    """With the device's time stamps, as the page of documentation shows; on a regular clock within its rounding."""
+    monkeypatch.chdir(tmp_path)
+    options = ("--samples", 10_000, "--dashboard", "off", "--record", "DIR", "--checkpoint", "rig")
+    with live("demo?speed=max", *options, model=()) as process:
+        code, out, _ = finished(process)
+    assert code == 0
+    assert "● trusted" in out
+    assert "off by" in out
+    kept = checkpoint.load(tmp_path / "rig").identifier
+    rig = deap_rig().plant
+    true = np.concatenate([rig.den[1:], rig.num])
+    assert (np.abs(kept.parameters - true) < 4.0 * kept.uncertainty.std).all()
+
+    page = (ROOT / "docs" / "live.md").read_text()
+    code_shown = next(part for part in page.split("```python\n") if part.startswith("import pyarrow")).partition("```")
+    names: dict[str, Any] = {}
+    exec(code_shown[0], names)
+    assert names["again"].to_bytes() == kept.to_bytes()
+
+    model = ("--poles", "3", "--zeros", "1", "--input-map", "square", "--startup", "500")
+    capsys.readouterr()
+    main(["run", "DIR", "--input", "u", "--output", "y", *model, "--json"])
+    found = json.loads(capsys.readouterr().out)["parameters"]
+    np.testing.assert_allclose([found[name]["value"] for name in kept.names], kept.parameters, rtol=1e-6)
 
 
 def test_a_summary_for_people_is_printed_in_the_end(tmp_path: Path) -> None:

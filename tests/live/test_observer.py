@@ -2,35 +2,45 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
+import socket
+import subprocess
+import sys
+import threading
 import time
 import urllib.request
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import replant as rp
 from live.command import wait_for
-from live.fakes import DT, REQUEST, FakeSink, FakeSource, record
+from live.fakes import DT, REQUEST, record
 from replant.live import observer as observing
-from replant.live.background import Background
-from replant.live.notices import Notices
 from replant.live.observer import Observer
 from replant.live.observing import Address, Orders
-from replant.live.session import Session
 from replant.live.view import Pulse, View
-from replant.settings import Request
-from replant.sources import Batch
 
 U, Y = record()
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def observer() -> Iterator[Observer]:
+    """Return one for all tests: it takes seconds to start."""
     started = Observer(Orders(dashboard=Address("127.0.0.1", 0)))
+    yield started
+    started.close()
+
+
+@pytest.fixture
+def mortal() -> Iterator[Observer]:
+    """Return one that may be killed."""
+    started = Observer(Orders())
     yield started
     started.close()
 
@@ -89,8 +99,9 @@ def test_the_report_is_made_of_the_newest_estimate(observer: Observer) -> None:
 
 
 def test_it_is_started_again_once_with_its_history_and_then_given_up(
-    observer: Observer, capfd: pytest.CaptureFixture
+    mortal: Observer, capfd: pytest.CaptureFixture
 ) -> None:
+    observer = mortal
     for samples in (1000, 2000):
         before = seen(observer, identifier(samples))
     first = observer._process.pid
@@ -111,45 +122,53 @@ def test_it_is_started_again_once_with_its_history_and_then_given_up(
     assert ["started again" in said[0], "no verdict" in said[1]] == [True, True]
 
 
-@pytest.mark.parametrize("level", ["stuck", "cable off"])
-def test_a_sensor_that_fails_is_told_to_controllers_within_two_seconds_of_rig_time(
-    observer: Observer, level: str
-) -> None:
-    """At 1 kHz, a view every 0.2 s of rig time, as it makes them in real time."""
-    dt, good, step = 1e-3, 20_000, 200
-    u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 76), 300)[:22_600]
-    plant = rp.TransferFunction([2.0], [1.0, 2.0])
-    y = 5.0 + plant.simulate(u, dt) + 0.01 * np.random.default_rng(1).standard_normal(u.size)
-    y[good:] = y[good - 1] if level == "stuck" else 0.0
-    sink = FakeSink()
-    request = Request(rp.Structure(1), dt, preprocess=rp.Preprocess("identity", "mean", "mean"))
+def test_a_crowd_at_the_page_is_none_of_the_sessions_business(observer: Observer) -> None:
+    """A hundred pages that do not read, and garbage: views go on, and nothing of it is in this process."""
+    seen(observer, identifier(1000))
+    threads, port = threading.active_count(), int(observer.url.rstrip("/").rpartition(":")[2])
+    upgrade = (
+        f"GET /live HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nOrigin: http://127.0.0.1:{port}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+    ).encode()
+    with contextlib.ExitStack() as crowd:
+        for k in range(100):
+            page = crowd.enter_context(socket.create_connection(("127.0.0.1", port), timeout=30.0))
+            page.sendall(upgrade)
+            if k % 2:
+                page.sendall(b"\xff\x00" * 5000)
+            assert page.recv(12) == b"HTTP/1.1 101"
+        for samples in range(1100, 1500, 100):
+            assert seen(observer, identifier(samples)).samples == samples
+        assert threading.active_count() == threads
 
-    class InStep(FakeSource):
-        def batches(self) -> Iterator[Batch]:
-            yield Batch(u[:good], y[:good], None, np.arange(good), time.monotonic())
-            for at in range(good, u.size, step):
-                yield from self.until_seen(at)
-                part = slice(at, at + step)
-                yield Batch(u[part], y[part], None, np.arange(at, at + step), time.monotonic())
-            yield from self.until_seen(u.size)
 
-        def until_seen(self, samples: int) -> Iterator[Batch]:
-            deadline = time.monotonic() + 120.0
-            while time.monotonic() < deadline:
-                if observer.last is not None and observer.last.at > dt * (samples - 1.5):
-                    return
-                time.sleep(0.01)
-                yield Batch(np.zeros(0), np.zeros(0), None, None, time.monotonic())
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_that_end_a_session_do_not_reach_it(observer: Observer, number: signal.Signals) -> None:
+    """As `timeout`, Ctrl-C and service managers send them to every process: the session takes its last view after."""
+    process = observer._process.pid
+    assert process is not None
+    os.kill(process, number)
+    seen(observer, identifier(1000))
+    assert observer._process.pid == process
 
-    notices = Notices(print)
-    session = Session(
-        InStep(u, y), rp.Identifier(**vars(request)), background=Background(notices), notices=notices,
-        observer=observer, sinks=[sink],
-    )  # fmt: skip
-    session.run()
-    told = {estimate.timestamp: estimate.verdict for estimate in sink.sent}  # the last of each
-    assert told[dt * (good - 1)] == "trusted"
-    assert {verdict for at, verdict in told.items() if at > dt * good + 2.0} <= {"inconsistent", "not excited"}
+
+def test_it_goes_away_with_its_session() -> None:
+    """However that ends; a signal would not end it."""
+    program = """
+from replant.live.observer import Observer
+from replant.live.observing import Orders
+if __name__ == "__main__":
+    observer = Observer(Orders())
+    print(observer._process.pid, flush=True)
+    {end}
+"""
+    for end, code in (("raise SystemExit(3)", 3), ("import os; os._exit(4)", 4)):
+        done = subprocess.run(
+            [sys.executable, "-c", program.format(end=end)], stdout=subprocess.PIPE, timeout=60.0, check=False
+        )  # fmt: skip
+        assert done.returncode == code
+        left = Path(f"/proc/{int(done.stdout)}")
+        wait_for(lambda: not left.exists() or "Z" in (left / "stat").read_text().split()[2])  # noqa: B023
 
 
 def test_an_old_view_says_nothing_of_the_present(observer: Observer, monkeypatch: pytest.MonkeyPatch) -> None:

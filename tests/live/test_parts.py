@@ -22,7 +22,7 @@ from replant.live.history import MOST_ROWS, History
 from replant.live.look import POINTS, look
 from replant.live.notices import AGAIN, Notices
 from replant.live.sinks import Lines, open_sink
-from replant.live.status import one_line, screen
+from replant.live.status import Status, one_line, screen
 from replant.live.view import Pulse, View
 
 FIRST_ORDER = rp.Structure(1)
@@ -296,3 +296,17 @@ def test_the_screen_keeps_within_its_width(width: int, samples: int) -> None:
     text = console.export_text()
     assert max(map(len, text.splitlines())) <= width
     assert ("off by" in text) == (samples > 0)
+
+
+def test_a_terminal_that_has_gone_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As after `| head`, or when the window is closed."""
+
+    class Gone(io.StringIO):
+        def write(self, _: str) -> int:
+            raise BrokenPipeError(32, "Broken pipe")
+
+    monkeypatch.setattr("sys.stderr", Gone())
+    status = Status()
+    for _ in range(2):
+        status.show(viewed(300), ["replant: a line"])
+    status.close()

@@ -127,11 +127,15 @@ def test_files_with_other_columns_are_refused(tmp_path: Path) -> None:
         rp.read_log(tmp_path, input="u", output="y")
 
 
-def test_dates_in_a_folder_are_refused(tmp_path: Path) -> None:
-    """Each file's would count from its own first row."""
+def test_dates_in_a_folder_count_from_its_first_row(tmp_path: Path) -> None:
+    stamps = pandas.date_range("2024-01-01", periods=6, freq="s")
     for k in range(2):
-        stamps = pandas.date_range("2024-01-01", periods=3, freq="s")
-        pandas.DataFrame({"time": stamps, "u": 1.0, "y": 2.0}).to_parquet(tmp_path / f"{k}.parquet")
-    assert len(rp.read_log(tmp_path, input="u", output="y", dt=1.0)) == 6
-    with pytest.raises(LogError, match="store the time in s as numbers"):
+        part = pandas.DataFrame({"time": stamps[3 * k : 3 * k + 3], "u": 1.0, "y": 2.0})
+        part.to_parquet(tmp_path / f"{k}.parquet")
+    log = rp.read_log(tmp_path, input="u", output="y", time="time")
+    assert log.dt == 1.0
+    assert log.time is not None
+    assert log.time.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    (tmp_path / "1.parquet").write_bytes((tmp_path / "0.parquet").read_bytes())
+    with pytest.raises(LogError, match=r"1.parquet, row 1, column 'time': the time stamp 0 goes back"):
         rp.read_log(tmp_path, input="u", output="y", time="time")

@@ -13,28 +13,11 @@ import numpy as np
 import pytest
 
 import replant as rp
-from live.fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, record
+from live.fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, make, record
 from replant import checkpoint
-from replant.live.background import Background
-from replant.live.keeper import Keeper, resume
-from replant.live.notices import Notices
+from replant.live.keeper import resume
 from replant.live.progress import Progress
-from replant.live.session import UNKNOWN, Limits, Session
-
-
-def make(
-    source: FakeSource, *, observer: FakeObserver | None = None, path: Path | None = None, every: float = 1e-9,
-    identifier: rp.Identifier | None = None, **arguments: Any,
-) -> tuple[Session, FakeObserver]:  # fmt: skip
-    observer = observer or FakeObserver()
-    notices = Notices(observer.show)
-    background = Background(notices)
-    keeper = None if path is None else Keeper(path, every, background)
-    session = Session(
-        source, identifier or rp.Identifier(**vars(REQUEST)), background=background, notices=notices,
-        observer=observer, keeper=keeper, **arguments,
-    )  # fmt: skip
-    return session, observer
+from replant.live.session import UNKNOWN, Limits
 
 
 def learned(u: np.ndarray, y: np.ndarray, t: np.ndarray | None = None) -> bytes:
@@ -295,28 +278,6 @@ def test_a_resumed_session_goes_on_to_the_bit_and_uses_no_sample_twice(tmp_path:
         session.run()
         taken = session.progress.taken
     assert session.identifier.to_bytes() == learned(u, y, DT * np.arange(u.size))
-
-
-def test_a_checkpoint_that_fails_warns_once_and_identification_goes_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    u, y = record()
-    good = tmp_path / "rig"
-    first, _ = make(FakeSource(u[:500], y[:500]), path=good)
-    first.run()
-    kept = good.read_bytes()
-
-    def full(*_: Any) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    session, observer = make(FakeSource(u, y), path=good)
-    session.run()
-    assert session.identifier.to_bytes() == learned(u, y, DT * np.arange(u.size))
-    assert good.read_bytes() == kept
-    said = [line for line in observer.shown if "No space left on device" in line]
-    assert len(said) == 2  # once while it runs, once for the last one
-    assert "going on" in said[0]
 
 
 def test_a_checkpoint_of_another_structure_is_refused_in_one_line(tmp_path: Path) -> None:

@@ -195,7 +195,8 @@ class Part:
         found = unexplained(run, rows, evidence.dt, surplus)
         output, error = float(np.var(evidence.record.y[rows])), float(np.var(run.error[rows]))
         power = max(output, np.finfo(float).tiny)
-        return cls(min(found.power, error) / power, found.doubt / power, found.statistic)
+        # as Python's numbers, which become infinite without a warning where the output stands still
+        return cls(min(float(found.power), error) / power, float(found.doubt) / power, found.statistic)
 
     @property
     def is_sure(self) -> bool:

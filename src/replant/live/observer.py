@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import multiprocessing
 import queue
 import signal
@@ -10,11 +12,12 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 
 from replant.errors import InvalidArgumentError
 from replant.identifier import Identifier
-from replant.live.observing import Command, Failed, Handover, Orders, Serving, observe
+from replant.live.observing import ENDING, Command, Failed, Handover, Orders, Serving, observe
 from replant.live.view import Pulse, View
 
 INTERVAL = 0.2  # s between two handovers at the least
@@ -49,7 +52,11 @@ class Observer:
         self.url = ""
         self._start()
         if orders.dashboard is not None:
-            self._await_dashboard()
+            try:
+                self._await_dashboard()
+            except InvalidArgumentError:
+                self.close()
+                raise
 
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -57,8 +64,9 @@ class Observer:
         self._process = context.Process(
             target=observe, args=(theirs, self._orders), name="replant observer", daemon=True
         )  # fmt: skip
-        with _deaf_to_interrupts():  # Ctrl-C reaches every process of the terminal: the session alone ends on it
+        with _out_of_reach_of_signals():
             self._process.start()
+        atexit.register(self._process.kill)  # else an exit without `close` would ask it to end, and wait for ever
         theirs.close()
         self._outbox: queue.Queue[Handover | None] = queue.Queue()
         self._sender = threading.Thread(
@@ -91,7 +99,7 @@ class Observer:
         if self._alive and self._orders.terminal:
             self._lines.append(line)
         else:
-            print(line, file=sys.stderr, flush=True)
+            _print(line)
 
     def poll(self) -> list[str]:
         """Take what has come from the process; return what the dashboard's users ask for."""
@@ -169,13 +177,19 @@ class Observer:
             self._outbox.put(None)
             self._process.join(GOODBYE)
             if self._process.is_alive():
-                self._process.terminate()
+                self._process.kill()
                 self._process.join()
             self._alive = False
             self._connection.close()
+        atexit.unregister(self._process.kill)
         for line in self._lines:
-            print(line, file=sys.stderr, flush=True)
+            _print(line)
         self._lines.clear()
+
+
+def _print(line: str) -> None:
+    with contextlib.suppress(OSError):  # nobody reads any more, as after `| head`: no reason to stop
+        print(line, file=sys.stderr, flush=True)
 
 
 def _send_all(connection: Connection, outbox: queue.Queue[Handover | None]) -> None:
@@ -191,13 +205,18 @@ def _send_all(connection: Connection, outbox: queue.Queue[Handover | None]) -> N
 
 
 @contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """Start processes that ignore SIGINT."""
-    if threading.current_thread() is not threading.main_thread():
+def _out_of_reach_of_signals() -> Iterator[None]:
+    """Start processes that no signal ends which asks for the end of a session.
+
+    Ctrl-C, `timeout` and service managers send theirs to every process of a group: the session ends on it, and takes
+    its last view from the observer after that.  Blocked, a signal meant for this process meanwhile only waits.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    resource_tracker.ensure_running()  # begun later, by the start of a process, it would let signals through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import signal
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,6 +20,9 @@ from replant.transfer_function import TransferFunction
 
 if TYPE_CHECKING:
     from replant.live.dashboard.server import Dashboard
+
+#: Signals that end a session, and the observer by it alone.
+ENDING = (signal.SIGINT, signal.SIGTERM)
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,8 @@ class Command:
 
 def observe(connection: Connection, orders: Orders) -> None:
     """Run the observer until the session hangs up."""
+    for number in ENDING:  # where they could not be blocked before this process began
+        signal.signal(number, signal.SIG_IGN)
     with contextlib.suppress(EOFError, OSError):  # the session has gone, whatever the reason
         _Observing(connection, orders).run()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import sys
 import time
@@ -39,6 +40,7 @@ class Status:
         self._console = Console(stderr=True)
         self._live: Any = None
         self._next = 0.0
+        self._gone = False
         if self._console.is_terminal:
             from rich.live import Live
 
@@ -46,7 +48,15 @@ class Status:
             self._live.start()
 
     def show(self, view: View, lines: Sequence[str] = ()) -> None:
-        """Show lines, for good, and the view until the next one."""
+        """Show lines, for good, and the view until the next one; nothing any more once nobody reads it."""
+        if self._gone:
+            return
+        try:
+            self._show(view, lines)
+        except (OSError, SystemExit):  # the window was closed, or `| head` has seen enough, where rich would exit
+            self._gone = True
+
+    def _show(self, view: View, lines: Sequence[str]) -> None:
         for line in lines:
             self._console.print(line, markup=False, highlight=False, soft_wrap=True)
         if self._live is not None:
@@ -58,7 +68,8 @@ class Status:
     def close(self) -> None:
         """Take the status away; what was said stays."""
         if self._live is not None:
-            self._live.stop()
+            with contextlib.suppress(OSError, SystemExit):
+                self._live.stop()
 
 
 def print_summary(view: View, truth: TransferFunction | None = None, *, to_stderr: bool = False) -> None:

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from replant import realization
-from replant.rigs import deap_rig, deap_voltage
-from replant.signals import white_noise
+from replant.rigs import deap_rig
+from replant.signals import random_steps, white_noise
 from replant.sources.address import Address
 from replant.sources.batch import Batch
 from replant.sources.pace import Pace, speed_of
@@ -20,10 +20,14 @@ from replant.validation import FloatArray
 BLOCK = 1 << 16
 #: Samples handed over at once at the most.
 PART = 1 << 12
+#: Steps of the demo's voltage last up to so many samples: whoever watches sees the slow mode within seconds, too.
+LONGEST_STEP = 4000
+#: Its flutter, in kV up and down, each for so many samples: the input never rests, and meets the resonance at 12 Hz.
+FLUTTER, FLUTTER_HOLD = 0.2, 20
 
 
 class DemoSource(Reader):
-    """The rig of `deap_rig` under `deap_voltage`, ``demo?speed=max&seed=0``: 1 kHz, numbered, the same every time.
+    """The rig of `deap_rig` under `lively_voltage`, ``demo?speed=max&seed=0``: 1 kHz, numbered, the same every time.
 
     Parameters
     ----------
@@ -78,7 +82,7 @@ def simulated(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, Float
     number = 0
     while True:
         draw = int(np.random.SeedSequence([seed, number]).generate_state(1, np.uint64)[0])
-        u = deap_voltage(BLOCK, draw)
+        u = lively_voltage(BLOCK, draw)
         moved = preprocess.map_input(u) - float(preprocess.input_offset)
         forced = filter_states(transition, taps, 0, np.append(moved, 0.0))
         if number >= skip:
@@ -86,6 +90,22 @@ def simulated(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, Float
             yield number * BLOCK, u, still + white_noise(BLOCK, rig.noise, draw + 1)
         state = over_a_block @ state + forced[-1]
         number += 1
+
+
+def lively_voltage(samples: int, seed: int) -> FloatArray:
+    """Return an input (K,) in kV within 2 and 5.5 kV: steps of 10 ms to 4 s, and a random flutter upon them.
+
+    Examples
+    --------
+    >>> u = lively_voltage(1000, seed=0)
+    >>> bool((u >= 2.0).all() and (u <= 5.5).all())
+    True
+    """
+    steps = random_steps(
+        samples, shortest=10, longest=LONGEST_STEP, low=2.0 + FLUTTER, high=5.5 - FLUTTER, seed=seed
+    )  # fmt: skip
+    signs = np.random.default_rng([seed, 1]).choice([-1.0, 1.0], -(-samples // FLUTTER_HOLD))
+    return steps + FLUTTER * np.repeat(signs, FLUTTER_HOLD)[:samples]
 
 
 def open_demo(address: Address, columns: tuple[str, ...] | None) -> DemoSource:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import pytest
 
 from live.dashboard.conftest import ask
 from live.dashboard.feed import Feed
 from replant.errors import InvalidArgumentError
-from replant.live.dashboard import Dashboard, Hub, serve
+from replant.live.dashboard import Dashboard, Hub, security, serve
+from replant.live.dashboard.security import HEADERS
 
 TOKEN = "correct-horse+/=&?"
 HANDSHAKE = (
@@ -33,6 +37,12 @@ def guarded(watched: tuple[Feed, Dashboard]) -> Iterator[Dashboard]:
     """The feed's dashboard, asking for a token."""
     with serve(watched[0].hub, token=TOKEN) as served:
         yield served
+
+
+@pytest.fixture(autouse=True)
+def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have refusals come at once."""
+    monkeypatch.setattr(security, "PAUSE", 0.0)
 
 
 def origin(port: int, host: str = "127.0.0.1") -> str:
@@ -166,6 +176,19 @@ def test_a_websocket_needs_the_token_too(guarded: Dashboard) -> None:
     assert ask(guarded.port, "GET /live", *HANDSHAKE, origin(guarded.port))[0] == 403
 
 
+def test_tokens_are_tried_one_after_the_other_and_who_has_the_right_one_does_not_wait(
+    guarded: Dashboard, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(security, "PAUSE", 0.5)
+    begun = time.monotonic()
+    with ThreadPoolExecutor() as pool:
+        tries = [pool.submit(ask, guarded.port, "GET /", f"Authorization: Bearer {k}") for k in range(4)]
+        assert ask(guarded.port, "GET /", f"Authorization: Bearer {TOKEN}")[0] == 200
+        assert not all(answer.done() for answer in tries)
+        assert [answer.result()[0] for answer in tries] == [401] * 4
+    assert time.monotonic() - begun >= 4 * 0.5
+
+
 # --- where it listens ---
 
 
@@ -204,3 +227,17 @@ def test_every_answer_forbids_foreign_content(dashboard: Dashboard, line: str) -
     assert headers["x-frame-options"] == "DENY"
     assert not [name for name in headers if name.startswith("access-control")]
     assert "server" not in headers
+
+
+def test_a_mistake_of_ours_does_so_too() -> None:
+    """Nothing of it is told; the terminal has it."""
+
+    class Broken(Hub):
+        def model(self) -> dict[str, Any]:
+            raise ZeroDivisionError("secret")
+
+    with serve(Broken(command=print, report=bytes)) as served:
+        status, headers, body = ask(served.port, "GET /model.json")
+    assert status == 500
+    assert b"secret" not in body
+    assert HEADERS.items() <= {name.title(): value for name, value in headers.items()}.items()

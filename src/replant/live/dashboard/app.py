@@ -21,7 +21,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from replant.errors import MissingDependencyError, ReplantError
 from replant.live.dashboard.hub import COMMANDS, Hub
-from replant.live.dashboard.security import Guard
+from replant.live.dashboard.security import HEADERS, Guard
 from replant.report.page import asset as report_asset
 
 PERIOD = 0.2  # s between two views to one browser
@@ -70,7 +70,13 @@ def create_app(hub: Hub, *, token: str | None, hosts: tuple[str, ...]) -> Starle
             Middleware(Guard, token=token, hosts=hosts),
             Middleware(GZipMiddleware, minimum_size=1024, compresslevel=4),
         ],
+        exception_handlers={Exception: _failed},
     )
+
+
+async def _failed(_: Request, __: Exception) -> Response:
+    """Answer where a mistake of ours was hit, outside of the guard; the server's log gets the mistake itself."""
+    return PlainTextResponse("This could not be done: the terminal says why.\n", 500, headers=HEADERS)
 
 
 def _routes(hub: Hub) -> list[Route | WebSocketRoute]:

@@ -6,6 +6,7 @@ names), what acts or streams must come from this page's own origin, and whoever 
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import hmac
 from http.cookies import CookieError, SimpleCookie
@@ -28,6 +29,7 @@ HEADERS = {
     "Cache-Control": "no-store",
 }
 LONGEST_TOKEN = 1024  # characters that are compared at all
+PAUSE = 0.5  # s before a missing or wrong token is answered, one after the other: nobody tries many
 _SAFE = ("GET", "HEAD")
 
 
@@ -49,6 +51,7 @@ class Guard:
         self.app = app
         self.token = None if token is None else token.encode()
         self.hosts = {host.lower().strip("[]") for host in hosts}
+        self._turn = asyncio.Lock()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve a request or refuse it."""
@@ -66,6 +69,9 @@ class Guard:
                     sent.append("Set-Cookie", self._cookie(scope))
             await send(message)
 
+        if refused is not None and refused[0] == 401:
+            async with self._turn:
+                await asyncio.sleep(PAUSE)
         if refused is None:
             await self.app(scope, receive, answer)
         elif scope["type"] == "http":
