@@ -34,7 +34,6 @@ STUCK_RUN = 4  # ties in a row of a sensor that was stuck: what lies before is n
 BEGINNINGS = 0.125, 0.25  # parts of what came since, after which whatever has moved is held to have moved
 EARLIEST = 0.25  # of a start-up, after which it is looked into first,
 LATEST = 2.0  # ... and after which it is no longer believed,
-LARGEST_LIMIT = 400.0  # of the sum that raises the alarm: each false one doubles it
 WORSE, EARLIER = 0.8, 0.5  # or earlier if a model of what came since is hardly better than the present one
 PATIENCE = 1.5  # each look takes so many times the samples of the one before
 
@@ -128,7 +127,17 @@ def _solved_since(old: State, settings: Settings, begin: int, most: float) -> St
     refined = refine(settings.structure, record)
     if refined is None or not (refined.acceptable and refined.variance <= most):
         return None
-    return _begun_with(old, settings, refined, record, int(old.ints[at.SAMPLES]) - len(kept))
+    new = _begun_with(old, settings, refined, record, int(old.ints[at.SAMPLES]) - len(kept))
+    _acquit(new, kept)
+    return new
+
+
+def _acquit(state: State, kept: FloatArray) -> None:
+    """Take doubt off the newest raw samples where the model was solved for with the output as it was measured."""
+    doubted = np.flatnonzero((kept[:, at.DOUBTED] > 0) & (kept[:, at.OUTPUT] != kept[:, at.BRIDGED]))
+    rows = (int(state.ints[at.SAMPLES]) - len(kept) + doubted) % len(state.recent)
+    state.recent[rows, at.BRIDGED] = state.recent[rows, at.OUTPUT]
+    state.recent[rows, at.DOUBTED] = 0.0
 
 
 def since(state: State, sample: int) -> FloatArray:
@@ -186,7 +195,7 @@ def _believe_residual(state: State) -> None:
     state.ints[at.ALARM] = 0
     state.reals[at.USUAL] = max(state.reals[at.USUAL], state.reals[at.SPREAD])
     state.reals[at.CUSUM] = 0.0
-    state.reals[at.LIMIT] = min(2.0 * state.reals[at.LIMIT], LARGEST_LIMIT)
+    state.reals[at.LIMIT] = min(2.0 * state.reals[at.LIMIT], guard.LARGEST_LIMIT)
 
 
 def _record(kept: FloatArray, settings: Settings) -> Record:

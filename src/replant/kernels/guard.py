@@ -46,6 +46,7 @@ TIE_SHARE = 1.0 / 500.0
 
 GROWN = 2.0  # times the usual power that is no growth yet
 RETURNED = 50.0  # times the usual power by which the residual must have stayed below GROWN times it, summed
+LARGEST_LIMIT = 400.0  # of the sum that raises the alarm: each false one doubles it
 LEAST = 1e-6  # of the modelled output's largest square: a residual below that is as good as none
 
 
@@ -146,7 +147,7 @@ def stands(ints, reals, y, modelled):
     ints[at.STILL] += 1
     if known:
         ints[at.STUCK_LAST] = ints[at.SAMPLES]
-    return known or reals[at.EQUAL] < RESOLVED or is_stuck(ints, reals, y, modelled)
+    return known or is_stuck(ints, reals, y, modelled) or reals[at.EQUAL] < RESOLVED
 
 
 @rare
@@ -225,9 +226,12 @@ def begins_anew(ints, reals):
 
 
 @part
-def is_calm(ints):
-    """Return whether no sensor was stuck just now: one that saturates does so again soon."""
-    return ints[at.IS_STUCK] == 0 or ints[at.SAMPLES] - ints[at.STUCK_LAST] >= CALM
+def is_calm(ints, reals):
+    """Return whether no sensor was stuck just now: one that saturates does so again soon.
+
+    On a fine scale the first tie tells that by itself, and an end of the scale is known again by its number.
+    """
+    return ints[at.IS_STUCK] == 0 or reals[at.EQUAL] < RESOLVED or ints[at.SAMPLES] - ints[at.STUCK_LAST] >= CALM
 
 
 @part
@@ -239,6 +243,10 @@ def test_power(ints, reals, power):
         if back > RETURNED:
             if ints[at.ALARM] == FLOATS:  # what came meanwhile is no part of the record
                 ints[at.GAP_AT] = ints[at.SAMPLES]
+            else:
+                reals[at.LIMIT] = min(2.0 * reals[at.LIMIT], LARGEST_LIMIT)
+            if ints[at.ALARM] == LOOKED_INTO:  # and no other plant was found: such residuals are usual
+                reals[at.USUAL] = max(reals[at.USUAL], reals[at.SPREAD])
             ints[at.ALARM] = 0
             reals[at.CUSUM] = 0.0
             ints[at.CHANGE_BEGAN] = ints[at.SAMPLES]

@@ -242,7 +242,7 @@ def take_guarded(ints, reals, banks, buffer, recent, u, y, t):
     tells = not (at_rest or ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM])
     if not tells or ints[at.ALARM] >= guard.RESTS:
         ints[at.RESTED] += 1
-    elif ints[at.DOUBT] == guard.NONE and guard.is_calm(ints):
+    elif ints[at.DOUBT] == guard.NONE and guard.is_calm(ints, reals):
         update_estimate(ints, reals, buffer, target, interval, learn_with_covariance)
         ints[at.LEARNED] = ints[at.SAMPLES]
         if ints[at.COLOURED] == 1 and not guard.begins_anew(ints, reals):
