@@ -29,9 +29,16 @@ def only_constant_moved(state: State, settings: Settings, record: Record) -> boo
     if run is None:
         return False
     usual = max(state.reals[at.USUAL], guard.LEAST * state.reals[at.PEAK]) * settings.scaling.output**2
-    as_before = record.y - run.forced - physical[constant] * run.nuisances[:, 0]
-    left_as_before = without(as_before[:, None], run.nuisances[:, 1:])
-    return bool(np.mean(run.error**2) < guard.GROWN * usual <= np.mean(left_as_before**2))
+    # before a dead time has passed the input lies before the record
+    intervals = np.broadcast_to(record.intervals, record.u.size)
+    known = np.cumsum(intervals) > settings.structure.delay + intervals
+    if not known.any():
+        return False
+    unforced, nuisances = (record.y - run.forced)[known], run.nuisances[known]
+    as_before = unforced - physical[constant] * nuisances[:, 0]
+    left = np.mean(without(unforced[:, None], nuisances) ** 2)
+    left_as_before = np.mean(without(as_before[:, None], nuisances[:, 1:]) ** 2)
+    return bool(left < guard.GROWN * usual <= left_as_before)
 
 
 def with_new_constant(old: State, record: Record) -> State:
