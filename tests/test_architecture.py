@@ -43,6 +43,7 @@ LEVELS: list[set[str]] = [
     # the estimators
     {"defaults", "score"},
     {"startup"},
+    {"constant"},
     {"renewal"},
     {"estimate", "identifier", "offline", "checkpoint"},
     {"search", "runs", "comparison", "sklearn", "ensemble"},

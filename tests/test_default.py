@@ -151,6 +151,7 @@ def test_an_estimate_that_is_not_stable_is_learned_away_behind_the_last_stable_m
     memory[size * size :] = 10.0
     for k in range(600, 6000, 50):
         ident.update_many(u[k : k + 50], y[k : k + 50])
+        state = ident._state  # once an alarm was looked into it is another one
         for which in (1, 2) if state.ints[at.WARMING] else (int(state.ints[at.ACTIVE]),):
             denominator = state.banks[which, bk.DENOMINATOR : bk.DENOMINATOR + 2]
             assert np.roots([1.0, *denominator]).real.max() < 0

@@ -8,7 +8,10 @@ import numpy as np
 
 from replant.assessment.model_run import run_model
 from replant.assessment.online import STANDS, cleaned, unrolled
+from replant.assessment.sums import without
+from replant.constant import only_constant_moved, with_new_constant
 from replant.filters import RefinedFilter
+from replant.kernels import guard
 from replant.kernels import layout as at
 from replant.refined import Record, Refined, refine
 from replant.settings import Settings
@@ -28,9 +31,9 @@ SURE = 15.0
 EXPLAINED = 0.3
 MOST_DOUBTED = 0.05  # share of bridged samples up to which a record is one
 STUCK_RUN = 4  # ties in a row of a sensor that was stuck: what lies before is not looked at
+BEGINNINGS = 0.125, 0.25  # parts of what came since, after which whatever has moved is held to have moved
 EARLIEST = 0.25  # of a start-up, after which it is looked into first,
 LATEST = 2.0  # ... and after which it is no longer believed,
-LARGEST_LIMIT = 400.0  # of the sum that raises the alarm: each false one doubles it
 WORSE, EARLIER = 0.8, 0.5  # or earlier if a model of what came since is hardly better than the present one
 PATIENCE = 1.5  # each look takes so many times the samples of the one before
 
@@ -52,7 +55,7 @@ def solved_again(old: State, settings: Settings) -> State | None:
     kept = since(old, origin)
     if old.ints[at.GAP_AT] > origin or not old.ints[at.ADAPT] or int(old.ints[at.SAMPLES]) - origin > len(kept):
         return None
-    if float((kept[:, at.DOUBTED] > 0).mean()) > MOST_DOUBTED:
+    if old.ints[at.ALARM] or float((kept[:, at.DOUBTED] > 0).mean()) > MOST_DOUBTED:
         return None
     kept[:, at.OUTPUT] = kept[:, at.BRIDGED]
     record = _record(kept, settings)
@@ -63,8 +66,8 @@ def solved_again(old: State, settings: Settings) -> State | None:
 
 
 def first_look(state: State, settings: Settings) -> int:
-    """Return at how many accepted samples what came since an alarm is to be looked into first."""
-    state.ints[at.ALARM] = 2
+    """Return at how many accepted samples what came since an alarm is to be looked into; nothing is learned so long."""
+    state.ints[at.ALARM] = guard.RESTS
     return max(_began(state) + _least(settings), int(state.ints[at.SAMPLES]) + 1)
 
 
@@ -73,22 +76,36 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
 
     Returns the state to go on with, and at how many accepted samples to look again; 0: no more.
     """
+    if old.ints[at.ALARM] == 0:  # it went as it came
+        return old, 0
     samples = int(old.ints[at.SAMPLES])
     kept = after_stuck(since(old, _began(old)))
     length = len(kept)
     later = samples + max(int((PATIENCE - 1.0) * length), 50)
     if length < _least(settings) or float((kept[:, at.DOUBTED] == STANDS).mean()) > MOST_DOUBTED:
         return old, later
-    share = _share_left(old, settings, _record(kept, settings))
+    for beginning in BEGINNINGS:
+        rest = kept[int(beginning * length) :]
+        if only_constant_moved(old, settings, _record(rest, settings)):
+            return with_new_constant(old, _record(rest, settings)), 0
+    share, explained = _share_left(old, settings, _record(kept, settings))
     if share < BETTER:
-        # if what came since does not suffice, perhaps all does: the estimate and not the plant may have gone astray
-        for begin in (samples - length, max(int(old.ints[at.ORIGIN]), int(old.ints[at.GAP_AT]))):
-            new = _solved_since(old, settings, begin)
+        # if what came since does not suffice, perhaps all does: the estimate and not the plant may have gone astray; a
+        # model of all of it then leaves no more than usual
+        usual = guard.GROWN * max(old.reals[at.USUAL], guard.LEAST * old.reals[at.PEAK])
+        whole = max(int(old.ints[at.ORIGIN]), int(old.ints[at.GAP_AT]))
+        for begin, most in ((samples - length, math.inf), (whole, usual * settings.scaling.output**2)):
+            new = _solved_since(old, settings, begin, most)
             if new is not None:
                 new.ints[at.PAST_KEPT], new.ints[at.PAST_DUE] = 0, samples
                 new.ints[at.ALARM], new.ints[at.CHANGE_BEGAN] = 0, samples
                 return new, 0
-    elif length >= (LATEST if share < WORSE else EARLIER) * settings.startup:
+    rests = not explained and _explained_before(old)
+    rests = rests and length < min(_began(old) - int(old.ints[at.ORIGIN]), RECENT // 2)
+    old.ints[at.ALARM] = guard.FLOATS if rests else guard.LOOKED_INTO
+    if rests:
+        return old, later
+    if share >= BETTER and length >= (LATEST if share < WORSE else EARLIER) * settings.startup:
         _believe_residual(old)
         return old, 0
     if length > RECENT // 2:  # it may have changed once more
@@ -97,16 +114,30 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     return old, later
 
 
-def _solved_since(old: State, settings: Settings, begin: int) -> State | None:
-    """Return the state after solving what came since ``begin``; None where that leads to no model to be used."""
+def _solved_since(old: State, settings: Settings, begin: int, most: float) -> State | None:
+    """Return the state after solving what came since ``begin``.
+
+    None where that leads to no model to be used, or to a residual's variance above ``most``.
+    """
     kept = since(old, begin)
-    if float((kept[:, at.DOUBTED] > 0).mean()) > MOST_DOUBTED:
+    bridged = (kept[:, at.DOUBTED] > 0) & (kept[:, at.OUTPUT] == kept[:, at.BRIDGED])
+    if float((bridged | (kept[:, at.DOUBTED] == STANDS)).mean()) > MOST_DOUBTED:
         return None
     record = _record(kept, settings)
     refined = refine(settings.structure, record)
-    if refined is None or not refined.acceptable:
+    if refined is None or not (refined.acceptable and refined.variance <= most):
         return None
-    return _begun_with(old, settings, refined, record, int(old.ints[at.SAMPLES]) - len(kept))
+    new = _begun_with(old, settings, refined, record, int(old.ints[at.SAMPLES]) - len(kept))
+    _acquit(new, kept)
+    return new
+
+
+def _acquit(state: State, kept: FloatArray) -> None:
+    """Take doubt off the newest raw samples where the model was solved for with the output as it was measured."""
+    doubted = np.flatnonzero((kept[:, at.DOUBTED] > 0) & (kept[:, at.OUTPUT] != kept[:, at.BRIDGED]))
+    rows = (int(state.ints[at.SAMPLES]) - len(kept) + doubted) % len(state.recent)
+    state.recent[rows, at.BRIDGED] = state.recent[rows, at.OUTPUT]
+    state.recent[rows, at.DOUBTED] = 0.0
 
 
 def since(state: State, sample: int) -> FloatArray:
@@ -130,26 +161,33 @@ def _began(state: State) -> int:
     return max(int(state.ints[at.CHANGE_BEGAN]), int(state.ints[at.GAP_AT]), int(state.ints[at.ORIGIN]))
 
 
-def _share_left(state: State, settings: Settings, record: Record) -> float:
+def _explained_before(state: State) -> bool:
+    """Return whether the model usually explains enough of the output that it would be missed."""
+    return bool(state.reals[at.USUAL] < (1.0 - EXPLAINED) * state.reals[at.PEAK])
+
+
+def _share_left(state: State, settings: Settings, record: Record) -> tuple[float, bool]:
     """Return what a model of the first two thirds of a record leaves of the last, over what the present one leaves.
 
-    One where that may be chance, or where it is not known.  Where no model is quite right one that is made for a few
+    The share is one where it may be chance, or is not known.  And whether the present model explains the output there,
+    by the input and not by offset and initial state alone.  Where no model is quite right one that is made for a few
     samples always fits these better: only what it has not seen tells whether the plant has changed.
     """
     structure, seen = settings.structure, 2 * record.u.size // 3
     refined = refine(structure, record.first(seen)) if float(np.ptp(record.u[:seen])) > 0.0 else None
-    if refined is None:
-        return 1.0
-    left = []
-    for parameters in (refined.theta, state.theta * state.unit):
-        run = run_model(structure, parameters[: structure.size], record, settings.dt)
-        left.append(float(np.var(run.error[seen:])) if run is not None else math.inf)
-    power = float(np.var(record.y[seen:]))
-    if not left[0] < (1.0 - EXPLAINED) * power:
-        return 1.0
+    left, explains, power = [math.inf, math.inf], [False, False], float(np.var(record.y[seen:]))
+    for which, parameters in enumerate((refined.theta if refined else None, state.theta * state.unit)):
+        run = None if parameters is None else run_model(structure, parameters[: structure.size], record, settings.dt)
+        if run is not None:
+            left[which] = float(np.var(run.error[seen:]))
+            unforced = without(record.y[:, None], run.nuisances)[seen:, 0]
+            explains[which] = left[which] < (1.0 - EXPLAINED) * float(np.var(unforced))
+    if not explains[0]:
+        return 1.0, explains[1]
     least = np.finfo(float).eps * power  # what rounding leaves is nothing
     share = (left[0] + least) / (left[1] + least)
-    return share if -(record.u.size - seen) * math.log(max(share, 1e-300)) > SURE else max(share, BETTER)
+    sure = -(record.u.size - seen) * math.log(max(share, 1e-300)) > SURE
+    return share if sure else max(share, BETTER), explains[1]
 
 
 def _believe_residual(state: State) -> None:
@@ -157,7 +195,7 @@ def _believe_residual(state: State) -> None:
     state.ints[at.ALARM] = 0
     state.reals[at.USUAL] = max(state.reals[at.USUAL], state.reals[at.SPREAD])
     state.reals[at.CUSUM] = 0.0
-    state.reals[at.LIMIT] = min(2.0 * state.reals[at.LIMIT], LARGEST_LIMIT)
+    state.reals[at.LIMIT] = min(2.0 * state.reals[at.LIMIT], guard.LARGEST_LIMIT)
 
 
 def _record(kept: FloatArray, settings: Settings) -> Record:

@@ -12,7 +12,8 @@ sample were missing, and nothing is learned from it.
 * A stuck sensor: the same number to the bit, where noise keeps neighbours apart or the model says that it moved.
 
 Whether the plant has changed is told from the residual's power by a cumulative sum (Page, 1954): of what it exceeds
-GROWN times its usual value.  Source: Basseville and Nikiforov, "Detection of Abrupt Changes", 1993, chapter 2.
+GROWN times its usual value; that it is back as it was, by the same sum the other way.  Source: Basseville and
+Nikiforov, "Detection of Abrupt Changes", 1993, chapter 2.
 """
 
 import math
@@ -24,6 +25,7 @@ from replant.kernels import second_order as second
 from replant.kernels.compiled import cut, part, rare
 
 NONE, OUTLIER, STANDS = range(3)
+LOOKED_INTO, RESTS, FLOATS = 2, 3, 4  # states of an alarm, see `layout.ALARM`
 
 GATE = 64.0  # variances: eight standard deviations
 UNSETTLED = 1e4  # how much more power an error may have while the filters' initial state is unknown
@@ -43,6 +45,8 @@ CALM, FORGOTTEN = 200, 5000  # samples after a stuck one until learning goes on,
 TIE_SHARE = 1.0 / 500.0
 
 GROWN = 2.0  # times the usual power that is no growth yet
+RETURNED = 50.0  # times the usual power by which the residual must have stayed below GROWN times it, summed
+LARGEST_LIMIT = 400.0  # of the sum that raises the alarm: each false one doubles it
 LEAST = 1e-6  # of the modelled output's largest square: a residual below that is as good as none
 
 
@@ -143,7 +147,7 @@ def stands(ints, reals, y, modelled):
     ints[at.STILL] += 1
     if known:
         ints[at.STUCK_LAST] = ints[at.SAMPLES]
-    return known or reals[at.EQUAL] < RESOLVED or is_stuck(ints, reals, y, modelled)
+    return known or is_stuck(ints, reals, y, modelled) or reals[at.EQUAL] < RESOLVED
 
 
 @rare
@@ -218,13 +222,42 @@ def observe(ints, reals, banks, u, y, interval):
 def begins_anew(ints, reals):
     """Return whether the newest error was that of an initial state not yet known after a gap, and no residual."""
     alpha = reals[ints[at.AT_MEMORY] + ints[at.MEMORY_SIZE] - 1]
-    return ints[at.GAPS] > 0 and alpha > UNKNOWN * own_noise(ints, reals)
+    return ints[at.GAP_AT] > 0 and alpha > UNKNOWN * own_noise(ints, reals)
 
 
 @part
-def is_calm(ints):
-    """Return whether no sensor was stuck just now: one that saturates does so again soon."""
-    return ints[at.IS_STUCK] == 0 or ints[at.SAMPLES] - ints[at.STUCK_LAST] >= CALM
+def is_calm(ints, reals):
+    """Return whether no sensor was stuck just now: one that saturates does so again soon.
+
+    On a fine scale the first tie tells that by itself, and an end of the scale is known again by its number.
+    """
+    return ints[at.IS_STUCK] == 0 or reals[at.EQUAL] < RESOLVED or ints[at.SAMPLES] - ints[at.STUCK_LAST] >= CALM
+
+
+@part
+def test_power(ints, reals, power):
+    """Raise the alarm, or end it, by the sum of the residual's ``power`` over the usual one."""
+    if ints[at.ALARM] != 0:
+        back = max(reals[at.CUSUM] + GROWN - power, 0.0)
+        reals[at.CUSUM] = back
+        if back > RETURNED:
+            if ints[at.ALARM] == FLOATS:  # what came meanwhile is no part of the record
+                ints[at.GAP_AT] = ints[at.SAMPLES]
+            else:
+                reals[at.LIMIT] = min(2.0 * reals[at.LIMIT], LARGEST_LIMIT)
+            if ints[at.ALARM] == LOOKED_INTO:  # and no other plant was found: such residuals are usual
+                reals[at.USUAL] = max(reals[at.USUAL], reals[at.SPREAD])
+            ints[at.ALARM] = 0
+            reals[at.CUSUM] = 0.0
+            ints[at.CHANGE_BEGAN] = ints[at.SAMPLES]
+        return
+    grown = reals[at.CUSUM] + power - GROWN
+    reals[at.CUSUM] = max(grown, 0.0)
+    if not grown > 0.0:
+        ints[at.CHANGE_BEGAN] = ints[at.SAMPLES]
+    elif grown > reals[at.LIMIT]:
+        ints[at.ALARM] = 1
+        reals[at.CUSUM] = 0.0
 
 
 @part
@@ -242,13 +275,8 @@ def watch(ints, reals, learned):
         reals[at.SPREAD] += SHORT * (min(square, MOST * max(reals[at.SPREAD], least)) - reals[at.SPREAD])
         usual = max(reals[at.USUAL], least)
         square = min(square, MOST * usual)
-        if learned and reals[at.LIMIT] > 0.0 and ints[at.ALARM] == 0:
-            grown = reals[at.CUSUM] + (square / usual if usual > 0.0 else 0.0) - GROWN
-            reals[at.CUSUM] = max(grown, 0.0)
-            if not grown > 0.0:
-                ints[at.CHANGE_BEGAN] = ints[at.SAMPLES]
-            elif grown > reals[at.LIMIT]:
-                ints[at.ALARM] = 1
+        if learned and reals[at.LIMIT] > 0.0:
+            test_power(ints, reals, square / usual if usual > 0.0 else 0.0)
         if ints[at.ALARM] == 0:
             reals[at.USUAL] += max(1.0 / reals[at.SEEN], LONG) * (square - reals[at.USUAL])
     else:

@@ -78,6 +78,27 @@ def begin_initial_state(ints, reals, banks, y):
 
 
 @rare
+def forget_constant(ints, reals, banks):
+    """Take the constant beside G(s) for unknown: as large as would make the output ten times what it lately was.
+
+    The initial state, the entries behind it, is begun anew by the next sample.
+    """
+    n, T = ints[at.ORDER], ints[at.ENTRIES]
+    which, memory, work = T - n - 1, ints[at.AT_MEMORY], ints[at.AT_WORK]
+    U, D = reals[memory : memory + T * T], reals[memory + T * T : memory + T * T + T]
+    variances = reals[work : work + n + 1]
+    size = UNKNOWN * max(reals[at.PEAK], np.finfo(np.float64).tiny) * reals[at.OUTPUT_SCALE] ** 2
+    size *= banks[ints[at.ACTIVE], bk.SCALE] ** (2 * n) / reals[ints[at.AT_UNIT] + which] ** 2
+    size /= max(reals[at.USUAL], LEAST_NOISE * reals[at.PEAK], np.finfo(np.float64).tiny)
+    for i in range(n + 1):
+        variances[i] = size
+    cap = memory + T * T + T + which
+    reals[cap] = max(reals[cap], size)
+    second.begin_last(U, D, which, variances, reals[ints[at.AT_BACKUP] : ints[at.AT_BACKUP] + T])
+    residuals.begin_last(reals[ints[at.AT_COLOUR] :], which, T)
+
+
+@rare
 def interrupt(ints, reals, banks, interval):
     """Begin the filters anew after a gap: parameters stay, learning waits until what is unknown has died out."""
     n = ints[at.ORDER]

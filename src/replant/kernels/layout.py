@@ -79,7 +79,8 @@ STUCK = 59  # samples whose output was bridged as that of a stuck sensor
 STILL = 60  # samples in a row whose output was the same as the one before, to the bit
 IS_STUCK = 61  # how many outputs are known at which the sensor was found stuck: STUCK_AT, STUCK_ALSO
 CHANGE_BEGAN = 62  # accepted samples when the residual last was as usual
-ALARM = 63  # 1: the residual has grown for so long that it is no chance; the identifier looks into it
+ALARM = 63  # 1: the residual has grown for so long that it is no chance; 2: that is looked into,
+# 3: and nothing learned, 4: ... since no model explains the output, as of a cable that floats
 # --- ints: clock, rest and record
 EARLIER = 64  # stamps in a row that advance, but lie before LAST_TIME
 TOO_DENSE = 65  # rejected samples: so close to the one before that the past inputs kept would not reach back far enough
@@ -120,7 +121,7 @@ SEEN = 22  # residuals that the next two are made from
 SPREAD = 23  # variance of the residual lately, scaled; large ones count in part
 USUAL = 24  # variance of the residual as it usually is, scaled
 PEAK = 25  # largest square of the modelled output lately, scaled
-CUSUM = 26  # by how much the residual's power has exceeded the usual one, summed since it last did not
+CUSUM = 26  # how far the residual's power is beyond the usual one, summed since it was not; in an alarm: within it
 LIMIT = 27  # of CUSUM, beyond which it is no chance
 LAST_RAW = 28  # the output of the sample before as it was measured
 EQUAL = 29  # share of the samples whose output is that of the one before, to the bit

@@ -238,21 +238,21 @@ def take_guarded(ints, reals, banks, buffer, recent, u, y, t):
     at_rest = ints[at.GUARD] == 1 and input_rests(ints, reals, u)
     if ints[at.INSTRUMENTS] == 1:
         renew_model(ints, reals, banks)
-    if ints[at.STARTED] == 0 and ints[at.GAPS] > 0 and ints[at.REFINED] * ints[at.COLOURED] == 1:
+    if ints[at.STARTED] == 0 and ints[at.GAP_AT] > 0 and ints[at.REFINED] * ints[at.COLOURED] == 1:
         begin_initial_state(ints, reals, banks, y)
     target = guard.observe(ints, reals, banks, u, y, interval)
     if ints[at.RECENT] > 0:
         keep_guarded_sample(ints, reals, recent, u, y, interval)
     ints[at.SAMPLES] += 1
-    learned = not (at_rest or ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM])
-    if not learned:
+    tells = not (at_rest or ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM])
+    if not tells or ints[at.ALARM] >= guard.RESTS:
         ints[at.RESTED] += 1
-    elif ints[at.DOUBT] == guard.NONE and guard.is_calm(ints):
+    elif ints[at.DOUBT] == guard.NONE and guard.is_calm(ints, reals):
         update_estimate(ints, reals, buffer, target, interval, learn_with_covariance)
         ints[at.LEARNED] = ints[at.SAMPLES]
         if ints[at.COLOURED] == 1 and not guard.begins_anew(ints, reals):
             record_residual(ints, reals, reals[at.ERROR])
-    guard.watch(ints, reals, learned)
+    guard.watch(ints, reals, tells)
     if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
         keep_estimate(ints, reals)
     if ints[at.SAMPLES] == ints[at.DUE] or ints[at.ALARM] == 1:

@@ -1,0 +1,59 @@
+"""Kernels: the gate and the bridge beside their naive twins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import replant as rp
+from builders import DT, binary
+from references import bridged, gate
+from replant.factors import compose
+from replant.kernels import bank as bk
+from replant.kernels import guard
+from replant.kernels import layout as at
+
+
+def learned(samples: int = 800) -> tuple[rp.Identifier, np.ndarray, np.ndarray]:
+    u = binary(4, samples + 400, 8)
+    y = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]).simulate(u, DT)
+    y += 0.03 * np.random.default_rng(2).standard_normal(u.size)
+    ident = rp.Identifier(rp.Structure(2), DT)
+    ident.update_many(u[:samples], y[:samples])
+    return ident, u[samples:], y[samples:]
+
+
+def test_the_gate_is_its_naive_twin() -> None:
+    ident, _, _ = learned()
+    state, size = ident._state, ident._state.entries
+    memory = state.block(at.AT_MEMORY, size * size + size)
+    covariance = compose(memory[: size * size].reshape(size, size), memory[size * size :])
+    rng, found = np.random.default_rng(0), []
+    for exponent in rng.uniform(-1.0, 4.0, 300):
+        zeta = 10.0 ** rng.uniform(-1.0, 1.5) * rng.standard_normal(size)
+        state.block(at.AT_ZETA, size)[:] = zeta
+        names = {"spread": at.SPREAD, "usual": at.USUAL, "peak": at.PEAK}
+        usual = {name: state.reals[slot] for name, slot in names.items()}
+        error = float(np.sqrt(usual["usual"]) * 10.0**exponent)
+        expected, ratio = gate(usual, error, zeta, covariance, 1.0)
+        state.reals[at.RATIO] = 1.0
+        found.append(guard.is_outlier(state.ints, state.reals, error, True))
+        assert found[-1] == expected
+        assert not expected or state.reals[at.RATIO] == pytest.approx(ratio, rel=1e-9)
+    assert 30 < sum(found) < 270
+
+
+def test_the_bridge_is_its_naive_twin() -> None:
+    """One, three and then five spikes: the filters see the model's output, and the distance before it fading."""
+    ident, u, y = learned()
+    y[[50, 90, 91, 92, 150, 151, 152, 153, 154]] += 1e3
+    modelled, before = np.empty(u.size), ident.samples
+    for k in range(u.size):
+        ident.update(u[k], y[k])
+        state = ident._state
+        modelled[k] = state.banks[state.ints[at.ACTIVE], bk.MODEL_OUTPUT]
+    kept = state.recent[before : before + u.size]
+    np.testing.assert_array_equal(np.flatnonzero(kept[:, at.DOUBTED]), np.flatnonzero(y > 100.0))
+    offset = state.reals[at.OUTPUT_OFFSET]
+    expected = bridged(y - offset, modelled, kept[:, at.DOUBTED] > 0)
+    np.testing.assert_allclose(kept[:, at.BRIDGED], expected.astype(float), rtol=1e-9, atol=1e-12)

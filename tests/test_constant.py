@@ -1,0 +1,73 @@
+"""A disturbance that steps: the constant beside G(s) moves, the plant stays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import replant as rp
+from builders import DT, binary, state, true_parameters
+from replant.kernels import layout as at
+
+PLANTS = {
+    "two poles": rp.TransferFunction([2.0], [1.0, 4.0, 3.0]),
+    "one pole": rp.TransferFunction([1.25], [1.0, 0.5]),
+    "a light mode": rp.TransferFunction([25.0], [1.0, 0.2, 25.0]),
+    "a dead time": rp.TransferFunction([2.0], [1.0, 4.0, 3.0], 0.6),
+}
+
+
+def stepped(name: str, where: str, size: float, samples: int = 5000) -> tuple[np.ndarray, np.ndarray]:
+    """Input, and output with a disturbance that steps after 2500 samples."""
+    plant, u = PLANTS[name], binary(1, samples, 8)
+    step = np.where(np.arange(samples) < 2500, 0.0, size)
+    y = plant.simulate(u, DT)
+    noise = 0.03 * y.std() * np.random.default_rng(3).standard_normal(samples)
+    return u, y + noise + (step if where == "output" else plant.simulate(step, DT))
+
+
+def made(name: str, **arguments: object) -> rp.Identifier:
+    plant = PLANTS[name]
+    return rp.Identifier(rp.Structure(plant.den.size - 1, delay=plant.delay), DT, **arguments)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize(("where", "size"), [("output", 2.0), ("output", 0.3), ("input", 3.0)])
+@pytest.mark.parametrize("forgetting", [1.0, 0.999])
+def test_a_step_of_a_disturbance_leaves_the_plant_as_it_is(
+    name: str, where: str, size: float, forgetting: float
+) -> None:
+    """Throughout within 5 %, never trusted before it was looked into; 500 samples later trusted again."""
+    u, y = stepped(name, where, size)
+    ident = made(name, optimizer=rp.RecursiveLeastSquares(forgetting))
+    ident.update_many(u[:2500], y[:2500])
+    trace = ident.update_many(u[2500:2600], y[2500:2600])
+    assert ident.assess().status == "inconsistent"
+    later = ident.update_many(u[2600:3000], y[2600:3000])
+    assert ident.assess().status == "trusted"
+    last = ident.update_many(u[3000:], y[3000:])
+    true = true_parameters(PLANTS[name], 0)
+    for parameters in (trace.parameters, later.parameters, last.parameters):
+        assert np.abs(parameters / true - 1.0).max() < 0.05
+    ints = ident._state.ints
+    assert ints[at.GAP_AT] >= 2500
+    assert ints[at.ORIGIN] == ints[at.GAPS] == ints[at.ALARM] == 0
+    assert ident.samples == 5000
+
+
+def test_with_time_stamps_it_is_the_same() -> None:
+    u, y = stepped("two poles", "output", 2.0, 4000)
+    plain, stamped = made("two poles"), made("two poles")
+    expected = plain.update_many(u, y).parameters
+    found = stamped.update_many(u, y, 1e3 + DT * np.arange(4000.0)).parameters
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    assert stamped._state.reals[at.LAST_TIME] == 1e3 + DT * 3999.0
+
+
+def test_chunks_do_not_matter_to_it() -> None:
+    u, y = stepped("two poles", "output", 2.0, 3000)
+    whole, chunks = made("two poles"), made("two poles")
+    whole.update_many(u, y)
+    for k in range(0, 3000, 61):
+        chunks.update_many(u[k : k + 61], y[k : k + 61])
+    assert state(whole) == state(chunks)

@@ -1,0 +1,84 @@
+"""An alarm that is looked into: what is no plant is not learned, and what has gone astray comes back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replant as rp
+from builders import DT, binary, true_parameters
+from replant.kernels import guard
+from replant.kernels import layout as at
+
+PLANT = rp.TransferFunction([2.0], [1.0, 4.0, 3.0])
+LIGHT = rp.TransferFunction([25.0], [1.0, 0.2, 25.0])
+OPTIMIZERS: dict[str, Any] = {
+    "default": "auto",
+    "forgetting": rp.RecursiveLeastSquares(0.999),
+    "tracking": rp.KalmanTracking(1e-6),
+}
+
+
+def afloat(kind: str, scale: float, samples: int) -> np.ndarray:
+    noise = np.random.default_rng(3).standard_normal(samples)
+    return scale * (noise if kind == "noise" else 0.05 * np.cumsum(noise))
+
+
+@pytest.mark.parametrize("optimizer", OPTIMIZERS)
+@pytest.mark.parametrize("plant", [PLANT, LIGHT], ids=["usual", "light"])
+@pytest.mark.parametrize(("kind", "size"), [("noise", 1.0), ("noise", 0.3), ("walk", 1.0)])
+def test_a_cable_that_floats_teaches_nothing(
+    optimizer: str, plant: rp.TransferFunction, kind: str, size: float
+) -> None:
+    """The parameters hold within 10 % for as long as it lasts; back on, it learns on and is trusted again."""
+    u = binary(1, 6000, 8)
+    y = plant.simulate(u, DT)
+    scale = float(y.std())
+    y += 0.03 * scale * np.random.default_rng(0).standard_normal(6000)
+    y[2500:4500] = afloat(kind, size * scale, 2000)
+    ident = rp.Identifier(rp.Structure(2), DT, optimizer=OPTIMIZERS[optimizer])
+    ident.update_many(u[:2500], y[:2500])
+    true = true_parameters(plant, 0)
+    for k in range(2500, 4500, 250):
+        trace = ident.update_many(u[k : k + 250], y[k : k + 250])
+        assert np.abs(trace.parameters / true - 1.0).max() < 0.1
+        assert ident.assess().status != "trusted"
+    assert int(ident._state.ints[at.ALARM]) == guard.FLOATS
+    ident.update_many(u[4500:], y[4500:])
+    assert int(ident._state.ints[at.ALARM]) == 0
+    assert np.abs(ident.parameters / true - 1.0).max() < 0.05
+    assert ident.assess().status == "trusted"
+
+
+def test_an_alarm_that_goes_as_it_came_costs_little() -> None:
+    """A burst of noise of 30 samples: learning goes on before it would be looked into; the record stays one."""
+    u = binary(1, 4000, 8)
+    y = PLANT.simulate(u, DT) + 0.03 * np.random.default_rng(0).standard_normal(4000)
+    y[2500:2530] += 0.2 * np.random.default_rng(1).standard_normal(30)
+    ident = rp.Identifier(rp.Structure(2), DT)
+    ident.update_many(u, y)
+    ints = ident._state.ints
+    assert 30 < int(ints[at.RESTED]) < 125
+    assert ints[at.ALARM] == ints[at.ORIGIN] == ints[at.GAP_AT] == 0
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.5])
+@pytest.mark.parametrize("entry", [0, 1, 2])
+def test_tracking_is_not_trusted_while_it_is_wrong(factor: float, entry: int) -> None:
+    """A light mode, a slow walk: after a jump by half no verdict trusts an estimate that is 10 % off."""
+    before = true_parameters(LIGHT, 0)
+    true = before.copy()
+    true[entry] *= factor
+    u = binary(3, 6000, 9)
+    after = rp.TransferFunction([true[2]], [1.0, *true[:2]])
+    y = np.where(np.arange(6000) < 3000, LIGHT.simulate(u, 0.02), after.simulate(u, 0.02))
+    y += 0.05 * y.std() * np.random.default_rng(5).standard_normal(6000)
+    ident = rp.Identifier(rp.Structure(2), 0.02, optimizer=rp.KalmanTracking(1e-7))
+    ident.update_many(u[:3000], y[:3000])
+    for k in range(3000, 6000, 100):
+        ident.update_many(u[k : k + 100], y[k : k + 100])
+        wrong = np.abs(ident.parameters / true - 1.0).max() > 0.1
+        assert not (wrong and k > 3200 and ident.assess().status == "trusted")
+    assert np.abs(ident.parameters / true - 1.0).max() < 0.1
