@@ -12,6 +12,7 @@ import replant as rp
 from replant import runs
 from replant.runs import Result, run_online, run_source
 from replant.settings import Request
+from replant.signals import prbs
 
 DT = 0.05
 PLANT = rp.TransferFunction([3.0, 6.0], [1.0, 1.6, 4.0])
@@ -30,6 +31,10 @@ class Parts:
     @property
     def samples(self) -> int:
         return self.u.size
+
+    @property
+    def complete(self) -> bool:
+        return bool(np.isfinite(self.u).all() and np.isfinite(self.y).all())
 
     def batches(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         self.passes += 1
@@ -99,7 +104,7 @@ def test_every_sample_goes_to_the_sink_and_to_the_progress(monkeypatch: pytest.M
     seen: dict[str, list[int]] = {"identifying": [], "testing": []}
     request = Request(STRUCTURE, DT)
     run_source(request, Parts(u, y, 700), lambda stage, done: seen[stage].append(done), traces.append)
-    expected = rp.Identifier(STRUCTURE, DT, startup=600).update_many(u, y)
+    expected = rp.Identifier(STRUCTURE, DT, startup=600).update_many(u, y, DT * np.arange(6000))
     np.testing.assert_array_equal(np.concatenate([trace.parameters for trace in traces]), expected.parameters)
     np.testing.assert_array_equal(np.concatenate([trace.errors for trace in traces]), expected.errors)
     for counts in seen.values():
@@ -128,7 +133,17 @@ def test_with_a_start_up_of_ones_own_it_is_what_would_have_been_live() -> None:
     u, y = record()
     request = Request(STRUCTURE, DT)
     live = rp.Identifier(STRUCTURE, DT, startup=700)
-    live.update_many(u, y)
+    live.update_many(u, y, DT * np.arange(6000))
     result = run_online(request, u, y, startup=700)
     np.testing.assert_array_equal(result.parameters, live.parameters)
     assert result.settings == live.settings
+
+
+def test_samples_that_are_missing_take_their_time() -> None:
+    plant, structure = rp.TransferFunction([2.0], [1.0, 0.5]), rp.Structure(poles=1)
+    u, generator = prbs(5000, hold=10), np.random.default_rng(0)
+    y = plant.simulate(u, dt=0.1) + 0.02 * generator.standard_normal(5000)
+    y[generator.random(5000) < 0.1] = np.nan
+    result = run_online(Request(structure, 0.1), u, y)
+    np.testing.assert_allclose(result.parameters, [0.5, 2.0], rtol=0.02)  # 7 % were a gap closed up
+    assert result.rejected["not finite"] == int(np.isnan(y).sum())

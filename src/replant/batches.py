@@ -18,6 +18,10 @@ class Source(Protocol):
     def samples(self) -> int:
         """How many there are."""
 
+    @property
+    def complete(self) -> bool:
+        """Whether every one of them is finite."""
+
     def batches(self) -> Iterator[tuple[FloatArray, FloatArray]]:
         """Go through raw input and output."""
 
@@ -33,6 +37,11 @@ class Arrays:
     def samples(self) -> int:
         """How many there are."""
         return self.input.size
+
+    @property
+    def complete(self) -> bool:
+        """Whether every one of them is finite."""
+        return bool(np.isfinite(self.input).all() and np.isfinite(self.output).all())
 
     def batches(self) -> Iterator[tuple[FloatArray, FloatArray]]:
         """Give the record as one batch."""

@@ -197,7 +197,7 @@ class Identifier(Estimate):
         t : float, optional
             Time stamp in s, for a clock that is not regular: given with every sample, or with none.  Filters and model
             are exact for the interval that really passed.  A stamp that does not advance is rejected; after a gap of
-            20 dt the filters begin anew, and learning waits until what is unknown of the gap has died out.
+            20 dt the filters begin anew.  Without stamps a rejected sample takes no time: give them where some may be.
 
         Raises
         ------

@@ -167,16 +167,27 @@ def run_source(
     identifier = _identifier(request, source, startup)
     history = _History(source.samples, request.structure.size)
     chunk = min(CHUNK, max(1, source.samples // BANDS))
-    done = 0
+    done, stamped = 0, _needs_stamps(request, source)
     for u, y in batched(source.batches(), FITTED):
         for start in range(0, u.size, chunk):
-            trace = identifier.update_many(u[start : start + chunk], y[start : start + chunk])
+            piece = slice(start, start + chunk)
+            t = identifier.dt * np.arange(done, done + u[piece].size) if stamped else None
+            trace = identifier.update_many(u[piece], y[piece], t)
             history.take(trace, identifier.uncertainty.std)
             sink(trace)
             done += len(trace)
             progress(IDENTIFYING, done)
     identifier.finish_startup()
     return _result(identifier, request, history.history, source, begun, progress, newest)
+
+
+def _needs_stamps(request: Request, source: Source) -> bool:
+    """Return whether samples are missing: without stamps a rejected one would take no time.
+
+    The article's filters know a regular clock only.
+    """
+    fixed = isinstance(request.filter, StateVariableFilter) and request.filter.method == "gbt"
+    return not source.complete and not fixed
 
 
 def _identifier(request: Request, source: Source, startup: int | None) -> Identifier:

@@ -49,9 +49,7 @@ def read(path: Path) -> Table:
         raise LogError(f"{path}: the file has no columns; write the log's signals into it")
     stamps = frozenset(number for number, field in enumerate(schema) if _is_stamp(field.type))
     place = partial(_place, parts, lengths) if len(parts) > 1 else nth_row
-    return Table(
-        path, tuple(schema.names), partial(_blocks, parts), place, in_seconds=stamps, about=sum(lengths), exactly=True
-    )
+    return Table(path, tuple(schema.names), partial(_blocks, parts), place, in_seconds=stamps, about=sum(lengths))
 
 
 def parts_of(folder: Path) -> list[Path]:

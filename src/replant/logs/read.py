@@ -165,7 +165,7 @@ def open_recording(
     if time is None and step is None:
         roles["time"] = _find_time(table, roles)
     clock = Clock(table.path, table.names[roles["time"]], table.place) if "time" in roles else None
-    kept, rows = _checked(table, roles, clock, most_held, progress)
+    kept, rows, complete = _checked(table, roles, clock, most_held, progress)
     stamps = None
     if clock is not None:
         number = roles["time"]
@@ -176,7 +176,7 @@ def open_recording(
     assert step is not None
     names = table.names[roles["input"]], table.names[roles["output"]]
     held = Log(kept[0], kept[1], step, stamps, *names, table.path) if kept else None
-    return Recording(table, (roles["input"], roles["output"]), step, clock is not None, rows, held)
+    return Recording(table, (roles["input"], roles["output"]), step, clock is not None, rows, complete, held)
 
 
 def stamped_interval(path: str | os.PathLike[str]) -> tuple[str, float] | None:
@@ -216,15 +216,17 @@ def _checked(
     clock: Clock | None,
     most_held: int,
     progress: Callable[[int, int], None],
-) -> tuple[list[NDArray[np.float64]], int]:
-    """Go through the columns once; return them, where they are few enough to be held, and how many rows there are."""
+) -> tuple[list[NDArray[np.float64]], int, bool]:
+    """Go through the columns once.
+
+    Returns them, where they are few enough to be held, how many rows there are, and whether every sample is finite.
+    """
     blocks: list[list[NDArray[np.float64]]] = []
-    rows = 0
-    if roles.keys() == {"input", "output"} and table.exactly and table.about > most_held:
-        return [], table.about
+    rows, complete = 0, True
     for block in table.stream(list(roles.values())):
         _check_lengths(table, roles, block)
         rows += len(block[0])
+        complete = complete and bool(np.isfinite(block[0]).all() and np.isfinite(block[1]).all())
         if rows <= most_held:
             blocks.append(block)
         else:
@@ -236,8 +238,8 @@ def _checked(
         counted = "1 row" if rows == 1 else f"{rows} rows"
         raise LogError(f"{table.path}: {counted} of data where at least 2 are needed; record more samples")
     if rows > most_held:
-        return [], rows
-    return [np.concatenate([block[index] for block in blocks]) for index in range(len(roles))], rows
+        return [], rows, complete
+    return [np.concatenate([block[index] for block in blocks]) for index in range(len(roles))], rows, complete
 
 
 def _check_distinct(table: Table, roles: dict[str, int]) -> None:

@@ -31,6 +31,8 @@ class Recording:
         Whether the sampling time is that of the file's time stamps.
     samples : int
         How many there are.
+    complete : bool
+        Whether every one of them is finite.
     held : Log or None
         The whole log, where it is short enough to be held in memory.
     """
@@ -40,6 +42,7 @@ class Recording:
     dt: float
     stamped: bool
     samples: int
+    complete: bool
     held: Log | None
 
     @property

@@ -41,8 +41,6 @@ class Table:
         Columns whose file type says that they are time: they come in seconds since the first row.
     about : int
         How many rows there are, about: for a progress bar.
-    exactly : bool
-        Whether that is exact, and every row of numbers can be read: then nothing is to be found out by reading it.
 
     Examples
     --------
@@ -60,7 +58,6 @@ class Table:
     place: Callable[[int], str] = nth_row
     in_seconds: frozenset[int] = frozenset()
     about: int = 0
-    exactly: bool = False
 
     def column(self, key: str | int) -> NDArray[np.float64]:
         """Return one column as float64, by name or 0-based number."""
