@@ -6,7 +6,6 @@ import numpy as np
 
 from replant.assessment.model_run import run_model
 from replant.assessment.sums import without
-from replant.kernels import guard
 from replant.kernels import layout as at
 from replant.refined import Record
 from replant.settings import Settings
@@ -23,6 +22,8 @@ def only_constant_moved(state: State, settings: Settings, record: Record) -> boo
     """
     if not state.ints[at.COLOURED]:  # what tracks lets the constant walk by itself
         return False
+    from replant.kernels import guard
+
     size, constant = settings.structure.size, state.entries - settings.structure.poles - 1
     physical = state.theta * state.unit
     run = run_model(settings.structure, physical[:size], record, settings.dt)

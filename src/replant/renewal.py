@@ -11,7 +11,6 @@ from replant.assessment.online import STANDS, cleaned, unrolled
 from replant.assessment.sums import without
 from replant.constant import only_constant_moved, with_new_constant
 from replant.filters import RefinedFilter
-from replant.kernels import guard
 from replant.kernels import layout as at
 from replant.refined import Record, Refined, refine
 from replant.settings import Settings
@@ -35,6 +34,7 @@ BEGINNINGS = 0.125, 0.25  # parts of what came since, after which whatever has m
 EARLIEST = 0.25  # of a start-up, after which it is looked into first,
 LATEST = 2.0  # ... and after which it is no longer believed,
 WORSE, EARLIER = 0.8, 0.5  # or earlier if a model of what came since is hardly better than the present one
+MATURE = 8  # start-ups: an estimate from fewer may itself have gone astray; the record goes on to be solved again
 PATIENCE = 1.5  # each look takes so many times the samples of the one before
 
 
@@ -55,7 +55,7 @@ def solved_again(old: State, settings: Settings) -> State | None:
     kept = since(old, origin)
     if old.ints[at.GAP_AT] > origin or not old.ints[at.ADAPT] or int(old.ints[at.SAMPLES]) - origin > len(kept):
         return None
-    if old.ints[at.ALARM] or float((kept[:, at.DOUBTED] > 0).mean()) > MOST_DOUBTED:
+    if (old.ints[at.ALARM] and _is_mature(old, settings)) or float((kept[:, at.DOUBTED] > 0).mean()) > MOST_DOUBTED:
         return None
     kept[:, at.OUTPUT] = kept[:, at.BRIDGED]
     record = _record(kept, settings)
@@ -66,8 +66,13 @@ def solved_again(old: State, settings: Settings) -> State | None:
 
 
 def first_look(state: State, settings: Settings) -> int:
-    """Return at how many accepted samples what came since an alarm is to be looked into; nothing is learned so long."""
-    state.ints[at.ALARM] = guard.RESTS
+    """Return at how many accepted samples what came since an alarm is to be looked into.
+
+    Nothing is learned so long, if the estimate is old enough to be missed.
+    """
+    from replant.kernels import guard
+
+    state.ints[at.ALARM] = guard.RESTS if _is_mature(state, settings) else guard.LOOKED_INTO
     return max(_began(state) + _least(settings), int(state.ints[at.SAMPLES]) + 1)
 
 
@@ -76,6 +81,8 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
 
     Returns the state to go on with, and at how many accepted samples to look again; 0: no more.
     """
+    from replant.kernels import guard
+
     if old.ints[at.ALARM] == 0:  # it went as it came
         return old, 0
     samples = int(old.ints[at.SAMPLES])
@@ -84,7 +91,8 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     later = samples + max(int((PATIENCE - 1.0) * length), 50)
     if length < _least(settings) or float((kept[:, at.DOUBTED] == STANDS).mean()) > MOST_DOUBTED:
         return old, later
-    for beginning in BEGINNINGS:
+    mature = _is_mature(old, settings)
+    for beginning in BEGINNINGS if mature else ():
         rest = kept[int(beginning * length) :]
         if only_constant_moved(old, settings, _record(rest, settings)):
             return with_new_constant(old, _record(rest, settings)), 0
@@ -100,7 +108,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
                 new.ints[at.PAST_KEPT], new.ints[at.PAST_DUE] = 0, samples
                 new.ints[at.ALARM], new.ints[at.CHANGE_BEGAN] = 0, samples
                 return new, 0
-    rests = not explained and _explained_before(old)
+    rests = mature and not explained and _explained_before(old)
     rests = rests and length < min(_began(old) - int(old.ints[at.ORIGIN]), RECENT // 2)
     old.ints[at.ALARM] = guard.FLOATS if rests else guard.LOOKED_INTO
     if rests:
@@ -161,6 +169,12 @@ def _began(state: State) -> int:
     return max(int(state.ints[at.CHANGE_BEGAN]), int(state.ints[at.GAP_AT]), int(state.ints[at.ORIGIN]))
 
 
+def _is_mature(state: State, settings: Settings) -> bool:
+    """Return whether the record is so long that a larger residual says more of the plant than of the estimate."""
+    length = int(state.ints[at.SAMPLES]) - int(state.ints[at.ORIGIN])
+    return length >= min(MATURE * settings.startup, RECENT)
+
+
 def _explained_before(state: State) -> bool:
     """Return whether the model usually explains enough of the output that it would be missed."""
     return bool(state.reals[at.USUAL] < (1.0 - EXPLAINED) * state.reals[at.PEAK])
@@ -192,6 +206,8 @@ def _share_left(state: State, settings: Settings, record: Record) -> tuple[float
 
 def _believe_residual(state: State) -> None:
     """Take the residual's present power for usual: no model explains it better; and be slower to suspect it."""
+    from replant.kernels import guard
+
     state.ints[at.ALARM] = 0
     state.reals[at.USUAL] = max(state.reals[at.USUAL], state.reals[at.SPREAD])
     state.reals[at.CUSUM] = 0.0

@@ -32,7 +32,8 @@ def layout_of_state() -> str:
 #: What the settings alone decide, beside the offsets of the blocks.
 DECIDED = (
     "ORDER", "ENTRIES", "PARAMETERS", "INPUT_ENTRIES", "ALGORITHM", "STRAIGHT_INPUT", "BILINEAR", "CONSTANT", "REFINED",
-    "INSTRUMENTS", "CAPACITY", "BATCH", "WARMUP", "RING", "RECENT", "COLOURED", "MEMORY_SIZE", "SETTINGS_SIZE",
+    "INSTRUMENTS", "CAPACITY", "BATCH", "WARMUP", "RING", "RECENT", "COLOURED", "GUARDED", "MEMORY_SIZE",
+    "SETTINGS_SIZE",
 )  # fmt: skip
 
 
@@ -41,7 +42,7 @@ def check_state(state: State, settings: Settings, resolve_at: int) -> None:
 
     ``resolve_at`` is how many samples the next solution of the whole record waits for, 0 for none.
     """
-    from replant.kernels import bank, path
+    from replant.kernels import bank, guard, path
 
     capacity = settings.replay.capacity if settings.replay else 1
     if len(state.buffer) != capacity:  # before one of that size is laid out to compare with
@@ -63,9 +64,13 @@ def check_state(state: State, settings: Settings, resolve_at: int) -> None:
         at.WARMING: (0, 1),
         at.RECENT_HEAD: (0, max(len(state.recent) - 1, 0)),
         at.PAST_KEPT: (0, ints[at.SAMPLES]),
+        at.ORIGIN: (0, ints[at.SAMPLES]),
+        at.GAP_AT: (0, ints[at.SAMPLES]),
+        at.CHANGE_BEGAN: (0, ints[at.SAMPLES]),
+        at.ALARM: (0, guard.FLOATS),
     }
     positions = all(low <= ints[slot] <= high for slot, (low, high) in limits.items())
-    if resolve_at and resolve_at <= ints[at.SAMPLES]:
+    if any(due and due <= ints[at.SAMPLES] for due in (resolve_at, ints[at.LOOK_AT])):
         raise DamagedCheckpointError("it waits for a sample that has passed")
     nexts = state.banks[:, bank.NEXT]
     rows = state.block(at.AT_PATH, path.size(state.entries))[path.KEPT]
