@@ -170,9 +170,12 @@ def _began(state: State) -> int:
 
 
 def _is_mature(state: State, settings: Settings) -> bool:
-    """Return whether the record is so long that a larger residual says more of the plant than of the estimate."""
+    """Return whether the record is so long that a larger residual says more of the plant than of the estimate.
+
+    What forgets is never solved again as it grows, and has nothing to wait for.
+    """
     length = int(state.ints[at.SAMPLES]) - int(state.ints[at.ORIGIN])
-    return length >= min(MATURE * settings.startup, RECENT)
+    return length >= MATURE * settings.startup or not next_solution(state, settings)
 
 
 def _explained_before(state: State) -> bool:
