@@ -174,8 +174,7 @@ class Identifier(Estimate):
 
     @classmethod
     def _of(cls, attributes: dict[str, Any]) -> Identifier:
-        restored = cls.__new__(cls)
-        restored.__setstate__(attributes)
+        (restored := cls.__new__(cls)).__setstate__(attributes)
         return restored
 
     def __getstate__(self) -> dict[str, Any]:
@@ -264,6 +263,7 @@ class Identifier(Estimate):
         state, settings = self._state, self._settings
         assert settings is not None
         samples = int(state.ints[at.SAMPLES])
+        state.ints[at.DUE] = state.ints[at.ATTENTION] = 0  # what is learned once more meanwhile is not to stop for it
         if state.ints[at.ALARM] == 1:
             state.ints[at.LOOK_AT] = first_look(state, settings)
         if samples == self._resolve_at:
