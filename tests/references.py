@@ -415,3 +415,18 @@ def identify(
             theta = update(theta, scaled_phi[row], scaled_y[row])
         parameters[k] = theta * sigma_y / sigma + lambdas
     return parameters, errors
+
+
+# --- the path of an estimate
+
+
+def kept_samples(samples: int, room: int) -> list[int]:
+    """Of the samples 1, 2 .. those that are kept: every one, and each time one more is due than fit, every second."""
+    kept, step = [], 1
+    for k in range(1, samples + 1):
+        if k % step == 0:
+            if len(kept) == room:
+                kept, step = kept[1::2], 2 * step
+            if k % step == 0:
+                kept.append(k)
+    return kept

@@ -31,7 +31,7 @@ LEVELS: list[set[str]] = [
         "batches",
         "thinning",
     },
-    {"filters", "overview"},
+    {"filters", "overview", "scatter"},
     {"transfer_function"},
     {"structure", "rigs", "response"},
     {"scaling"},
@@ -44,7 +44,7 @@ LEVELS: list[set[str]] = [
     {"defaults", "score"},
     {"startup"},
     {"renewal"},
-    {"identifier", "offline", "checkpoint"},
+    {"estimate", "identifier", "offline", "checkpoint"},
     {"search", "runs", "comparison", "sklearn", "ensemble"},
     # what touches the outside
     {"logs", "sources", "report", "live", "paper"},

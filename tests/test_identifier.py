@@ -574,3 +574,10 @@ def test_rejected_samples_do_not_pile_up_either() -> None:
     ident.update_many(u, u)
     assert ident.rejected == {**NONE, "not finite": 10_000}
     assert len(ident._held) == 0
+
+
+def test_a_choice_that_is_none_is_named_with_those_there_are() -> None:
+    with pytest.raises(rp.ArgumentTypeError, match=r"^optimizer must be an Optimizer or 'auto' or .* got str 'adamw'$"):
+        rp.Identifier(rp.Structure(1), 0.1, optimizer="adamw")
+    with pytest.raises(rp.ArgumentTypeError, match=r"^replay must be a Replay or 'auto' or None, got int 3$"):
+        rp.Identifier(rp.Structure(1), 0.1, replay=3)  # type: ignore[arg-type]

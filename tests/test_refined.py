@@ -122,7 +122,8 @@ def test_it_is_its_own_fixed_point(name: str) -> None:
 def test_the_covariance_is_cramer_and_raos_for_white_noise(name: str) -> None:
     """sigma^2 (sum psi psi')^-1, psi the slope of the output in each parameter, by differences of simulations.
 
-    The colour found in white noise widens a variance by a few percent at the most.
+    The colour found in white noise widens a variance by a few percent at the most; what the path tells of it scatters
+    by sqrt(2 / blocks), of at least 32: four of these.
     """
     structure = AWKWARD[name][0]
     record = made(name, noise=0.05)
@@ -142,7 +143,7 @@ def test_the_covariance_is_cramer_and_raos_for_white_noise(name: str) -> None:
     ratio = np.diag(found.covariance)[: structure.size] / np.diag(bound)[: structure.size]
     # the instruments join the model's output by straight lines, so their product differs by O(dt^2)
     assert ratio.min() > 0.9
-    assert ratio.max() < 1.4
+    assert ratio.max() < 2.0
     np.testing.assert_allclose(
         compose(found.upper, found.diagonal), np.linalg.inv(information_of(structure, record, found)), rtol=1e-5
     )

@@ -156,7 +156,7 @@ def test_starting() -> None:
     ident.update_many(u[:200], y[:200])
     verdict = ident.assess()
     assert (verdict.status, verdict.samples) == ("converging", 200)
-    assert "200 samples held of 500" in verdict.reasons[0]
+    assert "200 of the 500 samples" in verdict.reasons[0]
     ident.update_many(u[200:550], y[200:550])
     verdict = ident.assess()
     assert verdict.status == "converging"

@@ -6,6 +6,7 @@ import numpy as np
 
 from replant.factors import compose, larger
 from replant.kernels import layout as at
+from replant.scatter import no_less_than_scattered, rows_of
 from replant.settings import Settings
 from replant.state import State
 from replant.validation import FloatArray
@@ -29,6 +30,21 @@ def covariance(state: State, settings: Settings) -> FloatArray:
     return np.asarray(physical[:size, :size])
 
 
+def slowness(state: State, settings: Settings) -> float:
+    """Return how many times wider the estimate scatters than the residual's power and colour make it.
+
+    That of the coefficient where it is most; 1 where they tell all, or where it is not known.  Noise that is slow makes
+    it so: a drift of the output.
+    """
+    if not (settings.instruments and settings.optimizer.keeps_colour):
+        return 1.0
+    coloured = np.diag(_by_colour(state))
+    if not (coloured > 0.0).all():
+        return 1.0
+    wider = np.sqrt(np.diag(_of_least_squares(state)) / coloured)[: settings.structure.size]
+    return float(wider.max())
+
+
 def _kept(state: State) -> FloatArray:
     """Return U D U' of the optimizer's memory."""
     size = state.entries
@@ -37,6 +53,20 @@ def _kept(state: State) -> FloatArray:
 
 
 def _of_least_squares(state: State) -> FloatArray:
+    """Return the covariance by the residual's colour, and where all is remembered no less than the path's scatter.
+
+    See `replant.scatter`.
+    """
+    from replant.kernels import path
+
+    coloured = _by_colour(state)
+    if state.block(at.AT_SETTINGS, 1)[0] < 1.0:
+        return coloured
+    kept = state.block(at.AT_PATH, path.size(state.entries))
+    return no_less_than_scattered(coloured, *rows_of(kept, state.theta, np.diag(_kept(state))))
+
+
+def _by_colour(state: State) -> FloatArray:
     """Return sigma_w^2 P Q P, or where it is larger that of a white residual: see `replant.kernels.residuals`.
 
     With a white residual Q is sum mu^2j zeta zeta', and P the inverse of sum mu^j zeta zeta': without forgetting that

@@ -239,7 +239,7 @@ class Ensemble:
                 if len(some) >= LEAST:
                     block = Block.of_states(some, [states[n] for n in some])
                     for lane, number in enumerate(some):
-                        self._members[number]._state = block.state(lane)
+                        self._members[number]._work_on(block.state(lane), regular=True)
                     formed.append((block, start))
         self._blocks += [block for block, _ in formed]
         return formed
@@ -265,6 +265,10 @@ def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None)
         return [identifiers.clone() for _ in range(1 if members is None else whole("members", members, 1))]
     if members is not None:
         raise InvalidArgumentError("members goes with one identifier; a sequence of them is as long as it is")
+    if not isinstance(identifiers, Iterable):
+        raise ArgumentTypeError(
+            f"identifiers must be an Identifier or a sequence of them, got {type(identifiers).__name__}"
+        )
     each = list(identifiers)
     wrong = next((type(one).__name__ for one in each if not isinstance(one, Identifier)), None)
     if wrong is not None:

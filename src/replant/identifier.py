@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from replant.assessment import Assessment, assess_running, assess_starting
-from replant.assessment.online import unrolled
-from replant.covariance import covariance
 from replant.defaults import settle
 from replant.errors import InvalidArgumentError
+from replant.estimate import REASONS, Estimate
 from replant.filters import RefinedFilter, StateVariableFilter
 from replant.kernels import layout as at
 from replant.optimizers import Optimizer
@@ -21,26 +20,21 @@ from replant.renewal import RECENT, REGULAR, first_look, look, next_solution, so
 from replant.replay import Replay
 from replant.scaling import Scaling
 from replant.settings import AUTO, Request, Settings
-from replant.startup import LARGEST, first_model, kernels_for, ready_record, seed, warm_up, without_spikes
+from replant.startup import LARGEST, first_model, kernels_for, ready_record, seed, single, warm_up, without_spikes
 from replant.state import State
 from replant.structure import Structure
 from replant.trace import Trace
-from replant.transfer_function import TransferFunction
-from replant.uncertainty import Uncertainty
 from replant.validation import FloatArray, number, record, vector
+
+#: Attributes that follow from the others.
+DERIVED = {"_ints", "_kernel", "_mapped", "_step", "_steps"}
 
 if TYPE_CHECKING:
     from replant.checkpoint.encoding import Progress
     from replant.checkpoint.files import AnyPath
 
-#: Why a sample is not learned, and where it is counted.  Outliers, and what comes from a stuck sensor, are bridged.
-REASONS = {
-    "not finite": at.NOT_FINITE, "too large": at.TOO_LARGE, "not later": at.NOT_LATER, "too dense": at.TOO_DENSE,
-    "outlier": at.OUTLIERS, "stuck": at.STUCK,
-}  # fmt: skip
 
-
-class Identifier:
+class Identifier(Estimate):
     r"""Identify G(s) online: samples go in one by one, the estimate is there after each.
 
     What is left to "auto" is chosen from the first ``startup`` accepted samples, which are held back for that and
@@ -133,7 +127,7 @@ class Identifier:
         self._resolve_at = 0  # accepted samples at which to solve the record again; 0: not planned
         self._state: State
         if self._request.asks_for_data:
-            self._hold = max(self._request.startup, self._least_startup)
+            self._hold = max(self._request.startup, self._request.least_startup)
         else:
             self._hold = 0 if self._request.preprocess.needs == "nothing" else 1
             if self._hold == 0:
@@ -180,12 +174,17 @@ class Identifier:
 
     @classmethod
     def _of(cls, attributes: dict[str, Any]) -> Identifier:
-        """Return an identifier with the attributes that a checkpoint held."""
         restored = cls.__new__(cls)
-        vars(restored).update(attributes)
-        if restored._settings is not None:
-            restored._choose_kernels(regular=restored._regular)
+        restored.__setstate__(attributes)
         return restored
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name not in DERIVED}
+
+    def __setstate__(self, attributes: dict[str, Any]) -> None:
+        self.__dict__.update(attributes)
+        if self._settings is not None:
+            self._work_on(self._state, regular=self._regular)
 
     def update(self, u: float, y: float, t: float | None = None) -> float:
         """Take one sample; return its a-priori output error y - theta' phi, in the unit of y.
@@ -214,9 +213,8 @@ class Identifier:
             return self._hold_back(u, y, t)
         if self._mapped:
             u = float(self._request.preprocess.call_map(np.array([u]))[0])
-        state = self._state
-        error: float = self._step(state.ints, state.reals, state.banks, state.buffer, state.recent, u, y, t)
-        if self._attends:
+        error: float = self._step(u, y, t)
+        if self._ints[at.ATTENTION]:
             self._attend()
         return error
 
@@ -247,15 +245,7 @@ class Identifier:
         if taken < u.size and self._mapped:
             u = np.concatenate([u[:taken], self._request.preprocess.call_map(u[taken:])])
         while taken < u.size:
-            end = u.size
-            for due in (
-                self._resolve_at,
-                int(self._state.ints[at.LOOK_AT]),
-            ):  # no further than where one would be were all accepted
-                end = min(end, taken + due - self.samples) if due else end
-            taken += self._take(
-                u[taken:end], y[taken:end], t[taken:end], trace.errors[taken:end], trace.parameters[taken:end]
-            )
+            taken += self._take(u[taken:], y[taken:], t[taken:], trace.errors[taken:], trace.parameters[taken:])
         return trace
 
     def _take(self, u: FloatArray, y: FloatArray, t: FloatArray, errors: FloatArray, parameters: FloatArray) -> int:
@@ -264,28 +254,35 @@ class Identifier:
         taken: int = self._steps(
             state.ints, state.reals, state.banks, state.buffer, state.recent, u, y, t, errors, parameters
         )
-        if self._attends:
+        if self._ints[at.ATTENTION]:
             self._attend()
             parameters[taken - 1] = self.parameters
         return taken
 
     def _attend(self) -> None:
         """After a sample: look into an alarm, or solve again, where either is due."""
-        state = self._state
-        settings = self._settings
+        state, settings = self._state, self._settings
         assert settings is not None
-        samples = state.ints[at.SAMPLES]
+        samples = int(state.ints[at.SAMPLES])
         if state.ints[at.ALARM] == 1:
             state.ints[at.LOOK_AT] = first_look(state, settings)
         if samples == self._resolve_at:
-            self._state = solved_again(state, settings) or state
-            self._resolve_at = next_solution(self._state, settings)
-        if samples == self._state.ints[at.LOOK_AT]:
-            before = self._state
-            self._state, later = look(before, settings)
-            self._state.ints[at.LOOK_AT] = later
-            if self._state is not before:
-                self._resolve_at = next_solution(self._state, settings)
+            state = solved_again(state, settings) or state
+            self._resolve_at = next_solution(state, settings)
+        if samples == state.ints[at.LOOK_AT]:
+            before = state
+            state, state.ints[at.LOOK_AT] = look(before, settings)
+            if state is not before:
+                self._resolve_at = next_solution(state, settings)
+        if state is not self._state:
+            self._work_on(state, regular=self._regular)
+        self._plan()
+
+    def _plan(self) -> None:
+        """Tell the kernels at which sample there is something to do next."""
+        ints = self._state.ints
+        ints[at.DUE] = min((due for due in (self._resolve_at, int(ints[at.LOOK_AT])) if due), default=0)
+        ints[at.ATTENTION] = 0
 
     def finish_startup(self) -> None:
         """Begin with the samples held so far, and learn them; without effect once begun.
@@ -311,109 +308,7 @@ class Identifier:
         if not adapt:
             # a later solution would learn what came in meanwhile
             self._resolve_at = self._state.ints[at.LOOK_AT] = self._state.ints[at.ALARM] = 0
-
-    @property
-    def request(self) -> Request:
-        """What was asked for, "auto" where the data are to decide."""
-        return self._request
-
-    @property
-    def structure(self) -> Structure:
-        """The structure that is identified."""
-        return self._request.structure
-
-    @property
-    def dt(self) -> float:
-        """Sampling time in s."""
-        return float(self._request.dt)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters, in their order."""
-        return self.structure.names
-
-    @property
-    def settings(self) -> Settings | None:
-        """What the identifier works with; None while samples are held back for start-up."""
-        return self._settings
-
-    @property
-    def parameters(self) -> FloatArray:
-        """The estimate (P,) in physical units, in the order of `names`."""
-        size = self.structure.size
-        if self._settings is None:
-            return np.zeros(size)
-        return np.asarray(self._state.theta[:size] * self._state.unit[:size])
-
-    @property
-    def transfer_function(self) -> TransferFunction:
-        """The estimate as G(s)."""
-        return self.structure.transfer_function(self.parameters)
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Covariance (P, P) of the estimate in physical units, the residual's colour taken into account.
-
-        NaN where no honest one is known: during start-up, and without instruments, where noise biases the estimate.
-        """
-        if self._settings is None:
-            return np.full((self.structure.size, self.structure.size), np.nan)
-        return covariance(self._state, self._settings)
-
-    @property
-    def uncertainty(self) -> Uncertainty:
-        """Standard deviations of the parameters, poles, gain and frequency response."""
-        return Uncertainty(self.structure, self.parameters, self.covariance)
-
-    @property
-    def samples(self) -> int:
-        """Accepted samples, those held back for start-up included."""
-        return len(self._held) if self._settings is None else int(self._state.ints[at.SAMPLES])
-
-    @property
-    def rejected(self) -> dict[str, int]:
-        """Rejected samples by reason."""
-        if self._settings is None:
-            return dict(self._held_rejects)
-        return dict(zip(REASONS, self._state.ints[list(REASONS.values())].tolist(), strict=True))
-
-    @property
-    def adapting(self) -> bool:
-        """Whether the estimate follows the samples, or is frozen."""
-        return self._settings is None or bool(self._state.ints[at.ADAPT])
-
-    @property
-    def recent(self) -> FloatArray:
-        """The newest accepted samples (K, 3): input behind its map, output, and seconds since the sample before."""
-        if self._settings is None:
-            u, y, t = np.array(self._held, np.float64).reshape(-1, 3).T
-            regular = np.isnan(t).any() or not t.size
-            intervals = np.full(u.size, self.dt) if regular else np.diff(t, prepend=t[:1] - self.dt)
-            return np.column_stack([self._request.preprocess.map_input(u), y, intervals])
-        rest = self._settings.preprocess
-        kept = unrolled(self._state)[:, : at.STEP + 1]
-        return np.asarray(kept + np.array([float(rest.input_offset), float(rest.output_offset), 0.0]))
-
-    @property
-    def status(self) -> str:
-        """One of "starting", "running", or "diverged": an update was undone because it would have left float64."""
-        if self._settings is None:
-            return "starting"
-        return "diverged" if self._state.ints[at.REFUSED] else "running"
-
-    def assess(self) -> Assessment:
-        """Return the verdict: whether to trust the estimate, why in plain words, and the figures behind it.
-
-        The state stays as it is.  Takes some tens of milliseconds.  See `replant.assessment.Assessment`.
-        """
-        if self._settings is None:
-            return assess_starting(self._request, self._held, self._hold)
-        return assess_running(self._state, self._settings)
-
-    @property
-    def _least_startup(self) -> int:
-        """How many samples a first model needs at the least."""
-        return 4 * (2 * self.structure.poles + self.structure.zeros + 2) if self._request.wants_instruments else 1
+            self._plan()
 
     def _stamp(self, t: Any) -> float:
         """Return a time stamp for the kernel: infinite, which it rejects, where it is not finite."""
@@ -422,7 +317,7 @@ class Identifier:
             raise InvalidArgumentError("the gbt filter knows a regular clock only: give no t, or use method='exact'")
         t = number("t", t)
         if self._settings is not None and self._regular:
-            self._choose_kernels(regular=False)
+            self._work_on(self._state, regular=False)
         return t if math.isfinite(t) else math.inf
 
     def _stamps(self, t: Any, samples: int) -> FloatArray:
@@ -462,9 +357,8 @@ class Identifier:
             refined = first_model(self.structure, ready)
             if refined is None or not (refined.acceptable or at_any_rate or 2 * self._hold > LARGEST):
                 return self._wait_longer()
-        self._settings, self._mapped = settings, callable(self._request.preprocess.input_map)
-        self._state = State.of_settings(settings, RECENT)
-        self._choose_kernels(regular=bool(np.isnan(t).any()) or not t.size)
+        self._settings = settings
+        self._work_on(State.of_settings(settings, RECENT), regular=bool(np.isnan(t).any()) or not t.size)
         self._state.ints[list(REASONS.values())] = list(self._held_rejects.values())
         self._held = []
         if u.size == 0:
@@ -476,13 +370,21 @@ class Identifier:
         seed(self._state, settings, refined, ready)
         errors = self._warm_up(u, y, t, learn=not settings.optimizer.keeps_covariance)
         self._resolve_at = next_solution(self._state, settings)
+        self._plan()
         return float(errors[-1])
 
-    def _choose_kernels(self, *, regular: bool) -> None:
-        """Choose who takes the samples; those for a regular clock do until the first time stamp."""
-        self._regular = regular
-        self._attends = bool(self._state.ints[at.GUARDED])  # whether something may be due after a sample
-        self._step, self._steps = kernels_for(self._state, regular=regular)
+    def _work_on(self, state: State, *, regular: bool) -> None:
+        """Go on with this state: choose who takes its samples; those for a regular clock do until the first stamp."""
+        self._state, self._regular = state, regular
+        self._mapped = callable(self._request.preprocess.input_map)
+        self._ints = state.ints.data  # quicker to look into than the array
+        self._kernel, self._steps = kernels_for(state, regular=regular)
+        self._step: Callable[[float, float, float], float] = self._first_step
+
+    def _first_step(self, u: float, y: float, t: float) -> float:
+        """Take a sample; what takes the next ones is compiled here, which who takes many at once never needs."""
+        self._step = single(self._state, self._kernel)
+        return self._step(u, y, t)
 
     def _warm_up(self, u: FloatArray, y: FloatArray, t: FloatArray, *, learn: bool) -> FloatArray:
         errors = warm_up(self._state, u, y, REGULAR if np.isnan(t).any() else t, learn=learn)

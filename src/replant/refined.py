@@ -23,6 +23,7 @@ import numpy as np
 
 from replant.factors import compose, factor_information, larger
 from replant.kernels import layout as at
+from replant.scatter import no_less_than_scattered, path_of_record, rows_of
 from replant.state import State
 from replant.structure import Structure
 from replant.validation import FloatArray
@@ -109,7 +110,7 @@ class Refined:
     upper, diagonal : (T, T), (T,) arrays
         Factors of (sum zeta zeta')^-1.
     covariance : (T, T) array
-        Of ``theta``, the residual's colour taken into account.
+        Of ``theta``, the residual's colour and the scatter along the record taken into account.
     variance : float
         Of the residual.
     converged : bool
@@ -117,6 +118,8 @@ class Refined:
         Largest relative uncertainty of a coefficient, see `relative_uncertainty`.
     colour : array
         For `replant.kernels.residuals`.
+    path : array
+        For `replant.kernels.path`.
     """
 
     theta: FloatArray
@@ -128,6 +131,7 @@ class Refined:
     converged: bool
     uncertainty: float
     colour: FloatArray
+    path: FloatArray
 
     def condition(self, size: int) -> float:
         """Return the condition number of the scaled information of the first ``size`` parameters, square root taken.
@@ -305,8 +309,11 @@ def _conclude(problem: Problem, model: FloatArray, done: Pass, converged: bool) 
     innovation /= max(samples - size, 1)
     covariance = innovation * inverse @ squares @ inverse
     covariance = larger(covariance, variance * inverse)
+    # chance in the few blocks of a start-up's path must not decide when it suffices
     uncertainty = relative_uncertainty(problem.structure, model, covariance, done.phi, problem.record)
-    return Refined(theta, model, upper, diagonal, covariance, variance, converged, uncertainty, colour)
+    path = path_of_record(done.zeta, error, theta)
+    covariance = no_less_than_scattered(covariance, *rows_of(path, theta, np.diag(inverse)))
+    return Refined(theta, model, upper, diagonal, covariance, variance, converged, uncertainty, colour, path)
 
 
 def relative_uncertainty(

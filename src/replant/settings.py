@@ -116,6 +116,11 @@ class Request:
         return OPTIMIZERS[name].keeps_covariance
 
     @property
+    def least_startup(self) -> int:
+        """How many samples a first model needs at the least."""
+        return 4 * (2 * self.structure.poles + self.structure.zeros + 2) if self.wants_instruments else 1
+
+    @property
     def asks_for_data(self) -> bool:
         """Whether a choice waits for a record of samples; those of optimizer and replay do not."""
         waits = isinstance(self.filter, str) or isinstance(self.scaling, str) or self.preprocess.needs == "mean"
@@ -126,5 +131,9 @@ def _expect(name: str, value: Any, kind: type | tuple[type, ...], *others: str |
     if isinstance(value, kind) or ((value is None or isinstance(value, str)) and value in others):
         return
     kinds = kind if isinstance(kind, tuple) else (kind,)
-    allowed = " or ".join([*(f"a {each.__name__}" for each in kinds), *(repr(other) for other in others)])
+    allowed = " or ".join([*(_one(each.__name__) for each in kinds), *(repr(other) for other in others)])
     raise ArgumentTypeError(f"{name} must be {allowed}, got {type(value).__name__} {value!r}")
+
+
+def _one(name: str) -> str:
+    return f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,19 @@ def kernels_for(state: State, *, regular: bool) -> tuple[Callable[..., Any], Cal
     return step.gradient_step, step.gradient_steps
 
 
+def single(state: State, kernel: Callable[..., Any]) -> Callable[[float, float, float], float]:
+    """Return what takes one sample of this state as ``kernel`` does, without passing its arrays.
+
+    It takes three floats and nothing else: types are not looked at.  See `replant.kernels.direct`.
+    """
+    from replant.kernels import direct
+
+    table = direct.table_of(state.ints, state.reals, state.banks, state.buffer, state.recent)
+    call = partial(direct.entry_of(direct.WITHOUT_ARRAYS[kernel]), int(table.ctypes.data))
+    call.keeps = table, state  # type: ignore[attr-defined]  # what is pointed to lives as long as who points there
+    return call
+
+
 def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn: bool) -> FloatArray:
     """Run held samples through the kernel and return the errors (K,).
 
@@ -79,6 +93,7 @@ def seed(state: State, settings: Settings, refined: Refined, record: Record) -> 
         _seed_covariance(state, settings, refined, rate)
     if state.ints[at.COLOURED]:
         _seed_colour(state, settings, refined, rate)
+        _seed_path(state, settings, refined, rate)
     if not settings.optimizer.keeps_colour and settings.optimizer.keeps_covariance:
         _seed_tracking(state, settings, refined, record)
     if settings.optimizer.keeps_covariance:
@@ -173,6 +188,19 @@ def _seed_colour(state: State, settings: Settings, refined: Refined, rate: Float
     squares = source[head + lags * of_full :].reshape(of_full, of_full)
     colour[head : head + lags * size] = (ring[:, :size] / sigma).ravel()
     colour[head + lags * size :] = (squares[:size, :size] / np.outer(sigma, sigma)).ravel()
+
+
+def _seed_path(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:
+    """Write the path that led to the start-up's estimate, in scaled parameters."""
+    from replant.kernels import path
+
+    size = state.entries
+    sigma = state.block(at.AT_SIGMA, size) / rate
+    kept = state.block(at.AT_PATH, path.size(size))
+    kept[: path.ROWS] = refined.path[: path.ROWS]
+    source = refined.path[path.ROWS :].reshape(path.ROOM, 2, -1)[:, :, :size]
+    target = kept[path.ROWS :].reshape(path.ROOM, 2, size)
+    target[:, 0], target[:, 1] = source[:, 0] * sigma / settings.scaling.output, source[:, 1] * sigma**2
 
 
 def ready_record(

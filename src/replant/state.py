@@ -77,7 +77,7 @@ class State:
     ) -> State:
         """Lay out the arrays; ``state_filter`` None stands for the refined filter, which has nuisances."""
         from replant.kernels import bank as bk
-        from replant.kernels import residuals
+        from replant.kernels import path, residuals
 
         refined = state_filter is None
         n = structure.poles
@@ -91,6 +91,7 @@ class State:
             settings=numbers.size,
             batch=batch,
             colour=residuals.size(entries),
+            path=path.size(entries),
         )
         ints[at.PARAMETERS] = structure.size
         ints[at.INPUT_ENTRIES] = structure.zeros + 1

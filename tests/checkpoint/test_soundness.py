@@ -11,7 +11,7 @@ import pytest
 import replant as rp
 from builders import identifier
 from replant.checkpoint.soundness import DECIDED, check_state, layout_of_state
-from replant.kernels import bank, residuals
+from replant.kernels import bank, path, residuals
 from replant.kernels import layout as at
 
 
@@ -23,7 +23,8 @@ def _fingerprint_made_anew() -> Iterator[None]:
 
 
 @pytest.mark.parametrize(
-    ("module", "name"), [(at, "HEAD"), (at, "AT_PAST"), (at, "NEW"), (bank, "KEPT"), (residuals, "LAGS")]
+    ("module", "name"),
+    [(at, "HEAD"), (at, "AT_PAST"), (at, "NEW"), (bank, "KEPT"), (residuals, "LAGS"), (path, "ROOM")],
 )
 def test_another_layout_has_another_fingerprint(module: ModuleType, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     before = layout_of_state()
@@ -66,6 +67,16 @@ def test_a_discretisation_outside_of_its_bank_is_refused(value: float) -> None:
     ident._state.banks[2, bank.NEXT] = value
     with pytest.raises(rp.DamagedCheckpointError, match="outside"):
         check_state(ident._state, ident.settings, 0)
+
+
+@pytest.mark.parametrize("value", [-1.0, path.ROOM + 1.0, np.nan, np.inf])
+def test_a_path_of_more_rows_than_there_is_room_for_is_refused(value: float) -> None:
+    ident = identifier()
+    assert ident.settings is not None
+    state = ident._state
+    state.block(at.AT_PATH, path.size(state.entries))[path.KEPT] = value
+    with pytest.raises(rp.DamagedCheckpointError, match="outside"):
+        check_state(state, ident.settings, 0)
 
 
 def test_waiting_for_a_sample_that_has_passed_is_refused() -> None:

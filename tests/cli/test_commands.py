@@ -206,6 +206,10 @@ def test_constant_input_is_called_not_excited(capsys, tmp_path: Path, command: s
     code, out, err = call(capsys, command, path, *COLUMNS, "--dt", 0.1, "--json")
     assert (code, err) == (0, "")
     assert json.loads(out)["verdict"]["status"] == "not excited"
+    _, out, _ = call(capsys, command, path, *COLUMNS, "--dt", 0.1)
+    assert "nan" not in out
+    if command == "run":  # a fit finds the constant
+        assert "No model yet" in out
 
 
 LIMITS = {
@@ -261,3 +265,71 @@ def test_start_imports_nothing_heavy(arguments: list[str]) -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_without_a_command_the_help_comes_as_it_is(capsys) -> None:
+    code, out, err = call(capsys)
+    _, asked, _ = call(capsys, "--help")
+    assert (code, out, err) == (2, "", asked)
+    assert err.startswith("Usage: replant [OPTIONS] COMMAND [ARGS]...\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "help_page"),
+    [(["run"], "replant run"), (["fit", "x.csv", "--inptu"], "replant fit"), (["foo"], "replant")],
+)
+def test_what_is_missing_or_unknown_says_where_to_look_it_up(capsys, arguments: list[str], help_page: str) -> None:
+    code, out, err = call(capsys, *arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert err.endswith(f" See {help_page} --help\n")
+
+
+def test_help_speaks_of_ranges_where_they_are_taken(capsys) -> None:
+    for command in ("run", "compare", "fit"):
+        _, out, _ = call(capsys, command, "--help")
+        assert ("range such as 1:4" in " ".join(out.split())) == (command == "fit")
+
+
+@pytest.mark.parametrize("columns", [40, 80, 200])
+def test_reasons_fit_the_terminal_and_keep_figures_with_their_units(
+    capsys, log: Path, monkeypatch: pytest.MonkeyPatch, columns: int
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    _, as_json, _ = call(capsys, "run", log, *COLUMNS, "--json")
+    _, out, _ = call(capsys, "run", log, *COLUMNS)
+    reasons = out[out.index("Verdict") : out.index("Chosen from")].rstrip().splitlines()[1:]
+    assert " ".join(line.strip() for line in reasons) == " ".join(json.loads(as_json)["verdict"]["reasons"])
+    for line in reasons:
+        assert len(line) <= columns
+        assert line == line.rstrip()
+        assert not line.strip().startswith("%")
+
+
+@pytest.mark.parametrize("command", ["run", "fit"])
+def test_a_sampling_time_that_the_stamps_contradict_is_said(capsys, log: Path, command: str) -> None:
+    code, out, err = call(capsys, command, log, *COLUMNS, "--dt", 50, "--json")
+    assert code == 0
+    assert json.loads(out)["samples"] == 2000
+    assert err == f"replant: note: {log}: column 't' steps by 0.05 s where --dt says 50 s; --dt is taken\n"
+    for dt in (0.05, 0.052):  # the very one; the mean interval where samples were lost
+        assert call(capsys, command, log, *COLUMNS, "--dt", dt, "--json")[2] == ""
+
+
+def test_stamps_that_are_no_numbers_say_nothing_of_the_sampling_time(capsys, log: Path) -> None:
+    header, *rows = log.read_text().splitlines()
+    dated = [f"2024-01-01 00:00:{row}" for row in rows]
+    log.write_text("\n".join([header, *dated]) + "\n")
+    code, _, err = call(capsys, "run", log, *COLUMNS, "--dt", 50, "--json")
+    assert (code, err) == (0, "")
+
+
+@pytest.mark.parametrize("command", ["run", "fit", "compare"])
+def test_a_folder_that_cannot_be_is_refused_before_the_work(
+    capsys, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.setattr(f"replant.cli.{command}.{'_run' if command == 'run' else command}", None)  # is not called
+    taken = tmp_path / "taken"
+    taken.touch()
+    code, out, err = call(capsys, command, log, *COLUMNS, "--out", taken)
+    assert (code, out) == (2, "")
+    assert err == f"replant: Invalid value for --out: {taken} is a file; name a folder\n"

@@ -103,10 +103,10 @@ def test_a_person_reads_one_table(capsys: Any, log: Path, monkeypatch: pytest.Mo
     rows = {line.split()[0]: line for line in lines[:4]}
     assert list(rows) == list(SOME)
     for name in ("default", "srivc"):
-        value, std = map(float, re.search(r"(0\.\d+) ± (0\.\d+)", rows[name]).groups())
+        value, std = map(float, re.search(r"(0\.\d+) \+- (0\.\d+)", rows[name]).groups())
         assert abs(value - 0.5) < 5.0 * std
-    assert " ± " not in rows["least_squares"]
-    assert len({line.index("±") for line in rows.values() if "±" in line}) == 1, "signs below each other"
+    assert " +- " not in rows["least_squares"]
+    assert len({line.index("+-") for line in rows.values() if "+-" in line}) == 1, "signs below each other"
 
 
 def test_a_narrow_terminal_breaks_the_table_and_cuts_nothing(

@@ -32,7 +32,9 @@ def test_scalars_of_reals_fill_their_room() -> None:
 @pytest.mark.parametrize("memory", [0, 7, 300])
 def test_blocks_fill_reals_without_overlap(order: int, ring: int, memory: int) -> None:
     entries = 2 * order + 2
-    ints, reals = at.plan(order=order, entries=entries, ring=ring, memory=memory, settings=3, batch=5, colour=17)
+    ints, reals = at.plan(
+        order=order, entries=entries, ring=ring, memory=memory, settings=3, batch=5, colour=17, path=19
+    )
     sizes = {
         "AT_INPUTS": ring,
         "AT_INTERVALS": ring,
@@ -48,6 +50,7 @@ def test_blocks_fill_reals_without_overlap(order: int, ring: int, memory: int) -
         "AT_PAST": at.PAST * (1 + entries),
         "AT_WORK": 4 * (order + 2) ** 2,
         "AT_COLOUR": 17,
+        "AT_PATH": 19,
     }
     assert set(sizes) == {name for name in slots()[0] if name.startswith("AT_")}
     uses = np.zeros(reals.size, int)

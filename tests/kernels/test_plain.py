@@ -114,7 +114,7 @@ def test_with_the_first_stamp_the_general_kernels_go_on_where_the_lean_ones_stop
     u, y = generator.standard_normal((2, 60))
     t = DT * np.arange(60.0)
     ident.update_many(u[:30], y[:30])
-    twin._choose_kernels(regular=False)
+    twin._work_on(twin._state, regular=False)
     twin.update_many(u[:30], y[:30])
     for each in (ident, twin):
         each._state.reals[at.LAST_TIME] = t[29]

@@ -106,9 +106,16 @@ def test_irregular_stamps_name_the_line_and_the_remedy(write: Write) -> None:
         read_log(path, input="u", output="y", time="t")
     assert str(caught.value) == (
         f"{path}: line 7, column 't': irregular time stamps, 0.15 after the one before where 0.1 is usual; resample "
-        "the log, or drop --time and give the sampling time (dt, --dt) if the stamps are only jitter"
+        "the log, or give the sampling time (dt, --dt) instead of a time column if the stamps are only jitter, or hand "
+        "them to Identifier.update_many(u, y, t), which takes them as they are"
     )
     assert read_log(path, input="u", output="y", dt=0.1).time is None  # the remedy works
+
+
+def test_a_column_that_has_another_role_is_not_looked_for_as_the_time(write: Write) -> None:
+    path = write(log_text(["0", "0.1", "0.2"]))
+    with pytest.raises(LogError, match="no other column is called t, time or timestamp; name the time column"):
+        read_log(path, input="t", output="y")
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from replant.assessment.evidence import FEWEST, Evidence, Runs
-from replant.assessment.verdict import Finding
+from replant.assessment.verdict import Finding, duration, figure
 from replant.validation import FloatArray
 
 # Standard deviations, of the logarithm of the residual's power, that are no chance
@@ -39,8 +39,8 @@ def growth_finding(evidence: Evidence, runs: Runs, figures: dict[str, Any]) -> l
     more = float(np.var(after) - np.var(before))
     if sigmas < SURE or not more > MATTERS * runs.power:
         return []
-    span = f"the last {evidence.seconds(count):.3g} s"
-    reason = f"what the model leaves has grown {figures['growth']:.2g}-fold over {span}"
+    span = f"the last {duration(evidence.seconds(count))}"
+    reason = f"what the model leaves has grown {figure(figures['growth'])}-fold over {span}"
     return [Finding("inconsistent", f"{reason}: plant, sensor or disturbances have changed")]
 
 
@@ -89,7 +89,7 @@ def burst_finding(evidence: Evidence, runs: Runs) -> list[Finding]:
         powers = squares[squares.size - blocks * count :].reshape(blocks, count).mean(axis=1)
         last, largest, usual = float(powers[-1]), float(powers[:-1].max()), float(np.median(powers))
         if last > BURST * largest and last - usual > BURST_MATTERS * runs.power:
-            span = f"over the last {evidence.seconds(count):.3g} s"
-            reason = f"{span} the model leaves {last / largest:.2g} times the power that it ever left for as long"
+            span = f"over the last {duration(evidence.seconds(count))}"
+            reason = f"{span} the model leaves {figure(last / largest)} times the power that it ever left for as long"
             return [Finding("inconsistent", f"{reason}: sensor, plant or load has changed")]
     return []

@@ -10,7 +10,7 @@ import numpy as np
 from replant.assessment.cross_test import FALSE_ALARM
 from replant.assessment.distance import distance as distance_of
 from replant.assessment.evidence import Evidence, Runs
-from replant.assessment.verdict import Finding, percent
+from replant.assessment.verdict import Finding, figure, percent
 
 # Standard deviation of a coefficient of the denominator, as a part of its size, beyond which it is not known yet: the
 # 95 % interval is then wider than a third either way.
@@ -19,6 +19,9 @@ MOST_UNCERTAIN = 0.15
 MOST_SCATTER = 0.1
 # Movement of a coefficient as a part of its size, and in its standard deviations, beyond which the estimate still moves
 MOST_MOVED, MOVED_SIGMAS = 0.1, 4.0
+# Times the standard deviation that the residual's power and colour make, beyond which slow noise is named as the
+# reason, if the coefficients are not known to this part anyway: what rounding leaves may be slow, too.
+SLOW, MENTIONED = 3.0, 1e-3
 # Distance, as a part of the coefficients' size, from where the samples would put them, up to which it is of no account
 FARTHEST = 0.05
 # Chance that the distance is taken for real where it is not, of an estimate without instruments: noise does bias it,
@@ -54,11 +57,18 @@ class Certainty:
         left = float(np.var(runs.now.error[evidence.newest])), float(np.var(runs.error))
         improves = evidence.adapts and moved > MOST_MOVED and left[0] < IMPROVED * left[1]
         findings = [
-            *_of_uncertainty(uncertainty, _scatter(evidence, runs, known)),
+            *_of_uncertainty(uncertainty, _scatter(evidence, runs, known), slow_noise(evidence, uncertainty)),
             *_of_movement(evidence, moved, sigmas, improves),
             *_of_distance(evidence, distance, away.statistic),
         ]
         return cls(figures, improves, findings)
+
+
+def slow_noise(evidence: Evidence, uncertainty: float) -> str:
+    """Return why the estimate is known no better, where noise is the reason that is slower than its colour tells."""
+    if evidence.slowness < SLOW or uncertainty < MENTIONED:
+        return ""
+    return ", no better, as what the model leaves is slow (the output drifts, or the plant is not quite linear)"
 
 
 def _scatter(evidence: Evidence, runs: Runs, covariance: np.ndarray) -> float:
@@ -69,10 +79,10 @@ def _scatter(evidence: Evidence, runs: Runs, covariance: np.ndarray) -> float:
     return math.sqrt(max(made, 0.0)) / output if output > 0.0 else math.inf
 
 
-def _of_uncertainty(uncertainty: float, scatter: float) -> list[Finding]:
+def _of_uncertainty(uncertainty: float, scatter: float, slow: str) -> list[Finding]:
     findings = []
     if not uncertainty <= MOST_UNCERTAIN:
-        reason = f"a coefficient is known to {percent(uncertainty)} only"
+        reason = f"a coefficient is known to {percent(uncertainty)} only{slow}"
         findings.append(Finding("converging", f"{reason}: take more samples, move the input more, or ask for less"))
     if not scatter <= MOST_SCATTER:
         reason = f"the estimate's own uncertainty makes {percent(scatter)} of the simulated output"
@@ -83,7 +93,7 @@ def _of_uncertainty(uncertainty: float, scatter: float) -> list[Finding]:
 def _of_movement(evidence: Evidence, moved: float, sigmas: float, improves: bool) -> list[Finding]:
     if not (moved > MOST_MOVED and (sigmas > MOVED_SIGMAS or improves)):
         return []
-    reason = f"a coefficient has moved by {percent(moved)} over {evidence.span} ({sigmas:.2g} standard deviations)"
+    reason = f"a coefficient has moved by {percent(moved)} over {evidence.span} ({figure(sigmas)} standard deviations)"
     return [Finding("converging", reason)]
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.assessment.model_run import ModelRun, run_model
+from replant.assessment.verdict import duration
 from replant.refined import Record
 from replant.structure import Structure
 from replant.validation import FloatArray
@@ -54,6 +55,8 @@ class Evidence:
         Samples since the residual began to be larger than usual, if that is no chance; else 0.
     stuck : bool
         Whether the sensor was found stuck, or at an end of its scale, just now.
+    slowness : float
+        How many times wider the estimate scatters than the residual's power and colour make it; 1 where that tells all.
     output_unit : float
         What the output of the record counts in, in the user's unit.
     """
@@ -74,7 +77,8 @@ class Evidence:
     largest_power: float = 0.0
     usual_interval: float = 0.0
     grown: int = 0
-    stuck: bool = False
+    stuck: int = 0
+    slowness: float = 1.0
     output_unit: float = 1.0
 
     def in_own_units(self) -> Evidence:
@@ -142,7 +146,7 @@ class Evidence:
     @property
     def span(self) -> str:
         """In words, how long the samples last that the earlier estimate is judged by."""
-        return f"the last {self.seconds(self.held_out or self.samples):.3g} s"
+        return f"the last {duration(self.seconds(self.held_out or self.samples))}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,12 +20,12 @@ import numpy as np
 from replant.assessment import sensor
 from replant.assessment.changes import burst_finding, growth_finding
 from replant.assessment.cross_test import unexplained
-from replant.assessment.estimate import MOVED_SIGMAS, Certainty
+from replant.assessment.estimate import MOVED_SIGMAS, Certainty, slow_noise
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.excitation import LEAST_POWER, excitation
 from replant.assessment.model_run import ModelRun
 from replant.assessment.simulation import fit_percent
-from replant.assessment.verdict import Assessment, Finding, conclude, percent
+from replant.assessment.verdict import Assessment, Finding, conclude, duration, percent
 from replant.assessment.whitening import whiteness
 
 # Simulated fit in percent below which the input explains next to nothing: at a fit of 10 the noise has four times the
@@ -95,7 +95,8 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
         reason = f"the input hardly moves any more: its variance over {evidence.span} is {part} of what it was"
         findings.append(Finding("not excited", reason))
     if evidence.is_young:
-        reason = f"{evidence.unseen} samples that the estimate has not seen are too few to judge it by"
+        unseen = f"{evidence.unseen} samples that the estimate has not seen are too few"
+        reason = f"{unseen if evidence.unseen else 'every sample was learned from: none is left'} to judge it by"
         findings.append(Finding("converging", reason))
     return findings + sensor.level_finding(u, y)
 
@@ -107,7 +108,7 @@ def _of_guard(evidence: Evidence) -> list[Finding]:
         reason = "the output stands, or just stood, still to the bit: a stuck or saturated sensor, or a cable off"
         findings.append(Finding("inconsistent", reason))
     elif evidence.grown:
-        reason = f"what the model leaves has grown {evidence.seconds(evidence.grown):.3g} s ago"
+        reason = f"what the model leaves began to grow {duration(evidence.seconds(evidence.grown))} ago"
         findings.append(Finding("inconsistent", f"{reason}: plant, sensor or disturbances have changed"))
     return findings
 
@@ -175,8 +176,9 @@ def _unexplained(evidence: Evidence, runs: Runs, figures: Figures) -> list[Findi
         return [Finding("trusted", f"{reason}, which the model leaves; small, but no chance")]
     if evidence.adapts and figures["movement"] > MOVED_SIGMAS and not (present.is_sure and present.is_large):
         return [Finding("converging", f"{reason}, which the estimate of {evidence.span} ago left, and the present not")]
-    reason += ", which the model leaves: too few poles or zeros, a wrong dead time, or a plant that changes or is not"
-    return [Finding("inconsistent", f"{reason} linear")]
+    biased = "" if evidence.instruments else "noise, which biases an estimate without instruments, "
+    causes = f"{biased}too few poles or zeros, a wrong dead time, or a plant that changes or is not linear"
+    return [Finding("inconsistent", f"{reason}, which the model leaves: {causes}")]
 
 
 @dataclass(frozen=True)
@@ -213,5 +215,5 @@ def _in_favour(evidence: Evidence, figures: Figures) -> str:
     seen = "in sample" if evidence.in_sample else "which it had not seen"
     return (
         f"run from the input alone over {evidence.span}, {seen}, the model fits the output to {fit:.1f} %; "
-        f"its coefficients are known to {percent(uncertainty)}"
+        f"its coefficients are known to {percent(uncertainty)}{slow_noise(evidence, uncertainty)}"
     )

@@ -10,7 +10,7 @@ from replant.assessment import sensor
 from replant.assessment.evidence import Evidence
 from replant.assessment.judge import RESTING, judge
 from replant.assessment.verdict import Assessment, Finding, conclude
-from replant.covariance import covariance
+from replant.covariance import covariance, slowness
 from replant.kernels import layout as at
 from replant.refined import Record
 from replant.settings import Request, Settings
@@ -43,9 +43,9 @@ def assess_starting(request: Request, held: Sequence[tuple[float, float, float]]
         return Assessment("converging", ("no sample yet",))
     u, y, t = np.array(held).T
     u = request.preprocess.map_input(u)
-    reason = f"starting: {u.size} samples held of {wanted} that the first model is made from"
+    reason = f"starting: {u.size} of the {wanted} samples that the first model is made from"
     if wanted > request.startup:
-        reason += f" ({request.startup} were asked for, and not enough for one that can be used)"
+        reason += f"; startup={request.startup} is too few for one that can be used"
     findings = [Finding("converging", reason)]
     if np.ptp(u) <= RESTING * np.abs(u).max():
         findings.append(Finding("not excited", "the input stands still: move it"))
@@ -70,6 +70,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         record,
         estimate=state.theta[:size] * state.unit[:size],
         covariance=known if np.isfinite(known).all() else None,
+        slowness=slowness(state, settings),
         earlier=earlier,
         unseen=min(samples - learned, record.u.size // 2),
         learned=learned - origin,

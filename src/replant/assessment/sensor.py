@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.assessment.verdict import Finding
+from replant.assessment.verdict import Finding, duration
 from replant.validation import FloatArray
 
 MOST_OFF = 0.2  # of the sampling time, that the usual interval may differ from it
@@ -127,9 +127,9 @@ def stuck_finding(
         begin, end = int(begins[run]), int(ends[run])
         moved = float(np.ptp(modelled[begin:end]))
         if moved > least:
-            duration = seconds[end - 1] - seconds[begin]
+            lasted = float(seconds[end - 1] - seconds[begin])
             now = "stands" if end == y.size else "stood"
-            reason = f"the output {now} still to the bit for {duration:.3g} s while it should have moved by"
+            reason = f"the output {now} still to the bit for {duration(lasted)} while it should have moved by"
             return [
                 Finding(
                     "inconsistent",

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 #: From the gravest: of several findings the first one's word is the verdict.
 STATUSES = ("diverged", "not excited", "inconsistent", "converging", "trusted")
 
+LEAST_PERCENT, MOST_FIGURE = 0.01, 1e4  # beyond which a figure in a reason tells nothing more
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -81,14 +83,42 @@ class Finding:
 
 
 def percent(part: float) -> str:
-    """Return a part in percent, with two digits.
+    """Return a part in percent, with two digits; beyond what anybody reads as a figure, only where it lies.
 
     Examples
     --------
     >>> percent(0.12345), percent(0.00123), percent(6.789)
     ('12 %', '0.12 %', '680 %')
+    >>> percent(6.6e-32), percent(2e7)
+    ('less than 0.01 %', 'more than 10000 %')
     """
-    return f"{float(f'{100.0 * part:.2g}'):g} %"
+    if 0.0 < part < LEAST_PERCENT / 100.0:
+        return f"less than {LEAST_PERCENT:g} %"
+    return f"{figure(100.0 * part)} %"
+
+
+def figure(value: float) -> str:
+    """Return a positive figure with two digits and no power of ten.
+
+    Examples
+    --------
+    >>> figure(2.234), figure(123.0), figure(float("inf"))
+    ('2.2', '120', 'more than 10000')
+    """
+    return f"more than {MOST_FIGURE:g}" if value > MOST_FIGURE else f"{float(f'{value:.2g}'):g}"
+
+
+def duration(seconds: float) -> str:
+    """Return a length of time in s with three digits, or to the second.
+
+    Examples
+    --------
+    >>> duration(28.44), duration(2451.3), duration(50_000.0)
+    ('28.4 s', '2451 s', '50,000 s')
+    """
+    if seconds < 1000.0:
+        return f"{seconds:.3g} s"
+    return f"{seconds:,.0f} s" if seconds >= 1e4 else f"{seconds:.0f} s"
 
 
 def conclude(findings: list[Finding], otherwise: str) -> tuple[str, tuple[str, ...]]:

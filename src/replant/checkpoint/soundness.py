@@ -18,11 +18,11 @@ from replant.state import State
 @cache
 def layout_of_state() -> str:
     """Return a fingerprint of where each number lies in a state: another one means another version of the kernels."""
-    from replant.kernels import bank, residuals
+    from replant.kernels import bank, path, residuals
 
     slots = [
         f"{module.__name__}.{name}={value}"
-        for module in (at, bank, residuals)
+        for module in (at, bank, path, residuals)
         for name, value in sorted(vars(module).items())
         if name.isupper() and isinstance(value, int | float)
     ]
@@ -41,7 +41,7 @@ def check_state(state: State, settings: Settings, resolve_at: int) -> None:
 
     ``resolve_at`` is how many samples the next solution of the whole record waits for, 0 for none.
     """
-    from replant.kernels import bank
+    from replant.kernels import bank, path
 
     capacity = settings.replay.capacity if settings.replay else 1
     if len(state.buffer) != capacity:  # before one of that size is laid out to compare with
@@ -68,5 +68,7 @@ def check_state(state: State, settings: Settings, resolve_at: int) -> None:
     if resolve_at and resolve_at <= ints[at.SAMPLES]:
         raise DamagedCheckpointError("it waits for a sample that has passed")
     nexts = state.banks[:, bank.NEXT]
+    rows = state.block(at.AT_PATH, path.size(state.entries))[path.KEPT]
+    positions = positions and 0 <= rows <= path.ROOM
     if not positions or not ((nexts >= 0) & (nexts < bank.KEPT)).all():
         raise DamagedCheckpointError("its state points outside of its arrays")

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from replant import __version__
+from replant.cli.encoding import spare_the_streams
 from replant.errors import ReplantError
 
 # The commands by name: the module of replant.cli that holds the click command ``command``, and its line of help.
@@ -41,14 +42,24 @@ class _LazyGroup(click.Group):
             formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
 
 
-@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=_LazyGroup,
+    invoke_without_command=True,
+    subcommand_metavar="COMMAND [ARGS]...",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 @click.version_option(__version__, prog_name="replant")
-def cli() -> None:
+@click.pass_context
+def cli(ctx: click.Context) -> None:
     """Identify continuous-time transfer functions while the plant runs."""
+    if ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help(), err=True)
+        sys.exit(2)
 
 
 def main(arguments: Sequence[str] | None = None) -> Any:
     """Run the command line; a user's mistake ends in one line on stderr and exit code 2."""
+    spare_the_streams()
     try:
         return cli.main(args=None if arguments is None else list(arguments), prog_name="replant", standalone_mode=False)
     except click.exceptions.Exit as stop:
@@ -57,11 +68,18 @@ def main(arguments: Sequence[str] | None = None) -> Any:
         print("replant: interrupted", file=sys.stderr)
         sys.exit(130)
     except click.ClickException as mistake:
-        print(f"replant: {_one_line(mistake.format_message())}", file=sys.stderr)
+        print(f"replant: {_one_line(mistake.format_message())}{_hint(mistake)}", file=sys.stderr)
         sys.exit(2)
     except ReplantError as mistake:
         print(f"replant: {_one_line(str(mistake))}", file=sys.stderr)
         sys.exit(2)
+
+
+def _hint(mistake: click.ClickException) -> str:
+    """Return where to look up what is missing, or how it is called."""
+    unknown = isinstance(mistake, click.MissingParameter | click.NoSuchOption) or "No such command" in mistake.message
+    context = mistake.ctx if isinstance(mistake, click.UsageError) else None
+    return f" See {context.command_path} --help" if unknown and context else ""
 
 
 def _one_line(message: str) -> str:

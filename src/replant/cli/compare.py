@@ -39,8 +39,7 @@ def command(as_json: bool, out: Path | None, methods: tuple[str, ...], **options
     optimizer named.  srivc and least_squares fit the whole log at once, as `replant fit` does.
     """
     log, request = open_log(options)
-    if out is not None:
-        make_folder(out)
+    make_folder(out)
     methods = tuple(dict.fromkeys(methods))
     with progress_bar() as progress:
         task = progress.add_task("", total=len(methods))

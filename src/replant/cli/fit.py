@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
-from replant.cli.options import log_options, open_log, preprocess_of, read
-from replant.cli.output import deliver
+from replant.cli.options import open_log, preprocess_of, read, search_options
+from replant.cli.output import deliver, make_folder
 from replant.logs import Log
 from replant.offline import METHODS, FitResult, fit
 from replant.report.recipe import fit_as_python
@@ -18,25 +18,28 @@ from replant.search import SearchResult, search
 
 
 @click.command(name="fit")
-@log_options
+@search_options
 @click.option("--method", type=click.Choice(METHODS), default="auto", show_default=True, help="How to fit.")
 def command(as_json: bool, out: Path | None, method: str, **options: Any) -> None:
     """Fit G(s) to all of LOG (csv, txt, parquet, mat, npz): refined instrumental variables, or least squares.
 
-    With a range of poles, zeros or dead times every structure of the grid is tried, and judged by its simulated fit
-    on the last 30 % of the record, which it has not seen.
+    With a range of poles, zeros or dead times every structure of the grid is fitted to the first 70 % of the record
+    and judged by its simulated fit on the rest.  Of those within half a point of the best, the one with the fewest
+    parameters is chosen, and of those the one with the least criterion (BIC).
     """
     begun = time.perf_counter()
     if any(len(options[name] or ()) > 1 for name in ("poles", "zeros", "delay")):
         if method == "least_squares":
             raise click.UsageError("a range of structures is searched by srivc: drop --method least_squares")
         log = read(options)
+        make_folder(out)
         found = _search(log, options)
         fitted = found.best
         if not as_json:
             _print_candidates(found)
     else:
         log, request = open_log(options)
+        make_folder(out)
         fitted = fit(
             log.input, log.output, log.dt, request.structure, method=method, preprocess=request.preprocess
         )  # fmt: skip
@@ -80,7 +83,7 @@ def _print_candidates(found: SearchResult) -> None:
             str(structure.poles),
             str(structure.zeros),
             f"{structure.delay:g} s",
-            "none" if failed else f"{candidate.held_out:.1f} %",
+            "no model" if failed else f"{candidate.held_out:.1f} %",
             "" if failed else f"{candidate.criterion:.0f}",
             "chosen" if chosen else "",
             style="bold" if chosen else None,

@@ -10,11 +10,10 @@ from typing import Any
 
 import click
 
-from replant.cli.options import BIAS, INPUT_MAP
+from replant.cli.options import BIAS, INPUT_MAP, OPTIMIZER
 from replant.errors import InvalidArgumentError
 from replant.live.run import Plan, run
 from replant.live.session import Limits
-from replant.optimizers import OPTIMIZERS
 from replant.preprocess import Preprocess
 from replant.rigs import deap_rig
 from replant.settings import Request
@@ -47,8 +46,15 @@ class Time(click.ParamType[float]):
 @click.option("--delay", type=float, default=0.0, metavar="S", help="Dead time in s.")
 @BIAS
 @INPUT_MAP
-@click.option("--optimizer", type=click.Choice(["auto", *OPTIMIZERS]), default="auto", show_default=True)
-@click.option("--startup", type=int, default=500, show_default=True, help="Samples that the first model is made from.")
+@OPTIMIZER
+@click.option(
+    "--startup",
+    type=int,
+    default=500,
+    show_default=True,
+    metavar="N",
+    help="Samples that the first model is made from.",
+)
 @click.option("--for", "seconds", type=Time(), metavar="TIME", help="End after a time, such as 60s.")
 @click.option("--samples", type=click.IntRange(min=1), metavar="N", help="End after so many samples.")
 @click.option("--until", type=click.Choice(["trusted"]), help="End as soon as the verdict is that.")

@@ -10,7 +10,8 @@ from typing import Any
 import click
 
 from replant.errors import InvalidArgumentError
-from replant.logs import Log, Recording, open_recording, read_log
+from replant.logs import Log, Recording, open_recording, read_log, stamped_interval
+from replant.optimizers import OPTIMIZERS
 from replant.preprocess import Preprocess
 from replant.settings import Request
 from replant.structure import Structure
@@ -69,21 +70,59 @@ class Seconds(Range):
 
 
 MOST_TRIED = 1000
+MOST_OFF = 0.1  # of the sampling time given, from which time stamps may differ unsaid: jitter and lost samples
 
 BIAS = click.option("--bias", is_flag=True, help="Identify a constant beside G(s).")
 INPUT_MAP = click.option(
-    "--input-map", type=click.Choice(["identity", "square"]), default="identity", help="Applied first."
+    "--input-map",
+    type=click.Choice(["identity", "square"]),
+    default="identity",
+    show_default=True,
+    help="What G(s) is driven by: the input, or its square.",
+)
+OPTIMIZER = click.option(
+    "--optimizer",
+    type=click.Choice(["auto", *OPTIMIZERS]),
+    default="auto",
+    show_default=True,
+    help="How the estimate is updated; auto is recursive least squares with instruments.",
 )
 
-_OPTIONS: list[Callable[[Any], Any]] = [
+_COLUMNS: list[Callable[[Any], Any]] = [
     click.argument("log", type=click.Path(path_type=Path)),
     click.option("--input", "input_column", required=True, metavar="COL", help="Column of the input: name or index."),
     click.option("--output", "output_column", required=True, metavar="COL", help="Column of the output."),
-    click.option("--poles", type=Whole(), required=True, metavar="N", help="Number of poles; fit takes a range, 1:4."),
-    click.option("--zeros", type=Whole(), metavar="M", help="Number of zeros (0), or a range; all, where poles range."),
-    click.option("--time", "time_column", metavar="COL", help="Column of time in s; its steps must be equal."),
+]
+_STRUCTURE: list[Callable[[Any], Any]] = [
+    click.option("--poles", type=Whole(), required=True, metavar="N", help="Number of poles."),
+    click.option("--zeros", type=Whole(), metavar="M", help="Number of zeros.  [default: 0]"),
+    click.option("--delay", type=Seconds(), default="0", metavar="S", help="Dead time in s.  [default: 0]"),
+]
+_STRUCTURES: list[Callable[[Any], Any]] = [
+    click.option("--poles", type=Whole(), required=True, metavar="N", help="Number of poles, or a range such as 1:4."),
+    click.option(
+        "--zeros",
+        type=Whole(),
+        metavar="M",
+        help="Number of zeros, or a range.  [default: 0; with a range of poles, all from 0 to one fewer]",
+    ),
+    click.option(
+        "--delay",
+        type=Seconds(),
+        default="0",
+        metavar="S",
+        help="Dead time in s, or a range such as 0:1:0.1.  [default: 0]",
+    ),
+]
+_REST: list[Callable[[Any], Any]] = [
+    click.option(
+        "--time",
+        "time_column",
+        metavar="COL",
+        help="Column of time, in s or the unit in its name; its steps must be equal.  "
+        "[default: the one called t, time or timestamp]",
+    ),
     click.option("--dt", type=float, metavar="S", help="Sampling time in s, instead of a column of time."),
-    click.option("--delay", type=Seconds(), default="0", metavar="S", help="Dead time in s; fit takes 0:1:0.1, too."),
     BIAS,
     INPUT_MAP,
     click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
@@ -94,8 +133,17 @@ _OPTIONS: list[Callable[[Any], Any]] = [
 
 
 def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a click command with the options that `run`, `fit` and `compare` share."""
-    for option in reversed(_OPTIONS):
+    """Decorate a click command with the options that `run`, `fit` and `compare` share, for one structure."""
+    return _decorated(command, [*_COLUMNS, *_STRUCTURE, *_REST])
+
+
+def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Decorate a click command with the same options, whose structure may be a range of them."""
+    return _decorated(command, [*_COLUMNS, *_STRUCTURES, *_REST])
+
+
+def _decorated(command: Callable[..., Any], options: list[Callable[[Any], Any]]) -> Callable[..., Any]:
+    for option in reversed(options):
         command = option(command)
     return command
 
@@ -117,7 +165,9 @@ def request_of(options: dict[str, Any], dt: float) -> Request:
 def record_of(options: dict[str, Any], progress: Callable[[int, int], None]) -> Recording:
     """Check the log that the options name, of any length, and open it; see `open_recording`."""
     _check_one_of_each(options)
-    return open_recording(options["log"], **_columns(options), progress=progress)
+    recording = open_recording(options["log"], **_columns(options), progress=progress)
+    _note_another_clock(options)
+    return recording
 
 
 def _check_one_of_each(options: dict[str, Any]) -> None:
@@ -135,7 +185,19 @@ def preprocess_of(options: dict[str, Any]) -> Preprocess:
 
 def read(options: dict[str, Any]) -> Log:
     """Read the log that the options name."""
-    return read_log(options["log"], **_columns(options))
+    log = read_log(options["log"], **_columns(options))
+    _note_another_clock(options)
+    return log
+
+
+def _note_another_clock(options: dict[str, Any]) -> None:
+    """Say on stderr that the log has time stamps which a sampling time given instead of them contradicts."""
+    dt = options["dt"]
+    interval = None if dt is None else stamped_interval(options["log"])
+    if interval is not None and not abs(interval[1] / dt - 1.0) <= MOST_OFF:
+        name, usual = interval
+        told = f"{options['log']}: column {name!r} steps by {usual:.4g} s where --dt says {dt:.4g} s"
+        click.echo(f"replant: note: {told}; --dt is taken", err=True)
 
 
 def _columns(options: dict[str, Any]) -> dict[str, Any]:

@@ -57,8 +57,12 @@ def writable(out: Path) -> Iterator[None]:
         raise click.BadParameter(f"cannot write {where}: {cause.strerror}", param_hint="--out") from cause
 
 
-def make_folder(out: Path) -> None:
+def make_folder(out: Path | None) -> None:
     """Make the folder that results go to: before the work, so that nothing is lost where that cannot be."""
+    if out is None:
+        return
+    if out.exists() and not out.is_dir():
+        raise click.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
     with writable(out):
         out.mkdir(parents=True, exist_ok=True)
 

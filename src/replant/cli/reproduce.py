@@ -52,8 +52,7 @@ def command(names: tuple[str, ...], json_only: bool, out: Path | None) -> None:
 
 def deliver(names: Sequence[str], out: Path | None, *, json_only: bool = False, report: bool = False) -> None:
     """Reproduce ``names``, print the tables and write all there is into ``out``; with ``report``, one page as well."""
-    if out is not None:
-        make_folder(out)
+    make_folder(out)
     outcome, written, pictures = _run(names, out, report=report)
     text = json.dumps(results_as_json(outcome), indent=2, allow_nan=False)
     if out is not None and (outcome.tables or outcome.actuator):

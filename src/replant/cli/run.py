@@ -10,11 +10,10 @@ from typing import Any
 
 import click
 
-from replant.cli.options import log_options, record_of, request_of
-from replant.cli.output import announced_compiling, deliver, progress_bar
+from replant.cli.options import OPTIMIZER, log_options, record_of, request_of
+from replant.cli.output import announced_compiling, deliver, make_folder, progress_bar
 from replant.logs import Recording
 from replant.logs.full_trace import FullTrace
-from replant.optimizers import OPTIMIZERS
 from replant.runs import Result, run_source
 from replant.score import FITTED
 from replant.settings import Request
@@ -22,7 +21,7 @@ from replant.settings import Request
 
 @click.command(name="run")
 @log_options
-@click.option("--optimizer", type=click.Choice(["auto", *OPTIMIZERS]), default="auto", show_default=True)
+@OPTIMIZER
 @click.option("--startup", type=int, metavar="N", help="Samples that the first model is made from.  [default: a tenth]")
 @click.option(
     "--full-trace",
@@ -33,7 +32,8 @@ from replant.settings import Request
 def command(as_json: bool, out: Path | None, full_trace: Path | None, startup: int | None, **options: Any) -> None:
     """Identify G(s) online from LOG (csv, txt, parquet or a folder of it, mat, npz), one pass, sample by sample.
 
-    Cutoff, scaling, step size and buffer are chosen from the data and printed.  LOG may be longer than memory.
+    What is left open is chosen from the data, and printed as the Python that repeats it.  LOG may be longer than
+    memory.
     """
     with progress_bar(rate=True) as bar:
         task = bar.add_task("checking", total=None)
@@ -45,6 +45,7 @@ def command(as_json: bool, out: Path | None, full_trace: Path | None, startup: i
 
         recording = record_of(options, lambda rows, about: progress("checking", rows, about))
         request = request_of(options, recording.dt)
+        make_folder(out)
         with announced_compiling():
             stages = partial(_with_total, progress, recording.samples)
             result = _run(recording, request, full_trace, startup, stages)

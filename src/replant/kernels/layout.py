@@ -70,6 +70,7 @@ AT_WORK = 50  # (4 (n + 2)^2,)  work
 AT_COLOUR = 51  # (see kernels.residuals)  power and colour of the residual
 MEMORY_SIZE = 52  # M
 SETTINGS_SIZE = 53  # S
+AT_PATH = 74  # (see kernels.path)  where the estimate was after some of the samples
 # --- ints: whether a measured output can be, and whether the plant has changed (see kernels.guard)
 GUARDED = 56  # 1: outputs are examined before they are learned
 DOUBT = 57  # of the newest sample: 0 none, 1 an outlier, 2 a stuck sensor
@@ -88,7 +89,9 @@ GAP_AT = 68  # accepted samples before the last interruption
 ORIGIN = 69  # accepted samples before the record that the estimate is made from
 STUCK_LAST = 70  # accepted samples when the sensor was last stuck
 LOOK_AT = 71  # accepted samples at which an alarm is looked into; 0: not planned
-ROWS = 72  # from here: (BATCH,) rows drawn for the newest sample
+DUE = 72  # accepted samples at which the identifier has something to do; 0: nothing is planned
+ATTENTION = 73  # 1: it has so now, or the residual has raised an alarm
+ROWS = 75  # from here: (BATCH,) rows drawn for the newest sample
 
 # --- reals: scalars
 INPUT_OFFSET = 0  # working point, subtracted from the mapped input
@@ -139,7 +142,7 @@ LARGEST = 1e150
 
 
 def plan(
-    *, order: int, entries: int, ring: int, memory: int, settings: int, batch: int, colour: int
+    *, order: int, entries: int, ring: int, memory: int, settings: int, batch: int, colour: int, path: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return fresh ``ints`` and ``reals``, all zero but the sizes and offsets."""
     ints = np.zeros(ROWS + batch, np.int64)
@@ -160,6 +163,7 @@ def plan(
         AT_PAST: PAST * (1 + entries),
         AT_WORK: 4 * (order + 2) ** 2,
         AT_COLOUR: colour,
+        AT_PATH: path,
     }
     end = SCALARS
     for slot, size in blocks.items():

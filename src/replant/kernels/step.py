@@ -8,6 +8,7 @@ from replant.kernels import bank as bk
 from replant.kernels import chain, guard, residuals
 from replant.kernels import first_order as first
 from replant.kernels import layout as at
+from replant.kernels import path as trail
 from replant.kernels import second_order as second
 from replant.kernels.compiled import cut, kernel, part, rare, seldom
 from replant.kernels.interruptions import begin_initial_state, input_rests, interval_of
@@ -126,9 +127,9 @@ def update_estimate(ints, reals, buffer, target, interval, learn):
 
 @rare
 def record_residual(ints, reals, error):
-    """Keep power and colour of the residual, where the optimizer keeps a covariance."""
+    """Keep power and colour of the residual, and the estimate's path, where the optimizer keeps a covariance."""
     T = ints[at.ENTRIES]
-    colour = reals[ints[at.AT_COLOUR] :]  # the last block
+    colour, path = reals[ints[at.AT_COLOUR] :], reals[ints[at.AT_PATH] :]
     zeta = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + T]
     phi = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + T]
     if ints[at.INSTRUMENTS] == 0:
@@ -137,6 +138,10 @@ def record_residual(ints, reals, error):
     forgetting = reals[ints[at.AT_SETTINGS]]
     alpha = reals[ints[at.AT_MEMORY] + ints[at.MEMORY_SIZE] - 1]
     residuals.record(colour, error, alpha, forgetting, zeta)
+    if colour[residuals.COUNT] >= path[trail.DUE]:
+        theta, memory = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T], ints[at.AT_MEMORY]
+        U, D = reals[memory : memory + T * T], reals[memory + T * T : memory + T * T + T]
+        trail.keep(path, theta, U, D, colour[residuals.COUNT])
 
 
 @seldom
@@ -250,12 +255,14 @@ def take_guarded(ints, reals, banks, buffer, recent, u, y, t):
     guard.watch(ints, reals, learned)
     if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
         keep_estimate(ints, reals)
+    if ints[at.SAMPLES] == ints[at.DUE] or ints[at.ALARM] == 1:
+        ints[at.ATTENTION] = 1
     return reals[at.ERROR] * reals[at.OUTPUT_SCALE]
 
 
 @cut
 def take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, take):
-    """Take samples by ``take``, until the identifier must look into something; return how many.
+    """Take samples by ``take``, until the identifier has something to do; return how many.
 
     Writes the error and the estimate (physical units) after each.  ``t`` holds a time stamp for each sample, or is
     empty where the clock is regular.
@@ -266,7 +273,7 @@ def take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, t
         errors[k] = take(ints, reals, banks, buffer, recent, u[k], y[k], stamp)
         for i in range(parameters.shape[1]):
             parameters[k, i] = reals[theta + i] * reals[unit + i]
-        if ints[at.ALARM] == 1:
+        if ints[at.ATTENTION] == 1:
             return k + 1
     return u.size
 

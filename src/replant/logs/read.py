@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -178,6 +179,37 @@ def open_recording(
     return Recording(table, (roles["input"], roles["output"]), step, clock is not None, rows, held)
 
 
+def stamped_interval(path: str | os.PathLike[str]) -> tuple[str, float] | None:
+    r"""Return the column that is called time and its median interval in s at the log's beginning, if that is clear.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "log.csv")
+    ...     _ = file.write_text("t [ms],u,y\n0,1,0\n20,1,0.5\n40,1,0.75\n")
+    ...     stamped_interval(file)
+    ('t [ms]', 0.02)
+    """
+    table = read_columns(path)
+    candidates = time_candidates(table.names)
+    if len(candidates) != 1:
+        return None
+    (number,) = candidates
+    name = table.names[number]
+    unit = 1.0 if number in table.in_seconds else unit_in_seconds(name)
+    blocks = table.stream([number])
+    try:
+        (stamps,) = next(blocks, [np.empty(0)])
+    except LogError:  # dates, say
+        return None
+    finally:
+        blocks.close()
+    with np.errstate(invalid="ignore", over="ignore"):
+        interval = float(np.median(np.diff(stamps))) * unit if stamps.size > 1 else math.nan
+    return (name, interval) if interval > 0.0 else None
+
+
 def _checked(
     table: Table,
     roles: dict[str, int],
@@ -227,7 +259,8 @@ def _find_time(table: Table, roles: dict[str, int]) -> int:
     if len(candidates) == 1:
         return candidates[0]
     if not candidates:
-        raise LogError(f"{table.path}: no column is called t, time or timestamp; {_GIVE_TIME}")
+        other = "no other column" if time_candidates(table.names) else "no column"
+        raise LogError(f"{table.path}: {other} is called t, time or timestamp; {_GIVE_TIME}")
     names = ", ".join(repr(table.names[number]) for number in candidates)
     raise LogError(f"{table.path}: several columns could be the time: {names}; {_GIVE_TIME}")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 from pathlib import Path
@@ -77,7 +77,7 @@ class Table:
         blocks = list(self.stream(keys))
         return [np.concatenate([np.empty(0), *(block[index] for block in blocks)]) for index in range(len(keys))]
 
-    def stream(self, keys: Sequence[str | int]) -> Iterator[list[NDArray[np.float64]]]:
+    def stream(self, keys: Sequence[str | int]) -> Generator[list[NDArray[np.float64]], None, None]:
         """Yield several columns as float64, block of rows by block of rows, in one pass over the file.
 
         Raises

@@ -24,7 +24,10 @@ _TIME_NAME = re.compile(rf"(?:.*\.)?(?:t|time|timestamp){_UNIT}?", re.IGNORECASE
 
 _ENDLESS = 1e300  # the difference of two stamps beyond it may leave float64
 _REMEDY = "drop that row, or give the sampling time (dt, --dt) instead of a time column"
-_RESAMPLE = "resample the log, or drop --time and give the sampling time (dt, --dt) if the stamps are only jitter"
+_RESAMPLE = (
+    "resample the log, or give the sampling time (dt, --dt) instead of a time column if the stamps are only jitter, or "
+    "hand them to Identifier.update_many(u, y, t), which takes them as they are"
+)
 
 
 def time_candidates(names: Sequence[str]) -> list[int]:

@@ -66,18 +66,18 @@ def print_comparison(console: Any, contenders: Sequence[Contender], structure: S
 
 
 def _aligned(cells: Sequence[str]) -> list[str]:
-    """Return cells that, set to the right, have their plus-minus signs below each other.
+    """Return cells that, set to the right, have their plus-minus signs below each other, as `run` writes them.
 
     Examples
     --------
     >>> _aligned(["2.1 ± 0.05", "10 ± 1", "3"])
-    ['2.1 ± 0.05', '10 ± 1   ', '3       ']
+    ['2.1 +- 0.05', '10 +- 1   ', '3         ']
     """
     parts = [cell.partition(" ± ") for cell in cells]
     width = max(len(std) for _, _, std in parts)
     if width == 0:
         return list(cells)
-    return [value + (f" ± {std:<{width}}" if sign else " " * (width + 3)) for value, sign, std in parts]
+    return [value + (f" +- {std:<{width}}" if sign else " " * (width + 4)) for value, sign, std in parts]
 
 
 def _blocks(widths: Sequence[int], room: int) -> list[list[int]]:

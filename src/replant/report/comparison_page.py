@@ -195,15 +195,14 @@ def _words(contenders: Sequence[Contender]) -> str:
     said = "Each coefficient's estimate over time, by method"
     if whole:
         said += f"; level: {' and '.join(whole)}, which fit{'s' if len(whole) == 1 else ''} the whole record at once"
-    late = [
-        name for name, result in _results(contenders).items() if result.history and not result.history.parameters.any()
-    ]
+    late = [name for name, result in _results(contenders).items() if _is_late(result)]
     if late:
         said += f"; a dot: {' and '.join(late)}, which had an estimate at the end only"
     return f"{said}. Bands are two standard deviations; what shoots far beyond the best model's value leaves the panel."
 
 
 def _is_late(result: Result) -> bool:
+    """Whether an online run held its samples back until the record's end."""
     return result.history is not None and not result.history.parameters.any()
 
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
 from replant.report.numbers import off_by
 from replant.runs import Result
 from replant.transfer_function import TransferFunction
+
+REASON_INDENT = 9  # columns, below the figures
 
 
 def as_json(result: Result) -> dict[str, Any]:
@@ -35,10 +39,22 @@ def as_json(result: Result) -> dict[str, Any]:
 
 def print_result(console: Any, result: Result, *, truth: TransferFunction | None = None) -> None:
     """Print what a control engineer wants to see first: G(s), coefficients, poles, fit, verdict."""
-    from rich.padding import Padding
-    from rich.text import Text
-
     console.print()
+    if result.parameters.any():
+        _print_model(console, result, truth)
+    else:
+        console.print("No model yet: nothing was learned.\n", highlight=False)
+    rejected = ", ".join(f"{count} {reason}" for reason, count in result.rejected.items() if count)
+    samples = f"{result.samples:,}" + (f", rejected: {rejected}" if rejected else "")
+    console.print(f"Samples  {samples}", highlight=False)
+    colour = "green" if result.verdict.status == "trusted" else "yellow" if _mild(result) else "red"
+    console.print(f"Verdict  [bold {colour}]{result.verdict.status}[/]", highlight=False)
+    for reason in result.verdict.reasons:
+        for line in wrapped(reason, console.width - REASON_INDENT):
+            console.print(" " * REASON_INDENT + line, highlight=False, markup=False, soft_wrap=True)
+
+
+def _print_model(console: Any, result: Result, truth: TransferFunction | None) -> None:
     for line in fraction(result.transfer_function):
         console.print(line, highlight=False, markup=False)
     console.print()
@@ -46,19 +62,25 @@ def print_result(console: Any, result: Result, *, truth: TransferFunction | None
     console.print()
     console.print(_mode_table(result))
     console.print()
-    rejected = ", ".join(f"{count} {reason}" for reason, count in result.rejected.items() if count)
-    lines = {
-        "DC gain": _with_std(result.transfer_function.dc_gain, _dc_gain_std(result)),
-        "Fit": f"{_percent(result.simulation.fit)} simulated from the input alone, "
-        f"{_percent(result.one_step)} one step ahead",
-        "Samples": f"{result.samples:,}" + (f", rejected: {rejected}" if rejected else ""),
-    }
-    for name, text in lines.items():
-        console.print(f"{name:<9}{text}", highlight=False)
-    colour = "green" if result.verdict.status == "trusted" else "yellow" if _mild(result) else "red"
-    console.print(f"Verdict  [bold {colour}]{result.verdict.status}[/]", highlight=False)
-    for reason in result.verdict.reasons:
-        console.print(Padding(Text(reason), (0, 0, 0, 9)))
+    gain = _with_std(result.transfer_function.dc_gain, _dc_gain_std(result))
+    console.print(f"DC gain  {gain}", highlight=False)
+    fits = f"{_percent(result.simulation.fit)} simulated from the input alone, {_percent(result.one_step)}"
+    console.print(f"Fit      {fits} one step ahead", highlight=False)
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """Break text into lines, no figure apart from its unit.
+
+    Examples
+    --------
+    >>> wrapped("the model fits the output to 83.0 %; its coefficients are known to 2.6 %", 36)
+    ['the model fits the output to 83.0 %;', 'its coefficients are known to 2.6 %']
+    >>> wrapped("its coefficients are known to 2.6 %", 34)
+    ['its coefficients are known to', '2.6 %']
+    """
+    glued = re.sub(r"(?<=\d) (?=(?:%|s|h)(?:\W|$))", "\N{NO-BREAK SPACE}", text)
+    lines = textwrap.wrap(glued, max(width, 1), break_long_words=False, break_on_hyphens=False)
+    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
 
 
 def _table(*headings: str) -> Any:
@@ -103,14 +125,33 @@ def _mode_table(result: Result) -> Any:
 
 
 def _with_std(value: float, std: float) -> str:
-    """Write a figure with its standard deviation, where one is known.
+    """Write a figure with its standard deviation, where one is known: to the same place, in four digits at the most.
 
     Examples
     --------
-    >>> _with_std(1.2345678, 0.01), _with_std(2.0, math.nan)
-    ('1.235 +- 0.01', '2')
+    >>> _with_std(1.2345678, 0.01), _with_std(0.4700200, 0.0123), _with_std(101.1, 1100.0), _with_std(2.0, math.nan)
+    ('1.235 +- 0.010', '0.470 +- 0.012', '100 +- 1100', '2')
     """
-    return f"{value:.4g} +- {std:.2g}" if math.isfinite(std) else f"{value:.4g}"
+    if not math.isfinite(std):
+        return f"{value:.4g}"
+    digits = 4
+    if value and std and math.isfinite(value):
+        digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(std)) + 2
+    return f"{_digits(value, min(max(digits, 1), 4))} +- {_digits(std, 2)}"
+
+
+def _digits(value: float, digits: int) -> str:
+    """Return a figure with so many digits, zeros at the end among them, and a power of ten only where it is far from 1.
+
+    Examples
+    --------
+    >>> _digits(0.47002, 3), _digits(1099.0, 2), _digits(4.5e-6, 2), _digits(0.0, 2)
+    ('0.470', '1100', '4.5e-06', '0')
+    """
+    if not 1e-4 <= abs(value) < 1e5:
+        return f"{value:.{digits}g}"
+    place = digits - 1 - math.floor(math.log10(abs(value)))
+    return f"{round(value, place):.{max(place, 0)}f}"
 
 
 def _dc_gain_std(result: Result) -> float:

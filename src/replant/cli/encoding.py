@@ -1,0 +1,40 @@
+"""Text for a terminal or file that cannot show every character: in the characters it has, rather than in an error."""
+
+from __future__ import annotations
+
+import codecs
+import io
+import re
+import sys
+
+PLAIN = "replant.plain"  # the error handler's name
+
+_SIGNS = str.maketrans({"±": "+-", "−": "-", "–": "-", "×": "x", "µ": "u", "μ": "u", "°": "deg", "∞": "inf"})
+_SUPERSCRIPTS = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"
+_LOWERED = str.maketrans(_SUPERSCRIPTS, "-0123456789")
+
+
+def spare_the_streams() -> None:
+    """Let standard output and error write plain characters where theirs are too few, as under ASCII."""
+    codecs.register_error(PLAIN, _replaced)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=PLAIN)
+
+
+def plain(text: str) -> str:
+    r"""Return text in ASCII; what has no likeness there as its number.
+
+    Examples
+    --------
+    >>> plain("(1.2 ± 0.1)×10⁻⁷"), plain("Döner")
+    ('(1.2 +- 0.1)x10^-7', 'D\\xf6ner')
+    """
+    text = re.sub(f"[{_SUPERSCRIPTS}]+", lambda found: "^" + found[0].translate(_LOWERED), text)
+    return text.translate(_SIGNS).encode("ascii", "backslashreplace").decode("ascii")
+
+
+def _replaced(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return plain(error.object[error.start : error.end]), error.end

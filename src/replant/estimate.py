@@ -1,0 +1,131 @@
+"""Estimate: what can be read of an identifier; nothing here changes it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from replant.assessment import Assessment, assess_running, assess_starting
+from replant.assessment.online import unrolled
+from replant.covariance import covariance
+from replant.kernels import layout as at
+from replant.settings import Request, Settings
+from replant.state import State
+from replant.structure import Structure
+from replant.transfer_function import TransferFunction
+from replant.uncertainty import Uncertainty
+from replant.validation import FloatArray
+
+#: Why a sample is not learned, and where it is counted.  Outliers, and what comes from a stuck sensor, are bridged.
+REASONS = {
+    "not finite": at.NOT_FINITE, "too large": at.TOO_LARGE, "not later": at.NOT_LATER, "too dense": at.TOO_DENSE,
+    "outlier": at.OUTLIERS, "stuck": at.STUCK,
+}  # fmt: skip
+
+
+class Estimate:
+    """The estimate of an `Identifier`, how sure it is, what it was made of and with."""
+
+    _request: Request
+    _settings: Settings | None
+    _held: list[tuple[float, float, float]]
+    _held_rejects: dict[str, int]
+    _hold: int
+    _state: State
+
+    @property
+    def request(self) -> Request:
+        """What was asked for, "auto" where the data are to decide."""
+        return self._request
+
+    @property
+    def structure(self) -> Structure:
+        """The structure that is identified."""
+        return self._request.structure
+
+    @property
+    def dt(self) -> float:
+        """Sampling time in s."""
+        return float(self._request.dt)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, in their order."""
+        return self.structure.names
+
+    @property
+    def settings(self) -> Settings | None:
+        """What the identifier works with; None while samples are held back for start-up."""
+        return self._settings
+
+    @property
+    def parameters(self) -> FloatArray:
+        """The estimate (P,) in physical units, in the order of `names`."""
+        size = self.structure.size
+        if self._settings is None:
+            return np.zeros(size)
+        return np.asarray(self._state.theta[:size] * self._state.unit[:size])
+
+    @property
+    def transfer_function(self) -> TransferFunction:
+        """The estimate as G(s)."""
+        return self.structure.transfer_function(self.parameters)
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance (P, P) of the estimate in physical units, the residual's colour taken into account.
+
+        NaN where no honest one is known: during start-up, and without instruments, where noise biases the estimate.
+        """
+        if self._settings is None:
+            return np.full((self.structure.size, self.structure.size), np.nan)
+        return covariance(self._state, self._settings)
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """Standard deviations of the parameters, poles, gain and frequency response."""
+        return Uncertainty(self.structure, self.parameters, self.covariance)
+
+    @property
+    def samples(self) -> int:
+        """Accepted samples, those held back for start-up included."""
+        return len(self._held) if self._settings is None else int(self._state.ints[at.SAMPLES])
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Rejected samples by reason."""
+        if self._settings is None:
+            return dict(self._held_rejects)
+        return dict(zip(REASONS, self._state.ints[list(REASONS.values())].tolist(), strict=True))
+
+    @property
+    def adapting(self) -> bool:
+        """Whether the estimate follows the samples, or is frozen."""
+        return self._settings is None or bool(self._state.ints[at.ADAPT])
+
+    @property
+    def recent(self) -> FloatArray:
+        """The newest accepted samples (K, 3): input behind its map, output, and seconds since the sample before."""
+        if self._settings is None:
+            u, y, t = np.array(self._held, np.float64).reshape(-1, 3).T
+            regular = np.isnan(t).any() or not t.size
+            intervals = np.full(u.size, self.dt) if regular else np.diff(t, prepend=t[:1] - self.dt)
+            return np.column_stack([self._request.preprocess.map_input(u), y, intervals])
+        rest = self._settings.preprocess
+        kept = unrolled(self._state)[:, : at.STEP + 1]
+        return np.asarray(kept + np.array([float(rest.input_offset), float(rest.output_offset), 0.0]))
+
+    @property
+    def status(self) -> str:
+        """One of "starting", "running", or "diverged": an update was undone because it would have left float64."""
+        if self._settings is None:
+            return "starting"
+        return "diverged" if self._state.ints[at.REFUSED] else "running"
+
+    def assess(self) -> Assessment:
+        """Return the verdict: whether to trust the estimate, why in plain words, and the figures behind it.
+
+        The state stays as it is.  Takes some tens of milliseconds.  See `replant.assessment.Assessment`.
+        """
+        if self._settings is None:
+            return assess_starting(self._request, self._held, self._hold)
+        return assess_running(self._state, self._settings)

@@ -1,0 +1,41 @@
+"""The path of a recursive estimate, kept at a few of its samples: what its scatter is told from without a noise model.
+
+See `replant.scatter` for what is made of it.  Room is limited and the record is not: when the room is full every second
+row goes, and the next ones come half as often.
+"""
+
+from replant.kernels.compiled import seldom
+
+ROOM = 64  # rows; once the record is long there are always at least half as many
+STEP, DUE, KEPT = 0, 1, 2  # learned samples between two rows, and at which the next is due; rows kept
+ROWS = 3  # (ROOM, 2 T)  estimate and diagonal of P after so many samples
+
+
+def size(entries: int) -> int:
+    """Return how many numbers are kept for ``entries`` entries of the regressor."""
+    return ROWS + 2 * ROOM * entries
+
+
+@seldom
+def keep(path, theta, U, D, samples):
+    """Keep the estimate after so many learned ``samples`` and the diagonal of P = U D U', or make room for it."""
+    T, kept = theta.size, int(path[KEPT])
+    path[STEP] = max(path[STEP], 1.0)
+    if kept == ROOM:
+        kept //= 2
+        for b in range(kept):
+            for i in range(2 * T):
+                path[ROWS + 2 * T * b + i] = path[ROWS + 2 * T * (2 * b + 1) + i]
+        path[KEPT] = kept
+        path[DUE] = samples + path[STEP]  # this row would be the first of a pair: the second one counts
+        path[STEP] *= 2.0
+        return
+    row = ROWS + 2 * T * kept
+    for i in range(T):
+        variance = 0.0
+        for k in range(i, T):
+            variance += U[i * T + k] * U[i * T + k] * D[k]
+        path[row + i] = theta[i]
+        path[row + T + i] = variance
+    path[KEPT] = kept + 1
+    path[DUE] = samples + path[STEP]
