@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import replant as rp
+import replant.assessment.judge as judge_module
 from builders import binary
 from replant.assessment import Assessment, assess_record
 from replant.assessment.evidence import Evidence
@@ -124,3 +126,15 @@ def test_no_reason_has_a_power_of_ten_for_a_span_or_a_part() -> None:
     assert judge(evidence(**slow)).reasons[0].startswith("run from the input alone over the last 25,000 s,")
     rested = judge(evidence(**slow, largest_power=1e30)).reasons[0]
     assert rested.endswith("its variance over the last 25,000 s is less than 0.01 % of what it was")
+
+
+def test_a_part_of_an_output_that_stands_still_is_everything(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its power is nothing: without a warning that would reach the user's terminal."""
+    found = SimpleNamespace(power=np.float64(10.0), doubt=np.float64(1.0), statistic=2.0)
+    monkeypatch.setattr(judge_module, "unexplained", lambda *_: found)
+    run: Any = SimpleNamespace(error=np.array([-9.0, 9.0]))
+    evidence: Any = SimpleNamespace(record=SimpleNamespace(y=np.zeros(2)), dt=1.0)
+    part = judge_module.Part.of(evidence, run, slice(0, 2), 0.0)
+    assert part.is_sure
+    assert part.is_large
+    assert part.size > 1e300

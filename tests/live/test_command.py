@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import signal
 import socket
 import subprocess
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -112,6 +114,32 @@ def test_lines_over_tcp_with_stamps_and_numbers(tmp_path: Path) -> None:
     loaded = checkpoint.load(tmp_path / "rig")
     assert loaded.identifier.to_bytes() == learned(U, Y, T).to_bytes()
     assert loaded.progress["sequence"] == U.size - 1
+
+
+def test_lines_over_a_serial_port(tmp_path: Path) -> None:
+    pty = pytest.importorskip("pty", reason="this system has no pseudo-terminals")
+    tty = pytest.importorskip("tty", reason="this system has no pseudo-terminals")
+    pytest.importorskip("serial", reason="pyserial is not installed")
+    board, port = pty.openpty()
+    tty.setraw(port)
+    path = tmp_path / "rig"
+
+    def send() -> None:
+        rest = memoryview(b"half a li\n" + b"".join(lines(U, Y, T, first=0)))
+        while rest:
+            rest = rest[os.write(board, rest[:1024]) :]
+
+    with live(f"serial://{os.ttyname(port)}", "--checkpoint", path, "--samples", U.size) as process:
+        assert process.stderr is not None
+        while b"samples" not in process.stderr.readline():  # until it listens
+            assert process.poll() is None
+        threading.Thread(target=send, daemon=True).start()
+        code, out, _ = finished(process)
+    os.close(port)
+    os.close(board)
+    assert code == 0
+    assert "1 cut off" in out
+    assert checkpoint.load(path).identifier.to_bytes() == learned(U, Y, T).to_bytes()
 
 
 def test_datagrams_in_and_estimates_out(tmp_path: Path) -> None:

@@ -79,9 +79,9 @@ SENSOR = {
     [(slow, SLOW, fault) for fault in SENSOR] + [(light, LIGHT, fault) for fault in SENSOR if fault != "saturated"],
 )
 def test_a_sensor_that_fails_is_told_within_two_seconds_and_the_parameters_hold(
-    make_record: Callable[[int], tuple[np.ndarray, np.ndarray]], request_: Request, fault: str
+    make_record: Callable[[int, int], tuple[np.ndarray, np.ndarray]], request_: Request, fault: str
 ) -> None:
-    u, y = make_record(GOOD + 12_000)
+    u, y = make_record(GOOD + 12_000, 1)
     failing = slice(GOOD, GOOD + 6_000)
     y[failing] = SENSOR[fault](y[failing])
     before, *after = told(request_, u, y)

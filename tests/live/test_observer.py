@@ -152,6 +152,20 @@ def test_signals_that_end_a_session_do_not_reach_it(observer: Observer, number: 
     assert observer._process.pid == process
 
 
+def test_what_is_said_before_the_first_view_is_shown_at_once(capfd: pytest.CaptureFixture) -> None:
+    """As that kernels are being compiled, which is over when there is something to look at."""
+    started = Observer(Orders(terminal=True))
+    try:
+        started.show("replant: compiling")
+        assert capfd.readouterr().err == "replant: compiling\n"
+        seen(started, identifier(300))
+        started.show("replant: later")
+        seen(started, identifier(400))
+        assert "replant: later\n" in capfd.readouterr().err
+    finally:
+        started.close()
+
+
 def test_it_goes_away_with_its_session() -> None:
     """However that ends; a signal would not end it."""
     program = """

@@ -80,6 +80,14 @@ def test_a_device_that_starts_anew_is_followed() -> None:
     assert ["clock" in line for line in observer.shown] == [True]
 
 
+def test_why_no_sample_comes_is_said_once_a_minute() -> None:
+    source = FakeSource(np.zeros(0), np.zeros(0), endless=True)
+    source.trouble = "Connection refused"
+    session, observer = make(source, limits=Limits(seconds=0.1))
+    session.run()
+    assert observer.shown == ["replant: fake://: Connection refused; trying again"]
+
+
 # --- when it ends
 
 

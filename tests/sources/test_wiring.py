@@ -25,8 +25,8 @@ BOARD = Path(__file__).parent / "arduino"
 
 
 def block(language: str) -> str:
-    """The page's only block of code in this language."""
-    (code,) = re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+    """The only block of code in this language in the part on wiring."""
+    (code,) = re.findall(rf"```{language}\n(.*?)```", PAGE.partition("# Wiring a rig")[2], re.DOTALL)
     return str(code)
 
 
@@ -110,7 +110,7 @@ def test_every_kind_of_url_is_on_the_page() -> None:
 def test_the_reasons_on_the_page_are_those_that_are_counted() -> None:
     """Each reason that the page quotes stands in the sources' code."""
     code = "".join(path.read_text() for path in Path(rp.__file__).parent.joinpath("sources").glob("*.py"))
-    table = PAGE.partition("## What goes wrong")[2].partition("\n## ")[0]
+    table = PAGE.partition("## What goes wrong on a wire")[2].partition("\n## ")[0]
     quoted = set(re.findall(r'"([^"]+)"', table))
     assert {"duplicate", "lost", "too long", "cut off"} <= quoted
     assert {reason for reason in quoted if f'"{reason}"' not in code} == set()

@@ -194,7 +194,7 @@ class Part:
         """Test a run over ``rows``."""
         found = unexplained(run, rows, evidence.dt, surplus)
         output, error = float(np.var(evidence.record.y[rows])), float(np.var(run.error[rows]))
-        power = max(output, np.finfo(float).tiny)
+        power = max(output, float(np.finfo(float).tiny))
         # as Python's numbers, which become infinite without a warning where the output stands still
         return cls(min(float(found.power), error) / power, float(found.doubt) / power, found.statistic)
 

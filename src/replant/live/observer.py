@@ -95,8 +95,8 @@ class Observer:
         return self._view
 
     def show(self, line: str) -> None:
-        """Have a line shown at the terminal, above the status where there is one."""
-        if self._alive and self._orders.terminal:
+        """Have a line shown at the terminal, above the status once there is one: the first handover draws it."""
+        if self._alive and self._orders.terminal and self._knows_state:
             self._lines.append(line)
         else:
             _print(line)

@@ -176,6 +176,8 @@ class Session:
         """Do what is due besides learning."""
         for name in self._observer.poll():
             self._obey(name)
+        if self.source.trouble:
+            self._notices.say("source", f"replant: {self.source.name}: {self.source.trouble}; trying again")
         self._hear()
         self._send(now)
         if self._observer.hand(self.identifier, self.pulse, learned=self._learned):
@@ -302,17 +304,20 @@ class _Meter:
     """Samples a second, and how long they took from the wire into the estimate."""
 
     def __init__(self) -> None:
-        self._since, self._samples, self._rate, self._lag = time.monotonic(), 0, 0.0, 0.0
+        self._since: float | None = None  # nothing has come yet
+        self._samples, self._rate, self._lag = 0, 0.0, 0.0
 
     def count(self, samples: int, arrived: float) -> None:
         """Count samples that were just learned, the newest of which had arrived then."""
+        now = time.monotonic()
+        self._since = now if self._since is None else self._since
         self._samples += samples
-        self._lag = max(self._lag, time.monotonic() - arrived)
+        self._lag = max(self._lag, now - arrived)
 
     def read(self) -> tuple[float, float]:
         """Return the rate over about a second, and the longest lag since it was forgotten."""
         now = time.monotonic()
-        if now - self._since >= 1.0:
+        if self._since is not None and now - self._since >= 1.0:
             self._rate, self._samples, self._since = self._samples / (now - self._since), 0, now
         return self._rate, self._lag
 

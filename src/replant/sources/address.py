@@ -126,8 +126,15 @@ def split(url: str) -> Address:
 
 
 def shown(parts: SplitResult) -> str:
-    """Return the URL without its password."""
-    return parts.geturl() if parts.password is None else parts.geturl().replace(f":{parts.password}@", "@", 1)
+    """Return the URL without its password.
+
+    Examples
+    --------
+    >>> shown(urlsplit("mqtt://me:secret@rig/1")), shown(urlsplit("serial:///dev/ttyUSB0"))
+    ('mqtt://me@rig/1', 'serial:///dev/ttyUSB0')
+    """
+    url = parts.geturl() if parts.netloc else parts.geturl().replace(":", "://", 1)  # geturl leaves an empty host out
+    return url if parts.password is None else url.replace(f":{parts.password}@", "@", 1)
 
 
 def options_of(name: str, query: str) -> dict[str, str]:

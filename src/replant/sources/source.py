@@ -18,9 +18,12 @@ class Source(Protocol):
     ----------
     name : str
         The URL it was opened by, without password: for people.
+    trouble : str
+        Why it is not connected, for people; empty where it is.
     """
 
     name: str
+    trouble: str
 
     def batches(self) -> Iterator[Batch]:
         """Yield samples as they come, an empty batch at least every 0.1 s when none do.
