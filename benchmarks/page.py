@@ -7,6 +7,7 @@ from typing import Any
 
 Figures = dict[str, Any]
 
+BUFFERS = {"none": "no replay", "one seed": "replay, one seed", "own seeds": "replay, own seeds"}
 HEAD = """# Performance
 
 Written by `make bench` from one run; do not edit. Times are of this machine; what to compare are the ratios, each
@@ -113,7 +114,29 @@ def peers(figures: Figures) -> str:
 
 
 def ensembles(figures: Figures) -> str:
-    return str(figures["markdown"])
+    def cells(row: Figures) -> list[str]:
+        name = f"{row['optimizer']}, {BUFFERS[row['buffer']]}"
+        return [name, str(row["members"]), f"{row['updates_per_second'] / 1e6:.1f}", quartiles(row)]
+
+    def quartiles(row: Figures) -> str:
+        low, high = row["quartiles"]
+        return f"{row['ratio']:.2f} ({low:.2f}..{high:.2f})"
+
+    text = (
+        "`Ensemble` steps eight members in one vector. Updates/s of all members together, on one thread, and their "
+        "ratio to one identifier in the same run.\n\n"
+    )
+    alone = table(["", "members", "10^6 updates/s", "ratio"], map(cells, figures["one_thread"]))
+    several = [
+        [*cells(row)[:2], str(row["threads"]), *cells(row)[2:], f"{row['processors']:.2f}", f"{row['efficiency']:.2f}"]
+        for row in figures["threads"]
+    ]
+    head = ["", "members", "threads", "10^6 updates/s", "ratio to one thread", "processors had", "efficiency"]
+    explained = (
+        "\nOn several threads, by the clock: that ratio needs an idle machine. Beside it how many processors the "
+        "process had meanwhile, and its processor time on one thread by that on several.\n\n"
+    )
+    return text + alone + explained + table(head, several)
 
 
 def streaming(figures: Figures) -> str:

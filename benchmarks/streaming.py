@@ -37,6 +37,7 @@ PREPROCESS = Preprocess("identity", "mean", "mean")  # as `replant run` has it
 BLOCK = 1 << 18
 MOST_IN_MEMORY = 20_000_000  # rows beyond which there is no comparison with memory
 FORMATS = ("parquet", "csv")
+MOST_RATIO, MOST_RESIDENT = {"parquet": 1.5, "csv": 2.5}, 500.0  # to rows in memory; MB
 
 
 def measure(rows: int = 10_000_000, repeats: int = 3) -> dict[str, Any]:
@@ -59,6 +60,10 @@ def measure(rows: int = 10_000_000, repeats: int = 3) -> dict[str, Any]:
             pairs = list(zip(found, runs["memory"], strict=False))
             for key, ratio in (("seconds", "ratio"), ("processor_seconds", "processor_ratio")):
                 result[name][ratio] = spread([one[key] / other[key] for one, other in pairs])
+    result["holds"] = all(
+        result[name]["resident_mb"] <= MOST_RESIDENT and result[name].get("ratio", 0.0) <= MOST_RATIO[name]
+        for name in FORMATS
+    )
     return result
 
 
