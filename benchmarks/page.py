@@ -141,19 +141,25 @@ def ensembles(figures: Figures) -> str:
 
 def streaming(figures: Figures) -> str:
     names = [name for name in ("memory", "parquet", "csv") if name in figures]
+
+    def cell(name: str, key: str, form: str, unit: float = 1.0) -> str:
+        found = figures[name].get(key)
+        return format(found["median"] / unit, form) if found else ""
+
+    labels = {"memory": "rows in memory", "parquet": "Parquet", "csv": "CSV"}
     rows = [
         [
-            {"memory": "rows in memory"}.get(name, name.upper() if name == "csv" else name.capitalize()),
-            f"{figures[name]['seconds']:.1f}",
-            f"{figures[name]['samples_per_second'] / 1e6:.2f}",
-            f"{figures[name]['ratio']:.2f}" if "ratio" in figures[name] else "",
-            f"{figures[name]['resident_mb']:.0f}" if "resident_mb" in figures[name] else "",
-            f"{figures[name]['file_mb']:.0f}" if "file_mb" in figures[name] else "",
+            labels[name],
+            cell(name, "seconds", ".1f"),
+            cell(name, "samples_per_second", ".2f", 1e6),
+            cell(name, "ratio", ".2f"),
+            cell(name, "processor_ratio", ".2f"),
+            cell(name, "resident_mb", ".0f"),
         ]
         for name in names
     ]
     text = f"{figures['rows']:,} rows of time, input and output through the default method (`replant run`).\n\n"
-    return text + table(["from", "s", "10^6 samples/s", "ratio to memory", "resident MB", "file MB"], rows)
+    return text + table(["from", "s", "10^6 samples/s", "ratio to memory", "of processor time", "resident MB"], rows)
 
 
 def scaling(figures: Figures) -> str:
