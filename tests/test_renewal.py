@@ -82,3 +82,22 @@ def test_tracking_is_not_trusted_while_it_is_wrong(factor: float, entry: int) ->
         wrong = np.abs(ident.parameters / true - 1.0).max() > 0.1
         assert not (wrong and k > 3200 and ident.assess().status == "trusted")
     assert np.abs(ident.parameters / true - 1.0).max() < 0.1
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.5])
+def test_a_gain_that_jumps_while_the_input_rests_is_no_disturbance(factor: float) -> None:
+    """Until the input has moved another gain looks like another constant; nothing is trusted meanwhile."""
+    dt, plant, after = 1e-3, rp.TransferFunction([2.0], [1.0, 2.0]), rp.TransferFunction([2.0 * factor], [1.0, 2.0])
+    u = binary(4, 30_000, 300)
+    before, then = plant.simulate(u[:20_000], dt), after.simulate(u, dt)[20_000:]
+    end = before[-1] - after.simulate(u[:20_001], dt)[-1]
+    y = np.concatenate([before, then + end * np.exp(-2.0 * dt * np.arange(10_000))])
+    ident = rp.Identifier(rp.Structure(1), dt)
+    noisy = y + 0.01 * np.random.default_rng(1).standard_normal(30_000)
+    ident.update_many(u[:20_000], noisy[:20_000])
+    for k in range(20_000, 30_000, 250):
+        ident.update_many(u[k : k + 250], noisy[k : k + 250])
+        away = np.abs(ident.parameters / [2.0, 2.0 * factor] - 1.0).max()
+        assert away < 0.05 or ident.assess().status != "trusted"
+    assert away < 0.01
+    assert ident.assess().status == "trusted"

@@ -11,6 +11,8 @@ from replant.refined import Record
 from replant.settings import Settings
 from replant.state import State
 
+# Where the input hardly moves, another gain looks like another constant: a gain this part larger would have to show.
+TELLING = 0.2
 KEPT = (at.OUTLIERS, at.STUCK, at.RESTED, at.GAPS)  # counters of samples, each of which is counted once
 
 
@@ -36,6 +38,9 @@ def only_constant_moved(state: State, settings: Settings, record: Record) -> boo
     if not known.any():
         return False
     unforced, nuisances = (record.y - run.forced)[known], run.nuisances[known]
+    by_input = without(run.forced[known][:, None], nuisances)
+    if not TELLING**2 * np.mean(by_input**2) > guard.GROWN * usual:
+        return False
     as_before = unforced - physical[constant] * nuisances[:, 0]
     left = np.mean(without(unforced[:, None], nuisances) ** 2)
     left_as_before = np.mean(without(as_before[:, None], nuisances[:, 1:]) ** 2)

@@ -87,6 +87,7 @@ class Identifier(Estimate):
 
     Examples
     --------
+    >>> from replant import Structure, TransferFunction
     >>> true = TransferFunction([2.0], [1.0, 0.5])
     >>> u = np.where(np.arange(4000) // 125 % 2 == 0, 1.0, -1.0)
     >>> y = true.simulate(u, dt=0.01)

@@ -34,6 +34,7 @@ BEGINNINGS = 0.125, 0.25  # parts of what came since, after which whatever has m
 EARLIEST = 0.25  # of a start-up, after which it is looked into first,
 LATEST = 2.0  # ... and after which it is no longer believed,
 WORSE, EARLIER = 0.8, 0.5  # or earlier if a model of what came since is hardly better than the present one
+SETTLED = 10.0  # slowest time constants: an input that moves seldom must have moved meanwhile
 MATURE = 8  # start-ups: an estimate from fewer may itself have gone astray; the record goes on to be solved again
 PATIENCE = 1.5  # each look takes so many times the samples of the one before
 
@@ -113,7 +114,8 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     old.ints[at.ALARM] = guard.FLOATS if rests else guard.LOOKED_INTO
     if rests:
         return old, later
-    if share >= BETTER and length >= (LATEST if share < WORSE else EARLIER) * settings.startup:
+    enough = max((LATEST if share < WORSE else EARLIER) * settings.startup, _settling(old, settings))
+    if share >= BETTER and length >= enough:
         _believe_residual(old)
         return old, 0
     if length > RECENT // 2:  # it may have changed once more
@@ -167,6 +169,13 @@ def _least(settings: Settings) -> int:
 
 def _began(state: State) -> int:
     return max(int(state.ints[at.CHANGE_BEGAN]), int(state.ints[at.GAP_AT]), int(state.ints[at.ORIGIN]))
+
+
+def _settling(state: State, settings: Settings) -> float:
+    """Return how many samples the plant needs to show what it has become, at the most half of those kept."""
+    denominator = np.concatenate([[1.0], (state.theta * state.unit)[: settings.structure.poles]])
+    slowest = -float(np.roots(denominator).real.max())
+    return min(SETTLED / (slowest * settings.dt), RECENT / 2) if slowest > 0.0 else RECENT / 2
 
 
 def _is_mature(state: State, settings: Settings) -> bool:

@@ -235,8 +235,8 @@ def without_spikes(y: FloatArray) -> FloatArray:
 
     Examples
     --------
-    >>> without_spikes(np.array([0.0, 1.0, 2.0, 1e6, 1.0, 0.0, 1.0]))
-    array([0., 1., 2., 1., 1., 0., 1.])
+    >>> without_spikes(np.array([0.0, 1.0, 2.0, 3.0, 1e6, 4.0, 5.0, 6.0]))
+    array([0., 1., 2., 3., 4., 4., 5., 6.])
     """
     if y.size < SPIKE_NEIGHBOURS or not np.isfinite(y).all():
         return y
