@@ -10,10 +10,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from replant.live.view import View
-from replant.report.summary import fraction, true_parameters
+from replant.report.numbers import off_by
+from replant.report.summary import fraction, true_parameters, wrapped
 from replant.transfer_function import TransferFunction
 
 LINES_APART = 5.0  # s between two lines where nobody watches
+REASONS_WIDTH = 71  # columns, where a terminal has 80
 #: Of each verdict: a shape and a colour, that either alone may tell.
 LOOKS = {
     "trusted": ("●", "green"),
@@ -107,7 +109,7 @@ def screen(view: View, truth: TransferFunction | None = None, *, running: bool =
         rows += [Text(""), _coefficients(view, truth), Text("")]
         rows.append(Text(f"DC gain  {_figure(view.dc_gain, view.dc_gain_std)}    {_fit(view)}"))
     rows.append(Text.assemble("Verdict  ", (f"{shape} {view.verdict}", f"bold {colour}"), frozen))
-    rows += [Padding(Text(reason), (0, 0, 0, 9)) for reason in view.reasons]
+    rows += [Padding(Text(line), (0, 0, 0, 9)) for reason in view.reasons for line in wrapped(reason, REASONS_WIDTH)]
     if running:
         rows.append(Text("Ctrl-C ends", style="dim"))
     return Group(*rows)
@@ -147,7 +149,7 @@ def _coefficients(view: View, truth: TransferFunction | None) -> Any:
         value, std = float(view.parameters[i]), float(view.std[i])
         cells = [name, f"{value:.5g}", f"{std:.2g}" if math.isfinite(std) else "unknown"]
         if i < len(true):
-            cells += [f"{true[i]:.5g}", f"{100 * (value / true[i] - 1):+.2f} %" if true[i] else ""]
+            cells += [f"{true[i]:.5g}", off_by(value, true[i])]
         table.add_row(*cells)
     return table
 
