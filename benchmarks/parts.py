@@ -80,8 +80,10 @@ def run_kalman(theta, memory, settings, buffer, rows, direction, interval):
 
 def compile_parts(folder: Path) -> ctypes.CDLL:
     """Build parts.c with a header of our layout."""
-    lines = [f"#define {name} {value}" for name, value in vars(at).items() if name.isupper() and type(value) is int]
     names = ("DENOMINATOR", "OUTPUT", "INPUT", "MODEL", "IMPULSE", "CHANNELS", "KEPT", "MODEL_OUTPUT")
+    slots = {name: value for name, value in vars(at).items() if name.isupper() and type(value) is int}
+    slots = {name: value for name, value in slots.items() if name not in names}
+    lines = [f"#define {name} {value}" for name, value in slots.items()]
     lines += [f"#define {name} {getattr(bk, name)}" for name in names] + [f"#define CONSTANT_CHANNEL {bk.CONSTANT}"]
     (folder / "layout.h").write_text("\n".join(lines) + "\n")
     source, library = Path(__file__).with_name("parts.c"), folder / "parts.so"

@@ -26,8 +26,8 @@ from replant.structure import Structure
 from replant.trace import Trace
 from replant.validation import FloatArray, number, record, vector
 
-#: Attributes that follow from the others.
-DERIVED = {"_ints", "_kernel", "_mapped", "_step", "_steps"}
+NAN, ATTENTION = math.nan, at.ATTENTION  # looked up at every sample
+DERIVED = {"_ints", "_kernel", "_mapped", "_step", "_steps"}  # attributes that follow from the others
 
 if TYPE_CHECKING:
     from replant.checkpoint.encoding import Progress
@@ -208,13 +208,13 @@ class Identifier(Estimate):
             u = number("u", u)
         if type(y) is not float:
             y = number("y", y)
-        t = math.nan if t is None else self._stamp(t)
+        t = NAN if t is None else self._stamp(t)
         if self._settings is None:
             return self._hold_back(u, y, t)
         if self._mapped:
             u = float(self._request.preprocess.call_map(np.array([u]))[0])
         error: float = self._step(u, y, t)
-        if self._ints[at.ATTENTION]:
+        if self._ints[ATTENTION]:
             self._attend()
         return error
 
@@ -238,8 +238,7 @@ class Identifier(Estimate):
         trace = Trace(self.names, self.parameters, np.empty((u.size, self.structure.size)), np.full(u.size, np.nan))
         taken = 0
         while self._settings is None and taken < u.size:
-            stamp = float(t[taken]) if t.size else math.nan
-            trace.errors[taken] = self._hold_back(float(u[taken]), float(y[taken]), stamp)
+            trace.errors[taken] = self._hold_back(float(u[taken]), float(y[taken]), float(t[taken]) if t.size else NAN)
             trace.parameters[taken] = self.parameters
             taken += 1
         if taken < u.size and self._mapped:
@@ -264,7 +263,7 @@ class Identifier(Estimate):
         state, settings = self._state, self._settings
         assert settings is not None
         samples = int(state.ints[at.SAMPLES])
-        state.ints[at.DUE] = state.ints[at.ATTENTION] = 0  # what is learned once more meanwhile is not to stop for it
+        state.ints[at.DUE] = state.ints[at.ATTENTION] = 0  # what is learned again is not to stop for it
         if state.ints[at.ALARM] == 1:
             state.ints[at.LOOK_AT] = first_look(state, settings)
         if samples == self._resolve_at:

@@ -158,16 +158,17 @@ def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
         phi, along = buffer[rows[k]], buffer[rows[k]][direction:]
         y, weight = phi[P], period * phi[P + 1]
         for i in range(P):
-            total = Q[i]
+            total, row = Q[i], R[i * P : i * P + P]
             for j in range(P):
-                total += R[i * P + j] * theta[j]
+                total += row[j] * theta[j]
             slope[i] = total
         for i in range(P):
             theta[i] -= period * gain * slope[i]
             weighted = weight * along[i]
             Q[i] = keep * Q[i] - weighted * y
+            row = R[i * P : i * P + P]
             for j in range(P):
-                R[i * P + j] = keep * R[i * P + j] + weighted * phi[j]
+                row[j] = keep * row[j] + weighted * phi[j]
 
 
 @cut
