@@ -101,3 +101,17 @@ def test_a_gain_that_jumps_while_the_input_rests_is_no_disturbance(factor: float
         assert away < 0.05 or ident.assess().status != "trusted"
     assert away < 0.01
     assert ident.assess().status == "trusted"
+
+
+def test_the_verdict_can_be_asked_for_at_every_sample_of_an_alarm_and_after() -> None:
+    """Where the record begins anew there is but one sample to judge by: nothing to trust, and nothing to fail on."""
+    u = binary(1, 6000, 8)
+    y = PLANT.simulate(u, DT)
+    y += 0.05 * y.std() * np.random.default_rng(0).standard_normal(6000)
+    y[5500:5700] = 0.05 * y.std() * np.random.default_rng(1).standard_normal(200)
+    ident = rp.Identifier(rp.Structure(2), DT)
+    ident.update_many(u[:5500], y[:5500])
+    for k in range(5500, 6000):
+        ident.update(u[k], y[k])
+        status = ident.assess().status
+        assert not (5600 < k < 5700 and status == "trusted")

@@ -60,7 +60,8 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
     ints, dt, size = state.ints, settings.dt, settings.structure.size
     origin, samples = int(ints[at.ORIGIN]), int(ints[at.SAMPLES])
     kept = cleaned(unrolled(state))
-    kept = kept[max(len(kept) - (samples - max(origin, int(ints[at.GAP_AT]))), 0) :]
+    # the newest one at the least, where the record begins anew just now
+    kept = kept[-max(samples - max(origin, int(ints[at.GAP_AT])), 1) :]
     record = _record(since_last_gap(kept, dt), dt, settings.filter.input_hold)
     learned, earlier = earlier_estimate(state, size)
     known = covariance(state, settings)
