@@ -179,7 +179,10 @@ def test_a_network_that_fails_for_a_moment(
         cable.cut()
     expected = [*range(10), *range(10 if qos else 20, 30)]
     assert reading.column("sequence").tolist() == expected
-    assert reading.source.counters == {"reconnects": 1, **({} if qos else {"lost": 10})}
+    counters = dict(reading.source.counters)
+    # what was on its way as the cable was cut may come twice with qos 1; each sample is still used once
+    assert not counters.pop("duplicate", 0) or qos == 1
+    assert counters == {"reconnects": 1, **({} if qos else {"lost": 10})}
 
 
 def test_a_broker_that_comes_later_is_waited_for(broker: Broker, read: Callable[..., Reading]) -> None:

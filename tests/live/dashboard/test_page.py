@@ -256,7 +256,7 @@ def test_the_page_keeps_no_past(browser, dashboard: Dashboard, feed: Feed, monke
 
     before, after = held_after(30), held_after(150)
     opened.close()
-    assert after[0] < before[0] + 0.5  # MB; 150 views are 8
+    assert after[0] < before[0] + 4.0  # MB; 150 views are 8, and what the browser itself keeps for later comes and goes
     assert after[1] < before[1] + 100
     assert after[2] <= before[2] + 2
     assert opened.complaints == []
