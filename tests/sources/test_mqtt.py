@@ -154,7 +154,9 @@ def test_the_broker_killed_and_started_again(
     reading.wait_counted("duplicate", 3)
     reading.stop()
     assert reading.column("sequence").tolist() == list(range(40))
-    assert reading.source.counters == {"reconnects": 3, "duplicate": 3}
+    counters = dict(reading.source.counters)
+    assert counters.pop("duplicate") >= 3  # the broker, too, may send again what it was killed over
+    assert counters == {"reconnects": 3}
 
 
 @pytest.mark.parametrize("qos", [0, 1])
