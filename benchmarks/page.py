@@ -22,13 +22,13 @@ Counted by hand for AMSGrad with five parameters, one row of the buffer:
 * **Dependent operations.** The next update needs the parameters that this one leaves, so latencies add up: the
   prediction (one product, then five sums in their order: about 24 cycles), the error and its weight (8), the gradient
   (4), its square into v (12), the maximum (4), the square root (19), the sum and the division (17), the new parameter
-  (4): some 90 cycles, about 27 ns at 3.4 GHz. That is the limit that is met: the operations themselves, 14
+  (4): some 90 cycles. That is the limit that is met: the operations themselves, 14
   multiplications and sums an entry and a square root and a division for four entries at a time, would take about 30
   cycles.
 * **Memory.** A row is P + 2 numbers, 56 bytes, one or two cache lines: regressor, output and 1/m^2 lie side by side.
   Which rows a sample draws is known before the first of them is learned, and nothing that is learned decides where the
   next row lies: the processor fetches rows ahead while the chain above runs. A buffer in the second-level cache costs
-  nothing, one in main memory about 80 ns / (number of fetches in flight, ten or more).
+  nothing, one in main memory the latency of memory over the number of fetches in flight.
 * **One call from Python** costs what the interpreter and the passing of arguments cost; the kernel itself is a small
   part of it. Where samples come in groups, `update_many` does not pay it.
 """

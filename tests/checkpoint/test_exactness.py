@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 import replant as rp
 from builders import random_plant, record
-from replant.checkpoint.encoding import ATTRIBUTES, DERIVED, HELD, RUNNING, STATE
+from replant.checkpoint.encoding import ATTRIBUTES, HELD, RUNNING, STATE
+from replant.identifier import DERIVED
 from replant.optimizers import OPTIMIZERS
 
 DT, STARTUP, SAMPLES = 0.1, 30, 150

@@ -48,8 +48,6 @@ ATTRIBUTES: dict[str, type | tuple[type, ...]] = {
 RUNNING: dict[str, type] = {"_regular": bool}
 #: Kept as arrays.
 HELD, STATE = "_held", "_state"
-#: Follow from the others.
-DERIVED = {"_ints", "_kernel", "_mapped", "_step", "_steps"}
 
 #: The arrays of a running identifier, in their order, and of one that is starting.
 STATE_ARRAYS = tuple(field.name for field in fields(State))

@@ -101,7 +101,6 @@ OUTPUT_SCALE = 2  # sigma_y
 LAST_OUTPUT = 3  # y[k-1]
 DELAY = 4  # dead time, s
 INTERVAL = 5  # nominal sampling time, s
-ALPHA = 6  # of the generalised bilinear transform
 ELAPSED = 7  # s since the first sample
 READY = 8  # when the warming bank takes over, s since the first sample
 INPUT_NOW = 9  # the delayed input at the newest sample
@@ -129,8 +128,8 @@ STILL_MODEL = 30  # the modelled output when the measured one began to stand sti
 STUCK_AT = 31  # the output at which the sensor was last found stuck, or at the end of its scale
 EARLIER_TIME = 32  # the newest stamp that lay before LAST_TIME
 ANCHOR = 33  # the input when it last moved
-STUCK_ALSO = 34  # the one before that: a scale has two ends
-SCALARS = 35
+STUCK_ALSO = 6  # the one before that: a scale has two ends
+SCALARS = 34
 
 # Columns of the raw samples kept; only a guarded state has the last two.
 INPUT, OUTPUT, STEP, BRIDGED, DOUBTED = range(5)
