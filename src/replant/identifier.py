@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,14 +20,14 @@ from replant.renewal import RECENT, REGULAR, first_look, look, next_solution, so
 from replant.replay import Replay
 from replant.scaling import Scaling
 from replant.settings import AUTO, Request, Settings
-from replant.startup import LARGEST, first_model, kernels_for, ready_record, seed, single, warm_up, without_spikes
+from replant.startup import LARGEST, Step, first_model, kernels_for, ready_record, seed, single, warm_up, without_spikes
 from replant.state import State
 from replant.structure import Structure
 from replant.trace import Trace
-from replant.validation import FloatArray, number, record, vector
+from replant.validation import FloatArray, number, record, stamps_of
 
-NAN, ATTENTION = math.nan, at.ATTENTION  # looked up at every sample
-DERIVED = {"_ints", "_kernel", "_mapped", "_step", "_steps"}  # attributes that follow from the others
+NAN = math.nan  # looked up at every sample
+DERIVED = {"_kernel", "_mapped", "_step", "_steps"}  # attributes that follow from the others
 
 if TYPE_CHECKING:
     from replant.checkpoint.encoding import Progress
@@ -127,6 +127,7 @@ class Identifier(Estimate):
         self._held_rejects = dict.fromkeys(REASONS, 0)
         self._resolve_at = 0  # accepted samples at which to solve the record again; 0: not planned
         self._state: State
+        self._step: Step = self._hold_back  # what takes the next sample
         if self._request.asks_for_data:
             self._hold = max(self._request.startup, self._request.least_startup)
         else:
@@ -183,6 +184,7 @@ class Identifier(Estimate):
 
     def __setstate__(self, attributes: dict[str, Any]) -> None:
         self.__dict__.update(attributes)
+        self._step = self._hold_back
         if self._settings is not None:
             self._work_on(self._state, regular=self._regular)
 
@@ -209,14 +211,12 @@ class Identifier(Estimate):
         if type(y) is not float:
             y = number("y", y)
         t = NAN if t is None else self._stamp(t)
-        if self._settings is None:
-            return self._hold_back(u, y, t)
-        if self._mapped:
-            u = float(self._request.preprocess.call_map(np.array([u]))[0])
-        error: float = self._step(u, y, t)
-        if self._ints[ATTENTION]:
+        try:
+            return self._step(u, y, t)
+        except at.Attention:
+            error = float(self._state.reals[at.ERROR] * self._state.reals[at.OUTPUT_SCALE])
             self._attend()
-        return error
+            return error
 
     def update_many(self, u: Any, y: Any, t: Any = None) -> Trace:
         """Take a chunk of samples in compiled code: equal, to the bit, to a loop of `update`.
@@ -250,10 +250,8 @@ class Identifier(Estimate):
     def _take(self, u: FloatArray, y: FloatArray, t: FloatArray, errors: FloatArray, parameters: FloatArray) -> int:
         """Run a chunk, up to where something is to be looked into; do so, and return how many samples were taken."""
         state = self._state
-        taken: int = self._steps(
-            state.ints, state.reals, state.banks, state.buffer, state.recent, u, y, t, errors, parameters
-        )
-        if self._ints[at.ATTENTION]:
+        taken: int = self._steps(*state.arrays, u, y, t, errors, parameters)
+        if state.ints[at.ATTENTION]:
             self._attend()
             parameters[taken - 1] = self.parameters
         return taken
@@ -323,9 +321,7 @@ class Identifier(Estimate):
     def _stamps(self, t: Any, samples: int) -> FloatArray:
         if t is None:
             return REGULAR
-        stamps = vector("t", t)
-        if stamps.size != samples:
-            raise InvalidArgumentError(f"t must have one stamp for each of {samples} samples, got {stamps.size}")
+        stamps = stamps_of(t, samples)
         self._stamp(0.0)
         return np.where(np.isfinite(stamps), stamps, np.inf)
 
@@ -377,14 +373,18 @@ class Identifier(Estimate):
         """Go on with this state: choose who takes its samples; those for a regular clock do until the first stamp."""
         self._state, self._regular = state, regular
         self._mapped = callable(self._request.preprocess.input_map)
-        self._ints = state.ints.data  # quicker to look into than the array
         self._kernel, self._steps = kernels_for(state, regular=regular)
-        self._step: Callable[[float, float, float], float] = self._first_step
+        self._step = self._first_step
 
     def _first_step(self, u: float, y: float, t: float) -> float:
         """Take a sample; what takes the next ones is compiled here, which who takes many at once never needs."""
-        self._step = single(self._state, self._kernel)
+        step = single(self._state, self._kernel)
+        self._step = partial(self._mapped_step, step) if self._mapped else step
         return self._step(u, y, t)
+
+    def _mapped_step(self, step: Step, u: float, y: float, t: float) -> float:
+        """Take a sample whose input goes through a function of the user's."""
+        return step(float(self._request.preprocess.call_map(np.array([u]))[0]), y, t)
 
     def _warm_up(self, u: FloatArray, y: FloatArray, t: FloatArray, *, learn: bool) -> FloatArray:
         errors = warm_up(self._state, u, y, REGULAR if np.isnan(t).any() else t, learn=learn)

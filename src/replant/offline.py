@@ -22,7 +22,7 @@ from replant.startup import first_model, ready_record
 from replant.structure import Structure
 from replant.transfer_function import TransferFunction
 from replant.uncertainty import Uncertainty
-from replant.validation import FloatArray, one_of, record, vector
+from replant.validation import FloatArray, one_of, record, stamps_of
 
 METHODS = (AUTO, "srivc", "least_squares")
 
@@ -180,9 +180,7 @@ def _stamps(t: Any, samples: int) -> FloatArray | None:
     """Return time stamps, checked, or None for a regular clock."""
     if t is None:
         return None
-    stamps = vector("t", t)
-    if stamps.size != samples:
-        raise InvalidArgumentError(f"t must have one stamp for each of {samples} samples, got {stamps.size}")
+    stamps = stamps_of(t, samples)
     if not np.isfinite(stamps).all() or not (np.diff(stamps) > 0).all():
         raise InvalidArgumentError("t must be finite and strictly increasing")
     return stamps

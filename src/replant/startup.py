@@ -19,6 +19,8 @@ from replant.state import State
 from replant.structure import Structure
 from replant.validation import FloatArray
 
+Step = Callable[[float, float, float], float]  # takes a sample (u, y, t) and returns its error
+
 LARGEST = 20_000  # samples held back at the most, before a start-up that does not suffice is taken as it is
 LIMIT = 50.0  # usual variances by which the residual must have exceeded what is no growth, summed, to be looked into
 SHORTEST_MEMORY = 100  # samples of an input that stands still, before which it does not rest
@@ -44,14 +46,14 @@ def kernels_for(state: State, *, regular: bool) -> tuple[Callable[..., Any], Cal
     return step.gradient_step, step.gradient_steps
 
 
-def single(state: State, kernel: Callable[..., Any]) -> Callable[[float, float, float], float]:
+def single(state: State, kernel: Callable[..., Any]) -> Step:
     """Return what takes one sample of this state as ``kernel`` does, without passing its arrays.
 
     It takes three floats and nothing else: types are not looked at.  See `replant.kernels.direct`.
     """
     from replant.kernels import direct
 
-    table = direct.table_of(state.ints, state.reals, state.banks, state.buffer, state.recent)
+    table = direct.table_of(*state.arrays)
     call = partial(direct.entry_of(direct.WITHOUT_ARRAYS[kernel]), int(table.ctypes.data))
     call.keeps = table, state  # type: ignore[attr-defined]  # what is pointed to lives as long as who points there
     return call
@@ -67,7 +69,7 @@ def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn:
     errors, unseen = np.empty(u.size), np.empty((u.size, 0))
     rested = state.ints[at.RESTED]
     state.ints[at.ADAPT] = learn
-    steps(state.ints, state.reals, state.banks, state.buffer, state.recent, u, y, t, errors, unseen)
+    steps(*state.arrays, u, y, t, errors, unseen)
     state.ints[at.ADAPT] = 1
     if state.ints[at.GUARDED]:
         state.ints[at.CHANGE_BEGAN] = state.ints[at.SAMPLES]

@@ -57,6 +57,11 @@ class State:
     buffer: FloatArray
     recent: FloatArray
 
+    @property
+    def arrays(self) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """All of them, in the order in which the kernels take them."""
+        return self.ints, self.reals, self.banks, self.buffer, self.recent
+
     @classmethod
     def build(
         cls,

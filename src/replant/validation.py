@@ -112,6 +112,14 @@ def record(u: Any, y: Any) -> tuple[FloatArray, FloatArray]:
     return u_vector, y_vector
 
 
+def stamps_of(t: Any, samples: int) -> FloatArray:
+    """Return time stamps as a vector (K,), one for each sample."""
+    stamps = vector("t", t)
+    if stamps.size != samples:
+        raise InvalidArgumentError(f"t must have one stamp for each of {samples} samples, got {stamps.size}")
+    return stamps
+
+
 def coefficients(name: str, value: Any) -> FloatArray:
     """Return polynomial coefficients, descending powers, as a finite read-only vector of at least one entry."""
     result = np.atleast_1d(array_of_reals(name, value)).copy()

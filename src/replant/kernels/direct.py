@@ -11,6 +11,7 @@ import numpy as np
 from numba import carray, njit, types  # type: ignore[attr-defined]  # its hints leave carray out
 from numba.extending import intrinsic
 
+from replant.kernels import layout as at
 from replant.kernels import plain, step
 
 # the table: addresses and shapes of ints, reals, banks, buffer and recent
@@ -50,8 +51,9 @@ def _pointer(kind):
 ints_at, reals_at = _pointer(types.int64), _pointer(types.float64)
 
 
-#: Arrays are made here, which kernels without reference counts may not.
-direct = njit(cache=True, nogil=True, error_model="numpy")
+#: Arrays are made here, which kernels without reference counts may not.  The interpreter is not set free meanwhile: to
+#: let go of it and take it back would be a tenth of the whole call.
+direct = njit(cache=True, error_model="numpy")
 
 
 @direct
@@ -69,9 +71,15 @@ def arrays_at(address):
 
 @direct
 def step_at(address, u, y, t):
-    """Take one sample as `step.step` does."""
+    """Take one sample as `step.step` does; raise Attention where the identifier then has something to do.
+
+    Python looks for an exception after every call, so that one costs nothing until it comes.
+    """
     ints, reals, banks, buffer, recent = arrays_at(address)
-    return step.step(ints, reals, banks, buffer, recent, u, y, t)
+    error = step.step(ints, reals, banks, buffer, recent, u, y, t)
+    if ints[at.ATTENTION] == 1:
+        raise at.Attention
+    return error
 
 
 @direct

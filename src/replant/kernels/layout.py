@@ -141,6 +141,10 @@ PAST = 4
 LARGEST = 1e150
 
 
+class Attention(Exception):  # noqa: N818 - nothing went wrong
+    """Raised after a sample, by kernels that return one number: ATTENTION is set, the error of the sample in ERROR."""
+
+
 def plan(
     *, order: int, entries: int, ring: int, memory: int, settings: int, batch: int, colour: int, path: int
 ) -> tuple[np.ndarray, np.ndarray]:
