@@ -123,7 +123,7 @@ def ensembles(figures: Figures) -> str:
         return f"{row['ratio']:.2f} ({low:.2f}..{high:.2f})"
 
     text = (
-        "`Ensemble` steps eight members in one vector. Updates/s of all members together, on one thread, and their "
+        "`Ensemble` steps sixteen members in one vector. Updates/s of all members together, on one thread, and their "
         "ratio to one identifier in the same run.\n\n"
     )
     alone = table(["", "members", "10^6 updates/s", "ratio"], map(cells, figures["one_thread"]))

@@ -8,7 +8,8 @@ import numpy as np
 
 import replant as rp
 from builders import identifier
-from replant.blocks import LINE, Block, aligned, is_under_way, kind, order
+from replant.blocks import Block, aligned, is_under_way, kind, order
+from replant.kernels.layout import LINE
 from replant.kernels.vector import LANES
 from replant.state import State
 

@@ -15,10 +15,13 @@ from hypothesis import strategies as st
 
 import replant as rp
 from builders import G2, identifier
+from replant import blocks
 from replant.kernels import layout as at
+from replant.kernels.vector import LANES
 from replant.optimizers import OPTIMIZERS
 
 DT, SAMPLES, STRUCTURE = 0.02, 240, rp.Structure(poles=2, zeros=1)
+MEMBERS = LANES + 3  # a block that is full and one that is not
 GRADIENTS = [name for name in OPTIMIZERS if not OPTIMIZERS[name].keeps_covariance]
 FILTERS = {
     "exact": rp.StateVariableFilter(cutoff=5.0),
@@ -74,7 +77,9 @@ def check_twins(make: Callable[[], Members], u: np.ndarray, y: np.ndarray, **opt
     return ensemble
 
 
-def sweep(optimizer: str, replay: rp.Replay | None, which: str = "exact", members: int = 11, **changes: Any) -> Members:
+def sweep(
+    optimizer: str, replay: rp.Replay | None, which: str = "exact", members: int = MEMBERS, **changes: Any
+) -> Members:
     """Members of one optimizer, each with a scaling of its own."""
     made = OPTIMIZERS[optimizer].suggested(DT, 5)
     return [
@@ -92,8 +97,8 @@ REPLAY = rp.Replay(capacity=60, batch_size=5, warmup=6)
 @pytest.mark.parametrize("replay", [None, REPLAY], ids=["plain", "replay"])
 @pytest.mark.parametrize("optimizer", GRADIENTS)
 def test_every_optimizer_in_a_block_gives_the_same_bits(optimizer: str, replay: rp.Replay | None) -> None:
-    ensemble = check_twins(lambda: sweep(optimizer, replay), *streams(11))
-    assert [block.members for block in ensemble._blocks] == [8, 3]
+    ensemble = check_twins(lambda: sweep(optimizer, replay), *streams(MEMBERS))
+    assert [block.members for block in ensemble._blocks] == [LANES, 3]
     assert set(ensemble.status) == {"running"}
 
 
@@ -103,7 +108,7 @@ def test_rejected_samples_touch_their_own_member_alone(which: str, replay: rp.Re
     def make() -> Members:
         return sweep("amsgrad", replay, which, preprocess=rp.Preprocess("square", 0.3, -0.2))
 
-    u, y = spoilt(*streams(11))
+    u, y = spoilt(*streams(MEMBERS))
     ensemble = check_twins(make, u, y)
     accepted = np.isfinite(u) & (np.abs(y) <= 1e150)
     assert ensemble.samples.tolist() == accepted.sum(axis=0).tolist()
@@ -117,11 +122,12 @@ def test_members_of_other_seeds_and_settings() -> None:
                 filter=rp.StateVariableFilter(cutoff=3.0 + number),
                 replay=rp.Replay(capacity=50 + 10 * (number == 9), batch_size=4, warmup=4, seed=number // 2),
             )
-            for number in range(12)
+            for number in range(LANES + 2)
         ]  # fmt: skip
 
-    ensemble = check_twins(make, *streams(12))
-    assert [block.numbers.tolist() for block in ensemble._blocks] == [[0, 1, 2, 3, 4, 6, 7, 8]]
+    ensemble = check_twins(make, *streams(LANES + 2))
+    together = [number for number in range(LANES + 2) if number not in (5, 9)]
+    assert [block.numbers.tolist() for block in ensemble._blocks] == [together]
 
 
 def test_a_member_that_diverges_is_undone_and_the_others_do_not_see_it() -> None:
@@ -196,8 +202,14 @@ def test_any_chunks_rejections_and_seeds(
         assert state(ensemble.member(number)) == state(single)
 
 
+@pytest.mark.parametrize("tile", [1, 7, SAMPLES - 1])
+def test_how_many_samples_a_block_takes_at_once_changes_nothing(tile: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(blocks, "TILE", tile)
+    check_twins(lambda: sweep("amsgrad", REPLAY), *spoilt(*streams(MEMBERS)))
+
+
 def test_sample_by_sample() -> None:
-    u, y = spoilt(*streams(11, 180))
+    u, y = spoilt(*streams(MEMBERS, 180))
     alone, ensemble = sweep("amsgrad", REPLAY), rp.Ensemble(sweep("amsgrad", REPLAY))
     expected, parameters = follow(alone, u, y)
     errors = np.stack([ensemble.update(*one) for one in zip(u, y, strict=True)])
@@ -206,28 +218,28 @@ def test_sample_by_sample() -> None:
 
 
 def test_one_input_or_one_record_for_all_members() -> None:
-    u, y = streams(11)
+    u, y = streams(MEMBERS)
     one, many = (rp.Ensemble(sweep("adam", REPLAY)) for _ in range(2))
-    all_u, all_y = np.repeat(u[:, :1], 11, axis=1), np.repeat(y[:, :1], 11, axis=1)
+    all_u, all_y = np.repeat(u[:, :1], MEMBERS, axis=1), np.repeat(y[:, :1], MEMBERS, axis=1)
     np.testing.assert_array_equal(one.update_many(u[:, 0], y), many.update_many(all_u, y))
     np.testing.assert_array_equal(one.update_many(u[:, 0], y[:, 0]), many.update_many(all_u, all_y))
-    np.testing.assert_array_equal(one.update(1.0, 2.0), many.update(np.ones(11), np.full(11, 2.0)))
+    np.testing.assert_array_equal(one.update(1.0, 2.0), many.update(np.ones(MEMBERS), np.full(MEMBERS, 2.0)))
     np.testing.assert_array_equal(one.parameters, many.parameters)
 
 
 @pytest.mark.parametrize("n_jobs", [2, -1, -100])
 def test_threads_change_nothing(n_jobs: int) -> None:
-    u, y = streams(20)
+    u, y = streams(2 * MEMBERS)
     one, many = (
-        rp.Ensemble(sweep("adam", REPLAY, members=20)),
-        rp.Ensemble(sweep("adam", REPLAY, members=20), n_jobs=n_jobs),
+        rp.Ensemble(sweep("adam", REPLAY, members=2 * MEMBERS)),
+        rp.Ensemble(sweep("adam", REPLAY, members=2 * MEMBERS), n_jobs=n_jobs),
     )
     np.testing.assert_array_equal(many.update_many(u, y), one.update_many(u, y))
     np.testing.assert_array_equal(many.parameters, one.parameters)
 
 
 def test_a_member_goes_on_by_itself_with_time_stamps_too() -> None:
-    u, y = streams(11)
+    u, y = streams(MEMBERS)
     alone, ensemble = sweep("amsgrad", REPLAY), rp.Ensemble(sweep("amsgrad", REPLAY))
     follow(alone, u, y)
     ensemble.update_many(u, y)
@@ -239,10 +251,10 @@ def test_a_member_goes_on_by_itself_with_time_stamps_too() -> None:
 
 
 def test_members_that_have_begun_come_as_they_are() -> None:
-    u, y = streams(11)
+    u, y = streams(MEMBERS)
     begun = sweep("amsgrad", REPLAY)
     for number, member in enumerate(begun):
-        member.update_many(u[: 5 * number, number], y[: 5 * number, number])
+        member.update_many(u[: 3 * number, number], y[: 3 * number, number])
     ensemble = rp.Ensemble(begun)
     errors = ensemble.update_many(u[60:], y[60:])
     expected, _ = follow(begun, u[60:], y[60:])
@@ -250,7 +262,7 @@ def test_members_that_have_begun_come_as_they_are() -> None:
 
 
 def test_freeze_resume_and_reset() -> None:
-    u, y = streams(11)
+    u, y = streams(MEMBERS)
     ensemble, alone = rp.Ensemble(sweep("adam", REPLAY)), sweep("adam", REPLAY)
     first = ensemble.update_many(u, y)
     ensemble.freeze()
@@ -267,13 +279,13 @@ def test_freeze_resume_and_reset() -> None:
         single.update_many(u[:, number], y[:, number])
         assert state(ensemble.member(number)) == state(single)
     ensemble.reset()
-    assert ensemble.samples.tolist() == [0] * 11
+    assert ensemble.samples.tolist() == [0] * MEMBERS
     np.testing.assert_array_equal(ensemble.update_many(u, y), first)
 
 
 @pytest.mark.parametrize("again", [copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))], ids=["copy", "pickle"])
 def test_a_copy_goes_on_by_itself(again: Callable[[rp.Ensemble], rp.Ensemble]) -> None:
-    u, y = streams(11)
+    u, y = streams(MEMBERS)
     ensemble = rp.Ensemble(sweep("adam", REPLAY))
     ensemble.update_many(u, y)
     other, before = again(ensemble), ensemble.parameters

@@ -11,7 +11,7 @@ from replant.kernels import layout as at
 from replant.state import IntArray, State
 from replant.validation import FloatArray
 
-LINE = 64  # bytes, of the cache
+TILE = 512  # samples that a block takes at once: they, and what comes of them, stay in the cache
 #: What the members of a block have in common: everything in `ints` but the random seed and what changes.
 ALIKE = (*range(at.ORDER, at.STARTED), at.MEMORY_SIZE, at.SETTINGS_SIZE)
 #: By what members are sorted into blocks: those alike in all of it draw the same rows of their buffers.
@@ -106,8 +106,10 @@ class Block:
         """Take the samples from row ``start`` on; see `replant.kernels.lanes.steps`."""
         from replant.kernels import lanes
 
+        rows, width = min(TILE, max(u.shape[0] - start, 1)), self.numbers.size
+        room = aligned((3, rows, width)), aligned((rows, parameters.shape[2], width))
         lanes.steps(
-            self.ints, self.reals, self.banks, self.buffer, self.recent, *self.work, self.apart, self.numbers,
+            self.ints, self.reals, self.banks, self.buffer, self.recent, self.apart, *self.work, *room, self.numbers,
             self.members, start, u, y, errors, parameters,
         )  # fmt: skip
 
@@ -121,6 +123,6 @@ def side_by_side(arrays: Sequence[FloatArray]) -> FloatArray:
 def aligned(shape: tuple[int, ...]) -> FloatArray:
     """Return a new array of zeros that begins on a line of the cache: no vector then lies across two."""
     size = int(np.prod(shape))
-    room = np.zeros(size + LINE // 8)
-    skip = -room.ctypes.data % LINE // 8
+    room = np.zeros(size + at.LINE // 8)
+    skip = -room.ctypes.data % at.LINE // 8
     return room[skip : skip + size].reshape(shape)

@@ -45,12 +45,12 @@ class Ensemble:
 
     Notes
     -----
-    Members go through the processor's vector unit eight at a time where they have a fixed filter, an optimizer that
+    Members go through the processor's vector unit sixteen at a time where they have a fixed filter, an optimizer that
     follows the gradient, no instruments, no dead time and fewer zeros than poles; with replay or without, each with
-    settings, scaling and cutoff of its own.  Those eight must be of one optimizer, and of one capacity and batch.  With
-    equal seeds and as many samples in their buffers they read the same rows, which is faster still.  All other members
-    (instruments, the refined filter, `RecursiveLeastSquares`, `KalmanTracking`, a dead time) are stepped one after the
-    other, as by `Identifier.update_many`; they share the threads, but not the vectors.
+    settings, scaling and cutoff of its own.  Those sixteen must be of one optimizer, and of one capacity and batch.
+    With equal seeds and as many samples in their buffers they read the same rows, which is faster still.  All other
+    members (instruments, the refined filter, `RecursiveLeastSquares`, `KalmanTracking`, a dead time) are stepped one
+    after the other, as by `Identifier.update_many`; they share the threads, but not the vectors.
 
     Time stamps are not for ensembles: all members' clocks are regular.
 

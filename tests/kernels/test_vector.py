@@ -1,4 +1,4 @@
-"""Vectors beside NumPy: what a kernel makes of eight numbers at once, and lane by lane."""
+"""Vectors beside NumPy: what a kernel makes of sixteen numbers at once, and lane by lane."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numba import TypingError, njit
 
-from replant.kernels.vector import LANES, prefetch, vectors
+from replant.kernels.layout import LINE
+from replant.kernels.vector import LANES, all_within, load, prefetch, vectors
 
 generator = np.random.default_rng(5)
 A, B = generator.standard_normal((2, 3, LANES))
@@ -84,12 +85,44 @@ def test_only_contiguous_float64_can_be_seen_as_vectors(array: np.ndarray) -> No
         njit(lambda a: vectors(a).size)(array)
 
 
-def test_prefetch_reaches_the_compiler_and_changes_nothing() -> None:
+@pytest.mark.parametrize("lane", [0, LANES // 2, LANES - 1])
+@pytest.mark.parametrize(
+    ("value", "expected"), [(2.0, True), (-2.0, True), (-2.1, False), (np.inf, False), (np.nan, False)]
+)
+def test_every_lane_counts_for_all_within(lane: int, value: float, expected: bool) -> None:
     @njit
     def ask(a):  # type: ignore[no-untyped-def]
+        return all_within(vectors(a)[0], 2.0)
+
+    array = np.ones((1, LANES))
+    array[0, lane] = value
+    assert ask(array) == expected
+
+
+def test_neighbours_in_a_row_are_loaded_in_their_order() -> None:
+    @njit
+    def take(a, row, column, result):  # type: ignore[no-untyped-def]
+        vectors(result)[0] = load(a, row, column)
+
+    array, result = np.arange(3.0 * (LANES + 5)).reshape(3, -1), np.zeros((1, LANES))
+    for row, column in ((0, 0), (1, 3), (2, 5)):
+        take(array, row, column, result)
+        np.testing.assert_array_equal(result[0], array[row, column : column + LANES])
+
+
+def test_prefetch_asks_for_every_line_of_an_element_and_changes_nothing() -> None:
+    @njit
+    def of_numbers(a):  # type: ignore[no-untyped-def]
         prefetch(a, 1, 2)
 
-    array = np.arange(12.0).reshape(3, 4)
-    ask(array)
-    assert "call void @llvm.prefetch" in next(iter(ask.inspect_llvm().values()))
-    np.testing.assert_array_equal(array, np.arange(12.0).reshape(3, 4))
+    @njit
+    def of_vectors(a):  # type: ignore[no-untyped-def]
+        prefetch(vectors(a), 1, 2)
+
+    array = np.arange(12.0 * LANES).reshape(3, 4, LANES)
+    before = array.copy()
+    of_numbers(array[:, :, 0].copy())
+    of_vectors(array)
+    for ask, lines in ((of_numbers, 1), (of_vectors, 8 * LANES // LINE)):
+        assert next(iter(ask.inspect_llvm().values())).count("call void @llvm.prefetch") == lines
+    np.testing.assert_array_equal(array, before)

@@ -5,7 +5,7 @@ arrays, laid out by `layout`: ``ints`` (int64), ``reals`` (float64) and ``buffer
 One flat array instead of many small ones keeps the cost of a call near 0.3 µs, and no model order needs its own
 compilation.
 
-Many identifiers at once go through `lanes`, eight in a vector (see `vector`), by the same arithmetic.
+Many identifiers at once go through `lanes`, sixteen in a vector (see `vector`), by the same arithmetic.
 
 A reader starts with `step.take_by_gradient`: what happens to one sample, from its arrival to the new estimate.
 `compiled` says what makes it fast; benchmarks/kernels.py measures it beside C.

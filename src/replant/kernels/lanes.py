@@ -21,11 +21,13 @@ from replant.kernels import plain
 from replant.kernels.compiled import cut, kernel, part, rare
 from replant.kernels.random_stream import draw_below
 from replant.kernels.step import acceptable, draw_rows, keep_estimate, keep_sample
-from replant.kernels.vector import LANES, prefetch, vectors
+from replant.kernels.vector import LANES, all_within, load, prefetch, vectors
 
 # Rows of the work space, after the 2 n that `plain.advance_states` uses.
 INPUT, OUTPUT, ERROR, FINITE, ASIDE = range(5)
 ASIDE_SCALARS = 3
+
+AHEAD = 16  # rows that the memory is asked for before they are copied
 
 # What is the same for level members.
 LEVEL = (
@@ -104,24 +106,15 @@ def write_estimate(ints, reals, source, row, lane):
 
 
 @part
-def read(ints, reals, numbers, u, y):
-    """Fetch the members' samples, mapped, into the work space; return whether every one is acceptable.
-
-    ``u`` and ``y`` hold one for each member, or one for all.
-    """
+def read(ints, reals, u, y):
+    """Put the members' samples, mapped, into the work space; return whether every one is acceptable."""
     r, row = vectors(reals), ints[at.AT_WORK] + 2 * ints[at.ORDER]
-    own_u, own_y = min(u.size - 1, 1), min(y.size - 1, 1)
-    for lane in range(LANES):
-        reals[row + INPUT, lane], reals[row + OUTPUT, lane] = u[own_u * numbers[lane]], y[own_y * numbers[lane]]
     if ints[at.SQUARE_INPUT] == 1:
-        r[row + INPUT] *= r[row + INPUT]
-    r[row + INPUT] -= r[at.INPUT_OFFSET]
-    r[row + OUTPUT] -= r[at.OUTPUT_OFFSET]
-    fine = True
-    for lane in range(LANES):
-        fine &= abs(reals[row + INPUT, lane]) <= at.LARGEST
-        fine &= abs(reals[row + OUTPUT, lane]) <= at.LARGEST
-    return fine
+        u = u * u
+    u = u - r[at.INPUT_OFFSET]
+    y = y - r[at.OUTPUT_OFFSET]
+    r[row + INPUT], r[row + OUTPUT] = u, y
+    return all_within(u, at.LARGEST) and all_within(y, at.LARGEST)
 
 
 @part
@@ -273,7 +266,7 @@ def take(ints, reals, live, shared, buffer, apart, work, filters, regressor, est
         r[row + FINITE] = update_estimate(ints, reals, live, shared, buffer, apart, work, estimate, target)
 
 
-@part
+@rare
 def undo(ints, reals, bank, live):
     """Undo the updates that left float64, and all that rejected samples did."""
     work, backup, adapts = ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER], ints[0, at.AT_BACKUP], ints[0, at.ADAPT] == 1
@@ -308,28 +301,19 @@ def count_each(ints, reals, live, counted):
             keep_estimate(ints[lane], reals[:, lane])
 
 
-@kernel
-def steps(
-    ints, reals, banks, buffer, recent, live, drawn, order, picked, spare, apart, numbers, members, start, u, y, errors,
-    parameters,
-):  # fmt: skip
-    """Take the samples from ``start`` on; write error and estimate (physical units) of each of the first ``members``.
-
-    ``u`` and ``y`` have a row a sample, and a column for each of the ensemble's members or one for all; ``errors`` and
-    ``parameters`` have a row a member.  ``numbers`` says which of the ensemble's members these are; lanes beyond
-    ``members`` repeat the first.  ``apart`` says that the members have random streams of their own, and that
-    ``buffer`` has the member axis first, so that a row of one member lies together.  ``live``, ``drawn``, ``order``
-    (0, 1, 2, ...), ``picked`` and ``spare`` are work.
-    """
-    r, b = vectors(reals), vectors(banks)
+@rare
+def take_tile(ints, reals, banks, buffer, recent, apart, live, drawn, order, picked, spare, u, y, errors, parameters):
+    """Take the samples of a tile: ``u``, ``y`` and ``errors`` have a row a sample, ``parameters`` one a parameter."""
+    r, b, written = vectors(reals), vectors(banks), vectors(parameters)
+    inputs, outputs, told = vectors(u), vectors(y), vectors(errors)
     filters, regressor = cut_filters(ints[0], r, b), plain.cut_regressor(ints[0], r, b)
     estimate = plain.cut_estimate(ints[0], r)
-    theta, unit, row = ints[0, at.AT_THETA], ints[0, at.AT_UNIT], ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
+    theta, unit, row = estimate[0], estimate[5], ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
     level, work = are_level(ints), (drawn, order, picked, spare)
     for lane in range(LANES):
         live[lane] = 1
-    for k in range(start, u.shape[0]):
-        fine = read(ints[0], reals, numbers, u[k], y[k])
+    for k in range(inputs.size):
+        fine = read(ints[0], reals, inputs[k], outputs[k])
         if level and not fine:
             spread(ints)
             level = False
@@ -338,15 +322,79 @@ def steps(
         else:
             admit_each(ints, reals, banks, recent, live)
         take(ints, reals, live, level and not apart, buffer, apart, work, filters, regressor, estimate)
-        undo(ints, reals, banks[0], live)
+        if not (level and all_within(r[row + FINITE], 0.0)):
+            undo(ints, reals, banks[0], live)
         if not level:
             count_each(ints, reals, live, False)
         elif count(ints[0]):
             spread(ints)
             count_each(ints, reals, live, True)
-        for lane in range(members):
-            errors[numbers[lane], k] = reals[row + ERROR, lane]
-            for i in range(parameters.shape[2]):
-                parameters[numbers[lane], k, i] = reals[theta + i, lane] * reals[unit + i, lane]
+        told[k] = r[row + ERROR]
+        for i in range(written.shape[1]):
+            written[k, i] = theta[i] * unit[i]
     if level:
         spread(ints)
+
+
+@part
+def are_neighbours(numbers):
+    """Say whether the members are one after the other in the ensemble: then so are their numbers in a row."""
+    neighbours = True
+    for lane in range(LANES):
+        neighbours &= numbers[lane] == numbers[0] + lane
+    return neighbours
+
+
+@rare
+def fetch(samples, numbers, start, own):
+    """Copy the members' columns of the samples from a row on, or the one for all."""
+    rows, width = vectors(own), samples.shape[1]
+    if width == 1:
+        for k in range(rows.size):
+            rows[k] = samples[start + k, 0]
+    elif are_neighbours(numbers):
+        for k in range(rows.size):
+            prefetch(samples, min(start + k + AHEAD, samples.shape[0] - 1), numbers[0])
+            rows[k] = load(samples, start + k, numbers[0])
+    else:
+        for k in range(rows.size):
+            for lane in range(LANES):
+                own[k, lane] = samples[start + k, numbers[lane]]
+
+
+@rare
+def deliver(numbers, members, start, told, estimates, errors, parameters):
+    """Copy errors and estimates of a tile to where they are wanted."""
+    for lane in range(members):
+        for k in range(told.shape[0]):
+            errors[numbers[lane], start + k] = told[k, lane]
+            for i in range(parameters.shape[2]):
+                parameters[numbers[lane], start + k, i] = estimates[k, i, lane]
+
+
+@kernel
+def steps(
+    ints, reals, banks, buffer, recent, apart, live, drawn, order, picked, spare, tile, estimates, numbers, members,
+    start, u, y, errors, parameters,
+):  # fmt: skip
+    """Take the samples from row ``start`` on; write error and estimate (physical units) of each member.
+
+    ``u`` and ``y`` (K, M) have a column for each of the ensemble's members or (K, 1) one for all; ``errors`` is (M, K),
+    ``parameters`` (M, K, size).  ``numbers`` says which of the ensemble's members these are; lanes beyond ``members``
+    repeat the first.  ``apart`` says that the members have random streams of their own, and that ``buffer`` has the
+    member axis first, so that a row of one member lies together.
+
+    Work: ``live``, ``drawn``, ``order`` (0, 1, 2, ...), ``picked`` and ``spare``; ``tile`` (3, R, LANES) and
+    ``estimates`` (R, size, LANES) for R samples at once.  To fetch them ahead costs less than to pick them one by one:
+    the copies of many rows overlap, a step of the identifier waits for its input.
+    """
+    for row in range(start, u.shape[0], tile.shape[1]):
+        rows = min(tile.shape[1], u.shape[0] - row)
+        own_u, own_y, told = tile[0, :rows], tile[1, :rows], tile[2, :rows]
+        fetch(u, numbers, row, own_u)
+        fetch(y, numbers, row, own_y)
+        take_tile(
+            ints, reals, banks, buffer, recent, apart, live, drawn, order, picked, spare, own_u, own_y, told,
+            estimates[:rows],
+        )  # fmt: skip
+        deliver(numbers, members, row, told, estimates, errors, parameters)

@@ -137,6 +137,9 @@ INPUT, OUTPUT, STEP, BRIDGED, DOUBTED = range(5)
 # Past estimates kept, the oldest given up for each new one: what came after the oldest is held out from it.
 PAST = 4
 
+# Bytes of a line of the cache.
+LINE = 64
+
 # The largest magnitude whose square is still far inside float64: beyond it m^2 of (13) would overflow.
 LARGEST = 1e150
 

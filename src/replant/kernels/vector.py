@@ -1,13 +1,14 @@
-"""A number that is eight: the same quantity of `LANES` members side by side, in one vector of the processor.
+"""A number that is sixteen: the same quantity of `LANES` members side by side, in one vector of the processor.
 
 Numba does not know such a type; with it a kernel written for one identifier compiles, as it stands, to one that steps
-eight at once: where it reads ``theta[i]`` it gets the i-th parameter of eight members, and each of ``+ - * /``,
-``sqrt`` and ``max`` is one instruction (or two or four, as wide as the processor is) for all of them.  Every lane is
-rounded by itself, as IEEE 754 has it, so a member gets the same bits as alone.  Left to its own devices the compiler
-does not find this: the member's loop would have to be the innermost of every sum, with all intermediate values in
-memory and checks that no two arrays overlap, which costs most of what is won.
+sixteen at once: where it reads ``theta[i]`` it gets the i-th parameter of sixteen members, and each of ``+ - * /``,
+``sqrt`` and ``max`` is a few instructions (two, four or eight, as wide as the processor is) for all of them.  Every
+lane is rounded by itself, as IEEE 754 has it, so a member gets the same bits as alone.  Left to its own devices the
+compiler does not find this: the member's loop would have to be the innermost of every sum, with all intermediate values
+in memory and checks that no two arrays overlap, which costs most of what is won.
 
-There is no comparison and no branch: what depends on the data of one member is done outside, lane by lane.
+There is no comparison of two vectors and no branch: what depends on the data of one member is done outside, lane by
+lane, where `all_within` says that there is a member of which something is out of the ordinary.
 """
 
 import math
@@ -21,8 +22,11 @@ from numba.core.imputils import impl_ret_borrowed
 from numba.core.typeconv.castgraph import Conversion
 from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model, type_callable
 
-#: Members side by side: as many float64 as one line of the cache holds.
-LANES = 8
+from replant.kernels.layout import LINE
+
+#: Members side by side.  Twice as many as the widest processors take at once: while an instruction waits for the first
+#: half, the second is under way, and what is the same for all, loops and counters, is spread over more of them.
+LANES = 16
 
 
 class Vector(types.Type):
@@ -134,6 +138,37 @@ def _vectors(typingctx, array):
 vectors: Any = intrinsic(_vectors)
 
 
+def _every(typingctx, numbers, limit):
+    if numbers != VECTOR or not isinstance(limit, types.Float):
+        return None
+
+    def code(context, builder, signature, args):
+        bound = context.cast(builder, args[1], signature.args[1], VECTOR)
+        kind = ir.FunctionType(_CODE, [_CODE])
+        size = builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.fabs.v{LANES}f64"), args[:1])
+        within = builder.bitcast(builder.fcmp_ordered("<=", size, bound), ir.IntType(LANES))  # a bit a lane
+        return builder.icmp_signed("==", within, ir.Constant(ir.IntType(LANES), -1))
+
+    return types.boolean(numbers, limit), code
+
+
+#: In kernels: say whether the magnitude of every lane is at most this float64; that of NaN is not.
+all_within: Any = intrinsic(_every)
+
+
+def _load(typingctx, array, row, column):
+    def code(context, builder, signature, args):
+        view = context.make_array(signature.args[0])(context, builder, args[0])
+        place = cgutils.get_item_pointer(context, builder, signature.args[0], view, args[1:])
+        return builder.load(builder.bitcast(place, _CODE.as_pointer()), align=8)
+
+    return VECTOR(array, types.intp, types.intp), code
+
+
+#: In kernels: return `LANES` neighbours in a row of a matrix, from this one on, as a vector.
+load: Any = intrinsic(_load)
+
+
 def _prefetch(typingctx, array, row, column):
     def code(context, builder, signature, args):
         view = context.make_array(signature.args[0])(context, builder, args[0])
@@ -142,11 +177,14 @@ def _prefetch(typingctx, array, row, column):
         kind = ir.FunctionType(ir.VoidType(), [anywhere, whole, whole, whole])
         function = builder.module.declare_intrinsic("llvm.prefetch", [anywhere], kind)
         to_read, and_to_keep, data = (ir.Constant(whole, number) for number in (0, 3, 1))
-        builder.call(function, [builder.bitcast(place, anywhere), to_read, and_to_keep, data])
+        first = builder.bitcast(place, anywhere)
+        for line in range(0, 8 * LANES if array.dtype == VECTOR else 8, LINE):
+            next_line = builder.gep(first, [ir.Constant(ir.IntType(64), line)])
+            builder.call(function, [next_line, to_read, and_to_keep, data])
         return context.get_dummy_value()
 
     return types.void(array, types.intp, types.intp), code
 
 
-#: In kernels: ask the memory for one element of a matrix ahead of its use.
+#: In kernels: ask the memory for one element of a matrix, a number or a vector, ahead of its use.
 prefetch: Any = intrinsic(_prefetch)
