@@ -62,6 +62,7 @@ class Block:
     recent: FloatArray
     apart: bool
     work: tuple[np.ndarray, ...] = field(repr=False)
+    room: tuple[FloatArray, FloatArray] = field(repr=False)  # for one sample: to make it takes longer than the sample
 
     @classmethod
     def of_states(cls, numbers: Sequence[int], states: Sequence[State]) -> Block:
@@ -90,6 +91,7 @@ class Block:
             side_by_side([state.recent for state in lanes]),
             apart,
             work,
+            room_for(1, 0, LANES),
         )
 
     def state(self, lane: int) -> State:
@@ -106,12 +108,17 @@ class Block:
         """Take the samples from row ``start`` on; see `replant.kernels.lanes.steps`."""
         from replant.kernels import lanes
 
-        rows, width = min(TILE, max(u.shape[0] - start, 1)), self.numbers.size
-        room = aligned((3, rows, width)), aligned((rows, parameters.shape[2], width))
+        rows, size = min(TILE, max(u.shape[0] - start, 1)), parameters.shape[2]
+        room = self.room if rows == 1 and size == 0 else room_for(rows, size, self.numbers.size)
         lanes.steps(
             self.ints, self.reals, self.banks, self.buffer, self.recent, self.apart, *self.work, *room, self.numbers,
             self.members, start, u, y, errors, parameters,
         )  # fmt: skip
+
+
+def room_for(rows: int, size: int, width: int) -> tuple[FloatArray, FloatArray]:
+    """Return room for the inputs, outputs and errors of so many samples, and for the estimates after them."""
+    return aligned((3, rows, width)), aligned((rows, size, width))
 
 
 def side_by_side(arrays: Sequence[FloatArray]) -> FloatArray:
