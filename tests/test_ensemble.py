@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 import replant as rp
 from builders import G2, identifier
 from replant import blocks
+from replant import ensemble as ensembles
 from replant.kernels import layout as at
 from replant.kernels.vector import LANES
 from replant.optimizers import OPTIMIZERS
@@ -228,7 +229,8 @@ def test_one_input_or_one_record_for_all_members() -> None:
 
 
 @pytest.mark.parametrize("n_jobs", [2, -1, -100])
-def test_threads_change_nothing(n_jobs: int) -> None:
+def test_threads_change_nothing(n_jobs: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ensembles, "PORTION", 50)  # so that they take turns at the same members
     u, y = streams(2 * MEMBERS)
     one, many = (
         rp.Ensemble(sweep("adam", REPLAY, members=2 * MEMBERS)),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable, Iterable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import groupby
@@ -18,7 +19,10 @@ from replant.trace import Trace
 from replant.transfer_function import TransferFunction
 from replant.validation import FloatArray, array_of_reals, whole
 
-LEAST = 3  # members that a block pays for: it takes about the time of two
+LEAST = 3  # members that a block pays for: it takes about the time of three
+PORTION = 8192  # samples after which a thread may go on with other members: none then waits long for the last one
+
+Take = Callable[..., None]  # takes the samples from a row on: (row, u, y, errors, parameters)
 
 
 class Ensemble:
@@ -194,13 +198,13 @@ class Ensemble:
         if u.shape[0] != y.shape[0]:
             raise InvalidArgumentError(f"u and y must have the same length, got {u.shape[0]} and {y.shape[0]} samples")
         chunk = (u, y, np.empty((len(self), u.shape[0])), np.empty((len(self), u.shape[0], size)))
-        tasks = [partial(block.take, 0, *chunk) for block in self._blocks]
+        tasks = [_portions(block.take, 0, *chunk) for block in self._blocks]
         inside = {number for block in self._blocks for number in block.numbers.tolist()}
         reached = {n: self._lead_in(n, *chunk) for n in range(len(self)) if n not in inside}
         for block, start in self._form_blocks(reached):
-            tasks.append(partial(block.take, start, *chunk))
+            tasks.append(_portions(block.take, start, *chunk))
             reached = {n: k for n, k in reached.items() if n not in block.numbers}
-        tasks += [partial(self._take_alone, n, start, len(u), *chunk) for n, start in reached.items() if start < len(u)]
+        tasks += [_portions(partial(self._take_alone, n), start, *chunk) for n, start in reached.items()]
         _carry_out(tasks, threads)
         return chunk[2], chunk[3]
 
@@ -208,18 +212,18 @@ class Ensemble:
         """Take a member's first samples by itself, until it may join a block; return how many."""
         member, taken = self._members[number], 0
         while taken < chunk[0].shape[0] and may_join(member) and not is_ready(member):
-            self._take_alone(number, taken, taken + 1, *chunk)
+            self._take_alone(number, taken, *(part[: taken + 1] for part in chunk[:2]), *chunk[2:])
             taken += 1
         return taken
 
-    def _take_alone(self, number: int, start: int, end: int, *chunk: FloatArray) -> None:
-        """Take the samples from ``start`` to ``end`` as a single identifier does."""
+    def _take_alone(self, number: int, start: int, *chunk: FloatArray) -> None:
+        """Take the samples from ``start`` on as a single identifier does."""
         u, y, errors, parameters = chunk
-        member, own_u, own_y = self._members[number], number * (u.shape[1] > 1), number * (y.shape[1] > 1)
+        member, end, own_u, own_y = self._members[number], len(u), number * (u.shape[1] > 1), number * (y.shape[1] > 1)
         if u.shape[0] == 1 and not parameters.size:
             errors[number, 0] = member.update(float(u[0, own_u]), float(y[0, own_y]))
             return
-        trace = member.update_many(u[start:end, own_u], y[start:end, own_y])
+        trace = member.update_many(u[start:, own_u], y[start:, own_y])
         errors[number, start:end] = trace.errors
         parameters[number, start:end] = trace.parameters[:, : parameters.shape[2]]
 
@@ -291,12 +295,33 @@ def _threads(n_jobs: int | None) -> int:
     return jobs if jobs > 0 else max(multiprocessing.cpu_count() + 1 + jobs, 1)
 
 
-def _carry_out(tasks: Sequence[Callable[[], None]], threads: int) -> None:
-    """Run the tasks, shared among so many threads."""
-    if threads == 1 or len(tasks) < 2:
-        for task in tasks:
-            task()
+def _portions(take: Take, start: int, *chunk: FloatArray) -> Iterator[None]:
+    """Take the samples of a chunk from ``start`` on, a portion at each step."""
+    u, y, *results = chunk
+    for end in range(start + PORTION, len(u) + PORTION, PORTION):
+        take(end - PORTION, u[:end], y[:end], *results)
+        yield
+
+
+def _carry_out(tasks: Iterable[Iterator[None]], threads: int) -> None:
+    """Run the tasks, shared among so many threads: whoever is ready takes the next portion of the one that waits."""
+    waiting = deque(tasks)
+
+    def work() -> None:
+        while True:
+            try:
+                task = waiting.popleft()
+            except IndexError:  # the others are at the last ones
+                return
+            if next(task, waiting) is not waiting:
+                waiting.append(task)
+
+    helpers = min(threads, len(waiting)) - 1
+    if helpers < 1:
+        work()
         return
-    with ThreadPoolExecutor(min(threads, len(tasks))) as pool:
-        for future in [pool.submit(task) for task in tasks]:
-            future.result()
+    with ThreadPoolExecutor(helpers) as pool:
+        others = [pool.submit(work) for _ in range(helpers)]
+        work()
+        for other in others:
+            other.result()
