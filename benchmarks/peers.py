@@ -39,6 +39,9 @@ REPLAY = rp.Replay(capacity=2_000, batch_size=20, warmup=20, seed=1)
 CHUNKS = 25
 LATE = 2.0**30  # a step so late that nothing is left of the correction of bias
 
+SAMPLE, GIVEN = "from u, y", "regressor given"
+JITTED, WHOLE = "jitted, a call a sample", "jitted, whole chunks"
+
 Learn = Callable[[int, int], None]  # take the samples from .. to
 Estimate = Callable[[], np.ndarray]
 
@@ -144,27 +147,21 @@ class Row:
         return self.ratio >= self.least and self.difference <= self.tolerance
 
 
-def tasks() -> Iterator[tuple[str, Callable[[], Task]]]:
-    """The tasks by name, each made afresh for every peer."""
-    choices: dict[str, tuple[Any, Any, bool, int]] = {
-        "RLS": (rp.RecursiveLeastSquares(initial_covariance=INITIAL_COVARIANCE), None, False, 200),
-        "LMS": (rp.Gradient(gain=GAIN / DT), None, False, 400),
-        "Adam, batch of 20": (rp.Adam(**ADAM), REPLAY, False, 40),
-        "AMSGrad, batch of 20": (rp.AMSGrad(**ADAM), REPLAY, False, 40),
-    }
-    for name, choice in choices.items():
-        yield name, lambda name=name, choice=choice: make_task(name, *choice)
-
-
-def make_task(name: str, optimizer: Any, replay: Any, normalize: bool, samples: int) -> Task:
-    """Return the task, nothing learned yet."""
+def make_task(name: str, form: str) -> Task:
+    """Return the task, nothing learned yet; its chunks are long where they are taken as a whole."""
+    optimizer, replay, samples = {
+        "RLS": (rp.RecursiveLeastSquares(initial_covariance=INITIAL_COVARIANCE), None, 200),
+        "LMS": (rp.Gradient(gain=GAIN / DT), None, 400),
+        "Adam, batch of 20": (rp.Adam(**ADAM), REPLAY, 1000 if form == WHOLE else 40),
+        "AMSGrad, batch of 20": (rp.AMSGrad(**ADAM), REPLAY, 1000 if form == WHOLE else 40),
+    }[name]
     u, y = signals(samples * CHUNKS)
     phi, target = regressors(STRUCTURE, DT, FILTER, Preprocess(), u, y)
     scaling = rp.Scaling.from_record(y, phi)
     sigmas = scaling.sigmas(STRUCTURE)
     identifier = rp.Identifier(
         STRUCTURE, DT, filter=FILTER, scaling=scaling, optimizer=optimizer, replay=replay, instruments=False,
-        normalize=normalize,
+        normalize=False,
     )  # fmt: skip
     scaled = np.ascontiguousarray(phi / sigmas)
     rows = rows_drawn(u.size) if replay else np.empty((u.size, 0), np.int64)
@@ -372,10 +369,6 @@ def optax_adam(name: str, *, whole_chunk: bool) -> Prepare:
     return prepare
 
 
-SAMPLE, GIVEN = "from u, y", "regressor given"
-JITTED, WHOLE = "jitted, a call a sample", "jitted, whole chunks"
-
-
 def per_sample(task: str, library: str, make: Callable[[bool], Prepare], tolerance: float) -> list[Peer]:
     """Return the peer in both forms; the limit holds for the same task."""
     return [
@@ -422,10 +415,9 @@ def compare(peer: Peer, task: Task) -> Row:
 
 def measure() -> dict[str, Any]:
     """Return the figures: ``rows``, one for each library and form."""
-    made = dict(tasks())
     rows = []
     for peer in PEERS:
-        rows.append(compare(peer, made[peer.task]()))
+        rows.append(compare(peer, make_task(peer.task, peer.form)))
         print(rows[-1], file=sys.stderr)
     return {"rows": [asdict(row) for row in rows], "holds": all(row.holds for row in rows)}
 

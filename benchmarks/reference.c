@@ -33,6 +33,12 @@ static int64_t draw_below(uint64_t seed, uint64_t position, uint64_t bound)
     return (int64_t)(((z >> 32) * bound) >> 32);
 }
 
+/* --- powers of beta end here, before they are less than normal numbers: 1 less this is 1 */
+
+#define VANISHED 1e-100
+
+static double larger(double a, double b) { return b > a ? b : a; }
+
 /* --- optimizers: a row of the buffer is phi (P entries), y, 1/m^2 */
 
 static double normalized_error(int64_t P, const double *restrict theta, const double *restrict row)
@@ -64,8 +70,8 @@ static void adam(identifier *id, int64_t batch)
     for (int64_t k = 0; k < batch; k++) {
         const double *restrict phi = id->buffer + id->rows[k] * (P + 2);
         double error = normalized_error(P, theta, phi);
-        power1 *= beta1;
-        power2 *= beta2;
+        power1 = larger(power1 * beta1, VANISHED);
+        power2 = larger(power2 * beta2, VANISHED);
         double rate = alpha / (1.0 - power1), root = 1.0 / sqrt(1.0 - power2);
         for (int64_t i = 0; i < P; i++) {
             double g = -error * phi[i];
@@ -138,8 +144,8 @@ static void nadam(identifier *id, int64_t batch)
     for (int64_t k = 0; k < batch; k++) {
         const double *restrict phi = id->buffer + id->rows[k] * (P + 2);
         double error = normalized_error(P, theta, phi);
-        power1 *= beta1;
-        power2 *= beta2;
+        power1 = larger(power1 * beta1, VANISHED);
+        power2 = larger(power2 * beta2, VANISHED);
         double now = alpha * (1.0 - beta1) / (1.0 - power1), ahead = alpha * beta1 / (1.0 - beta1 * power1);
         double root = 1.0 / sqrt(1.0 - power2);
         for (int64_t i = 0; i < P; i++) {

@@ -11,6 +11,7 @@ import pytest
 import replant as rp
 from builders import G1, identifier, random_plant, record, true_parameters, with_and_without
 from references import TWINS, identify, regressor
+from replant.kernels import layout as at
 from replant.optimizers import OPTIMIZERS
 
 every_optimizer = pytest.mark.parametrize("name", OPTIMIZERS)
@@ -181,3 +182,13 @@ def test_gradient_is_stable_below_two_whatever_the_signals() -> None:
     distance = np.linalg.norm(np.vstack([trace.start, trace.parameters]) - [0.0, 3.0], axis=1)
     assert (np.diff(distance) <= 1e-12).all()
     assert distance[-1] < 0.1 * distance[0]
+
+
+@pytest.mark.parametrize("name", ["adam", "nadam"])
+def test_powers_of_beta_never_leave_the_normal_numbers(name: str) -> None:
+    """Products of smaller ones take some processors a hundred times as long, for as long as the stream runs."""
+    ident = identifier(OPTIMIZERS[name](1e-3, beta1=0.5, beta2=0.5))
+    ident.update_many(*np.random.default_rng(3).standard_normal((2, 2000)))
+    memory = ident._state.block(at.AT_MEMORY, 2)
+    assert 0.5**2000 < np.finfo(float).tiny <= memory.min()
+    assert (1.0 - memory == 1.0).all()

@@ -15,6 +15,10 @@ import math
 
 from replant.kernels.compiled import cut, part
 
+# 1 less this is 1.  Smaller powers of beta would end as numbers below the normal ones, which take some processors a
+# hundred cycles at each product.
+VANISHED = 1e-100
+
 # The optimizers' codes; `replant.optimizers` names them by the same numbers.
 CODES = range(8)
 GRADIENT, ADAM, AMSGRAD, ADAGRAD, RMSPROP, NADAM, ADADELTA, INTEGRAL_COST = CODES
@@ -50,8 +54,8 @@ def adam(theta, memory, settings, buffer, rows, batch, direction):
     for k in range(batch):
         phi, along = buffer[rows[k]], buffer[rows[k]][direction:]
         error = normalized_error(theta, phi)
-        power1 *= beta1
-        power2 *= beta2
+        power1 = max(power1 * beta1, VANISHED)
+        power2 = max(power2 * beta2, VANISHED)
         rate = alpha / (1.0 - power1)  # the corrections of bias, taken out of the loop: two divisions less an entry
         root = 1.0 / math.sqrt(1.0 - power2)
         for i in range(P):
@@ -114,8 +118,8 @@ def nadam(theta, memory, settings, buffer, rows, batch, direction):
     for k in range(batch):
         phi, along = buffer[rows[k]], buffer[rows[k]][direction:]
         error = normalized_error(theta, phi)
-        power1 *= beta1
-        power2 *= beta2
+        power1 = max(power1 * beta1, VANISHED)
+        power2 = max(power2 * beta2, VANISHED)
         now = alpha * (1.0 - beta1) / (1.0 - power1)
         ahead = alpha * beta1 / (1.0 - beta1 * power1)
         root = 1.0 / math.sqrt(1.0 - power2)
