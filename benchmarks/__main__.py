@@ -16,6 +16,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from drawing import draw_scaling
 from kernels import FLAGS, describe_machine
 from page import SECTIONS, page, section
 
@@ -41,7 +42,8 @@ def main() -> int:
     (folder / "bench.json").write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
     if chosen == list(SECTIONS):
         (ROOT / "docs" / "performance.md").write_text(page(figures), encoding="utf-8")
-        console.print("wrote docs/performance.md and out/bench/bench.json")
+        draw_scaling(figures["scaling"]["rows"], ROOT / "docs" / "pictures" / "scaling.svg")
+        console.print("wrote docs/performance.md, its picture and out/bench/bench.json")
     missed = [name for name in chosen if not figures[name].get("holds", True)]
     if missed:
         console.print(f"not as fast as it should be: {', '.join(missed)}")

@@ -174,7 +174,9 @@ def scaling(figures: Figures) -> str:
         for row in figures["rows"]
     ]
     text = (
-        "Cost against size where the arithmetic outweighs what every call costs: the slope in a double logarithm.\n\n"
+        "Cost against size where the arithmetic outweighs what every call costs: the slope in a double logarithm. In "
+        "the picture points are measured, and a dashed line grows as it should.\n\n"
+        "![Cost over the number of parameters, the batch and the buffer](pictures/scaling.svg)\n\n"
     )
     return text + table(["kernel", "sizes", "ns", "exponent", "expected"], rows)
 

@@ -1,0 +1,50 @@
+"""The picture of `docs/performance.md`: measured cost over size, and beside it how it should grow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+
+from replant.report.style import BLUE, GREEN, ORANGE, VERMILION, blank_figure, font, open_frame
+
+COLOURS, MARKERS = (BLUE, VERMILION, GREEN, ORANGE), "osD^"
+
+
+def panels(rows: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    """Return which kernels share a panel: those whose cost grows alike, by what its horizontal axis says."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        found.setdefault("parameters" if row["size"] == "parameters" else "rows", []).append(row)
+    linear = [row for row in found["parameters"] if row["expected"] == 1]
+    return {
+        "parameters P": linear,
+        "parameters P ": [row for row in found["parameters"] if row not in linear],
+        "rows of a batch, or of the buffer": found["rows"],
+    }
+
+
+def draw_scaling(rows: list[dict[str, Any]], path: Path) -> None:
+    """Draw cost over size: points are measured, dashed lines have the expected slope, through the points' middle."""
+    with font(), mpl.rc_context({"svg.fonttype": "none"}):
+        axes = blank_figure(9.0, 3.2).subplots(1, 3)
+        for axis, (label, kernels) in zip(axes, panels(rows).items(), strict=True):
+            for kernel, colour, marker in zip(kernels, COLOURS, MARKERS, strict=False):
+                size, cost = np.array(kernel["sizes"], float), np.array(kernel["nanoseconds"])
+                middle = np.exp(np.log(cost).mean() + kernel["expected"] * (np.log(size) - np.log(size).mean()))
+                name = kernel["what"] if kernel["size"] == "parameters" else f"{kernel['what']}, {kernel['size']}"
+                axis.loglog(size, middle, color=colour, ls=(0, (4, 3)), lw=1.0)
+                axis.loglog(size, cost, marker, color=colour, ms=4.5, label=f"{name}: {kernel['exponent']:.2f}")
+            every = sorted({number for kernel in kernels for number in kernel["sizes"]})
+            ticks = every if len(every) <= 4 else [every[0], every[len(every) // 2], every[-1]]
+            axis.set_xticks(ticks, [f"{number:,}" for number in ticks])
+            axis.minorticks_off()
+            axis.set_xlabel(label.strip())
+            low, high = axis.get_ylim()
+            axis.set_ylim(low, high * (high / low) ** 0.5)  # room for the legend
+            axis.legend(loc="upper left", frameon=False, handletextpad=0.3)
+            open_frame(axis)
+        axes[0].set_ylabel("ns")
+        axes[0].figure.savefig(path, metadata={"Date": None})
