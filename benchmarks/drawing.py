@@ -13,24 +13,21 @@ from replant.report.style import BLUE, GREEN, ORANGE, VERMILION, blank_figure, f
 COLOURS, MARKERS = (BLUE, VERMILION, GREEN, ORANGE), "osD^"
 
 
-def panels(rows: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    """Return which kernels share a panel: those whose cost grows alike, by what its horizontal axis says."""
-    found: dict[str, list[dict[str, Any]]] = {}
-    for row in rows:
-        found.setdefault("parameters" if row["size"] == "parameters" else "rows", []).append(row)
-    linear = [row for row in found["parameters"] if row["expected"] == 1]
-    return {
-        "parameters P": linear,
-        "parameters P ": [row for row in found["parameters"] if row not in linear],
-        "rows of a batch, or of the buffer": found["rows"],
-    }
+def panels(rows: list[dict[str, Any]]) -> list[tuple[str, list[dict[str, Any]]]]:
+    """Return the label of each panel's axis and the kernels in it."""
+    parameters = [row for row in rows if row["size"] == "parameters"]
+    return [
+        ("parameters P", [row for row in parameters if row["expected"] == 1]),
+        ("parameters P", [row for row in parameters if row["expected"] > 1]),
+        ("rows of a batch, or of the buffer", [row for row in rows if row not in parameters]),
+    ]
 
 
 def draw_scaling(rows: list[dict[str, Any]], path: Path) -> None:
     """Draw cost over size: points are measured, dashed lines have the expected slope, through the points' middle."""
     with font(), mpl.rc_context({"svg.fonttype": "none"}):
         axes = blank_figure(9.0, 3.2).subplots(1, 3)
-        for axis, (label, kernels) in zip(axes, panels(rows).items(), strict=True):
+        for axis, (label, kernels) in zip(axes, panels(rows), strict=True):
             for kernel, colour, marker in zip(kernels, COLOURS, MARKERS, strict=False):
                 size, cost = np.array(kernel["sizes"], float), np.array(kernel["nanoseconds"])
                 middle = np.exp(np.log(cost).mean() + kernel["expected"] * (np.log(size) - np.log(size).mean()))
@@ -41,7 +38,7 @@ def draw_scaling(rows: list[dict[str, Any]], path: Path) -> None:
             ticks = every if len(every) <= 4 else [every[0], every[len(every) // 2], every[-1]]
             axis.set_xticks(ticks, [f"{number:,}" for number in ticks])
             axis.minorticks_off()
-            axis.set_xlabel(label.strip())
+            axis.set_xlabel(label)
             low, high = axis.get_ylim()
             axis.set_ylim(low, high * (high / low) ** 0.5)  # room for the legend
             axis.legend(loc="upper left", frameon=False, handletextpad=0.3)
