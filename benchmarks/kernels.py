@@ -270,8 +270,11 @@ def chunks(structure: rp.Structure, size: int, count: int) -> Iterator[tuple[np.
 
 
 def distance(a: np.ndarray, b: np.ndarray) -> float:
-    """Return the largest difference relative to the largest magnitude."""
-    return float(np.abs(a - b).max() / np.abs(b).max())
+    """Return the largest difference relative to the largest magnitude; what is infinite must be so in both."""
+    finite = np.isfinite(b)
+    if not np.array_equal(a[~finite], b[~finite]):
+        return math.inf
+    return float(np.abs(a[finite] - b[finite]).max() / np.abs(b[finite]).max())
 
 
 # --- showing

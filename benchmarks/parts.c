@@ -27,6 +27,30 @@ static void advance_channel(
         x[i] = new[i];
 }
 
+/* two channels at once, as ours: each loads A but once for both */
+static void advance_two(
+    double *restrict bank, int64_t n, int64_t T, int64_t at, int64_t one, double start, double end, int64_t other,
+    double other_start, double other_end, double *restrict new)
+{
+    double *restrict x = bank + at_states(n, T) + one * n, *restrict z = bank + at_states(n, T) + other * n;
+    const double *restrict A = bank + at + 1, *restrict constant = A + n * n, *restrict ramp = constant + n;
+    double rise = end - start, other_rise = other_end - other_start, *restrict spare = new + n;
+    for (int64_t i = 0; i < n; i++) {
+        double total = constant[i] * start + ramp[i] * rise;
+        double sum = constant[i] * other_start + ramp[i] * other_rise;
+        for (int64_t j = 0; j < n; j++) {
+            total += A[i * n + j] * x[j];
+            sum += A[i * n + j] * z[j];
+        }
+        new[i] = total;
+        spare[i] = sum;
+    }
+    for (int64_t i = 0; i < n; i++) {
+        x[i] = new[i];
+        z[i] = spare[i];
+    }
+}
+
 static int64_t discretization(const double *bank, int64_t n, int64_t T, double interval)
 {
     int64_t kept = at_states(n, T) + CHANNELS * n, size = 1 + n * n + 2 * n;
@@ -86,13 +110,10 @@ static double observe(int64_t *ints, double *reals, double *banks, int64_t bank_
             continue;
         double *bank = banks + b * bank_size;
         int64_t slot = discretization(bank, n, T, interval);
-        advance_channel(bank, n, T, OUTPUT, slot, reals[LAST_OUTPUT], y, work);
-        advance_channel(bank, n, T, INPUT, slot, last, last, work);
+        advance_two(bank, n, T, slot, OUTPUT, reals[LAST_OUTPUT], y, INPUT, last, last, work);
         reals[INPUT_NOW] = u;
-        if (b > 0) {
-            advance_channel(bank, n, T, IMPULSE, slot, 0.0, 0.0, work);
-            advance_channel(bank, n, T, CONSTANT_CHANNEL, slot, 1.0, 1.0, work);
-        }
+        if (b > 0)
+            advance_two(bank, n, T, slot, IMPULSE, 0.0, 0.0, CONSTANT_CHANNEL, 1.0, 1.0, work);
         if (!modelled)
             continue;
         double output = serving;
@@ -214,7 +235,7 @@ void run_kalman(
     double interval)
 {
     double *U = memory, *D = U + P * P, *noise = D + P, *increase = noise + 1, *projected = increase + P;
-    double *gain = projected + P, *work = gain + P;
+    double *gain = projected + P, *work = gain + P, *last_alpha = work + 2 * P * P + 2 * P;
     int64_t width = direction ? 2 * P + 2 : P + 2;
     for (int64_t k = 0; k < K; k++) {
         const double *row = buffer + k * width;
@@ -225,6 +246,7 @@ void run_kalman(
         double alpha = measurement_update(P, U, D, row + direction, *noise, projected, gain);
         for (int64_t i = 0; i < P; i++)
             theta[i] += gain[i] * error / alpha;
+        *last_alpha = alpha;
         double share = fmin(settings[0] * interval, 1.0);
         *noise = fmax(*noise + (error * error * *noise / alpha - *noise) * share, DBL_MIN);
     }

@@ -8,6 +8,7 @@ import pytest
 import replant as rp
 from replant.factors import compose
 from replant.kernels.compiled import kernel
+from replant.kernels.pointer import pointer
 from replant.kernels.second_order import (
     expand,
     kalman_tracking,
@@ -17,6 +18,18 @@ from replant.kernels.second_order import (
 )
 
 ORDERS = [1, 2, 3, 5, 8, 13]
+
+
+@kernel
+def observe(U, D, zeta, noise, projected, gain):
+    return measurement_update(
+        D.size, pointer(U, 0), pointer(D, 0), pointer(zeta, 0), noise, pointer(projected, 0), pointer(gain, 0)
+    )
+
+
+@kernel
+def walk(U, D, increase, work):
+    time_update(D.size, pointer(U, 0), pointer(D, 0), pointer(increase, 0), pointer(work, 0))
 
 
 def random_factors(generator: np.random.Generator, size: int, spread: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
@@ -31,7 +44,7 @@ def test_an_observation_changes_the_covariance_as_the_formula_says(size: int) ->
         U, D = random_factors(generator, size)
         P, zeta, noise = compose(U, D), generator.standard_normal(size), 10 ** generator.uniform(-2, 2)
         flat, diagonal, gain = U.ravel().copy(), D.copy(), np.empty(size)
-        alpha = measurement_update(flat, diagonal, zeta, noise, np.empty(size), gain)
+        alpha = observe(flat, diagonal, zeta, noise, np.empty(size), gain)
         expected = noise + zeta @ P @ zeta
         assert alpha == pytest.approx(expected, rel=1e-11)
         scale = np.abs(P).max()
@@ -49,7 +62,7 @@ def test_time_adds_its_noise(size: int) -> None:
         U, D = random_factors(generator, size)
         increase = 10 ** generator.uniform(-3, 2, size) * (generator.random(size) < 0.7)
         flat, diagonal = U.ravel().copy(), D.copy()
-        time_update(flat, diagonal, increase, np.empty(2 * size * size + 2 * size))
+        walk(flat, diagonal, increase, np.empty(2 * size * size + 2 * size))
         expected = compose(U, D) + np.diag(increase)
         updated = compose(flat.reshape(size, size), diagonal)
         np.testing.assert_allclose(updated, expected, atol=1e-11 * np.abs(expected).max())
@@ -74,14 +87,14 @@ def test_the_expanded_covariance_is_the_product_and_symmetric_to_the_bit(size: i
 def observe_many(U, D, directions, noise, projected, gain, count):
     """Observe along the directions in turn."""
     for k in range(count):
-        measurement_update(U, D, directions[k % directions.shape[0]], noise, projected, gain)
+        observe(U, D, directions[k % directions.shape[0]], noise, projected, gain)
 
 
 @kernel
 def observe_and_walk(U, D, directions, noise, increase, work, projected, gain, count):
     for k in range(count):
-        time_update(U, D, increase, work)
-        measurement_update(U, D, directions[k % directions.shape[0]], noise, projected, gain)
+        walk(U, D, increase, work)
+        observe(U, D, directions[k % directions.shape[0]], noise, projected, gain)
 
 
 def hardly_different_directions(size: int) -> np.ndarray:

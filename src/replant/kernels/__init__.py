@@ -8,5 +8,5 @@ compilation.
 Many identifiers at once go through `lanes`, sixteen in a vector (see `vector`), by the same arithmetic.
 
 A reader starts with `step.take_by_gradient`: what happens to one sample, from its arrival to the new estimate.
-`compiled` says what makes it fast; benchmarks/kernels.py measures it beside C.
+`compiled` and `pointer` say what makes it fast; benchmarks/kernels.py measures it beside C.
 """

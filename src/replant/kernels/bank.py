@@ -16,10 +16,9 @@ Discretisations are kept by the interval they belong to, a few at a time: a regu
 time three, and a clock that jitters makes a new one each time.
 """
 
-import numpy as np
-
 from replant.kernels.compiled import part, rare, seldom
 from replant.kernels.matrix_exponential import exponential
+from replant.kernels.pointer import pointer
 
 OUTPUT, INPUT, MODEL, IMPULSE, CONSTANT = range(5)
 CHANNELS = 5
@@ -102,12 +101,13 @@ def set_denominator(bank, n, T, inputs, constant, nuisances, fixed, denominator,
         bank[kept + slot * size] = -1.0
 
 
-@rare
+@part
 def discretization(bank, n, T, interval, work):
     """Return where the exact solution over ``interval`` lies in the bank, computing it if it is not there."""
     kept, size = at_kept(n, T), 1 + n * n + 2 * n
+    intervals = pointer(bank, kept)
     for slot in range(KEPT):
-        if abs(bank[kept + slot * size] - interval) <= 1e-9 * interval:
+        if abs(intervals[slot * size] - interval) <= 1e-9 * interval:
             return kept + slot * size
     return new_discretization(bank, n, T, interval, work)
 
@@ -144,47 +144,53 @@ def new_discretization(bank, n, T, interval, work):
     return at
 
 
+@rare
+def advance_states(n, solution, start, rise, x, new):
+    """Carry the states x over one interval: their signal begins at ``start`` and rises along a straight line.
+
+    ``solution`` points to Ad and the responses to a constant and to a ramp, one after the other; ``new`` is work.
+    """
+    A, constant, ramp = solution, n * n, n * n + n
+    for i in range(n):
+        total = solution[constant + i] * start + solution[ramp + i] * rise
+        for j in range(n):
+            total += A[i * n + j] * x[j]
+        new[i] = total
+    for i in range(n):
+        x[i] = new[i]
+
+
+@rare
+def advance_both(n, solution, start, rise, x, new, other_start, other_rise, z, spare):
+    """Carry the states x and z as `advance_states` carries x, to the same bits: each loads Ad but once for both."""
+    A, constant, ramp = solution, n * n, n * n + n
+    for i in range(n):
+        total = solution[constant + i] * start + solution[ramp + i] * rise
+        other = solution[constant + i] * other_start + solution[ramp + i] * other_rise
+        for j in range(n):
+            total += A[i * n + j] * x[j]
+            other += A[i * n + j] * z[j]
+        new[i] = total
+        spare[i] = other
+    for i in range(n):
+        x[i] = new[i]
+        z[i] = spare[i]
+
+
 @part
 def advance_channel(bank, n, T, channel, at, start, end, work):
     """Carry one channel over the interval of the discretisation ``at``; its signal runs straight, start to end."""
-    states = DENOMINATOR + 2 * n + 2 * T + channel * n
-    x, new = bank[states : states + n], work[:n]
-    A = bank[at + 1 : at + 1 + n * n]
-    constant, ramp = bank[at + 1 + n * n : at + 1 + n * n + n], bank[at + 1 + n * n + n : at + 1 + n * n + 2 * n]
-    rise = end - start
-    entry = np.uint64(0)  # unsigned: need not be checked when it serves as index
-    for i in range(x.size):
-        total = constant[i] * start + ramp[i] * rise
-        for j in range(x.size):
-            total += A[entry] * x[j]
-            entry += np.uint64(1)
-        new[i] = total
-    for i in range(x.size):
-        x[i] = new[i]
+    states = at_states(n, T) + channel * n
+    advance_states(n, pointer(bank, at + 1), start, end - start, pointer(bank, states), pointer(work, 0))
 
 
 @part
 def advance_two(bank, n, T, at, one, start, end, other, other_start, other_end, work):
-    """Carry two channels as `advance_channel` carries one, to the same bits: each loads A but once for both."""
-    states = DENOMINATOR + 2 * n + 2 * T
-    x, z = bank[states + one * n : states + one * n + n], bank[states + other * n : states + other * n + n]
-    new, spare = work[:n], work[n : 2 * n]
-    A = bank[at + 1 : at + 1 + n * n]
-    constant, ramp = bank[at + 1 + n * n : at + 1 + n * n + n], bank[at + 1 + n * n + n : at + 1 + n * n + 2 * n]
-    rise, other_rise = end - start, other_end - other_start
-    entry = np.uint64(0)
-    for i in range(x.size):
-        total = constant[i] * start + ramp[i] * rise
-        sum_ = constant[i] * other_start + ramp[i] * other_rise
-        for j in range(x.size):
-            total += A[entry] * x[j]
-            sum_ += A[entry] * z[j]
-            entry += np.uint64(1)
-        new[i] = total
-        spare[i] = sum_
-    for i in range(x.size):
-        x[i] = new[i]
-        z[i] = spare[i]
+    """Carry two channels as `advance_channel` carries one."""
+    states, rise, other_rise = at_states(n, T), end - start, other_end - other_start
+    x, z = pointer(bank, states + one * n), pointer(bank, states + other * n)
+    new, spare = pointer(work, 0), pointer(work, n)
+    advance_both(n, pointer(bank, at + 1), start, rise, x, new, other_start, other_rise, z, spare)
 
 
 @seldom
@@ -210,50 +216,44 @@ def begin(bank, n, T):
     bank[MODEL_OUTPUT] = 0.0
 
 
-@part
+@rare
 def fill_known_entries(bank, n, T, inputs, u, constant, nuisances, fixed, phi):
     """Fill the regressor's entries that no output enters: those of the input, the constant and the initial state.
 
     The input's are s^m/D u .. s^0/D u, ``u`` being its delayed value now.  Returns the auxiliary model's output: its
-    weights on these entries.
+    weights on these entries.  ``bank`` and ``phi`` are pointers.
     """
-    characteristic, gain, states = DENOMINATOR + n, DENOMINATOR + 2 * n, DENOMINATOR + 2 * n + 2 * T
-    proper = min(inputs, n)
-    w = bank[states + INPUT * n + n - proper : states + INPUT * n + n]
-    first, last = n + inputs - proper, n + inputs
-    gains, entries = bank[gain + first : gain + last], phi[first:last]
-    for i in range(w.size):
-        entries[i] = gains[i] * w[i]
+    characteristic, gain, weights, states = DENOMINATOR + n, at_gain(n), at_weights(n, T), at_states(n, T)
+    proper, last = min(inputs, n), n + inputs
+    w, first = states + INPUT * n + n - proper, n + inputs - proper
+    for i in range(proper):
+        phi[first + i] = bank[gain + first + i] * bank[w + i]
     if inputs == n + 1:  # as many zeros as poles: the first entry is s^n/D u
-        highest, d = u, bank[characteristic : characteristic + n]
-        for i in range(w.size):
-            highest -= d[i] * w[i]
+        highest = u
+        for i in range(n):
+            highest -= bank[characteristic + i] * bank[w + i]
         phi[n] = bank[gain + n] * highest
     if constant:
         phi[last] = bank[gain + last] * (1.0 if fixed else bank[states + CONSTANT * n + n - 1])
     if nuisances:
-        gains, entries = bank[gain + last + 1 : gain + last + 1 + n], phi[last + 1 : last + 1 + n]
-        w = bank[states + IMPULSE * n : states + IMPULSE * n + n]
-        for i in range(w.size):
-            entries[i] = gains[i] * w[i]
-    weight, output = DENOMINATOR + 2 * n + T, 0.0
-    weights, known = bank[weight + n : weight + T], phi[n:T]
-    for i in range(known.size):
-        output += weights[i] * known[i]
+        for i in range(n):
+            phi[last + 1 + i] = bank[gain + last + 1 + i] * bank[states + IMPULSE * n + i]
+    output = 0.0
+    for i in range(n, T):
+        output += bank[weights + i] * phi[i]
     return output
 
 
-@part
+@rare
 def fill_output_entries(bank, n, T, channel, y, phi):
     """Fill the entries -s^(n-1)/D y .. -s^0/D y of the signal in this channel, and return s^n/D y.
 
-    The signal is the measured output or, for instruments, the model's; ``y`` its value now.
+    The signal is the measured output or, for instruments, the model's; ``y`` its value now.  ``bank`` and ``phi`` are
+    pointers.
     """
-    gain, states = DENOMINATOR + 2 * n, DENOMINATOR + 2 * n + 2 * T + channel * n
-    characteristic, gains = bank[DENOMINATOR + n : DENOMINATOR + 2 * n], bank[gain : gain + n]
-    w, entries = bank[states : states + n], phi[:n]
+    characteristic, gain, w = DENOMINATOR + n, at_gain(n), at_states(n, T) + channel * n
     highest = y
-    for i in range(w.size):
-        entries[i] = gains[i] * w[i]
-        highest -= characteristic[i] * w[i]
+    for i in range(n):
+        phi[i] = bank[gain + i] * bank[w + i]
+        highest -= bank[characteristic + i] * bank[w + i]
     return highest

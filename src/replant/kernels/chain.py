@@ -6,7 +6,8 @@ serves while the other warms up.  With the refined filter the serving bank makes
 
 from replant.kernels import bank as bk
 from replant.kernels import layout as at
-from replant.kernels.compiled import rare
+from replant.kernels.compiled import cut, part, rare
+from replant.kernels.pointer import pointer
 from replant.kernels.stability import all_left_of, bandwidth, slowest_decay
 
 WARM_TIME_CONSTANTS = 10.0  # of the new model's slowest pole, before a warming bank takes over
@@ -31,7 +32,7 @@ def begin(ints, reals, banks, u, y):
     ints[at.STARTED] = 1
 
 
-@rare
+@cut
 def remember_input(ints, reals, u, interval):
     """Put the newest input into the ring that the dead time looks back on.
 
@@ -39,15 +40,15 @@ def remember_input(ints, reals, u, interval):
     sampling time it stood in any case.  For the rest the mean of the last and the newest value would be right in the
     former case, the last value in the latter: a third of the way errs least in the worse of both.
     """
-    last = reals[ints[at.AT_INPUTS] + ints[at.NEWEST]]
+    inputs, held = pointer(reals, ints[at.AT_INPUTS]), pointer(reals, ints[at.AT_HELD])
+    intervals, last = pointer(reals, ints[at.AT_INTERVALS]), inputs[ints[at.NEWEST]]
     known = reals[at.INTERVAL] / interval if interval > MISSING * reals[at.INTERVAL] else 1.0
     newest = ints[at.NEWEST] + 1
     if newest == ints[at.RING]:
         newest = 0
     ints[at.NEWEST] = newest
-    reals[ints[at.AT_INPUTS] + newest] = u
-    reals[ints[at.AT_HELD] + newest] = last + (1.0 - known) * MOVED * (u - last)
-    reals[ints[at.AT_INTERVALS] + newest] = interval
+    inputs[newest], intervals[newest] = u, interval
+    held[newest] = last + (1.0 - known) * MOVED * (u - last)
 
 
 @rare
@@ -100,7 +101,7 @@ def advance_delayed_input(ints, reals, bank, interval, slot, work):
         reals[at.INPUT_NOW] = inputs[newer]
 
 
-@rare
+@cut
 def advance_bank(ints, reals, bank, interval, y, channels):
     """Carry the channels of a bank but MODEL, whose newest value is not known yet, over the newest interval.
 
@@ -114,10 +115,11 @@ def advance_bank(ints, reals, bank, interval, y, channels):
         bk.advance_channel(bank, n, T, bk.OUTPUT, slot, last_y, y, work)
         advance_delayed_input(ints, reals, bank, interval, slot, work)
     else:
-        now = reals[ints[at.AT_INPUTS] + newest]
-        start = end = reals[ints[at.AT_HELD] + newest]
+        inputs, held = pointer(reals, ints[at.AT_INPUTS]), pointer(reals, ints[at.AT_HELD])
+        now = inputs[newest]
+        start = end = held[newest]
         if ints[at.STRAIGHT_INPUT] == 1:
-            start, end = reals[ints[at.AT_INPUTS] + (newest - 1 if newest > 0 else ints[at.RING] - 1)], now
+            start, end = inputs[newest - 1 if newest > 0 else ints[at.RING] - 1], now
         bk.advance_two(bank, n, T, slot, bk.OUTPUT, last_y, y, bk.INPUT, start, end, work)
         reals[at.INPUT_NOW] = now
     if channels > bk.INPUT + 1:
@@ -175,7 +177,7 @@ def renew_model(ints, reals, banks):
     return taken_over
 
 
-@rare
+@part
 def fill_regressor(ints, reals, bank, y, fixed):
     """Fill phi and zeta from a bank and return the scaled target s^n/D y.
 
@@ -183,14 +185,14 @@ def fill_regressor(ints, reals, bank, y, fixed):
     plant's parameters whatever the filter is, and the error is that of (8).
     """
     n, T, inputs, constant = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES], ints[at.CONSTANT] == 1
-    phi = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + T]
-    target = bk.fill_output_entries(bank, n, T, bk.OUTPUT, y, phi)
-    bk.fill_known_entries(bank, n, T, inputs, reals[at.INPUT_NOW], constant, ints[at.REFINED] == 1, fixed, phi)
+    filters, phi = pointer(bank, 0), pointer(reals, ints[at.AT_PHI])
+    target = bk.fill_output_entries(filters, n, T, bk.OUTPUT, y, phi)
+    bk.fill_known_entries(filters, n, T, inputs, reals[at.INPUT_NOW], constant, ints[at.REFINED] == 1, fixed, phi)
     if ints[at.INSTRUMENTS] == 1:
-        zeta = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + T]
+        zeta = pointer(reals, ints[at.AT_ZETA])
         for i in range(n, T):
             zeta[i] = phi[i]
-        bk.fill_output_entries(bank, n, T, bk.MODEL, bank[bk.MODEL_OUTPUT], zeta)
+        bk.fill_output_entries(filters, n, T, bk.MODEL, bank[bk.MODEL_OUTPUT], zeta)
     return target / reals[at.OUTPUT_SCALE]
 
 
@@ -208,7 +210,7 @@ def observe(ints, reals, banks, u, y, interval):
         begin(ints, reals, banks, u, y)
     else:
         remember_input(ints, reals, u, interval)
-    entries = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + T]  # work: filled last of all
+    entries = pointer(reals, ints[at.AT_ZETA])  # work: filled last of all
     serving, slot = 0.0, 0
     for b in range(2 if modelled else 0, -1, -1):  # the models first: the fixed filter needs the serving one's output
         idle = b == 3 - ints[at.ACTIVE] and ints[at.WARMING] == 0
@@ -221,7 +223,9 @@ def observe(ints, reals, banks, u, y, interval):
             continue
         output = serving
         if b > 0:
-            output = bk.fill_known_entries(bank, n, T, inputs, reals[at.INPUT_NOW], constant, refined, b == 0, entries)
+            output = bk.fill_known_entries(
+                pointer(bank, 0), n, T, inputs, reals[at.INPUT_NOW], constant, refined, b == 0, entries
+            )
             if b == ints[at.ACTIVE]:
                 serving = output
         if refined or b == 0:

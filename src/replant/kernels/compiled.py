@@ -3,8 +3,10 @@
 * No reference counts (``_nrt=False``).  Numba counts the owners of an array in atomic instructions, at every slice and
   every call; in the kernel of one sample they took most of the time.  A kernel without them may look only into arrays
   that its caller keeps, may not return one, and cannot allocate: the compiler refuses, which is as it should be.
-* Parts melt into their caller (``forceinline``), so that arrays travel in registers.
-* Every quantity is an array of its own, cut from its flat home and indexed by the variable of a ``range``.
+* Parts melt into their caller (``forceinline``), so that arrays travel in registers.  What is called as a function
+  within a sample takes a `pointer` for each array: an array travels as seven numbers, on the stack.
+* Every quantity is an array of its own, cut from its flat home once a call and indexed by the variable of a ``range``,
+  or a `pointer`.
   For ``reals[offset + i]`` Numba, unsure of the sign, provides for an index that counts from the end, and the loop
   cannot be vectorised.
 * No check before a division (``error_model="numpy"``); the interpreter is free meanwhile (``nogil``).  Never
@@ -16,8 +18,10 @@ from numba import njit
 
 def compiled(**how):
     """Return the decorator that compiles a kernel so, and as ``how`` says."""
-    # Numba's own parts use _nrt; its type hints leave it out
-    return njit(cache=True, nogil=True, error_model="numpy", _nrt=False, no_cfunc_wrapper=True, **how)  # type: ignore[call-overload]
+    # Numba's own parts use _nrt; its type hints leave it out.  What does not say so inherits forceinline from its first
+    # caller: all that a part calls would melt into the part, whole matrix exponentials into every sample.
+    how = {"forceinline": False, "_nrt": False} | how
+    return njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **how)  # type: ignore[call-overload]
 
 
 #: What Python calls.

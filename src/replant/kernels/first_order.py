@@ -13,7 +13,9 @@ where that vector begins, 0 or P + 2.
 
 import math
 
-from replant.kernels.compiled import cut, part
+from replant.kernels.compiled import cut, part, rare
+from replant.kernels.pointer import pointer
+from replant.kernels.vector import prefetch
 
 # 1 less this is 1.  Smaller powers of beta would end as numbers below the normal ones, which take some processors a
 # hundred cycles at each product.
@@ -154,23 +156,32 @@ def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
 
     theta moves along the R and Q held before the row, then the row enters them, as the article's index t says.
     """
-    P = theta.size
-    period, gain, beta = settings[0], settings[1], settings[2]
-    keep = 1.0 - period * beta
-    R, Q, slope = memory[: P * P], memory[P * P : P * P + P], memory[P * P + P :]
+    for k in range(batch - 1):  # of these no cache can guess where they lie; the last is the newest
+        prefetch(buffer, rows[k], 0)
+        prefetch(buffer, rows[k], theta.size + 1)
+    first, width = pointer(buffer[0], 0), buffer.shape[1]
+    follow_integral(
+        theta.size, pointer(theta, 0), pointer(memory, 0), settings[0], settings[1], settings[2], first, width,
+        pointer(rows, 0), batch, direction,
+    )  # fmt: skip
+
+
+@rare
+def follow_integral(P, theta, R, period, gain, beta, buffer, width, rows, batch, direction):
+    """Do what `integral_cost` says, with pointers; ``width`` is that of a row of the buffer."""
+    keep, Q, slope = 1.0 - period * beta, pointer(R, P * P), pointer(R, P * P + P)
     for k in range(batch):
-        phi, along = buffer[rows[k]], buffer[rows[k]][direction:]
-        y, weight = phi[P], period * phi[P + 1]
+        phi = pointer(buffer, rows[k] * width)
+        along, y, weight = pointer(phi, direction), phi[P], period * phi[P + 1]
         for i in range(P):
-            total, row = Q[i], R[i * P : i * P + P]
+            total, row = Q[i], pointer(R, i * P)
             for j in range(P):
                 total += row[j] * theta[j]
             slope[i] = total
         for i in range(P):
             theta[i] -= period * gain * slope[i]
-            weighted = weight * along[i]
+            weighted, row = weight * along[i], pointer(R, i * P)
             Q[i] = keep * Q[i] - weighted * y
-            row = R[i * P : i * P + P]
             for j in range(P):
                 row[j] = keep * row[j] + weighted * phi[j]
 

@@ -10,20 +10,20 @@ update is Thornton's); Young, "Recursive Estimation and Time-Series Analysis", 2
 
 import numpy as np
 
-from replant.kernels.compiled import rare, seldom
+from replant.kernels.compiled import part, rare, seldom
+from replant.kernels.pointer import pointer
 
 # The codes of these optimizers; `replant.optimizers` names them by the same numbers.
 RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9
 
 
 @rare
-def measurement_update(U, D, zeta, noise, projected, gain):
-    """Bierman's update of U (P^2,) and D (P,) for a scalar observation zeta' theta of variance ``noise``.
+def measurement_update(P, U, D, zeta, noise, projected, gain):
+    """Bierman's update of U (P^2) and D (P) for a scalar observation zeta' theta of variance ``noise``.
 
-    Fills ``gain`` (P,) with P zeta of the old P and returns alpha = noise + zeta' P zeta: the Kalman gain is
-    gain / alpha.  ``projected`` (P,) is work.
+    Fills ``gain`` (P) with P zeta of the old P and returns alpha = noise + zeta' P zeta: the Kalman gain is
+    gain / alpha.  ``projected`` (P) is work.  All are pointers.
     """
-    P = D.size
     for i in range(P):
         total = zeta[i]
         for j in range(i):
@@ -45,28 +45,31 @@ def measurement_update(U, D, zeta, noise, projected, gain):
 
 
 @rare
-def time_update(U, D, increase, work):
-    """Thornton's update of U and D for P + diag(increase): weighted Gram-Schmidt; ``work`` holds 2 P^2 + 2 P."""
-    P = D.size
-    rows, weights = work[: 2 * P * P], work[2 * P * P :]
+def time_update(P, U, D, increase, work):
+    """Thornton's update of U and D for P + diag(increase): weighted Gram-Schmidt; ``work`` holds 2 P^2 + 2 P.
+
+    All are pointers.
+    """
+    width, weights = 2 * P, pointer(work, 2 * P * P)
     for i in range(P):
+        row = pointer(work, i * width)
         for j in range(P):
-            rows[i * 2 * P + j] = U[i * P + j]
-            rows[i * 2 * P + P + j] = 1.0 if i == j else 0.0
+            row[j] = U[i * P + j]
+            row[P + j] = 1.0 if i == j else 0.0
         weights[i] = D[i]
         weights[P + i] = increase[i]
     for i in range(P - 1, -1, -1):
-        row, length = rows[i * 2 * P : (i + 1) * 2 * P], 0.0
-        for k in range(row.size):
+        row, length = pointer(work, i * width), 0.0
+        for k in range(width):
             length += row[k] * row[k] * weights[k]
         D[i] = length
         for j in range(i):
-            earlier, cross = rows[j * 2 * P : (j + 1) * 2 * P], 0.0
-            for k in range(row.size):
+            earlier, cross = pointer(work, j * width), 0.0
+            for k in range(width):
                 cross += earlier[k] * row[k] * weights[k]
             cross = cross / length if length > 0.0 else 0.0
             U[j * P + i] = cross
-            for k in range(row.size):
+            for k in range(width):
                 earlier[k] -= cross * row[k]
 
 
@@ -125,56 +128,51 @@ def expand(U, D, covariance):
             covariance[j, i] = total
 
 
-@rare
+@part
 def recursive_least_squares(theta, memory, settings, buffer, rows, batch, direction):
     """Settings [forgetting factor], memory [U (P^2), D (P), cap of D (P), work (2 P), alpha].
 
     Forgetting divides P by the factor.  Where nothing comes in to make up for it D would grow without bound: it
     stops at its cap.
     """
-    P = theta.size
-    U, D = memory[: P * P], memory[P * P : P * P + P]
-    caps = memory[P * P + P : P * P + 2 * P]
-    projected, gain = memory[P * P + 2 * P : P * P + 3 * P], memory[P * P + 3 * P : P * P + 4 * P]
-    forgetting = settings[0]
+    P, forgetting, estimate = theta.size, settings[0], pointer(theta, 0)
+    U, D, caps = pointer(memory, 0), pointer(memory, P * P), pointer(memory, P * P + P)
+    projected, gain = pointer(memory, P * P + 2 * P), pointer(memory, P * P + 3 * P)
     for k in range(batch):
-        row = buffer[rows[k]]
+        row = pointer(buffer[rows[k]], 0)
         error = row[P]
         for i in range(P):
-            error -= theta[i] * row[i]
-        alpha = measurement_update(U, D, row[direction : direction + P], forgetting, projected, gain)
+            error -= estimate[i] * row[i]
+        alpha = measurement_update(P, U, D, pointer(row, direction), forgetting, projected, gain)
         for i in range(P):
-            theta[i] += gain[i] * error / alpha
+            estimate[i] += gain[i] * error / alpha
             if forgetting < 1.0:
                 D[i] = min(D[i] / forgetting, caps[i])
-        memory[P * P + 4 * P] = alpha
+        gain[P] = alpha
 
 
-@rare
+@part
 def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, interval):
     """Random walk of the parameters; settings [1 / time constant of the noise estimate, q (P)].
 
     Memory [U (P^2), D (P), noise variance, work (2 P^2 + 5 P), alpha].  The noise variance is tracked as
     R += (e^2 R / alpha - R) h / T, which the uncertainty of the parameters does not bias.
     """
-    P = theta.size
-    U, D = memory[: P * P], memory[P * P : P * P + P]
-    at = P * P + P
-    increase, projected = memory[at + 1 : at + 1 + P], memory[at + 1 + P : at + 1 + 2 * P]
-    gain = memory[at + 1 + 2 * P : at + 1 + 3 * P]
-    work = memory[at + 1 + 3 * P : memory.size - 1]
+    P, at, estimate = theta.size, theta.size * theta.size + theta.size, pointer(theta, 0)
+    U, D, tracked = pointer(memory, 0), pointer(memory, P * P), pointer(memory, at)
+    increase, projected = pointer(memory, at + 1), pointer(memory, at + 1 + P)
+    gain, work = pointer(memory, at + 1 + 2 * P), pointer(memory, at + 1 + 3 * P)
     for k in range(batch):
-        row = buffer[rows[k]]
+        row, noise = pointer(buffer[rows[k]], 0), tracked[0]
         for i in range(P):
             increase[i] = settings[1 + i] * interval
-        time_update(U, D, increase, work)
+        time_update(P, U, D, increase, work)
         error = row[P]
         for i in range(P):
-            error -= theta[i] * row[i]
-        noise = memory[at]
-        alpha = measurement_update(U, D, row[direction : direction + P], noise, projected, gain)
+            error -= estimate[i] * row[i]
+        alpha = measurement_update(P, U, D, pointer(row, direction), noise, projected, gain)
         for i in range(P):
-            theta[i] += gain[i] * error / alpha
+            estimate[i] += gain[i] * error / alpha
         memory[memory.size - 1] = alpha
         share = min(settings[0] * interval, 1.0)
-        memory[at] = max(noise + (error * error * noise / alpha - noise) * share, np.finfo(np.float64).tiny)
+        tracked[0] = max(noise + (error * error * noise / alpha - noise) * share, np.finfo(np.float64).tiny)

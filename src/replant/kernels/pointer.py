@@ -1,0 +1,45 @@
+"""The address of a number in an array, as C has it: what the loops of the general kernel work on.
+
+An array travels as seven numbers, a pointer as one, in a register.  And of ``array[i]`` or ``array[start : stop]``
+Numba, unsure of the signs, provides for what counts from the end or lies beyond it, which a pointer does not.
+"""
+
+from typing import Any
+
+from numba import types
+from numba.core import cgutils
+from numba.core.imputils import impl_ret_borrowed
+from numba.extending import intrinsic
+
+
+def _kind_of(array):
+    """Return the type of a pointer into this type of array; None where there is none."""
+    if isinstance(array, types.CPointer):
+        return array
+    if isinstance(array, types.Array) and array.layout == "C" and array.ndim == 1:
+        return types.CPointer(array.dtype) if array.aligned else array
+    return None  # Numba then names the call and the types that came
+
+
+def _pointer(typingctx, array, start):
+    kind = _kind_of(array)
+
+    def code(context, builder, signature, args):
+        if array == kind and not isinstance(array, types.Array):
+            return builder.gep(args[0], [args[1]])
+        source = context.make_array(array)(context, builder, args[0])
+        first = builder.gep(source.data, [args[1]])
+        if array != kind:
+            return first
+        view, left = context.make_array(kind)(context, builder), builder.sub(source.nitems, args[1])
+        view.data, view.nitems, view.itemsize = first, left, source.itemsize
+        view.shape, view.strides = cgutils.pack_array(builder, [left]), source.strides
+        view.meminfo, view.parent = source.meminfo, source.parent
+        return impl_ret_borrowed(context, builder, signature.return_type, view._getvalue())
+
+    return None if kind is None else (kind(array, types.intp), code)
+
+
+#: In kernels: return where the number ``start`` of a one-dimensional array, or behind a pointer, lies; what is returned
+#: is indexed as the array is.  An array of vectors, which need not lie where the processor has them, stays an array.
+pointer: Any = intrinsic(_pointer)
