@@ -187,18 +187,16 @@ static void integral_cost(identifier *id, int64_t batch)
         const double *restrict phi = id->buffer + id->rows[k] * (P + 2);
         double y = phi[P], weight = period * phi[P + 1];
         for (int64_t i = 0; i < P; i++) {
-            double sum = Q[i];
+            double sum = Q[i], weighted = weight * phi[i];
             for (int64_t j = 0; j < P; j++)
                 sum += R[i * P + j] * theta[j];
             slope[i] = sum;
-        }
-        for (int64_t i = 0; i < P; i++) {
-            double weighted = weight * phi[i];
-            theta[i] -= period * gain * slope[i];
+            Q[i] = keep * Q[i] - weighted * y;
             for (int64_t j = 0; j < P; j++)
                 R[i * P + j] = keep * R[i * P + j] + weighted * phi[j];
-            Q[i] = keep * Q[i] - weighted * y;
         }
+        for (int64_t i = 0; i < P; i++)
+            theta[i] -= period * gain * slope[i];
     }
 }
 

@@ -166,7 +166,7 @@ def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
     )  # fmt: skip
 
 
-@rare
+@part
 def follow_integral(P, theta, R, period, gain, beta, buffer, width, rows, batch, direction):
     """Do what `integral_cost` says, with pointers; ``width`` is that of a row of the buffer."""
     keep, Q, slope = 1.0 - period * beta, pointer(R, P * P), pointer(R, P * P + P)
@@ -174,16 +174,15 @@ def follow_integral(P, theta, R, period, gain, beta, buffer, width, rows, batch,
         phi = pointer(buffer, rows[k] * width)
         along, y, weight = pointer(phi, direction), phi[P], period * phi[P + 1]
         for i in range(P):
-            total, row = Q[i], pointer(R, i * P)
+            total, row, weighted = Q[i], pointer(R, i * P), weight * along[i]
             for j in range(P):
                 total += row[j] * theta[j]
             slope[i] = total
-        for i in range(P):
-            theta[i] -= period * gain * slope[i]
-            weighted, row = weight * along[i], pointer(R, i * P)
             Q[i] = keep * Q[i] - weighted * y
             for j in range(P):
                 row[j] = keep * row[j] + weighted * phi[j]
+        for i in range(P):
+            theta[i] -= period * gain * slope[i]
 
 
 @cut
