@@ -13,7 +13,7 @@ where that vector begins, 0 or P + 2.
 
 import math
 
-from replant.kernels.compiled import cut, part, rare
+from replant.kernels.compiled import cut, part
 from replant.kernels.pointer import pointer
 from replant.kernels.vector import prefetch
 
