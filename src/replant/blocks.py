@@ -11,7 +11,7 @@ from replant.kernels import layout as at
 from replant.state import IntArray, State
 from replant.validation import FloatArray
 
-TILE = 512  # samples that a block takes at once: they, and what comes of them, stay in the cache
+TILE = 256  # samples that a block takes at once: they, and what comes of them, stay in the cache
 #: What the members of a block have in common: everything in `ints` but the random seed and what changes.
 ALIKE = (*range(at.ORDER, at.STARTED), at.MEMORY_SIZE, at.SETTINGS_SIZE)
 #: By what members are sorted into blocks: those alike in all of it draw the same rows of their buffers.
