@@ -92,6 +92,8 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     later = samples + max(int((PATIENCE - 1.0) * length), 50)
     if length < _least(settings) or float((kept[:, at.DOUBTED] == STANDS).mean()) > MOST_DOUBTED:
         return old, later
+    if float(np.ptp(kept[-_least(settings) :, at.OUTPUT])) == 0.0:  # a gain of nought explains it, and is no plant
+        return old, later
     mature = _is_mature(old, settings)
     for beginning in BEGINNINGS if mature else ():
         rest = kept[int(beginning * length) :]

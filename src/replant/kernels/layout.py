@@ -129,7 +129,8 @@ STUCK_AT = 31  # the output at which the sensor was last found stuck, or at the 
 EARLIER_TIME = 32  # the newest stamp that lay before LAST_TIME
 ANCHOR = 33  # the input when it last moved
 STUCK_ALSO = 6  # the one before that: a scale has two ends
-SCALARS = 34
+LEAST_STEP = 34  # the least by which two outputs in a row have lately differed: the step of a sensor's scale
+SCALARS = 35
 
 # Columns of the raw samples kept; only a guarded state has the last two.
 INPUT, OUTPUT, STEP, BRIDGED, DOUBTED = range(5)
