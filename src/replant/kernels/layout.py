@@ -92,7 +92,9 @@ STUCK_LAST = 70  # accepted samples when the sensor was last stuck
 LOOK_AT = 71  # accepted samples at which an alarm is looked into; 0: not planned
 DUE = 72  # accepted samples at which the identifier has something to do; 0: nothing is planned
 ATTENTION = 73  # 1: it has so now, or the residual has raised an alarm
-ROWS = 75  # from here: (BATCH,) rows drawn for the newest sample
+REVISED = 75  # accepted samples before those by which the estimate was revised after a change; 0: it was not
+AT_PRIOR = 76  # (2, T)  the estimate before that change, physical, and its standard deviations
+ROWS = 77  # from here: (BATCH,) rows drawn for the newest sample
 
 # --- reals: scalars
 INPUT_OFFSET = 0  # working point, subtracted from the mapped input
@@ -165,6 +167,7 @@ def plan(
         AT_WORK: 4 * (order + 2) ** 2,
         AT_COLOUR: colour,
         AT_PATH: path,
+        AT_PRIOR: 2 * entries,
     }
     end = SCALARS
     for slot, size in blocks.items():
