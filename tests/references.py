@@ -438,11 +438,9 @@ def kept_samples(samples: int, room: int) -> list[int]:
 def gate(state: Any, error: float, zeta: Array, covariance: Array, noise: float) -> tuple[bool, float]:
     """Whether an a-priori error is an outlier, and its variance over the residual's; ``state`` tells what is usual."""
     ratio = 1.0 + zeta @ extended(covariance) @ zeta / noise
-    leverage = 1.0 - 1.0 / ratio
-    moves = leverage * error  # by so much learning it would move the modelled output
+    moves = (1.0 - 1.0 / ratio) * error  # by so much learning it would move the modelled output
     usual = max(state["spread"], state["usual"])
-    in_deviations = leverage * error**2 / usual  # square of what it would move the parameters by, over their own
-    harmful = error**2 > state["peak"] or moves**2 > 0.02**2 * state["peak"] or in_deviations > 1.0
+    harmful = error**2 > state["peak"] or moves**2 > 0.02**2 * state["peak"]
     return bool(harmful and abs(error) > 8.0 * np.sqrt(usual * ratio)), float(ratio)
 
 

@@ -33,6 +33,7 @@ EXPLAINED = 0.3
 MOST_DOUBTED = 0.05  # share of bridged samples up to which a record is one
 STUCK_RUN = 4  # ties in a row of a sensor that was stuck: what lies before is not looked at
 LIKELY = 0.8  # that no coefficient has moved: then only the constant is learned anew
+BRIEF = 0.25  # slowest time constants, below which a record cannot tell them
 BEGINNINGS = 0.125, 0.25  # parts of what came since, after which whatever has moved is held to have moved
 EARLIEST = 0.25  # of a start-up, after which it is looked into first,
 LATEST = 2.0  # ... and after which it is no longer believed,
@@ -122,7 +123,8 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     old.ints[at.ALARM] = guard.FLOATS if rests else guard.LOOKED_INTO
     if rests:
         return old, later
-    enough = max((LATEST if share < WORSE else EARLIER) * settings.startup, _settling(old, settings))
+    settled = min(_settling(old, settings), RECENT / 2)
+    enough = max((LATEST if share < WORSE else EARLIER) * settings.startup, settled)
     if share >= BETTER and length >= enough:
         _believe_residual(old)
         return old, 0
@@ -135,15 +137,17 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
 def _hardly_changed(old: State, settings: Settings, kept: FloatArray, explained: bool) -> State | None:
     """Return the state after learning what came since, where another constant or initial state would explain it.
 
-    None where they do not.  A slow mode that has changed may look like either for long: what is then as likely to have
-    moved gets room to.
+    None where they do not.  To a record that is brief beside it a slow mode that has changed looks like either: what is
+    as likely to have moved gets room to.  A longer one tells by itself, and slow disturbances are nothing that moved.
     """
+    brief = _is_brief(old, settings, len(kept))
     rests = [kept[int(beginning * len(kept)) :] for beginning in BEGINNINGS]
     for rest in rests:
         if only_constant_moved(old, settings, _record(rest, settings)):
-            return _revised(old, settings, rest, LIKELY) or with_new_constant(old, _record(rest, settings))
-    revised = (_revised(old, settings, rest, LIKELY) for rest in rests if explained)
-    return next((state for state in revised if state is not None), None)
+            revised = _revised(old, settings, rest, LIKELY) if brief else None
+            return revised or with_new_constant(old, _record(rest, settings))
+    tried = (_revised(old, settings, rest, LIKELY) for rest in rests if explained and brief)
+    return next((state for state in tried if state is not None), None)
 
 
 def _solved_since(old: State, settings: Settings, begin: int, most: float) -> State | None:
@@ -155,7 +159,8 @@ def _solved_since(old: State, settings: Settings, begin: int, most: float) -> St
     bridged = (kept[:, at.DOUBTED] > 0) & (kept[:, at.OUTPUT] == kept[:, at.BRIDGED])
     if float((bridged | (kept[:, at.DOUBTED] == STANDS)).mean()) > MOST_DOUBTED:
         return None
-    for beginning in (0.0, *BEGINNINGS):
+    slow = _is_mature(old, settings) and _is_brief(old, settings, len(kept))
+    for beginning in (0.0, *BEGINNINGS) if slow else ():
         new = _revised(old, settings, kept[int(beginning * len(kept)) :])
         if new is not None:
             return new
@@ -258,10 +263,15 @@ def _began(state: State) -> int:
 
 
 def _settling(state: State, settings: Settings) -> float:
-    """Return how many samples the plant needs to show what it has become, at the most half of those kept."""
+    """Return how many samples the plant needs to show what it has become."""
     denominator = np.concatenate([[1.0], (state.theta * state.unit)[: settings.structure.poles]])
     slowest = -float(np.roots(denominator).real.max())
-    return min(SETTLED / (slowest * settings.dt), RECENT / 2) if slowest > 0.0 else RECENT / 2
+    return SETTLED / (slowest * settings.dt) if slowest > 0.0 else math.inf
+
+
+def _is_brief(state: State, settings: Settings, length: int) -> bool:
+    """Return whether so many samples cannot tell the slowest mode, and what was known of it before is missed."""
+    return length < BRIEF / SETTLED * _settling(state, settings)
 
 
 def _is_mature(state: State, settings: Settings) -> bool:

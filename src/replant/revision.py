@@ -23,6 +23,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from replant.refined import POLISH, Pass, Problem, Record, Refined, conclude, solve
 from replant.structure import Structure
@@ -116,7 +117,7 @@ def revise(
     return revised, float(likelihood[NONE] / likelihood.sum())
 
 
-def _suppositions(structure: Structure) -> Iterator[FloatArray]:
+def _suppositions(structure: Structure) -> Iterator[npt.NDArray[np.bool_]]:
     """Yield which coefficients have moved, (T,), for each supposition: all, none, each one, the numerator."""
     n, coefficients = structure.poles, structure.poles + structure.zeros + 1
     entries = np.arange(coefficients + 1 + n)

@@ -6,9 +6,9 @@ it, 1 - zeta' P phi / alpha leaves [-1, 1].  So an output that cannot be is brid
 sample were missing, and nothing is learned from it.
 
 * An outlier: its a-priori error exceeds eight standard deviations, with the parameters' own uncertainty counted, and
-  the largest that the modelled output lately was, or what would move that by a fiftieth, or the parameters by one of
-  their standard deviations.  Errors below that, however sure, do no harm, and a model that is a little wrong must learn
-  from them.  The variance grows by each outlier, so that what stays is soon believed.
+  the largest that the modelled output lately was, or what would move that by a fiftieth.  Errors below that, however
+  sure, do no harm, and a model that is a little wrong must learn from them.  The variance grows by each outlier, so
+  that what stays is soon believed.
 * A stuck sensor: the same number to the bit so often that it is no chance, while the model says that the output moved,
   and by more than three steps of the sensor's scale.  A number that was rounded comes twice now and then, and an output
   that has settled between two steps stands still to the bit by right.
@@ -99,7 +99,7 @@ def is_harmful(ints, reals, square):
     leverage = 1.0 - 1.0 / ratio  # part of the error by which learning it would move the modelled output
     usual = max(reals[at.SPREAD], reals[at.USUAL])
     harm = square > reals[at.PEAK] or leverage * leverage * square > HARM * reals[at.PEAK]
-    return (harm or leverage * square > usual) and square > GATE * usual * ratio
+    return harm and square > GATE * usual * ratio
 
 
 @part
