@@ -41,7 +41,7 @@ LEVELS: list[set[str]] = [
     {"regression", "refined", "blocks", "covariance", "free_run", "prediction"},
     {"assessment"},
     # the estimators
-    {"defaults", "score"},
+    {"defaults", "revision", "score"},
     {"startup"},
     {"constant"},
     {"renewal"},

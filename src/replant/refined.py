@@ -201,7 +201,7 @@ class Problem:
         n = self.structure.poles
         a = np.asarray(np.poly(np.full(n, -cutoff))[1:], np.float64)
         done = self.run(a, np.zeros(self.state.entries - n))
-        return self._projected(_solve(done.phi.T @ done.phi, done.phi.T @ done.target))
+        return self._projected(solve(done.phi.T @ done.phi, done.phi.T @ done.target))
 
     def improve(self, theta: FloatArray, iterations: int, patience: int) -> tuple[float, FloatArray, FloatArray | None]:
         """Iterate the instrumental-variable step; return the least cost, its model, and the last estimate."""
@@ -215,7 +215,7 @@ class Problem:
             stalls += not done.cost < best * (1.0 - 1e-6)
             if done.cost < best:
                 best, best_model = done.cost, model
-            found = _solve(done.zeta.T @ done.phi, done.zeta.T @ done.target)
+            found = solve(done.zeta.T @ done.phi, done.zeta.T @ done.target)
             if found is None:
                 return best, best_model, None
             change = np.abs(found - model) * np.linalg.norm(done.zeta, axis=0)
@@ -230,7 +230,7 @@ class Problem:
         power = float(np.mean(self.record.y**2))
         for _ in range(POLISH):
             gradient = done.zeta.T @ done.error
-            direction = _solve(done.zeta.T @ done.zeta, gradient)
+            direction = solve(done.zeta.T @ done.zeta, gradient)
             if direction is None:
                 return model, done, False
             gain = float(direction @ gradient) / self.record.u.size
@@ -289,21 +289,32 @@ def refine(structure: Structure, record: Record, given: Sequence[FloatArray] = (
     best, model, _ = min(tried, key=lambda outcome: outcome[0])
     if not math.isfinite(best):
         return None
-    return _conclude(problem, *problem.polish(model))
+    return conclude(problem, *problem.polish(model))
 
 
-def _conclude(problem: Problem, model: FloatArray, done: Pass, converged: bool) -> Refined:
-    """Turn the last pass into an estimate with its covariance."""
+def conclude(
+    problem: Problem,
+    model: FloatArray,
+    done: Pass,
+    converged: bool,
+    known: FloatArray | float = 0.0,
+    pull: FloatArray | float = 0.0,
+) -> Refined:
+    """Turn the last pass into an estimate with its covariance.
+
+    ``known`` is what was known before on the diagonal of sum zeta zeta', and ``pull`` that times how far it was away.
+    """
     n, samples, size = problem.structure.poles, problem.record.u.size, model.size
     theta, error = model, done.error
-    if np.roots(np.concatenate([[1.0], model[:n]])).real.max() > -4.0 * problem.slowest:
+    if not np.any(known) and np.roots(np.concatenate([[1.0], model[:n]])).real.max() > -4.0 * problem.slowest:
         # the margin binds, as with an integrator: one free step from the projected filter is the estimate
-        step = _solve(done.zeta.T @ done.phi, done.zeta.T @ done.error)
+        step = solve(done.zeta.T @ done.phi, done.zeta.T @ done.error)
         if step is not None:
             theta, converged = model + step, True
             error = done.target - done.phi @ theta
     variance = float(error @ error) / max(samples - size, 1)
-    upper, diagonal = factor_information(done.zeta.T @ done.zeta)
+    before = np.diag(np.broadcast_to(known, size))
+    upper, diagonal = factor_information(done.zeta.T @ done.zeta + before)
     inverse = compose(upper, diagonal)
     colour, squares, innovation = _colour(done.zeta, error)
     innovation /= max(samples - size, 1)
@@ -311,7 +322,7 @@ def _conclude(problem: Problem, model: FloatArray, done: Pass, converged: bool) 
     covariance = larger(covariance, variance * inverse)
     # chance in the few blocks of a start-up's path must not decide when it suffices
     uncertainty = relative_uncertainty(problem.structure, model, covariance, done.phi, problem.record)
-    path = path_of_record(done.zeta, error, theta)
+    path = path_of_record(done.zeta, error, theta, before, np.broadcast_to(pull, size))
     covariance = no_less_than_scattered(covariance, *rows_of(path, theta, np.diag(inverse)))
     return Refined(theta, model, upper, diagonal, covariance, variance, converged, uncertainty, colour, path)
 
@@ -362,7 +373,7 @@ def _colour(zeta: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray
     return colour, squares, float(innovation)
 
 
-def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
+def solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
     """Solve after equilibrating rows and columns; None where the matrix is singular or not finite."""
     size = np.sqrt(np.abs(np.diag(matrix)))
     size[~(size > 0.0)] = 1.0

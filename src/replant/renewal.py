@@ -10,9 +10,11 @@ from replant.assessment.model_run import run_model
 from replant.assessment.online import STANDS, cleaned, unrolled
 from replant.assessment.sums import without
 from replant.constant import only_constant_moved, with_new_constant
+from replant.covariance import covariance
 from replant.filters import RefinedFilter
 from replant.kernels import layout as at
 from replant.refined import Record, Refined, refine
+from replant.revision import revise
 from replant.settings import Settings
 from replant.startup import carry_over, seed, warm_up
 from replant.state import State
@@ -30,6 +32,8 @@ SURE = 15.0
 EXPLAINED = 0.3
 MOST_DOUBTED = 0.05  # share of bridged samples up to which a record is one
 STUCK_RUN = 4  # ties in a row of a sensor that was stuck: what lies before is not looked at
+LIKELY = 0.8  # that no coefficient has moved: then only the constant is learned anew
+BRIEF = 0.25  # slowest time constants, below which a record cannot tell them
 BEGINNINGS = 0.125, 0.25  # parts of what came since, after which whatever has moved is held to have moved
 EARLIEST = 0.25  # of a start-up, after which it is looked into first,
 LATEST = 2.0  # ... and after which it is no longer believed,
@@ -41,9 +45,12 @@ PATIENCE = 1.5  # each look takes so many times the samples of the one before
 
 def next_solution(state: State, settings: Settings) -> int:
     """Return at how many accepted samples the record as a whole is solved again, twice of what it is; 0: never."""
-    origin, samples = int(state.ints[at.ORIGIN]), int(state.ints[at.SAMPLES])
+    revised = _was_revised(state)
+    origin, samples = int(state.ints[at.REVISED if revised else at.ORIGIN]), int(state.ints[at.SAMPLES])
     remembers_all = settings.optimizer.keeps_colour and state.block(at.AT_SETTINGS, 1)[0] == 1.0
     due = 2 * (samples - origin)
+    if revised and samples - origin < RECENT:  # of a slow mode each sample tells
+        due = min(due, RECENT)
     return origin + due if remembers_all and isinstance(settings.filter, RefinedFilter) and due <= RECENT else 0
 
 
@@ -52,6 +59,8 @@ def solved_again(old: State, settings: Settings) -> State | None:
 
     None where that leads to no model that could be used, or where the record is not in one piece.
     """
+    if _was_revised(old):
+        return _revised_again(old, settings) if old.ints[at.ADAPT] else None
     origin = int(old.ints[at.ORIGIN])
     kept = since(old, origin)
     if old.ints[at.GAP_AT] > origin or not old.ints[at.ADAPT] or int(old.ints[at.SAMPLES]) - origin > len(kept):
@@ -92,12 +101,14 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     later = samples + max(int((PATIENCE - 1.0) * length), 50)
     if length < _least(settings) or float((kept[:, at.DOUBTED] == STANDS).mean()) > MOST_DOUBTED:
         return old, later
+    if float(np.ptp(kept[-_least(settings) :, at.OUTPUT])) == 0.0:  # a gain of nought explains it, and is no plant
+        return old, later
     mature = _is_mature(old, settings)
-    for beginning in BEGINNINGS if mature else ():
-        rest = kept[int(beginning * length) :]
-        if only_constant_moved(old, settings, _record(rest, settings)):
-            return with_new_constant(old, _record(rest, settings)), 0
     share, explained = _share_left(old, settings, _record(kept, settings))
+    if mature:
+        renewed = _hardly_changed(old, settings, kept, explained and share >= BETTER)
+        if renewed is not None:
+            return renewed, 0
     if share < BETTER:
         # if what came since does not suffice, perhaps all does: the estimate and not the plant may have gone astray; a
         # model of all of it then leaves no more than usual
@@ -106,15 +117,14 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         for begin, most in ((samples - length, math.inf), (whole, usual * settings.scaling.output**2)):
             new = _solved_since(old, settings, begin, most)
             if new is not None:
-                new.ints[at.PAST_KEPT], new.ints[at.PAST_DUE] = 0, samples
-                new.ints[at.ALARM], new.ints[at.CHANGE_BEGAN] = 0, samples
-                return new, 0
+                return _on_its_own(new), 0
     rests = mature and not explained and _explained_before(old)
     rests = rests and length < min(_began(old) - int(old.ints[at.ORIGIN]), RECENT // 2)
     old.ints[at.ALARM] = guard.FLOATS if rests else guard.LOOKED_INTO
     if rests:
         return old, later
-    enough = max((LATEST if share < WORSE else EARLIER) * settings.startup, _settling(old, settings))
+    settled = min(_settling(old, settings), RECENT / 2)
+    enough = max((LATEST if share < WORSE else EARLIER) * settings.startup, settled)
     if share >= BETTER and length >= enough:
         _believe_residual(old)
         return old, 0
@@ -122,6 +132,22 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         old.ints[at.CHANGE_BEGAN] = samples - RECENT // 4
         return old, samples + RECENT // 4
     return old, later
+
+
+def _hardly_changed(old: State, settings: Settings, kept: FloatArray, explained: bool) -> State | None:
+    """Return the state after learning what came since, where another constant or initial state would explain it.
+
+    None where they do not.  To a record that is brief beside it a slow mode that has changed looks like either: what is
+    as likely to have moved gets room to.  A longer one tells by itself, and slow disturbances are nothing that moved.
+    """
+    brief = _is_brief(old, settings, len(kept))
+    rests = [kept[int(beginning * len(kept)) :] for beginning in BEGINNINGS]
+    for rest in rests:
+        if only_constant_moved(old, settings, _record(rest, settings)):
+            revised = _revised(old, settings, rest, LIKELY) if brief else None
+            return revised or with_new_constant(old, _record(rest, settings))
+    tried = (_revised(old, settings, rest, LIKELY) for rest in rests if explained and brief)
+    return next((state for state in tried if state is not None), None)
 
 
 def _solved_since(old: State, settings: Settings, begin: int, most: float) -> State | None:
@@ -133,11 +159,76 @@ def _solved_since(old: State, settings: Settings, begin: int, most: float) -> St
     bridged = (kept[:, at.DOUBTED] > 0) & (kept[:, at.OUTPUT] == kept[:, at.BRIDGED])
     if float((bridged | (kept[:, at.DOUBTED] == STANDS)).mean()) > MOST_DOUBTED:
         return None
+    slow = _is_mature(old, settings) and _is_brief(old, settings, len(kept))
+    for beginning in (0.0, *BEGINNINGS) if slow else ():
+        new = _revised(old, settings, kept[int(beginning * len(kept)) :])
+        if new is not None:
+            return new
     record = _record(kept, settings)
     refined = refine(settings.structure, record)
     if refined is None or not (refined.acceptable and refined.variance <= most):
         return None
     new = _begun_with(old, settings, refined, record, int(old.ints[at.SAMPLES]) - len(kept))
+    _acquit(new, kept)
+    return new
+
+
+def _revised(old: State, settings: Settings, kept: FloatArray, stayed: float = 1.0) -> State | None:
+    """Return the state after revising the estimate by what came since.
+
+    None where it then leaves more than usual, or is more likely than ``stayed`` not to have moved at all.
+    """
+    std = np.zeros(old.entries)
+    std[: settings.structure.size] = np.sqrt(np.maximum(np.diag(covariance(old, settings)), 0.0))
+    new = _begun_from(old, settings, kept, np.vstack([old.theta * old.unit, std]), stayed)
+    return None if new is None else _on_its_own(new)
+
+
+def _on_its_own(new: State) -> State:
+    """Return a state that has just begun anew, the alarm ended and the past estimates forgotten."""
+    samples = new.ints[at.SAMPLES]
+    new.ints[at.PAST_KEPT], new.ints[at.PAST_DUE] = 0, samples
+    new.ints[at.ALARM], new.ints[at.CHANGE_BEGAN] = 0, samples
+    return new
+
+
+def _was_revised(state: State) -> bool:
+    """Return whether the estimate is one revised, by a record without a gap since."""
+    return bool(state.ints[at.REVISED] > 0 and state.ints[at.REVISED] == state.ints[at.GAP_AT])
+
+
+def _revised_again(old: State, settings: Settings) -> State | None:
+    """Return the state after revising the estimate before a change once more, by all that came since."""
+    begin = int(old.ints[at.REVISED])
+    kept = since(old, begin)
+    if int(old.ints[at.SAMPLES]) - begin > len(kept) or float((kept[:, at.DOUBTED] > 0).mean()) > MOST_DOUBTED:
+        return None
+    kept[:, at.OUTPUT] = kept[:, at.BRIDGED]
+    new = _begun_from(old, settings, kept, old.block(at.AT_PRIOR, 2 * old.entries).reshape(2, -1))
+    if new is not None:
+        new.ints[at.ALARM], new.ints[at.CHANGE_BEGAN] = 0, new.ints[at.SAMPLES]
+    return new
+
+
+def _begun_from(
+    old: State, settings: Settings, kept: FloatArray, before: FloatArray, stayed: float = 1.0
+) -> State | None:
+    """Return the state that begins at an estimate and its standard deviations ``before`` (2, T), revised by a record.
+
+    The record that the estimate is made from goes on: it is not solved again without what was known before.
+    """
+    from replant.kernels import guard
+
+    record = _record(kept, settings)
+    usual = max(old.reals[at.USUAL], guard.LEAST * old.reals[at.PEAK]) * settings.scaling.output**2
+    found = revise(settings.structure, record, before[0], before[1], usual, float(old.reals[at.MARGIN]))
+    if found is None or found[0].variance > guard.GROWN * usual or found[1] > stayed:
+        return None
+    new = _begun_with(old, settings, found[0], record, int(old.ints[at.ORIGIN]))
+    new.ints[at.GAP_AT] = new.ints[at.REVISED] = int(old.ints[at.SAMPLES]) - len(kept)
+    new.block(at.AT_PRIOR, before.size)[:] = before.ravel()
+    for slot in (at.MARGIN, at.FORGET_INPUT):  # as slow as the plant was it may still be
+        new.reals[slot] = min(new.reals[slot], old.reals[slot])
     _acquit(new, kept)
     return new
 
@@ -172,10 +263,15 @@ def _began(state: State) -> int:
 
 
 def _settling(state: State, settings: Settings) -> float:
-    """Return how many samples the plant needs to show what it has become, at the most half of those kept."""
+    """Return how many samples the plant needs to show what it has become."""
     denominator = np.concatenate([[1.0], (state.theta * state.unit)[: settings.structure.poles]])
     slowest = -float(np.roots(denominator).real.max())
-    return min(SETTLED / (slowest * settings.dt), RECENT / 2) if slowest > 0.0 else RECENT / 2
+    return SETTLED / (slowest * settings.dt) if slowest > 0.0 else math.inf
+
+
+def _is_brief(state: State, settings: Settings, length: int) -> bool:
+    """Return whether so many samples cannot tell the slowest mode, and what was known of it before is missed."""
+    return length < BRIEF / SETTLED * _settling(state, settings)
 
 
 def _is_mature(state: State, settings: Settings) -> bool:

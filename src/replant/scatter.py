@@ -97,7 +97,13 @@ def stretch(covariance: FloatArray, variances: FloatArray) -> FloatArray:
     return np.asarray(covariance * np.outer(factors, factors))
 
 
-def path_of_record(zeta: FloatArray, error: FloatArray, theta: FloatArray) -> FloatArray:
+def path_of_record(
+    zeta: FloatArray,
+    error: FloatArray,
+    theta: FloatArray,
+    known: FloatArray | float = 0.0,
+    pull: FloatArray | float = 0.0,
+) -> FloatArray:
     """Return the path, as `replant.kernels.path` keeps it, that a recursion would have taken to ``theta``.
 
     Parameters
@@ -106,13 +112,17 @@ def path_of_record(zeta: FloatArray, error: FloatArray, theta: FloatArray) -> Fl
     error : (K,) array
         What ``theta`` leaves.
     theta : (T,) array
+    known : (T, T) array, optional
+        Information before the record,
+    pull : (T,) array, optional
+        ... and that times how far from ``theta`` the estimate was.
     """
     from replant.kernels import path as kept
 
     samples, size = zeta.shape
     step = -(-samples // kept.ROOM)
     path = np.zeros(kept.size(size))
-    information, score = np.zeros((size, size)), np.zeros(size)
+    information, score = np.zeros((size, size)) + known, np.zeros(size) + pull
     rows = path[kept.ROWS :].reshape(kept.ROOM, 2, size)
     for row in range(samples // step):
         block = slice(row * step, (row + 1) * step)

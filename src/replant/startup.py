@@ -169,6 +169,8 @@ def _seed_guard(state: State, settings: Settings, refined: Refined, record: Reco
     reals[at.SEEN] = record.u.size
     reals[at.PEAK] = float(np.var(record.y)) / scale**2
     reals[at.EQUAL] = float(np.mean(record.y[1:] == record.y[:-1]))
+    steps = np.abs(np.diff(record.y))
+    reals[at.LEAST_STEP] = float(steps[steps > 0.0].min(initial=math.inf))
     reals[at.LAST_RAW] = math.nan
     reals[at.LIMIT] = LIMIT if state.ints[at.REFINED] else 0.0  # a fixed filter's error is not that of the output
 

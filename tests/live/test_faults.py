@@ -115,18 +115,27 @@ def jumping(entry: int, factor: float, samples: int) -> tuple[np.ndarray, np.nda
     return u, RIG.output_rest + y + noise, parameters
 
 
-@pytest.mark.parametrize("factor", [0.5, 1.5])
-def test_a_parameter_that_jumps_is_noticed_and_learned_again(factor: float) -> None:
-    """The resonance's: measured 0.2 s until it is noticed, 0.8 to 4.6 s until the estimate is within 5 % again."""
-    u, y, true = jumping(1, factor, GOOD + 15_000)
+JUMPS = {  # seconds until the estimate has to be right: a1, b1, a2 show at once, the mode of ten seconds takes its time
+    **{(entry, factor): 5 for entry in (0, 1, 3) for factor in (0.5, 1.5)},
+    **{(2, 0.5): 20, (4, 0.5): 20, (4, 1.5): 20},
+    (2, 1.5): 60,  # the slow pole comes to lie on the zero, where the input hardly moves it any more
+}
+
+
+@pytest.mark.parametrize(("entry", "factor"), JUMPS)
+def test_a_parameter_that_jumps_is_noticed_and_learned_again(entry: int, factor: float) -> None:
+    """Trusted only while all coefficients are right within what their standard deviations say, or within 5 %."""
+    patience = JUMPS[entry, factor]
+    u, y, true = jumping(entry, factor, GOOD + (patience + 5) * 1000)
     before, *after = told(LIGHT, u, y)
     assert before.verdict == "trusted"
-    wrong = [np.abs(estimate.parameters[1] / true[1] - 1.0) > 0.05 for estimate in after]
-    assert after[0].verdict == "inconsistent"
-    assert not [e for e, is_wrong in zip(after, wrong, strict=True) if is_wrong and e.verdict == "trusted"]
-    assert not any(wrong[10_000 // STEP :])
-    assert after[-1].verdict == "trusted"
-    np.testing.assert_allclose(after[-1].parameters, true, rtol=0.05)
+    assert after[0].verdict != "trusted"
+    away = np.abs(np.array([estimate.parameters for estimate in after]) / true - 1.0)
+    std = np.array([estimate.std for estimate in after]) / np.abs(true)
+    trusted = np.array([estimate.verdict == "trusted" for estimate in after])
+    assert (away < np.maximum(0.05, 4.0 * std))[trusted].all()
+    assert (away[patience * 1000 // STEP :] < 0.05).all()
+    assert trusted[-25:].any()
 
 
 # --- the wire

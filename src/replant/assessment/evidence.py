@@ -53,6 +53,8 @@ class Evidence:
         Median time between samples in s, interruptions included; 0 where there are no time stamps.
     grown : int
         Samples since the residual began to be larger than usual, if that is no chance; else 0.
+    unsettled : float
+        After a change, the largest uncertainty of a coefficient that was known before, as a part of itself; else 0.
     stuck : bool
         Whether the sensor was found stuck, or at an end of its scale, just now.
     slowness : float
@@ -77,6 +79,7 @@ class Evidence:
     largest_power: float = 0.0
     usual_interval: float = 0.0
     grown: int = 0
+    unsettled: float = 0.0
     stuck: int = 0
     slowness: float = 1.0
     output_unit: float = 1.0

@@ -20,7 +20,7 @@ import numpy as np
 from replant.assessment import sensor
 from replant.assessment.changes import burst_finding, growth_finding
 from replant.assessment.cross_test import unexplained
-from replant.assessment.estimate import MOVED_SIGMAS, Certainty, slow_noise
+from replant.assessment.estimate import MOST_UNCERTAIN, MOVED_SIGMAS, Certainty, slow_noise
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.excitation import LEAST_POWER, excitation
 from replant.assessment.model_run import ModelRun
@@ -110,6 +110,9 @@ def _of_guard(evidence: Evidence) -> list[Finding]:
     elif evidence.grown:
         reason = f"what the model leaves began to grow {duration(evidence.seconds(evidence.grown))} ago"
         findings.append(Finding("inconsistent", f"{reason}: plant, sensor or disturbances have changed"))
+    if evidence.unsettled > MOST_UNCERTAIN:
+        reason = f"since the plant has changed a coefficient is known to {percent(min(evidence.unsettled, 1.0))} only"
+        findings.append(Finding("converging", f"{reason}, as its slowest mode takes time to show"))
     return findings
 
 

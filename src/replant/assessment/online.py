@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from replant.assessment import sensor
+from replant.assessment.estimate import MOST_UNCERTAIN
 from replant.assessment.evidence import Evidence
 from replant.assessment.judge import RESTING, judge
 from replant.assessment.verdict import Assessment, Finding, conclude
@@ -81,9 +82,21 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         follows=bool(ints[at.PAST_STEP] == SHORTEST_STEP),
         largest_power=float(state.reals[at.LARGEST_POWER]),
         grown=samples - int(ints[at.CHANGE_BEGAN]) if ints[at.ALARM] else 0,
+        unsettled=_unsettled(state, settings, known),
         stuck=bool(ints[at.IS_STUCK]) and samples - int(ints[at.STUCK_LAST]) < STUCK_LATELY,
         usual_interval=float(np.median(kept[1:, 2])) if len(kept) > 1 else 0.0,
     )
+
+
+def _unsettled(state: State, settings: Settings, known: FloatArray) -> float:
+    """Return how uncertain a revised estimate is in what was known before the change, as a part of itself."""
+    if not state.ints[at.REVISED]:
+        return 0.0
+    size = settings.structure.poles + settings.structure.zeros + 1
+    before, std = np.abs(state.block(at.AT_PRIOR, 2 * state.entries)).reshape(2, -1)[:, :size]
+    now = np.maximum(np.abs(state.theta * state.unit)[:size], before)
+    share = np.sqrt(np.maximum(np.diag(known)[:size], 0.0)) / np.maximum(now, np.finfo(float).tiny)
+    return float(share[std < MOST_UNCERTAIN * before].max(initial=0.0))
 
 
 def earlier_estimate(state: State, size: int) -> tuple[int, FloatArray]:

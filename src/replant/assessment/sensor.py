@@ -79,12 +79,16 @@ def saturation_finding(y: FloatArray, modelled: FloatArray, resolved: bool) -> l
     resolved : bool
         See `is_resolved`.
     """
+    values = np.unique(y)
     if resolved:
         for window in (*WINDOWS, y.size):
             newest = y[-window:]
-            if max(np.count_nonzero(newest == newest.max()), np.count_nonzero(newest == newest.min())) >= TIES:
-                return [_saturated(newest)]
-    values = np.unique(y)
+            for end in (newest.min(), newest.max()):
+                there = newest == end
+                # a plant that rests between two steps of the scale repeats one by right
+                away = float(np.sqrt(np.mean((modelled[-window:][there] - end) ** 2)))
+                if np.count_nonzero(there) >= TIES and away > STUCK_STEPS * smallest_step(values):
+                    return [_saturated(newest)]
     if values.size <= MANY_LEVELS:
         return []
     least = max(ELSEWHERE * float(y.std()), smallest_step(values))

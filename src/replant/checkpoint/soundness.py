@@ -66,6 +66,7 @@ def check_state(state: State, settings: Settings, resolve_at: int) -> None:
         at.PAST_KEPT: (0, ints[at.SAMPLES]),
         at.ORIGIN: (0, ints[at.SAMPLES]),
         at.GAP_AT: (0, ints[at.SAMPLES]),
+        at.REVISED: (0, ints[at.SAMPLES]),
         at.CHANGE_BEGAN: (0, ints[at.SAMPLES]),
         at.ALARM: (0, guard.FLOATS),
     }

@@ -9,7 +9,9 @@ sample were missing, and nothing is learned from it.
   the largest that the modelled output lately was, or what would move that by a fiftieth.  Errors below that, however
   sure, do no harm, and a model that is a little wrong must learn from them.  The variance grows by each outlier, so
   that what stays is soon believed.
-* A stuck sensor: the same number to the bit, where noise keeps neighbours apart or the model says that it moved.
+* A stuck sensor: the same number to the bit so often that it is no chance, while the model says that the output moved,
+  and by more than three steps of the sensor's scale.  A number that was rounded comes twice now and then, and an output
+  that has settled between two steps stands still to the bit by right.
 
 Whether the plant has changed is told from the residual's power by a cumulative sum (Page, 1954): of what it exceeds
 GROWN times its usual value; that it is back as it was, by the same sum the other way.  Source: Basseville and
@@ -40,7 +42,9 @@ RESOLVED, COARSE = 0.01, 0.3  # shares of ties (a sample equal to a new one befo
 CHANCE = -18.0  # logarithm of the chance of a run of ties that is none
 MANY = 8  # ties in a row on a coarse scale that are looked at
 MOVED_RESOLVED, MOVED = 0.0625, 64.0  # residual's variances by which the modelled output must have moved meanwhile
-PART_RESOLVED, PART = 1e-8, 1e-2  # ... and part of its largest square
+PART_RESOLVED, PART = 1e-8, 1e-3  # ... and part of its largest square
+STEPS = 3.0  # ... and steps of the sensor's scale: an output that settles stands still between two of them
+COARSER = 1.01  # by which the least step seen is held to be larger with each one that is: a scale may change
 CALM, FORGOTTEN = 200, 5000  # samples after a stuck one until learning goes on, and until its output is forgotten
 TIE_SHARE = 1.0 / 500.0
 
@@ -93,8 +97,9 @@ def is_harmful(ints, reals, square):
     ratio = variance_ratio(ints, reals)
     reals[at.RATIO] = ratio
     leverage = 1.0 - 1.0 / ratio  # part of the error by which learning it would move the modelled output
+    usual = max(reals[at.SPREAD], reals[at.USUAL])
     harm = square > reals[at.PEAK] or leverage * leverage * square > HARM * reals[at.PEAK]
-    return harm and square > GATE * max(reals[at.SPREAD], reals[at.USUAL]) * ratio
+    return harm and square > GATE * usual * ratio
 
 
 @part
@@ -117,8 +122,11 @@ def is_stuck(ints, reals, y, modelled):
     fine = share < COARSE
     if ints[at.STILL] < MANY if not fine else ints[at.STILL] * math.log(share) > CHANCE:
         return False
-    away = (modelled - reals[at.STILL_MODEL]) / reals[at.OUTPUT_SCALE]
-    noise = (MOVED_RESOLVED if fine else MOVED) * max(reals[at.SPREAD], reals[at.USUAL])
+    moved = modelled - reals[at.STILL_MODEL]
+    if abs(moved) < STEPS * reals[at.LEAST_STEP]:
+        return False
+    away = moved / reals[at.OUTPUT_SCALE]
+    noise = (MOVED_RESOLVED if fine else MOVED) * reals[at.USUAL]  # lately it is that of a stuck sensor
     if not away * away > max(noise, (PART_RESOLVED if fine else PART) * reals[at.PEAK]):
         return False
     ints[at.IS_STUCK] += 1
@@ -131,7 +139,8 @@ def is_stuck(ints, reals, y, modelled):
 @part
 def stands(ints, reals, y, modelled):
     """Follow how long the output has stood still; return whether the sensor is stuck."""
-    equal = y == reals[at.LAST_RAW]
+    step = abs(y - reals[at.LAST_RAW])
+    equal = step == 0.0
     reals[at.LAST_RAW] = y
     known = False
     if ints[at.IS_STUCK] > 0:
@@ -143,11 +152,13 @@ def stands(ints, reals, y, modelled):
     if not equal:
         ints[at.STILL] = 0
         reals[at.STILL_MODEL] = modelled
+        least = COARSER * reals[at.LEAST_STEP]
+        reals[at.LEAST_STEP] = least if 0.0 < least < step else step
         return known and reals[at.EQUAL] < COARSE
     ints[at.STILL] += 1
     if known:
         ints[at.STUCK_LAST] = ints[at.SAMPLES]
-    return known or is_stuck(ints, reals, y, modelled) or reals[at.EQUAL] < RESOLVED
+    return known or is_stuck(ints, reals, y, modelled)
 
 
 @rare
@@ -227,11 +238,13 @@ def begins_anew(ints, reals):
 
 @part
 def is_calm(ints, reals):
-    """Return whether no sensor was stuck just now: one that saturates does so again soon.
+    """Return whether no sensor was stuck just now, for one that saturates does so again soon, nor seems to be.
 
-    On a fine scale the first tie tells that by itself, and an end of the scale is known again by its number.
+    On a fine scale a tie may be the first of many, and is so seldom a chance that nothing is lost by not learning it.
     """
-    return ints[at.IS_STUCK] == 0 or reals[at.EQUAL] < RESOLVED or ints[at.SAMPLES] - ints[at.STUCK_LAST] >= CALM
+    if ints[at.STILL] > 0 and reals[at.EQUAL] < RESOLVED:
+        return False
+    return ints[at.IS_STUCK] == 0 or ints[at.SAMPLES] - ints[at.STUCK_LAST] >= CALM
 
 
 @part

@@ -92,7 +92,9 @@ STUCK_LAST = 70  # accepted samples when the sensor was last stuck
 LOOK_AT = 71  # accepted samples at which an alarm is looked into; 0: not planned
 DUE = 72  # accepted samples at which the identifier has something to do; 0: nothing is planned
 ATTENTION = 73  # 1: it has so now, or the residual has raised an alarm
-ROWS = 75  # from here: (BATCH,) rows drawn for the newest sample
+REVISED = 75  # accepted samples before those by which the estimate was revised after a change; 0: it was not
+AT_PRIOR = 76  # (2, T)  the estimate before that change, physical, and its standard deviations
+ROWS = 77  # from here: (BATCH,) rows drawn for the newest sample
 
 # --- reals: scalars
 INPUT_OFFSET = 0  # working point, subtracted from the mapped input
@@ -129,7 +131,8 @@ STUCK_AT = 31  # the output at which the sensor was last found stuck, or at the 
 EARLIER_TIME = 32  # the newest stamp that lay before LAST_TIME
 ANCHOR = 33  # the input when it last moved
 STUCK_ALSO = 6  # the one before that: a scale has two ends
-SCALARS = 34
+LEAST_STEP = 34  # the least by which two outputs in a row have lately differed: the step of a sensor's scale
+SCALARS = 35
 
 # Columns of the raw samples kept; only a guarded state has the last two.
 INPUT, OUTPUT, STEP, BRIDGED, DOUBTED = range(5)
@@ -171,6 +174,7 @@ def plan(
         AT_WORK: 4 * (order + 2) ** 2,
         AT_COLOUR: colour,
         AT_PATH: path,
+        AT_PRIOR: 2 * entries,
     }
     end = SCALARS
     for slot, size in blocks.items():
