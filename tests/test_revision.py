@@ -64,3 +64,10 @@ def test_a_long_record_outweighs_what_was_known() -> None:
     found, _ = revised(true, samples=8000)
     np.testing.assert_allclose(found.theta[:4], true, rtol=0.05)
     assert (np.sqrt(np.diag(found.covariance)[:4]) < 0.03 * true).all()
+
+
+def test_an_unstable_estimate_is_no_prior() -> None:
+    """Its output leaves float64 within the record, of which a test that failed would warn."""
+    u = binary(0, 4000, 5)
+    old = np.concatenate([[-800.0, 2.0], BEFORE[2:], np.zeros(3)])
+    assert revise(STRUCTURE, Record(u, u, np.array([DT])), old, 0.1 * np.abs(old), 1.0, 1e-3) is None

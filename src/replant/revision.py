@@ -59,9 +59,8 @@ class Prior:
         return self.variance / self.spread**2
 
     def cost(self, model: FloatArray, done: Pass) -> float:
-        """Return sigma^2 J of a model."""
-        cost = float(done.error @ done.error + self.weight @ (model - self.mean) ** 2)
-        return cost if math.isfinite(cost) else math.inf
+        """Return sigma^2 J of a model; infinite where its output leaves float64."""
+        return done.error.size * done.cost + float(self.weight @ (model - self.mean) ** 2)
 
     def surprise(self, model: FloatArray, done: Pass) -> float:
         """Return -2 ln p of a record, up to what all suppositions have in common."""
@@ -79,7 +78,7 @@ def revise(
 ) -> tuple[Refined, float] | None:
     """Return an estimate (T,) revised by a record, and how likely it is that no coefficient has moved.
 
-    None where that leads to no model that can be used.
+    None where that leads to no model that can be used, or where the old one cannot be: unstable, it is no prior.
 
     Parameters
     ----------
@@ -94,6 +93,8 @@ def revise(
     """
     problem = Problem(structure, record)
     problem.slowest = min(problem.slowest, slowest)
+    if not problem.is_usable(old[: structure.poles]):
+        return None
     known = np.arange(old.size) < structure.poles + structure.zeros + 1
     mean, sizes = np.where(known, old, 0.0), _sizes(structure, old)
     suppositions = list(_suppositions(structure))

@@ -51,6 +51,7 @@ def test_blocks_fill_reals_without_overlap(order: int, ring: int, memory: int) -
         "AT_WORK": 4 * (order + 2) ** 2,
         "AT_COLOUR": 17,
         "AT_PATH": 19,
+        "AT_PRIOR": 2 * entries,
     }
     assert set(sizes) == {name for name in slots()[0] if name.startswith("AT_")}
     uses = np.zeros(reals.size, int)
