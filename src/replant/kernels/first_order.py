@@ -27,9 +27,14 @@ GRADIENT, ADAM, AMSGRAD, ADAGRAD, RMSPROP, NADAM, ADADELTA, INTEGRAL_COST = CODE
 
 
 @part
-def normalized_error(theta, row):
+def row_of(buffer, k):
+    """Return where a row of the buffer lies."""
+    return pointer(buffer[0], k * buffer.shape[1])
+
+
+@part
+def normalized_error(P, theta, row):
     """Return epsilon_I of (13): (y - theta' phi) / m^2."""
-    P = theta.size
     prediction = 0.0
     for i in range(P):
         prediction += theta[i] * row[i]
@@ -39,11 +44,12 @@ def normalized_error(theta, row):
 @part
 def gradient(theta, memory, settings, buffer, rows, batch, direction):
     """(17): theta += Tp gamma epsilon_I phi; settings [Tp gamma]."""
-    gain = settings[0]
+    P, gain = theta.size, settings[0]
     for k in range(batch):
-        phi, along = buffer[rows[k]], buffer[rows[k]][direction:]
-        step = gain * normalized_error(theta, phi)
-        for i in range(theta.size):
+        phi = row_of(buffer, rows[k])
+        along = pointer(phi, direction)
+        step = gain * normalized_error(P, theta, phi)
+        for i in range(P):
             theta[i] += step * along[i]
 
 
@@ -52,10 +58,11 @@ def adam(theta, memory, settings, buffer, rows, batch, direction):
     """Algorithm 1; settings [alpha, beta1, beta2, epsilon], memory [beta1^t, beta2^t, m (P,), v (P,)]."""
     P = theta.size
     alpha, beta1, beta2, epsilon = settings[0], settings[1], settings[2], settings[3]
-    power1, power2, m, v = memory[0], memory[1], memory[2 : 2 + P], memory[2 + P :]
+    power1, power2, m, v = memory[0], memory[1], pointer(memory, 2), pointer(memory, 2 + P)
     for k in range(batch):
-        phi, along = buffer[rows[k]], buffer[rows[k]][direction:]
-        error = normalized_error(theta, phi)
+        phi = row_of(buffer, rows[k])
+        along = pointer(phi, direction)
+        error = normalized_error(P, theta, phi)
         power1 = max(power1 * beta1, VANISHED)
         power2 = max(power2 * beta2, VANISHED)
         rate = alpha / (1.0 - power1)  # the corrections of bias, taken out of the loop: two divisions less an entry
@@ -73,10 +80,11 @@ def amsgrad(theta, memory, settings, buffer, rows, batch, direction):
     """Algorithm 2, no bias correction; settings [alpha, beta1, beta2, epsilon], memory [m, v, max v], (P,) each."""
     P = theta.size
     alpha, beta1, beta2, epsilon = settings[0], settings[1], settings[2], settings[3]
-    m, v, largest = memory[:P], memory[P : 2 * P], memory[2 * P :]
+    m, v, largest = pointer(memory, 0), pointer(memory, P), pointer(memory, 2 * P)
     for k in range(batch):
-        phi, along = buffer[rows[k]], buffer[rows[k]][direction:]
-        error = normalized_error(theta, phi)
+        phi = row_of(buffer, rows[k])
+        along = pointer(phi, direction)
+        error = normalized_error(P, theta, phi)
         for i in range(P):
             g = -error * along[i]
             m[i] = beta1 * m[i] + (1.0 - beta1) * g
@@ -88,11 +96,12 @@ def amsgrad(theta, memory, settings, buffer, rows, batch, direction):
 @part
 def adagrad(theta, memory, settings, buffer, rows, batch, direction):
     """Sum of squared gradients; settings [alpha, epsilon], memory [sum g^2 (P,)]."""
-    alpha, epsilon = settings[0], settings[1]
+    P, alpha, epsilon = theta.size, settings[0], settings[1]
     for k in range(batch):
-        phi, along = buffer[rows[k]], buffer[rows[k]][direction:]
-        error = normalized_error(theta, phi)
-        for i in range(theta.size):
+        phi = row_of(buffer, rows[k])
+        along = pointer(phi, direction)
+        error = normalized_error(P, theta, phi)
+        for i in range(P):
             g = -error * along[i]
             memory[i] += g * g
             theta[i] -= alpha * g / (math.sqrt(memory[i]) + epsilon)
@@ -101,11 +110,12 @@ def adagrad(theta, memory, settings, buffer, rows, batch, direction):
 @part
 def rmsprop(theta, memory, settings, buffer, rows, batch, direction):
     """Moving mean of squared gradients; settings [alpha, rho, epsilon], memory [v (P,)]."""
-    alpha, rho, epsilon = settings[0], settings[1], settings[2]
+    P, alpha, rho, epsilon = theta.size, settings[0], settings[1], settings[2]
     for k in range(batch):
-        phi, along = buffer[rows[k]], buffer[rows[k]][direction:]
-        error = normalized_error(theta, phi)
-        for i in range(theta.size):
+        phi = row_of(buffer, rows[k])
+        along = pointer(phi, direction)
+        error = normalized_error(P, theta, phi)
+        for i in range(P):
             g = -error * along[i]
             memory[i] = rho * memory[i] + (1.0 - rho) * g * g
             theta[i] -= alpha * g / (math.sqrt(memory[i]) + epsilon)
@@ -116,10 +126,11 @@ def nadam(theta, memory, settings, buffer, rows, batch, direction):
     """Adam with Nesterov's look-ahead; settings and memory as `adam`."""
     P = theta.size
     alpha, beta1, beta2, epsilon = settings[0], settings[1], settings[2], settings[3]
-    power1, power2, m, v = memory[0], memory[1], memory[2 : 2 + P], memory[2 + P :]
+    power1, power2, m, v = memory[0], memory[1], pointer(memory, 2), pointer(memory, 2 + P)
     for k in range(batch):
-        phi, along = buffer[rows[k]], buffer[rows[k]][direction:]
-        error = normalized_error(theta, phi)
+        phi = row_of(buffer, rows[k])
+        along = pointer(phi, direction)
+        error = normalized_error(P, theta, phi)
         power1 = max(power1 * beta1, VANISHED)
         power2 = max(power2 * beta2, VANISHED)
         now = alpha * (1.0 - beta1) / (1.0 - power1)
@@ -138,10 +149,11 @@ def adadelta(theta, memory, settings, buffer, rows, batch, direction):
     """Steps in the unit of theta; settings [alpha, rho, epsilon], memory [mean g^2 (P,), mean step^2 (P,)]."""
     P = theta.size
     alpha, rho, epsilon = settings[0], settings[1], settings[2]
-    squares, moved = memory[:P], memory[P:]
+    squares, moved = pointer(memory, 0), pointer(memory, P)
     for k in range(batch):
-        phi, along = buffer[rows[k]], buffer[rows[k]][direction:]
-        error = normalized_error(theta, phi)
+        phi = row_of(buffer, rows[k])
+        along = pointer(phi, direction)
+        error = normalized_error(P, theta, phi)
         for i in range(P):
             g = -error * along[i]
             squares[i] = rho * squares[i] + (1.0 - rho) * g * g
@@ -174,15 +186,35 @@ def follow_integral(P, theta, R, period, gain, beta, buffer, width, rows, batch,
         phi = pointer(buffer, rows[k] * width)
         along, y, weight = pointer(phi, direction), phi[P], period * phi[P + 1]
         for i in range(P):
-            total, row, weighted = Q[i], pointer(R, i * P), weight * along[i]
-            for j in range(P):
-                total += row[j] * theta[j]
-            slope[i] = total
+            slope[i] = Q[i]
+        add_product(P, R, theta, slope)
+        for i in range(P):
+            row, weighted = pointer(R, i * P), weight * along[i]
+            theta[i] -= period * gain * slope[i]
             Q[i] = keep * Q[i] - weighted * y
             for j in range(P):
                 row[j] = keep * row[j] + weighted * phi[j]
-        for i in range(P):
-            theta[i] -= period * gain * slope[i]
+
+
+@part
+def add_product(P, R, theta, slope):
+    """Slope += R theta, four rows at once: each addition to a sum waits for the one before, those to others do not."""
+    fours = P - P % 4
+    for i in range(0, fours, 4):
+        row0, row1 = pointer(R, i * P), pointer(R, i * P + P)
+        row2, row3 = pointer(row0, 2 * P), pointer(row1, 2 * P)
+        sum0, sum1, sum2, sum3 = slope[i], slope[i + 1], slope[i + 2], slope[i + 3]
+        for j in range(P):
+            sum0 += row0[j] * theta[j]
+            sum1 += row1[j] * theta[j]
+            sum2 += row2[j] * theta[j]
+            sum3 += row3[j] * theta[j]
+        slope[i], slope[i + 1], slope[i + 2], slope[i + 3] = sum0, sum1, sum2, sum3
+    for i in range(fours, P):
+        row, total = pointer(R, i * P), slope[i]
+        for j in range(P):
+            total += row[j] * theta[j]
+        slope[i] = total
 
 
 @cut
