@@ -26,7 +26,7 @@ CODES = range(8)
 GRADIENT, ADAM, AMSGRAD, ADAGRAD, RMSPROP, NADAM, ADADELTA, INTEGRAL_COST = CODES
 
 
-@part
+@cut
 def row_of(buffer, k):
     """Return where a row of the buffer lies."""
     return pointer(buffer[0], k * buffer.shape[1])
