@@ -35,7 +35,7 @@ OPTIMIZERS = {
 BATCH, CAPACITY = 10, 5000  # those of the article's tables
 PROMISED_THREADS = 1.8  # times the rate of one thread, on two
 PROMISED, PROMISED_MEMBERS = 3.5, 64  # times the rate of one stream, on one thread
-TASK = 200_000  # updates of an ensemble that are timed at once, about
+TASK = 2_000_000  # updates that are timed at once: so many that most rows of the buffers are read more than once
 
 Clock = Callable[[], np.ndarray]
 
@@ -137,7 +137,7 @@ def beside_one(optimizer: str, buffer: str, members: int, repetitions: int) -> R
 def beside_one_thread(optimizer: str, buffer: str, members: int, threads: int, repetitions: int) -> Rate:
     """Time an ensemble on several threads and on one, by the clock, in turn."""
     updates = 1 if buffer == "none" else BATCH
-    samples = 20 * TASK // (updates * members)  # so many that starting the threads does not count
+    samples = 2 * TASK // (updates * members)  # so many that starting the threads does not count
     pair = [rp.Ensemble(identifiers(optimizer, buffer, members), n_jobs=count) for count in (1, threads)]
     u, y = streams(members, samples)
     for ensemble in pair:
