@@ -96,7 +96,7 @@ def cases() -> Iterator[tuple[str, str, float, dict[int, Once], int]]:
     yield "IntegralCost", "parameters", 2, {P: gradient_family(integral, P) for P in (20, 44, 92, 188)}, 4000
     yield "least squares", "parameters", 2, {P: second_family(least, P) for P in (68, 84, 100, 116)}, 200
     # sizes whose matrices lie in the second cache alike
-    yield "Kalman tracking", "parameters", 3, {P: second_family(tracking, P, 40) for P in (76, 92, 116)}, 40
+    yield "Kalman tracking", "parameters", 3, {P: second_family(tracking, P, 40) for P in (76, 100, 132)}, 40
     batches = (5, 20, 80, 320)
     yield "Adam", "batch", 1, {B: gradient_family(adam, 6, batch=B) for B in batches}, 200
     # a buffer of 10^5 rows of 64 bytes lies in the second cache; beyond, memory's latency adds to the arithmetic
