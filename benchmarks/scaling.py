@@ -94,7 +94,7 @@ def cases() -> Iterator[tuple[str, str, float, dict[int, Once], int]]:
     yield "AMSGrad", "parameters", 1, {P: gradient_family(rp.AMSGrad(1e-3), P) for P in wide}, 4000
     integral = rp.IntegralCost(1.0, 0.1)
     yield "IntegralCost", "parameters", 2, {P: gradient_family(integral, P) for P in (20, 44, 92, 188)}, 4000
-    yield "least squares", "parameters", 2, {P: second_family(least, P) for P in (68, 84, 100, 116)}, 200
+    yield "least squares", "parameters", 2, {P: second_family(least, P) for P in (30, 60, 120)}, 200
     # sizes whose matrices lie in the second cache alike
     yield "Kalman tracking", "parameters", 3, {P: second_family(tracking, P, 40) for P in (76, 100, 132)}, 40
     batches = (5, 20, 80, 320)
