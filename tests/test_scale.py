@@ -61,6 +61,17 @@ def test_what_is_rounded_is_not_stuck(name: str, noise: float, scale: str) -> No
     assert np.abs(ident.parameters / true - 1.0).max() < 0.05
 
 
+def test_outliers_do_not_make_a_scale_finer() -> None:
+    """What is bridged lies between the steps; the record is solved again with it, and the scale stays what it is."""
+    ident, u, y, _ = measured("slow", 20_000, 0.003)
+    y = SCALES["8 bits"](y)
+    for begin in (900, 1900, 3900):  # shortly before it is solved again
+        y[begin : begin + 90 : 6] += 100.0
+    ident.update_many(u, y)
+    assert ident.rejected["outlier"] > 30
+    assert ident.rejected["stuck"] == 0
+
+
 @pytest.mark.parametrize("scale", SCALES)
 @pytest.mark.parametrize("fault", ["stuck", "off", "at its rail", "saturated"])
 @pytest.mark.parametrize("name", ["slow", "settles"])

@@ -77,6 +77,6 @@ def with_new_constant(old: State, record: Record) -> State:
     ints[list(KEPT)] = old.ints[list(KEPT)]
     ints[at.CHANGE_BEGAN] = ints[at.SAMPLES]
     new.recent[:] = old.recent
-    for slot in (at.LAST_TIME, at.LAST_RAW):
+    for slot in (at.LAST_TIME, at.LAST_RAW, at.LEAST_STEP):
         reals[slot] = old.reals[slot]
     return new

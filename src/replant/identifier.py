@@ -215,8 +215,8 @@ class Identifier(Estimate):
             return self._step(u, y, t)
         except at.Attention:
             error = float(self._state.reals[at.ERROR] * self._state.reals[at.OUTPUT_SCALE])
-            self._attend()
-            return error
+        self._attend()
+        return error
 
     def update_many(self, u: Any, y: Any, t: Any = None) -> Trace:
         """Take a chunk of samples in compiled code: equal, to the bit, to a loop of `update`.

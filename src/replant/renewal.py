@@ -82,8 +82,23 @@ def first_look(state: State, settings: Settings) -> int:
     """
     from replant.kernels import guard
 
+    _note_estimate(state, settings)
     state.ints[at.ALARM] = guard.RESTS if _is_mature(state, settings) else guard.LOOKED_INTO
     return max(_began(state) + _least(settings), int(state.ints[at.SAMPLES]) + 1)
+
+
+def _note_estimate(state: State, settings: Settings) -> None:
+    """Note the estimate before a change and how well it is known, which what came since is to revise.
+
+    Later it may have learned from that itself.  Just revised it stays the one before: that is still the better known.
+    """
+    samples = int(state.ints[at.SAMPLES])
+    if _was_revised(state) and _is_brief(state, settings, samples - int(state.ints[at.REVISED])):
+        return
+    known = np.zeros(state.entries)
+    known[: settings.structure.size] = np.sqrt(np.maximum(np.diag(covariance(state, settings)), 0.0))
+    state.block(at.AT_PRIOR, 2 * state.entries)[:] = np.concatenate([state.theta * state.unit, known])
+    state.ints[at.REVISED] = 0
 
 
 def look(old: State, settings: Settings) -> tuple[State, int]:
@@ -115,7 +130,8 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         usual = guard.GROWN * max(old.reals[at.USUAL], guard.LEAST * old.reals[at.PEAK])
         whole = max(int(old.ints[at.ORIGIN]), int(old.ints[at.GAP_AT]))
         for begin, most in ((samples - length, math.inf), (whole, usual * settings.scaling.output**2)):
-            new = _solved_since(old, settings, begin, most)
+            new = _revised_since(old, settings, begin) if begin > whole else None
+            new = new or _solved_since(old, settings, begin, most)
             if new is not None:
                 return _on_its_own(new), 0
     rests = mature and not explained and _explained_before(old)
@@ -150,20 +166,29 @@ def _hardly_changed(old: State, settings: Settings, kept: FloatArray, explained:
     return next((state for state in tried if state is not None), None)
 
 
+def _revised_since(old: State, settings: Settings, begin: int) -> State | None:
+    """Return the state after revising the estimate by what came since ``begin``, where that is brief; else None."""
+    kept = since(old, begin)
+    if _is_guesswork(kept) or not (_is_mature(old, settings) and _is_brief(old, settings, len(kept))):
+        return None
+    tried = (_revised(old, settings, kept[int(beginning * len(kept)) :]) for beginning in (0.0, *BEGINNINGS))
+    return next((state for state in tried if state is not None), None)
+
+
+def _is_guesswork(kept: FloatArray) -> bool:
+    """Return whether too much of a record is no output that was measured."""
+    bridged = (kept[:, at.DOUBTED] > 0) & (kept[:, at.OUTPUT] == kept[:, at.BRIDGED])
+    return float((bridged | (kept[:, at.DOUBTED] == STANDS)).mean()) > MOST_DOUBTED
+
+
 def _solved_since(old: State, settings: Settings, begin: int, most: float) -> State | None:
     """Return the state after solving what came since ``begin``.
 
     None where that leads to no model to be used, or to a residual's variance above ``most``.
     """
     kept = since(old, begin)
-    bridged = (kept[:, at.DOUBTED] > 0) & (kept[:, at.OUTPUT] == kept[:, at.BRIDGED])
-    if float((bridged | (kept[:, at.DOUBTED] == STANDS)).mean()) > MOST_DOUBTED:
+    if _is_guesswork(kept):
         return None
-    slow = _is_mature(old, settings) and _is_brief(old, settings, len(kept))
-    for beginning in (0.0, *BEGINNINGS) if slow else ():
-        new = _revised(old, settings, kept[int(beginning * len(kept)) :])
-        if new is not None:
-            return new
     record = _record(kept, settings)
     refined = refine(settings.structure, record)
     if refined is None or not (refined.acceptable and refined.variance <= most):
@@ -178,9 +203,7 @@ def _revised(old: State, settings: Settings, kept: FloatArray, stayed: float = 1
 
     None where it then leaves more than usual, or is more likely than ``stayed`` not to have moved at all.
     """
-    std = np.zeros(old.entries)
-    std[: settings.structure.size] = np.sqrt(np.maximum(np.diag(covariance(old, settings)), 0.0))
-    new = _begun_from(old, settings, kept, np.vstack([old.theta * old.unit, std]), stayed)
+    new = _begun_from(old, settings, kept, stayed)
     return None if new is None else _on_its_own(new)
 
 
@@ -204,16 +227,14 @@ def _revised_again(old: State, settings: Settings) -> State | None:
     if int(old.ints[at.SAMPLES]) - begin > len(kept) or float((kept[:, at.DOUBTED] > 0).mean()) > MOST_DOUBTED:
         return None
     kept[:, at.OUTPUT] = kept[:, at.BRIDGED]
-    new = _begun_from(old, settings, kept, old.block(at.AT_PRIOR, 2 * old.entries).reshape(2, -1))
+    new = _begun_from(old, settings, kept)
     if new is not None:
         new.ints[at.ALARM], new.ints[at.CHANGE_BEGAN] = 0, new.ints[at.SAMPLES]
     return new
 
 
-def _begun_from(
-    old: State, settings: Settings, kept: FloatArray, before: FloatArray, stayed: float = 1.0
-) -> State | None:
-    """Return the state that begins at an estimate and its standard deviations ``before`` (2, T), revised by a record.
+def _begun_from(old: State, settings: Settings, kept: FloatArray, stayed: float = 1.0) -> State | None:
+    """Return the state that begins at the estimate noted before a change, revised by a record.
 
     The record that the estimate is made from goes on: it is not solved again without what was known before.
     """
@@ -221,12 +242,12 @@ def _begun_from(
 
     record = _record(kept, settings)
     usual = max(old.reals[at.USUAL], guard.LEAST * old.reals[at.PEAK]) * settings.scaling.output**2
-    found = revise(settings.structure, record, before[0], before[1], usual, float(old.reals[at.MARGIN]))
+    before, std = old.block(at.AT_PRIOR, 2 * old.entries).reshape(2, -1)
+    found = revise(settings.structure, record, before, std, usual, float(old.reals[at.MARGIN]))
     if found is None or found[0].variance > guard.GROWN * usual or found[1] > stayed:
         return None
     new = _begun_with(old, settings, found[0], record, int(old.ints[at.ORIGIN]))
     new.ints[at.GAP_AT] = new.ints[at.REVISED] = int(old.ints[at.SAMPLES]) - len(kept)
-    new.block(at.AT_PRIOR, before.size)[:] = before.ravel()
     for slot in (at.MARGIN, at.FORGET_INPUT):  # as slow as the plant was it may still be
         new.reals[slot] = min(new.reals[slot], old.reals[slot])
     _acquit(new, kept)

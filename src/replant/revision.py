@@ -78,7 +78,8 @@ def revise(
 ) -> tuple[Refined, float] | None:
     """Return an estimate (T,) revised by a record, and how likely it is that no coefficient has moved.
 
-    None where that leads to no model that can be used, or where the old one cannot be: unstable, it is no prior.
+    None where that leads to no model that can be used, or where the old one cannot be: unstable, without a numerator or
+    of unknown uncertainty it is no prior.
 
     Parameters
     ----------
@@ -97,6 +98,8 @@ def revise(
         return None
     known = np.arange(old.size) < structure.poles + structure.zeros + 1
     mean, sizes = np.where(known, old, 0.0), _sizes(structure, old)
+    if not (np.isfinite(std[known]).all() and (sizes[known] > 0.0).all()):
+        return None
     suppositions = list(_suppositions(structure))
     priors = [Prior(mean, np.hypot(np.where(moves, MOVES, STAYS) * sizes, std), variance) for moves in suppositions]
     start = _approached(problem, priors[ALL])
@@ -119,7 +122,10 @@ def revise(
 
 
 def _suppositions(structure: Structure) -> Iterator[npt.NDArray[np.bool_]]:
-    """Yield which coefficients have moved, (T,), for each supposition: all, none, each one, the numerator."""
+    """Yield which coefficients have moved, (T,), for each supposition: all, none, each one, the numerator.
+
+    Without zeros the numerator is one coefficient, which counts twice: a gain changes more easily than a mode.
+    """
     n, coefficients = structure.poles, structure.poles + structure.zeros + 1
     entries = np.arange(coefficients + 1 + n)
     yield entries < coefficients

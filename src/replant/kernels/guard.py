@@ -153,7 +153,7 @@ def stands(ints, reals, y, modelled):
         ints[at.STILL] = 0
         reals[at.STILL_MODEL] = modelled
         least = COARSER * reals[at.LEAST_STEP]
-        reals[at.LEAST_STEP] = least if 0.0 < least < step else step
+        reals[at.LEAST_STEP] = step if step < least or not least > 0.0 else least
         return known and reals[at.EQUAL] < COARSE
     ints[at.STILL] += 1
     if known:
