@@ -80,7 +80,7 @@ def test_a_pace(log: Path, read: Callable[..., Reading], clock: str) -> None:
     reading.join()
     assert time.monotonic() - begun >= 0.0999
     assert len(reading) == 10_000
-    assert len(reading.batches) > 3
+    assert len(reading.batches) > 1
 
 
 def test_a_slow_replay_is_closed_at_once(log: Path, read: Callable[..., Reading]) -> None:
