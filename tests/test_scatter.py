@@ -90,7 +90,7 @@ def test_the_path_of_a_record_is_least_squares_of_its_beginnings(samples: int) -
     zeta = generator.standard_normal((samples, 3)) * [1.0, 100.0, 0.01]
     target = zeta @ [1.0, 2.0, 3.0] + generator.standard_normal(samples)
     theta = np.linalg.lstsq(zeta, target, rcond=None)[0]
-    path = path_of_record(zeta, target - zeta @ theta, theta)
+    path = path_of_record(zeta, target - zeta @ theta, theta, np.zeros((3, 3)), np.zeros(3))
     step, rows = int(path[kept.STEP]), int(path[kept.KEPT])
     assert kept.ROOM // 2 <= rows <= kept.ROOM
     assert rows == samples // step

@@ -45,7 +45,7 @@ PATIENCE = 1.5  # each look takes so many times the samples of the one before
 
 def next_solution(state: State, settings: Settings) -> int:
     """Return at how many accepted samples the record as a whole is solved again, twice of what it is; 0: never."""
-    revised = _was_revised(state)
+    revised = state.was_revised
     origin, samples = int(state.ints[at.REVISED if revised else at.ORIGIN]), int(state.ints[at.SAMPLES])
     remembers_all = settings.optimizer.keeps_colour and state.block(at.AT_SETTINGS, 1)[0] == 1.0
     due = 2 * (samples - origin)
@@ -59,7 +59,7 @@ def solved_again(old: State, settings: Settings) -> State | None:
 
     None where that leads to no model that could be used, or where the record is not in one piece.
     """
-    if _was_revised(old):
+    if old.was_revised:
         return _revised_again(old, settings) if old.ints[at.ADAPT] else None
     origin = int(old.ints[at.ORIGIN])
     kept = since(old, origin)
@@ -93,11 +93,10 @@ def _note_estimate(state: State, settings: Settings) -> None:
     Later it may have learned from that itself.  Just revised it stays the one before: that is still the better known.
     """
     samples = int(state.ints[at.SAMPLES])
-    if _was_revised(state) and _is_brief(state, settings, samples - int(state.ints[at.REVISED])):
+    if state.was_revised and _is_brief(state, settings, samples - int(state.ints[at.REVISED])):
         return
-    known = np.zeros(state.entries)
-    known[: settings.structure.size] = np.sqrt(np.maximum(np.diag(covariance(state, settings)), 0.0))
-    state.block(at.AT_PRIOR, 2 * state.entries)[:] = np.concatenate([state.theta * state.unit, known])
+    state.prior[:] = state.theta * state.unit, np.zeros(state.entries)
+    state.prior[1, : settings.structure.size] = np.sqrt(np.maximum(np.diag(covariance(state, settings)), 0.0))
     state.ints[at.REVISED] = 0
 
 
@@ -215,11 +214,6 @@ def _on_its_own(new: State) -> State:
     return new
 
 
-def _was_revised(state: State) -> bool:
-    """Return whether the estimate is one revised, by a record without a gap since."""
-    return bool(state.ints[at.REVISED] > 0 and state.ints[at.REVISED] == state.ints[at.GAP_AT])
-
-
 def _revised_again(old: State, settings: Settings) -> State | None:
     """Return the state after revising the estimate before a change once more, by all that came since."""
     begin = int(old.ints[at.REVISED])
@@ -242,7 +236,7 @@ def _begun_from(old: State, settings: Settings, kept: FloatArray, stayed: float 
 
     record = _record(kept, settings)
     usual = max(old.reals[at.USUAL], guard.LEAST * old.reals[at.PEAK]) * settings.scaling.output**2
-    before, std = old.block(at.AT_PRIOR, 2 * old.entries).reshape(2, -1)
+    before, std = old.prior
     found = revise(settings.structure, record, before, std, usual, float(old.reals[at.MARGIN]))
     if found is None or found[0].variance > guard.GROWN * usual or found[1] > stayed:
         return None

@@ -98,11 +98,7 @@ def stretch(covariance: FloatArray, variances: FloatArray) -> FloatArray:
 
 
 def path_of_record(
-    zeta: FloatArray,
-    error: FloatArray,
-    theta: FloatArray,
-    known: FloatArray | float = 0.0,
-    pull: FloatArray | float = 0.0,
+    zeta: FloatArray, error: FloatArray, theta: FloatArray, known: FloatArray, pull: FloatArray
 ) -> FloatArray:
     """Return the path, as `replant.kernels.path` keeps it, that a recursion would have taken to ``theta``.
 
@@ -112,9 +108,9 @@ def path_of_record(
     error : (K,) array
         What ``theta`` leaves.
     theta : (T,) array
-    known : (T, T) array, optional
+    known : (T, T) array
         Information before the record,
-    pull : (T,) array, optional
+    pull : (T,) array
         ... and that times how far from ``theta`` the estimate was.
     """
     from replant.kernels import path as kept
@@ -122,7 +118,7 @@ def path_of_record(
     samples, size = zeta.shape
     step = -(-samples // kept.ROOM)
     path = np.zeros(kept.size(size))
-    information, score = np.zeros((size, size)) + known, np.zeros(size) + pull
+    information, score = known.copy(), pull.copy()
     rows = path[kept.ROWS :].reshape(kept.ROOM, 2, size)
     for row in range(samples // step):
         block = slice(row * step, (row + 1) * step)

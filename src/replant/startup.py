@@ -274,5 +274,5 @@ def carry_over(old: State, new: State) -> None:
     # stamps may have been as regular as none, and of a bridged output the least step is none of the sensor's
     for slot in (at.LAST_TIME, at.LAST_RAW, at.LEAST_STEP, at.LIMIT):
         new.reals[slot] = old.reals[slot]
-    new.block(at.AT_PRIOR, 2 * new.entries)[:] = old.block(at.AT_PRIOR, 2 * old.entries)
+    new.prior[:] = old.prior
     new.reals[at.LARGEST_POWER] = max(old.reals[at.LARGEST_POWER], new.reals[at.LARGEST_POWER])

@@ -199,6 +199,16 @@ class State:
         return self.block(at.AT_PAST, at.PAST * size).reshape(at.PAST, size)
 
     @property
+    def prior(self) -> FloatArray:
+        """View of the estimate before a change, physical, and of its standard deviations, (2, T)."""
+        return self.block(at.AT_PRIOR, 2 * self.entries).reshape(2, -1)
+
+    @property
+    def was_revised(self) -> bool:
+        """Whether the estimate is one revised after a change, by a record without a gap since."""
+        return bool(self.ints[at.REVISED] > 0 and self.ints[at.REVISED] == self.ints[at.GAP_AT])
+
+    @property
     def unit(self) -> FloatArray:
         """View of what turns scaled into physical parameters, (T,)."""
         return self.block(at.AT_UNIT, self.entries)

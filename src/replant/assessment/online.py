@@ -91,12 +91,11 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
 def _unsettled(state: State, settings: Settings, known: FloatArray) -> float:
     """Return how uncertain a revised estimate is in what was known before the change, as a part of itself."""
     ints = state.ints
-    revised = ints[at.REVISED] > 0 and ints[at.REVISED] == ints[at.GAP_AT]
     forgotten = ints[at.PAST_STEP] == SHORTEST_STEP and ints[at.SAMPLES] - ints[at.REVISED] > ints[at.RECENT]
-    if not revised or forgotten:  # what forgets is at length as uncertain by right
+    if not state.was_revised or forgotten:  # what forgets is at length as uncertain by right
         return 0.0
     size = settings.structure.poles + settings.structure.zeros + 1
-    before, std = np.abs(state.block(at.AT_PRIOR, 2 * state.entries)).reshape(2, -1)[:, :size]
+    before, std = np.abs(state.prior[:, :size])
     now = np.maximum(np.abs(state.theta * state.unit)[:size], before)
     share = np.sqrt(np.maximum(np.diag(known)[:size], 0.0)) / np.maximum(now, np.finfo(float).tiny)
     return float(share[std < MOST_UNCERTAIN * before].max(initial=0.0))
