@@ -62,7 +62,6 @@ class Block:
     recent: FloatArray
     apart: bool
     work: tuple[np.ndarray, ...] = field(repr=False)
-    room: tuple[FloatArray, FloatArray] = field(repr=False)  # for one sample: to make it takes longer than the sample
 
     @classmethod
     def of_states(cls, numbers: Sequence[int], states: Sequence[State]) -> Block:
@@ -91,7 +90,6 @@ class Block:
             side_by_side([state.recent for state in lanes]),
             apart,
             work,
-            room_for(1, 0, LANES),
         )
 
     def state(self, lane: int) -> State:
@@ -104,21 +102,36 @@ class Block:
             self.recent[..., lane],
         )
 
-    def take(self, start: int, u: FloatArray, y: FloatArray, errors: FloatArray, parameters: FloatArray) -> None:
+    def take(
+        self, room: Room, start: int, u: FloatArray, y: FloatArray, errors: FloatArray, parameters: FloatArray
+    ) -> None:
         """Take the samples from row ``start`` on; see `replant.kernels.lanes.steps`."""
         from replant.kernels import lanes
 
-        rows, size = min(TILE, max(u.shape[0] - start, 1)), parameters.shape[2]
-        room = self.room if rows == 1 and size == 0 else room_for(rows, size, self.numbers.size)
         lanes.steps(
-            self.ints, self.reals, self.banks, self.buffer, self.recent, self.apart, *self.work, *room, self.numbers,
-            self.members, start, u, y, errors, parameters,
+            self.ints, self.reals, self.banks, self.buffer, self.recent, self.apart, *self.work,
+            *room.of(len(u) - start, parameters.shape[2]), self.numbers, self.members, start, u, y, errors, parameters,
         )  # fmt: skip
 
 
-def room_for(rows: int, size: int, width: int) -> tuple[FloatArray, FloatArray]:
-    """Return room for the inputs, outputs and errors of so many samples, and for the estimates after them."""
-    return aligned((3, rows, width)), aligned((rows, size, width))
+class Room:
+    """Where the samples of a block lie while it takes them, and what comes of them: one for each thread.
+
+    To make it takes as long as a hundred samples, so it serves as long as it is large enough.
+    """
+
+    def __init__(self) -> None:
+        self._arrays = aligned((0, 0, 0)), aligned((0, 0, 0))
+
+    def of(self, samples: int, size: int) -> tuple[FloatArray, FloatArray]:
+        """Return room for inputs, outputs and errors, and for the first ``size`` parameters, of a tile of samples."""
+        from replant.kernels.vector import LANES
+
+        rows = min(TILE, max(samples, 1))
+        tile, estimates = self._arrays
+        if tile.shape[1] < rows or estimates.shape[1] != size:
+            self._arrays = aligned((3, rows, LANES)), aligned((rows, size, LANES))
+        return self._arrays
 
 
 def side_by_side(arrays: Sequence[FloatArray]) -> FloatArray:

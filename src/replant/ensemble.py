@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import groupby
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.blocks import Block, is_under_way, kind, order
+from replant.blocks import Block, Room, is_under_way, kind, order
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.identifier import Identifier
 from replant.trace import Trace
@@ -22,7 +22,7 @@ from replant.validation import FloatArray, array_of_reals, whole
 LEAST = 3  # members that a block pays for: it takes about the time of three
 PORTION = 8192  # samples after which a thread may go on with other members: none then waits long for the last one
 
-Take = Callable[..., None]  # takes the samples from a row on: (row, u, y, errors, parameters)
+Take = Callable[..., None]  # takes the samples from a row on: (room, row, u, y, errors, parameters)
 
 
 class Ensemble:
@@ -80,7 +80,7 @@ class Ensemble:
     ) -> None:
         self._members = _copies(identifiers, members)
         self._blocks: list[Block] = []
-        self._threads = _threads(n_jobs)
+        self._rooms = _rooms(n_jobs)
 
     def __len__(self) -> int:
         return len(self._members)
@@ -90,7 +90,7 @@ class Ensemble:
         return {
             "_members": [self.member(number) for number in range(len(self))],
             "_blocks": [],
-            "_threads": self._threads,
+            "_rooms": [Room() for _ in self._rooms],
         }
 
     def update(self, u: Any, y: Any) -> FloatArray:
@@ -101,7 +101,8 @@ class Ensemble:
         u, y : (M,) arrays or floats
             A number is for all members.
         """
-        return self._run(self._row("u", u), self._row("y", y), 0, threads=1)[0][:, 0]
+        errors, _ = self._run(self._row("u", u), self._row("y", y), 0, self._rooms[:1])
+        return errors.reshape(-1)
 
     def update_many(self, u: Any, y: Any) -> FloatArray:
         """Take a chunk of samples of each member; return the a-priori output errors (K, M).
@@ -116,13 +117,14 @@ class Ensemble:
         InvalidArgumentError, ArgumentTypeError
             If shapes or types do not fit; the state stays as it was.
         """
-        return self._run(self._rows("u", u), self._rows("y", y), 0, self._threads)[0].T
+        return self._run(self._rows("u", u), self._rows("y", y), 0, self._rooms)[0]
 
     def trace(self, u: Any, y: Any) -> tuple[Trace, ...]:
         """Take a chunk of samples as `update_many` does; return each member's `Trace`: K (P + 1) numbers a member."""
         start = self.parameters
-        errors, parameters = self._run(self._rows("u", u), self._rows("y", y), start.shape[1], self._threads)
-        return tuple(Trace(self.names, *one) for one in zip(start, parameters, errors, strict=True))
+        errors, parameters = self._run(self._rows("u", u), self._rows("y", y), start.shape[1], self._rooms)
+        each = np.ascontiguousarray(errors.T)
+        return tuple(Trace(self.names, *one) for one in zip(start, parameters, each, strict=True))
 
     def freeze(self) -> None:
         """Stop adapting, as `Identifier.freeze` does, all members."""
@@ -193,38 +195,38 @@ class Ensemble:
         if "starting" in self.status:
             raise InvalidArgumentError("some members are still starting: they have no estimate to freeze yet")
 
-    def _run(self, u: FloatArray, y: FloatArray, size: int, threads: int) -> tuple[FloatArray, FloatArray]:
-        """Take a chunk; return errors (M, K) and the first ``size`` parameters (M, K, size) after each sample."""
+    def _run(self, u: FloatArray, y: FloatArray, size: int, rooms: Sequence[Room]) -> tuple[FloatArray, FloatArray]:
+        """Take a chunk; return errors (K, M) and the first ``size`` parameters (M, K, size) after each sample."""
         if u.shape[0] != y.shape[0]:
             raise InvalidArgumentError(f"u and y must have the same length, got {u.shape[0]} and {y.shape[0]} samples")
-        chunk = (u, y, np.empty((len(self), u.shape[0])), np.empty((len(self), u.shape[0], size)))
-        tasks = [_portions(block.take, 0, *chunk) for block in self._blocks]
+        chunk = (u, y, np.empty((u.shape[0], len(self))), np.empty((len(self), u.shape[0], size)))
+        tasks: list[tuple[Take, int]] = [(block.take, 0) for block in self._blocks]
         inside = {number for block in self._blocks for number in block.numbers.tolist()}
         reached = {n: self._lead_in(n, *chunk) for n in range(len(self)) if n not in inside}
         for block, start in self._form_blocks(reached):
-            tasks.append(_portions(block.take, start, *chunk))
+            tasks.append((block.take, start))
             reached = {n: k for n, k in reached.items() if n not in block.numbers}
-        tasks += [_portions(partial(self._take_alone, n), start, *chunk) for n, start in reached.items()]
-        _carry_out(tasks, threads)
+        tasks += [(partial(self._take_alone, n), start) for n, start in reached.items()]
+        _carry_out(tasks, rooms, *chunk)
         return chunk[2], chunk[3]
 
     def _lead_in(self, number: int, *chunk: FloatArray) -> int:
         """Take a member's first samples by itself, until it may join a block; return how many."""
         member, taken = self._members[number], 0
         while taken < chunk[0].shape[0] and may_join(member) and not is_ready(member):
-            self._take_alone(number, taken, *(part[: taken + 1] for part in chunk[:2]), *chunk[2:])
+            self._take_alone(number, self._rooms[0], taken, *(part[: taken + 1] for part in chunk[:2]), *chunk[2:])
             taken += 1
         return taken
 
-    def _take_alone(self, number: int, start: int, *chunk: FloatArray) -> None:
+    def _take_alone(self, number: int, _: Room, start: int, *chunk: FloatArray) -> None:
         """Take the samples from ``start`` on as a single identifier does."""
         u, y, errors, parameters = chunk
         member, end, own_u, own_y = self._members[number], len(u), number * (u.shape[1] > 1), number * (y.shape[1] > 1)
-        if errors.shape[1] == 1 and not parameters.size:  # of one sample alone: many need not compile what takes one
-            errors[number, 0] = member.update(float(u[0, own_u]), float(y[0, own_y]))
+        if errors.shape[0] == 1 and not parameters.size:  # of one sample alone: many need not compile what takes one
+            errors[0, number] = member.update(float(u[0, own_u]), float(y[0, own_y]))
             return
         trace = member.update_many(u[start:, own_u], y[start:, own_y])
-        errors[number, start:end] = trace.errors
+        errors[start:end, number] = trace.errors
         parameters[number, start:end] = trace.parameters[:, : parameters.shape[2]]
 
     def _form_blocks(self, reached: dict[int, int]) -> list[tuple[Block, int]]:
@@ -285,43 +287,39 @@ def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None)
     return [one.clone() for one in each]
 
 
-def _threads(n_jobs: int | None) -> int:
-    """Return how many threads joblib's ``n_jobs`` stands for."""
-    if n_jobs is None:
-        return 1
-    jobs = whole("n_jobs", n_jobs, -(2**31))
+def _rooms(n_jobs: int | None) -> list[Room]:
+    """Return a room for each of the threads that joblib's ``n_jobs`` stands for."""
+    jobs = 1 if n_jobs is None else whole("n_jobs", n_jobs, -(2**31))
     if jobs == 0:
         raise InvalidArgumentError("n_jobs must not be 0: 1 is one thread, -1 all processors")
-    return jobs if jobs > 0 else max(multiprocessing.cpu_count() + 1 + jobs, 1)
+    return [Room() for _ in range(jobs if jobs > 0 else max(multiprocessing.cpu_count() + 1 + jobs, 1))]
 
 
-def _portions(take: Take, start: int, *chunk: FloatArray) -> Iterator[None]:
-    """Take the samples of a chunk from ``start`` on, a portion at each step."""
+def _carry_out(tasks: Iterable[tuple[Take, int]], rooms: Sequence[Room], *chunk: FloatArray) -> None:
+    """Let each task take the samples of a chunk from its row on, in as many threads as there are rooms.
+
+    Whoever is ready takes the next portion of the task that has waited longest.
+    """
     u, y, *results = chunk
-    for end in range(start + PORTION, len(u) + PORTION, PORTION):
-        take(end - PORTION, u[:end], y[:end], *results)
-        yield
+    waiting = deque(task for task in tasks if task[1] < len(u))
 
-
-def _carry_out(tasks: Iterable[Iterator[None]], threads: int) -> None:
-    """Run the tasks, shared among so many threads: whoever is ready takes the next portion of the one that waits."""
-    waiting = deque(tasks)
-
-    def work() -> None:
+    def work(room: Room) -> None:
         while True:
             try:
-                task = waiting.popleft()
+                take, start = waiting.popleft()
             except IndexError:  # the others are at the last ones
                 return
-            if next(task, waiting) is not waiting:
-                waiting.append(task)
+            end = start + PORTION
+            take(room, start, u[:end], y[:end], *results)
+            if end < len(u):
+                waiting.append((take, end))
 
-    helpers = min(threads, len(waiting)) - 1
-    if helpers < 1:
-        work()
+    mine, *others = rooms[: max(len(waiting), 1)]
+    if not others:
+        work(mine)
         return
-    with ThreadPoolExecutor(helpers) as pool:
-        others = [pool.submit(work) for _ in range(helpers)]
-        work()
-        for other in others:
-            other.result()
+    with ThreadPoolExecutor(len(others)) as pool:
+        helpers = [pool.submit(work, room) for room in others]
+        work(mine)
+        for helper in helpers:
+            helper.result()

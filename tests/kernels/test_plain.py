@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.blocks import is_under_way
 from replant.kernels import layout as at
 from replant.kernels import plain
 from replant.kernels.step import gradient_step, gradient_steps, step, steps
@@ -122,3 +123,18 @@ def test_with_the_first_stamp_the_general_kernels_go_on_where_the_lean_ones_stop
         each.update_many(u[31:], y[31:], t[31:])
     assert ident._steps is gradient_steps
     np.testing.assert_array_equal(ident.parameters, twin.parameters)
+
+
+def test_the_lean_kernels_go_on_where_other_intervals_took_the_place_of_the_regular_one() -> None:
+    ours, general = (state_of(rp.Structure(2, 1), "amsgrad") for _ in range(2))
+    generator = np.random.default_rng(3)
+    for state in (ours, general):
+        for k, t in enumerate(np.cumsum([0.0, 1.1, 0.9, 1.2, 0.8, 1.3]) * DT):
+            gradient_step(*arrays(state), np.cos(k), np.sin(k), t)
+        assert not is_under_way(state)
+    u, y = generator.standard_normal((2, 50))
+    room = [(np.empty(50), np.empty((50, 4))) for _ in range(2)]
+    plain.steps(*arrays(ours), u, y, REGULAR, *room[0])
+    gradient_steps(*arrays(general), u, y, REGULAR, *room[1])
+    assert all(a.tobytes() == b.tobytes() for a, b in zip(*room, strict=True))
+    assert all(a.tobytes() == b.tobytes() for a, b in zip(arrays(ours)[2:], arrays(general)[2:], strict=True))

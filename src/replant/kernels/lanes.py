@@ -21,7 +21,7 @@ from replant.kernels import plain
 from replant.kernels.compiled import cut, kernel, part, rare
 from replant.kernels.random_stream import draw_below
 from replant.kernels.step import acceptable, draw_rows, keep_estimate, keep_sample
-from replant.kernels.vector import LANES, all_within, load, prefetch, vectors
+from replant.kernels.vector import LANES, all_within, load, prefetch, store, vectors
 
 # Rows of the work space, after the 2 n that `plain.advance_states` uses.
 INPUT, OUTPUT, ERROR, FINITE, ASIDE = range(5)
@@ -46,10 +46,8 @@ def cut_filters(ints, reals, banks):
         bank[A:constant],
         bank[constant : constant + n],
         bank[constant + n : constant + 2 * n],
-        bank[states + bk.OUTPUT * n : states + bk.OUTPUT * n + n],
-        bank[states + bk.INPUT * n : states + bk.INPUT * n + n],
-        reals[room : room + n],
-        reals[room + n : room + 2 * n],
+        bank[states : states + 2 * n],
+        reals[room : room + 2 * n],
     )
 
 
@@ -224,46 +222,47 @@ def learn_each_its_own(ints, reals, live, buffer, apart, work, estimate):
 
 @cut
 def update_estimate(ints, reals, live, shared, buffer, apart, work, estimate, target):
-    """Learn the newest samples and their batches; return 0 for members all of whose numbers are finite, else NaN."""
-    theta, memory, kept_theta, kept_memory, phi, unit, settings, rows = estimate
-    for i in range(theta.size):
-        kept_theta[i] = theta[i]
-    for i in range(memory.size):
-        kept_memory[i] = memory[i]
+    """Learn the newest samples and their batches.
+
+    Returns the a-priori errors, scaled, and 0 for members all of whose numbers are finite, else NaN.
+    """
+    theta, memory, _, _, _, unit, settings, rows = estimate
     if shared:
         stored = vectors(buffer)
-        batch = plain.remember(ints[0], phi, stored, rows, target)
+        error = plain.write_row(ints[0], stored[ints[0, at.HEAD]], estimate, target)
+        batch = draw_rows(ints[0], rows)
         if ints[0, at.BATCH] > 1:
             fetch_ahead(ints[0], stored)
         learn(ints[0], theta, memory, settings, stored, rows, batch)
     else:
-        plain.write_row(ints[0], vectors(work[0])[ints[0, at.BATCH] - 1], phi, target)
+        error = plain.write_row(ints[0], vectors(work[0])[ints[0, at.BATCH] - 1], estimate, target)
         learn_each_its_own(ints, reals, live, buffer, apart, work, estimate)
     finite = 0.0
     for i in range(theta.size):
         finite += 0.0 * (theta[i] * unit[i])
     for i in range(memory.size):
         finite += 0.0 * memory[i]
-    return finite
+    return error, finite
 
 
 @part
 def take(ints, reals, live, shared, buffer, apart, work, filters, regressor, estimate):
     """Take the samples that were admitted; leave the errors in the work space.  ``shared``: all draw the same rows."""
     r, row = vectors(reals), ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
-    A, constant, ramp, wy, wu, new_wy, new_wu = filters
+    A, constant, ramp, states, new = filters
     u, y, last_u, last_y = r[row + INPUT], r[row + OUTPUT], r[at.INPUT_NOW], r[at.LAST_OUTPUT]
     r[at.ELAPSED] += r[at.INTERVAL]
     rise = u - last_u if ints[0, at.STRAIGHT_INPUT] == 1 else 0.0
-    plain.advance_states(A, constant, ramp, wy, wu, new_wy, new_wu, last_y, y - last_y, last_u, rise)
+    plain.advance_states(A, constant, ramp, states, new, last_y, y - last_y, last_u, rise)
     r[at.INPUT_NOW], r[at.LAST_OUTPUT] = u, y
     target = plain.fill_regressor(r, regressor, y)
-    error, theta, phi = target, estimate[0], estimate[4]
-    for i in range(theta.size):
-        error -= theta[i] * phi[i]
-    r[row + ERROR] = error * r[at.OUTPUT_SCALE]
+    plain.settle(states, new)
     if ints[0, at.ADAPT] == 1:
-        r[row + FINITE] = update_estimate(ints, reals, live, shared, buffer, apart, work, estimate, target)
+        error, finite = update_estimate(ints, reals, live, shared, buffer, apart, work, estimate, target)
+        r[row + FINITE] = finite
+    else:
+        error = plain.error_of(estimate[0], estimate[4], target)
+    r[row + ERROR] = error * r[at.OUTPUT_SCALE]
 
 
 @rare
@@ -354,7 +353,9 @@ def fetch(samples, numbers, start, own):
             rows[k] = samples[start + k, 0]
     elif are_neighbours(numbers):
         for k in range(rows.size):
-            prefetch(samples, min(start + k + AHEAD, samples.shape[0] - 1), numbers[0])
+            ahead = min(start + k + AHEAD, samples.shape[0] - 1)
+            prefetch(samples, ahead, numbers[0])
+            prefetch(samples, ahead, numbers[LANES - 1])  # lies on another line
             rows[k] = load(samples, start + k, numbers[0])
     else:
         for k in range(rows.size):
@@ -365,11 +366,19 @@ def fetch(samples, numbers, start, own):
 @rare
 def deliver(numbers, members, start, told, estimates, errors, parameters):
     """Copy errors and estimates of a tile to where they are wanted."""
-    for lane in range(members):
-        for k in range(told.shape[0]):
-            errors[numbers[lane], start + k] = told[k, lane]
-            for i in range(parameters.shape[2]):
-                parameters[numbers[lane], start + k, i] = estimates[k, i, lane]
+    rows = vectors(told)
+    if members == LANES and are_neighbours(numbers):
+        for k in range(rows.size):
+            store(errors, start + k, numbers[0], rows[k])
+    else:
+        for k in range(rows.size):
+            for lane in range(members):
+                errors[start + k, numbers[lane]] = told[k, lane]
+    if parameters.shape[2] > 0:
+        for lane in range(members):
+            for k in range(rows.size):
+                for i in range(parameters.shape[2]):
+                    parameters[numbers[lane], start + k, i] = estimates[k, i, lane]
 
 
 @kernel
@@ -379,7 +388,7 @@ def steps(
 ):  # fmt: skip
     """Take the samples from row ``start`` on; write error and estimate (physical units) of each member.
 
-    ``u`` and ``y`` (K, M) have a column for each of the ensemble's members or (K, 1) one for all; ``errors`` is (M, K),
+    ``u`` and ``y`` (K, M) have a column for each of the ensemble's members or (K, 1) one for all; ``errors`` is (K, M),
     ``parameters`` (M, K, size).  ``numbers`` says which of the ensemble's members these are; lanes beyond ``members``
     repeat the first.  ``apart`` says that the members have random streams of their own, and that ``buffer`` has the
     member axis first, so that a row of one member lies together.

@@ -12,6 +12,7 @@ from replant.kernels import chain
 from replant.kernels import first_order as first
 from replant.kernels import layout as at
 from replant.kernels.compiled import cut, kernel, part
+from replant.kernels.pointer import pointer
 from replant.kernels.step import acceptable, draw_rows, keep_estimate, keep_sample, left_float64
 
 
@@ -27,10 +28,10 @@ def place_of(bank, n, T, interval):
 
 @cut
 def cut_filters(ints, reals, banks):
-    """Return the arrays of `advance_filters`, n numbers each but the interval (1), A (n n) and the rings (RING).
+    """Return the arrays of the filters.
 
-    The interval that A belongs to, A, the responses to a constant and to a ramp; the states of output and input; room
-    for the new ones; the rings of past inputs, held inputs and intervals.
+    The interval that A belongs to (1,), A (n n,), the responses to a constant and to a ramp (n,); the states of the
+    output, then of the input, and room for the new ones (2 n,); the rings of past inputs, held inputs and intervals.
     """
     n, T, ring, bank = ints[at.ORDER], ints[at.ENTRIES], ints[at.RING], banks[0]
     place, states, room = place_of(bank, n, T, reals[at.INTERVAL]), bk.at_states(n, T), ints[at.AT_WORK]
@@ -41,10 +42,8 @@ def cut_filters(ints, reals, banks):
         bank[place + 1 : constant],
         bank[constant : constant + n],
         bank[constant + n : constant + 2 * n],
-        bank[states + bk.OUTPUT * n : states + bk.OUTPUT * n + n],
-        bank[states + bk.INPUT * n : states + bk.INPUT * n + n],
-        reals[room : room + n],
-        reals[room + n : room + 2 * n],
+        bank[states : states + 2 * n],
+        reals[room : room + 2 * n],
         reals[inputs : inputs + ring],
         reals[held : held + ring],
         reals[intervals : intervals + ring],
@@ -55,19 +54,18 @@ def cut_filters(ints, reals, banks):
 def cut_regressor(ints, reals, banks):
     """Return the arrays of `fill_regressor`: those of the output (n numbers each), then those of the input.
 
-    d_i / c^(n-i), gain, filter state, phi; gain, the filter states that enter the regressor, phi.  The last entry of
+    d_i / c^(n-i), gain, new filter state, phi; gain, the new states that enter the regressor, phi.  The last entry of
     phi and of its gain is the constant where there is one.
     """
     n, T, inputs, bank = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES], banks[0]
-    characteristic, gain, states, phi = bk.DENOMINATOR + n, bk.at_gain(n), bk.at_states(n, T), ints[at.AT_PHI]
-    wy, wu = states + bk.OUTPUT * n, states + bk.INPUT * n
+    characteristic, gain, room, phi = bk.DENOMINATOR + n, bk.at_gain(n), ints[at.AT_WORK], ints[at.AT_PHI]
     return (
         bank[characteristic : characteristic + n],
         bank[gain : gain + n],
-        bank[wy : wy + n],
+        reals[room : room + n],
         reals[phi : phi + n],
         bank[gain + n : gain + T],
-        bank[wu + n - inputs : wu + n],
+        reals[room + 2 * n - inputs : room + 2 * n],
         reals[phi + n : phi + T],
     )
 
@@ -95,36 +93,60 @@ def cut_estimate(ints, reals):
 
 
 @cut
-def advance_states(A, constant, ramp, wy, wu, new_wy, new_wu, y, rise_y, u, rise):
-    """Carry the filter states over one interval: output and input start at y and u and rise along straight lines."""
-    n = wy.size
+def advance_states(A, constant, ramp, states, new, y, rise_y, u, rise):
+    """Find the filter states after one interval: output and input start at y and u and rise along straight lines.
+
+    They take the place of the others at the end (`settle`): the regressor, for which all else waits, is made of ``new``
+    as it comes, not of a copy.
+    """
+    n = constant.size
+    wy, wu, new_wy, new_wu = pointer(states, 0), pointer(states, n), pointer(new, 0), pointer(new, n)
     for i in range(n):
+        row = pointer(A, i * n)
         sy = constant[i] * y + ramp[i] * rise_y
         su = constant[i] * u + ramp[i] * rise
         for j in range(n):
-            sy += A[i * n + j] * wy[j]
-            su += A[i * n + j] * wu[j]
+            sy += row[j] * wy[j]
+            su += row[j] * wu[j]
         new_wy[i] = sy
         new_wu[i] = su
-    for i in range(n):
-        wy[i] = new_wy[i]
-        wu[i] = new_wu[i]
 
 
 @cut
-def advance_filters(ints, reals, banks, filters, u, y):
-    """Carry the filter states from the sample before to this one, as (6)-(7) do."""
-    kept, A, constant, ramp, wy, wu, new_wy, new_wu, inputs, held, intervals = filters
-    n, interval, last, last_y = wy.size, reals[at.INTERVAL], reals[at.INPUT_NOW], reals[at.LAST_OUTPUT]
+def settle(states, new):
+    """Let the new states take the place of the others."""
+    for i in range(states.size):
+        states[i] = new[i]
+
+
+@cut
+def discretize(ints, reals, banks, kept):
+    """Make the one discretisation that a regular clock needs, unless its interval is the one ``kept``."""
+    n, T, interval = ints[at.ORDER], ints[at.ENTRIES], reals[at.INTERVAL]
     if not abs(kept[0] - interval) <= 1e-9 * interval:
-        bk.new_discretization(banks[0], n, ints[at.ENTRIES], interval, reals[ints[at.AT_WORK] :])
+        bk.new_discretization(banks[0], n, T, interval, reals[ints[at.AT_WORK] :])
+
+
+@cut
+def begin(ints, reals, banks, filters, u, y):
+    """Take the first sample: the filters are at rest."""
+    chain.begin(ints, reals, banks, u, y)
+    discretize(ints, reals, banks, filters[0])
+    settle(filters[5], filters[4])  # the new ones are these
+
+
+@cut
+def advance_filters(ints, reals, filters, u, y):
+    """Carry the filter states from the sample before to this one, as (6)-(7) do."""
+    _, A, constant, ramp, states, new, inputs, held, intervals = filters
+    interval, last, last_y = reals[at.INTERVAL], reals[at.INPUT_NOW], reals[at.LAST_OUTPUT]
     newest = np.uint64(ints[at.NEWEST] + 1)  # unsigned: need not be checked when it serves as index
     if newest == np.uint64(inputs.size):
         newest = np.uint64(0)
     ints[at.NEWEST] = newest
     inputs[newest], held[newest], intervals[newest] = u, last, interval
     rise = u - last if ints[at.STRAIGHT_INPUT] == 1 else 0.0
-    advance_states(A, constant, ramp, wy, wu, new_wy, new_wu, last_y, y - last_y, last, rise)
+    advance_states(A, constant, ramp, states, new, last_y, y - last_y, last, rise)
     reals[at.INPUT_NOW] = u
 
 
@@ -144,32 +166,40 @@ def fill_regressor(reals, regressor, y):
 
 
 @cut
-def write_row(ints, row, phi, target):
-    """Write a sample into its row of the buffer."""
-    T, squares = phi.size, 0.0
-    for i in range(phi.size):
-        row[i] = phi[i]
-        squares += phi[i] * phi[i]
-    row[T] = target
-    row[T + 1] = 1.0 / (1.0 + squares) if ints[at.NORMALIZE] == 1 else 1.0
+def error_of(theta, phi, target):
+    """Return the a-priori error y - theta' phi, scaled."""
+    error = target
+    for i in range(theta.size):
+        error -= theta[i] * phi[i]
+    return error
 
 
 @cut
-def remember(ints, phi, buffer, rows, target):
-    """Store the sample in the buffer and draw the rows of its batch, as `step.remember` does."""
-    write_row(ints, buffer[ints[at.HEAD]], phi, target)
-    return draw_rows(ints, rows)
+def write_row(ints, row, estimate, target):
+    """Write a sample into its row of the buffer and keep the estimate as it is; return the a-priori error, scaled.
+
+    In one pass: for a few parameters to begin a loop takes longer than to run it.
+    """
+    theta, memory, kept_theta, kept_memory, phi = estimate[:5]
+    T, squares, error = phi.size, 0.0, target
+    for i in range(phi.size):
+        entry, parameter = phi[i], theta[i]
+        row[i], kept_theta[i] = entry, parameter
+        squares += entry * entry
+        error -= parameter * entry
+    row[T] = target
+    row[T + 1] = 1.0 / (1.0 + squares) if ints[at.NORMALIZE] == 1 else 1.0
+    for i in range(memory.size):
+        kept_memory[i] = memory[i]
+    return error
 
 
 @cut
 def update_estimate(ints, buffer, estimate, target):
-    """Learn the newest sample and its batch; undo what leaves float64."""
-    theta, memory, kept_theta, kept_memory, phi, unit, settings, rows = estimate
-    for i in range(theta.size):
-        kept_theta[i] = theta[i]
-    for i in range(memory.size):
-        kept_memory[i] = memory[i]
-    batch = remember(ints, phi, buffer, rows, target)
+    """Learn the newest sample and its batch; undo what leaves float64.  Returns the a-priori error, scaled."""
+    theta, memory, kept_theta, kept_memory, _, unit, settings, rows = estimate
+    error = write_row(ints, first.row_of(buffer, ints[at.HEAD]), estimate, target)
+    batch = draw_rows(ints, rows)
     first.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, 0)
     if left_float64(theta, unit, memory):
         ints[at.REFUSED] += 1
@@ -177,6 +207,7 @@ def update_estimate(ints, buffer, estimate, target):
             theta[i] = kept_theta[i]
         for i in range(memory.size):
             memory[i] = kept_memory[i]
+    return error
 
 
 @part
@@ -193,20 +224,18 @@ def take(ints, reals, banks, buffer, recent, filters, regressor, estimate, u, y)
     if ints[at.SAMPLES] > 0:
         reals[at.ELAPSED] += reals[at.INTERVAL]
     if ints[at.STARTED] == 0:
-        chain.begin(ints, reals, banks, u, y)
+        begin(ints, reals, banks, filters, u, y)
     else:
-        advance_filters(ints, reals, banks, filters, u, y)
+        advance_filters(ints, reals, filters, u, y)
     reals[at.LAST_OUTPUT] = y
     target = fill_regressor(reals, regressor, y)
-    error = target
-    theta, phi = estimate[0], estimate[4]
-    for i in range(theta.size):
-        error -= theta[i] * phi[i]
+    settle(filters[4], filters[5])
     ints[at.SAMPLES] += 1
     if ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM]:
+        error = error_of(estimate[0], estimate[4], target)
         ints[at.RESTED] += 1
     else:
-        update_estimate(ints, buffer, estimate, target)
+        error = update_estimate(ints, buffer, estimate, target)
         ints[at.LEARNED] = ints[at.SAMPLES]
     if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
         keep_estimate(ints, reals)
@@ -217,6 +246,8 @@ def take(ints, reals, banks, buffer, recent, filters, regressor, estimate, u, y)
 def step(ints, reals, banks, buffer, recent, u, y, t):
     """Take one sample; return its error as `take` does.  ``t`` must be NaN: the clock is regular."""
     filters, regressor = cut_filters(ints, reals, banks), cut_regressor(ints, reals, banks)
+    if ints[at.STARTED] == 1:
+        discretize(ints, reals, banks, filters[0])
     return take(ints, reals, banks, buffer, recent, filters, regressor, cut_estimate(ints, reals), u, y)
 
 
@@ -227,6 +258,8 @@ def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
     Returns how many: all.
     """
     filters, regressor = cut_filters(ints, reals, banks), cut_regressor(ints, reals, banks)
+    if ints[at.STARTED] == 1:
+        discretize(ints, reals, banks, filters[0])
     estimate = cut_estimate(ints, reals)
     theta, unit = estimate[0], estimate[5]
     for k in range(u.size):

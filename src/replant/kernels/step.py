@@ -12,6 +12,7 @@ from replant.kernels import path as trail
 from replant.kernels import second_order as second
 from replant.kernels.compiled import cut, kernel, part, rare, seldom
 from replant.kernels.interruptions import begin_initial_state, input_rests, interval_of
+from replant.kernels.pointer import pointer
 from replant.kernels.random_stream import draw_below
 from replant.kernels.second_order import KALMAN_TRACKING, RECURSIVE_LEAST_SQUARES
 
@@ -19,6 +20,10 @@ from replant.kernels.second_order import KALMAN_TRACKING, RECURSIVE_LEAST_SQUARE
 # four of these steps back, so that a quarter to a third of all samples, and later three to four times PAST_STEP, are
 # held out from it.
 KEEP_AFTER_PART, KEEP_AFTER_LEAST = 8, 32
+
+# So many numbers are looked at one by one.  Just written one by one, they cannot be read as vectors before they have
+# all reached the cache, for which everything after would wait.
+FEW = 16
 
 
 @rare
@@ -91,16 +96,27 @@ def acceptable(ints, u, y):
     return False
 
 
+@rare
+def all_finite(size, numbers):
+    """Say whether all numbers behind the pointer are finite."""
+    if size <= FEW:
+        for i in range(size):
+            if not math.isfinite(numbers[i]):
+                return False
+        return True
+    finite = True
+    for i in range(size):  # no return from within: a loop that runs to its end is vectorised
+        finite &= math.isfinite(numbers[i])
+    return finite
+
+
 @part
 def left_float64(theta, unit, memory):
     """Say whether a physical parameter, or a number of the optimizer's memory, is not finite."""
     for i in range(theta.size):
         if not math.isfinite(theta[i] * unit[i]):
             return True
-    finite = True  # no return from within: the memory may be P^2 long, and a loop that runs to its end is vectorised
-    for i in range(memory.size):
-        finite &= math.isfinite(memory[i])
-    return not finite
+    return memory.size > 0 and not all_finite(memory.size, pointer(memory, 0))
 
 
 @cut

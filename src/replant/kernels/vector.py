@@ -169,6 +169,23 @@ def _load(typingctx, array, row, column):
 load: Any = intrinsic(_load)
 
 
+def _store(typingctx, array, row, column, vector):
+    if vector != VECTOR:
+        return None
+
+    def code(context, builder, signature, args):
+        view = context.make_array(signature.args[0])(context, builder, args[0])
+        place = cgutils.get_item_pointer(context, builder, signature.args[0], view, args[1:3])
+        builder.store(args[3], builder.bitcast(place, _CODE.as_pointer()), align=8)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, types.intp, vector), code
+
+
+#: In kernels: write a vector to `LANES` neighbours in a row of a matrix, from this one on.
+store: Any = intrinsic(_store)
+
+
 def _prefetch(typingctx, array, row, column):
     def code(context, builder, signature, args):
         view = context.make_array(signature.args[0])(context, builder, args[0])
