@@ -1,6 +1,6 @@
 """Speed of ensembles: updates/s against the number of members and of threads, beside one identifier in the same run.
 
-One identifier and every ensemble take the same chunk of samples in turn; a ratio is the median, over the repetitions,
+One identifier and every ensemble take chunks of as many samples, in turn; a ratio is the median, over the repetitions,
 of their rates in the same turn, so that what else the machine does hardly counts.  Times on one thread are processor
 times of the thread.  Several threads are compared with one by the clock, which counts for something only on an idle
 machine: beside it stand how many processors the process had meanwhile, and its processor time on one thread by that on
@@ -35,7 +35,10 @@ OPTIMIZERS = {
 BATCH, CAPACITY = 10, 5000  # those of the article's tables
 PROMISED_THREADS = 1.8  # times the rate of one thread, on two
 PROMISED, PROMISED_MEMBERS = 3.5, 64  # times the rate of one stream, on one thread
-TASK = 2_000_000  # updates that are timed at once: so many that most rows of the buffers are read more than once
+CHUNK = 5000  # samples of each stream in one call
+TASK = (
+    2_000_000  # updates that are timed at once, at least: so many that most rows of the buffers are read more than once
+)
 
 Clock = Callable[[], np.ndarray]
 
@@ -119,17 +122,16 @@ def streams(members: int, samples: int) -> tuple[np.ndarray, np.ndarray]:
 def beside_one(optimizer: str, buffer: str, members: int, repetitions: int) -> Rate:
     """Time an ensemble on one thread and one identifier, in turn."""
     updates = 1 if buffer == "none" else BATCH
-    many = max(TASK // (updates * members), 200)  # samples of the ensemble
-    alone = TASK // updates  # and of the identifier
     one, ensemble = identifiers(optimizer, buffer, 1)[0], rp.Ensemble(identifiers(optimizer, buffer, members))
-    (u, y), (all_u, all_y) = streams(1, alone), streams(members, many)
-    fill(ensemble, all_u, all_y)
-    one.update_many(u[:, 0], y[:, 0])
+    u, y = streams(members, CHUNK)
+    own_u, own_y = u[:, 0].copy(), y[:, 0].copy()
+    one.update_many(own_u, own_y)
+    ensemble.update_many(u, y)  # the buffers are full now: the draws are spread over all of their memory
     times = []
     for _ in range(repetitions):
-        mine = timed(lambda: one.update_many(u[:, 0], y[:, 0]), thread_clock)[0] / alone
-        theirs = timed(lambda: ensemble.update_many(all_u, all_y), thread_clock)[0] / (many * members)
-        times.append((mine, theirs))
+        mine = time_a_sample(lambda: one.update_many(own_u, own_y), -(-TASK // (updates * CHUNK)))
+        theirs = time_a_sample(lambda: ensemble.update_many(u, y), -(-TASK // (updates * CHUNK * members)))
+        times.append((mine, theirs / members))
     ratios, rate = quotient(times), updates * 1e9 / float(np.median([theirs for _, theirs in times]))
     return Rate(optimizer, buffer, members, 1, rate, ratios[1], (ratios[0], ratios[2]))
 
@@ -141,7 +143,8 @@ def beside_one_thread(optimizer: str, buffer: str, members: int, threads: int, r
     pair = [rp.Ensemble(identifiers(optimizer, buffer, members), n_jobs=count) for count in (1, threads)]
     u, y = streams(members, samples)
     for ensemble in pair:
-        fill(ensemble, u, y)
+        for _ in range(-(-CAPACITY // samples)):
+            ensemble.update_many(u, y)
     times, used = [], []
     for _ in range(repetitions):
         turn = [(timed(lambda each=each: each.update_many(u, y), both_clocks)) for each in pair]
@@ -153,10 +156,14 @@ def beside_one_thread(optimizer: str, buffer: str, members: int, threads: int, r
     return Rate(optimizer, buffer, members, threads, rate, ratios[1], quartiles, had, quotient(used)[1])
 
 
-def fill(ensemble: rp.Ensemble, u: np.ndarray, y: np.ndarray) -> None:
-    """Run until the buffers are full, so that the draws are spread over all of their memory."""
-    for _ in range(-(-CAPACITY // u.shape[0])):
-        ensemble.update_many(u, y)
+def time_a_sample(chunk: Callable[[], object], times: int) -> float:
+    """Return how long a sample takes the thread, in ns, of so many chunks."""
+
+    def all_chunks() -> None:
+        for _ in range(times):
+            chunk()
+
+    return float(timed(all_chunks, thread_clock)[0]) / (times * CHUNK)
 
 
 def timed(task: Callable[[], object], clock: Clock) -> np.ndarray:

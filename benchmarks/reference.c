@@ -65,8 +65,8 @@ static void adam(identifier *id, int64_t batch)
 {
     int64_t P = id->entries;
     double alpha = id->settings[0], beta1 = id->settings[1], beta2 = id->settings[2], epsilon = id->settings[3];
-    double *restrict theta = id->theta, *restrict m = id->memory + 2, *restrict v = m + P;
-    double power1 = id->memory[0], power2 = id->memory[1];
+    double *restrict theta = id->theta, *restrict m = id->memory, *restrict v = m + P;
+    double power1 = v[P], power2 = v[P + 1];
     for (int64_t k = 0; k < batch; k++) {
         const double *restrict phi = id->buffer + id->rows[k] * (P + 2);
         double error = normalized_error(P, theta, phi);
@@ -80,8 +80,8 @@ static void adam(identifier *id, int64_t batch)
             theta[i] -= rate * m[i] / (sqrt(v[i]) * root + epsilon);
         }
     }
-    id->memory[0] = power1;
-    id->memory[1] = power2;
+    v[P] = power1;
+    v[P + 1] = power2;
 }
 
 static void amsgrad(identifier *id, int64_t batch)
@@ -139,8 +139,8 @@ static void nadam(identifier *id, int64_t batch)
 {
     int64_t P = id->entries;
     double alpha = id->settings[0], beta1 = id->settings[1], beta2 = id->settings[2], epsilon = id->settings[3];
-    double *restrict theta = id->theta, *restrict m = id->memory + 2, *restrict v = m + P;
-    double power1 = id->memory[0], power2 = id->memory[1];
+    double *restrict theta = id->theta, *restrict m = id->memory, *restrict v = m + P;
+    double power1 = v[P], power2 = v[P + 1];
     for (int64_t k = 0; k < batch; k++) {
         const double *restrict phi = id->buffer + id->rows[k] * (P + 2);
         double error = normalized_error(P, theta, phi);
@@ -155,8 +155,8 @@ static void nadam(identifier *id, int64_t batch)
             theta[i] -= (ahead * m[i] + now * g) / (sqrt(v[i]) * root + epsilon);
         }
     }
-    id->memory[0] = power1;
-    id->memory[1] = power2;
+    v[P] = power1;
+    v[P + 1] = power2;
 }
 
 static void adadelta(identifier *id, int64_t batch)

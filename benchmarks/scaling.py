@@ -16,10 +16,11 @@ import numpy as np
 
 import replant as rp
 from kernels import DT
+from replant.blocks import aligned
 from replant.kernels import first_order, second_order
 from replant.kernels.compiled import kernel
 
-REPETITIONS = 21
+REPETITIONS = 41
 WITHIN = 0.1
 
 Once = Callable[[], None]
@@ -71,9 +72,17 @@ def problem(P: int, capacity: int, samples: int, batch: int) -> tuple[np.ndarray
     return buffer, generator.integers(0, capacity, (samples, batch))
 
 
+def one_after_the_other(*arrays: np.ndarray) -> list[np.ndarray]:
+    """Lay the arrays as an identifier's state does, from the beginning of a line of the cache on."""
+    together = aligned((sum(array.size for array in arrays),))
+    together[:] = np.concatenate(arrays)
+    return np.split(together, np.cumsum([array.size for array in arrays[:-1]]))
+
+
 def gradient_family(optimizer: Any, P: int, capacity: int = 20, batch: int = 20, samples: int = 200) -> Once:
     buffer, rows = problem(P, capacity, samples, batch)
-    theta, memory, settings = np.zeros(P), optimizer.memory(P), optimizer.settings(DT, np.ones(P))
+    theta, memory = one_after_the_other(np.zeros(P), optimizer.memory(P))
+    settings = optimizer.settings(DT, np.ones(P))
     return lambda: learn(optimizer.code, theta, memory, settings, buffer, rows, samples, batch)
 
 
@@ -87,8 +96,9 @@ def second_family(optimizer: Any, P: int, samples: int = 200) -> Once:
 def cases() -> Iterator[tuple[str, str, float, dict[int, Once], int]]:
     """Name, size, expected exponent, what is timed for each size, and updates in one go."""
     adam, least, tracking = rp.Adam(1e-3), rp.RecursiveLeastSquares(), rp.KalmanTracking(1e-3)
-    # no powers of two: arrays that lie so far apart share the same few lines of the cache
-    wide = (500, 1000, 2000)
+    # numbers that lie whole pages apart wait for each other, and share few lines of the cache: of these sizes theta and
+    # the memory's parts lie a quarter of a page apart, and more or less
+    wide = (640, 1152, 2176)
     yield "Gradient", "parameters", 1, {P: gradient_family(rp.Gradient(1.0), P) for P in wide}, 4000
     yield "Adam", "parameters", 1, {P: gradient_family(adam, P) for P in wide}, 4000
     yield "AMSGrad", "parameters", 1, {P: gradient_family(rp.AMSGrad(1e-3), P) for P in wide}, 4000

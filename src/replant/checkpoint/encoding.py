@@ -31,7 +31,7 @@ from replant.state import State
 Progress = Mapping[str, int | float | str]
 
 MAGIC = b"\x89replant"
-VERSION = 1  # to be raised when the meaning of anything stored changes; the layout of the state watches over itself
+VERSION = 2  # to be raised when the meaning of anything stored changes; the layout of the state watches over itself
 START = struct.Struct("<8sII")
 DIGEST = 32
 LONGEST_HEADER = 2**20

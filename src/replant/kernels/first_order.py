@@ -55,10 +55,10 @@ def gradient(theta, memory, settings, buffer, rows, batch, direction):
 
 @part
 def adam(theta, memory, settings, buffer, rows, batch, direction):
-    """Algorithm 1; settings [alpha, beta1, beta2, epsilon], memory [beta1^t, beta2^t, m (P,), v (P,)]."""
+    """Algorithm 1; settings [alpha, beta1, beta2, epsilon], memory [m (P,), v (P,), beta1^t, beta2^t]."""
     P = theta.size
     alpha, beta1, beta2, epsilon = settings[0], settings[1], settings[2], settings[3]
-    power1, power2, m, v = memory[0], memory[1], pointer(memory, 2), pointer(memory, 2 + P)
+    m, v, power1, power2 = pointer(memory, 0), pointer(memory, P), memory[2 * P], memory[2 * P + 1]
     for k in range(batch):
         phi = row_of(buffer, rows[k])
         along = pointer(phi, direction)
@@ -72,7 +72,7 @@ def adam(theta, memory, settings, buffer, rows, batch, direction):
             m[i] = beta1 * m[i] + (1.0 - beta1) * g
             v[i] = beta2 * v[i] + (1.0 - beta2) * g * g
             theta[i] -= rate * m[i] / (math.sqrt(v[i]) * root + epsilon)
-    memory[0], memory[1] = power1, power2
+    memory[2 * P], memory[2 * P + 1] = power1, power2
 
 
 @part
@@ -126,7 +126,7 @@ def nadam(theta, memory, settings, buffer, rows, batch, direction):
     """Adam with Nesterov's look-ahead; settings and memory as `adam`."""
     P = theta.size
     alpha, beta1, beta2, epsilon = settings[0], settings[1], settings[2], settings[3]
-    power1, power2, m, v = memory[0], memory[1], pointer(memory, 2), pointer(memory, 2 + P)
+    m, v, power1, power2 = pointer(memory, 0), pointer(memory, P), memory[2 * P], memory[2 * P + 1]
     for k in range(batch):
         phi = row_of(buffer, rows[k])
         along = pointer(phi, direction)
@@ -141,7 +141,7 @@ def nadam(theta, memory, settings, buffer, rows, batch, direction):
             m[i] = beta1 * m[i] + (1.0 - beta1) * g
             v[i] = beta2 * v[i] + (1.0 - beta2) * g * g
             theta[i] -= (ahead * m[i] + now * g) / (math.sqrt(v[i]) * root + epsilon)
-    memory[0], memory[1] = power1, power2
+    memory[2 * P], memory[2 * P + 1] = power1, power2
 
 
 @part

@@ -58,5 +58,5 @@ class Adam(Optimizer):
         return np.array([self.step_size, self.beta1, self.beta2, self.epsilon])
 
     def memory(self, size: int) -> FloatArray:
-        """Return beta1^0, beta2^0, then m and v of all parameters."""
-        return np.concatenate([[1.0, 1.0], np.zeros(2 * size)])
+        """Return m and v of all parameters, then beta1^0 and beta2^0."""
+        return np.concatenate([np.zeros(2 * size), [1.0, 1.0]])
