@@ -11,7 +11,7 @@ from replant.kernels import bank as bk
 from replant.kernels import chain
 from replant.kernels import first_order as first
 from replant.kernels import layout as at
-from replant.kernels.compiled import cut, kernel, part
+from replant.kernels.compiled import cut, kernel, part, rare
 from replant.kernels.pointer import pointer
 from replant.kernels.step import acceptable, draw_rows, keep_estimate, keep_sample, left_float64
 
@@ -30,15 +30,14 @@ def place_of(bank, n, T, interval):
 def cut_filters(ints, reals, banks):
     """Return the arrays of the filters.
 
-    The interval that A belongs to (1,), A (n n,), the responses to a constant and to a ramp (n,); the states of the
-    output, then of the input, and room for the new ones (2 n,); the rings of past inputs, held inputs and intervals.
+    A (n n,), the responses to a constant and to a ramp (n,); the states of the output, then of the input, and room for
+    the new ones (2 n,); the rings of past inputs, held inputs and intervals.
     """
     n, T, ring, bank = ints[at.ORDER], ints[at.ENTRIES], ints[at.RING], banks[0]
     place, states, room = place_of(bank, n, T, reals[at.INTERVAL]), bk.at_states(n, T), ints[at.AT_WORK]
     constant = place + 1 + n * n
     inputs, held, intervals = ints[at.AT_INPUTS], ints[at.AT_HELD], ints[at.AT_INTERVALS]
     return (
-        bank[place : place + 1],
         bank[place + 1 : constant],
         bank[constant : constant + n],
         bank[constant + n : constant + 2 * n],
@@ -119,26 +118,27 @@ def settle(states, new):
         states[i] = new[i]
 
 
-@cut
-def discretize(ints, reals, banks, kept):
-    """Make the one discretisation that a regular clock needs, unless its interval is the one ``kept``."""
-    n, T, interval = ints[at.ORDER], ints[at.ENTRIES], reals[at.INTERVAL]
-    if not abs(kept[0] - interval) <= 1e-9 * interval:
-        bk.new_discretization(banks[0], n, T, interval, reals[ints[at.AT_WORK] :])
+@rare
+def discretize(ints, reals, bank):
+    """Make the one discretisation that a regular clock needs, where others have taken its place."""
+    n, T = ints[at.ORDER], ints[at.ENTRIES]
+    bk.discretization(bank, n, T, reals[at.INTERVAL], reals[ints[at.AT_WORK] :])
 
 
-@cut
-def begin(ints, reals, banks, filters, u, y):
+@rare
+def begin(ints, reals, banks, u, y):
     """Take the first sample: the filters are at rest."""
     chain.begin(ints, reals, banks, u, y)
-    discretize(ints, reals, banks, filters[0])
-    settle(filters[5], filters[4])  # the new ones are these
+    discretize(ints, reals, banks[0])
+    states, new = bk.at_states(ints[at.ORDER], ints[at.ENTRIES]), ints[at.AT_WORK]
+    for i in range(2 * ints[at.ORDER]):
+        reals[new + i] = banks[0, states + i]
 
 
 @cut
 def advance_filters(ints, reals, filters, u, y):
     """Carry the filter states from the sample before to this one, as (6)-(7) do."""
-    _, A, constant, ramp, states, new, inputs, held, intervals = filters
+    A, constant, ramp, states, new, inputs, held, intervals = filters
     interval, last, last_y = reals[at.INTERVAL], reals[at.INPUT_NOW], reals[at.LAST_OUTPUT]
     newest = np.uint64(ints[at.NEWEST] + 1)  # unsigned: need not be checked when it serves as index
     if newest == np.uint64(inputs.size):
@@ -224,12 +224,12 @@ def take(ints, reals, banks, buffer, recent, filters, regressor, estimate, u, y)
     if ints[at.SAMPLES] > 0:
         reals[at.ELAPSED] += reals[at.INTERVAL]
     if ints[at.STARTED] == 0:
-        begin(ints, reals, banks, filters, u, y)
+        begin(ints, reals, banks, u, y)
     else:
         advance_filters(ints, reals, filters, u, y)
     reals[at.LAST_OUTPUT] = y
     target = fill_regressor(reals, regressor, y)
-    settle(filters[4], filters[5])
+    settle(filters[3], filters[4])
     ints[at.SAMPLES] += 1
     if ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM]:
         error = error_of(estimate[0], estimate[4], target)
@@ -245,9 +245,9 @@ def take(ints, reals, banks, buffer, recent, filters, regressor, estimate, u, y)
 @kernel
 def step(ints, reals, banks, buffer, recent, u, y, t):
     """Take one sample; return its error as `take` does.  ``t`` must be NaN: the clock is regular."""
-    filters, regressor = cut_filters(ints, reals, banks), cut_regressor(ints, reals, banks)
     if ints[at.STARTED] == 1:
-        discretize(ints, reals, banks, filters[0])
+        discretize(ints, reals, banks[0])
+    filters, regressor = cut_filters(ints, reals, banks), cut_regressor(ints, reals, banks)
     return take(ints, reals, banks, buffer, recent, filters, regressor, cut_estimate(ints, reals), u, y)
 
 
@@ -257,9 +257,9 @@ def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
 
     Returns how many: all.
     """
-    filters, regressor = cut_filters(ints, reals, banks), cut_regressor(ints, reals, banks)
     if ints[at.STARTED] == 1:
-        discretize(ints, reals, banks, filters[0])
+        discretize(ints, reals, banks[0])
+    filters, regressor = cut_filters(ints, reals, banks), cut_regressor(ints, reals, banks)
     estimate = cut_estimate(ints, reals)
     theta, unit = estimate[0], estimate[5]
     for k in range(u.size):
