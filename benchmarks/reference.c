@@ -186,17 +186,18 @@ static void integral_cost(identifier *id, int64_t batch)
     for (int64_t k = 0; k < batch; k++) {
         const double *restrict phi = id->buffer + id->rows[k] * (P + 2);
         double y = phi[P], weight = period * phi[P + 1];
-        for (int64_t i = 0; i < P; i++) {
-            double sum = Q[i], weighted = weight * phi[i];
-            for (int64_t j = 0; j < P; j++)
-                sum += R[i * P + j] * theta[j];
-            slope[i] = sum;
-            Q[i] = keep * Q[i] - weighted * y;
-            for (int64_t j = 0; j < P; j++)
-                R[i * P + j] = keep * R[i * P + j] + weighted * phi[j];
-        }
         for (int64_t i = 0; i < P; i++)
             theta[i] -= period * gain * slope[i];
+        for (int64_t i = 0; i < P; i++) {
+            double weighted = weight * phi[i], sum = keep * Q[i] - weighted * y;
+            Q[i] = sum;
+            for (int64_t j = 0; j < P; j++) {
+                double entry = keep * R[i * P + j] + weighted * phi[j];
+                R[i * P + j] = entry;
+                sum += entry * theta[j];
+            }
+            slope[i] = sum;
+        }
     }
 }
 

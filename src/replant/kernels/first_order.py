@@ -164,9 +164,10 @@ def adadelta(theta, memory, settings, buffer, rows, batch, direction):
 
 @part
 def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
-    """(19); settings [Tp, Gamma, beta], memory [R (P P,), Q (P,), room for the slope R theta + Q (P,)].
+    """(19); settings [Tp, Gamma, beta], memory [R (P P,), Q (P,), the slope R theta + Q (P,)].
 
-    theta moves along the R and Q held before the row, then the row enters them, as the article's index t says.
+    theta moves along the R and Q held before the row, then the row enters them, as the article's index t says; so the
+    slope that the next row needs is known at once, and R is gone through once a row.
     """
     for k in range(batch - 1):  # of these no cache can guess where they lie; the last is the newest
         prefetch(buffer, rows[k], 0)
@@ -187,35 +188,35 @@ def follow_integral(P, theta, R, period, gain, beta, buffer, width, rows, batch,
     keep, Q, slope = 1.0 - period * beta, pointer(R, P * P), pointer(R, P * P + P)
     for k in range(batch):
         phi = pointer(buffer, rows[k] * width)
-        along, y, weight = pointer(phi, direction), phi[P], period * phi[P + 1]
         for i in range(P):
-            slope[i] = Q[i]
-        add_product(P, R, theta, slope)
-        for i in range(P):
-            row, weighted = pointer(R, i * P), weight * along[i]
             theta[i] -= period * gain * slope[i]
-            Q[i] = keep * Q[i] - weighted * y
-            for j in range(P):
-                row[j] = keep * row[j] + weighted * phi[j]
+        enter_row(P, theta, R, Q, slope, keep, period * phi[P + 1], phi, pointer(phi, direction))
 
 
 @part
-def add_product(P, R, theta, slope):
-    """Slope += R theta, four rows at once: each addition to a sum waits for the one before, those to others do not."""
-    fours = P - P % 4
-    for i in range(0, fours, 4):
+def enter_row(P, theta, R, Q, slope, keep, weight, phi, along):
+    """Let a row of the buffer enter R and Q; find the slope R theta + Q.
+
+    Two rows of R at once: each addition to a sum waits for the one before, those to the other do not.
+    """
+    y, pairs = phi[P], P - P % 2
+    for i in range(0, pairs, 2):
         row0, row1 = pointer(R, i * P), pointer(R, i * P + P)
-        row2, row3 = pointer(row0, 2 * P), pointer(row1, 2 * P)
-        sum0, sum1, sum2, sum3 = slope[i], slope[i + 1], slope[i + 2], slope[i + 3]
+        weight0, weight1 = weight * along[i], weight * along[i + 1]
+        sum0, sum1 = keep * Q[i] - weight0 * y, keep * Q[i + 1] - weight1 * y
+        Q[i], Q[i + 1] = sum0, sum1
         for j in range(P):
-            sum0 += row0[j] * theta[j]
-            sum1 += row1[j] * theta[j]
-            sum2 += row2[j] * theta[j]
-            sum3 += row3[j] * theta[j]
-        slope[i], slope[i + 1], slope[i + 2], slope[i + 3] = sum0, sum1, sum2, sum3
-    for i in range(fours, P):
-        row, total = pointer(R, i * P), slope[i]
+            entry0, entry1 = keep * row0[j] + weight0 * phi[j], keep * row1[j] + weight1 * phi[j]
+            row0[j], row1[j] = entry0, entry1
+            sum0 += entry0 * theta[j]
+            sum1 += entry1 * theta[j]
+        slope[i], slope[i + 1] = sum0, sum1
+    for i in range(pairs, P):
+        row, weighted = pointer(R, i * P), weight * along[i]
+        total = keep * Q[i] - weighted * y
+        Q[i] = total
         for j in range(P):
+            row[j] = keep * row[j] + weighted * phi[j]
             total += row[j] * theta[j]
         slope[i] = total
 

@@ -57,5 +57,5 @@ class IntegralCost(Optimizer):
         return np.array([dt, self.gain, self.forgetting_rate])
 
     def memory(self, size: int) -> FloatArray:
-        """Return R (P, P), Q (P,) and room for the slope (P,)."""
+        """Return R (P, P), Q (P,) and the slope R theta + Q (P,)."""
         return np.zeros(size * size + 2 * size)
