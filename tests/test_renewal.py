@@ -9,6 +9,7 @@ import pytest
 
 import replant as rp
 from builders import DT, binary, true_parameters
+from replant import identifier
 from replant.kernels import guard
 from replant.kernels import layout as at
 
@@ -115,3 +116,28 @@ def test_the_verdict_can_be_asked_for_at_every_sample_of_an_alarm_and_after() ->
         ident.update(u[k], y[k])
         status = ident.assess().status
         assert not (5600 < k < 5700 and status == "trusted")
+
+
+@pytest.mark.parametrize("what", ["solved_again", "look"])
+def test_what_the_user_interrupts_is_made_up_for_at_the_next_sample(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    u = binary(1, 6000, 8)
+    y = PLANT.simulate(u, DT) + 0.03 * np.random.default_rng(0).standard_normal(6000)
+    y[4500:] = y[4500] + 3.0 * (y[4500:] - y[4500])  # looked into
+    ident = rp.Identifier(rp.Structure(2), DT)
+    whole, calls = getattr(identifier, what), []
+
+    def interrupted(*given: Any) -> Any:
+        calls.append(int(ident._state.ints[at.SAMPLES]))
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        return whole(*given)
+
+    monkeypatch.setattr(identifier, what, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        ident.update_many(u, y)
+    done = calls[0]
+    again = rp.Identifier.from_bytes(ident.to_bytes())
+    for each in (ident, again):
+        each.update_many(u[done:], y[done:])
+    assert calls[1] == done + 1
+    np.testing.assert_array_equal(again.parameters, ident.parameters)

@@ -15,12 +15,12 @@ from replant.estimate import REASONS, Estimate
 from replant.filters import RefinedFilter, StateVariableFilter
 from replant.kernels import layout as at
 from replant.optimizers import Optimizer
-from replant.preprocess import Preprocess, screen
+from replant.preprocess import Preprocess
 from replant.renewal import RECENT, REGULAR, first_look, look, next_solution, solved_again
 from replant.replay import Replay
 from replant.scaling import Scaling
 from replant.settings import AUTO, Request, Settings
-from replant.startup import LARGEST, Step, first_model, kernels_for, ready_record, seed, single, warm_up, without_spikes
+from replant.startup import LARGEST, Step, hold_back, kernels_for, modelled, seed, single, warm_up, without_spikes
 from replant.state import State
 from replant.structure import Structure
 from replant.trace import Trace
@@ -127,7 +127,7 @@ class Identifier(Estimate):
         self._held_rejects = dict.fromkeys(REASONS, 0)
         self._resolve_at = 0  # accepted samples at which to solve the record again; 0: not planned
         self._state: State
-        self._step: Step = self._hold_back  # what takes the next sample
+        self._step: Step = self._hold_back_one  # what takes the next sample
         if self._request.asks_for_data:
             self._hold = max(self._request.startup, self._request.least_startup)
         else:
@@ -184,7 +184,7 @@ class Identifier(Estimate):
 
     def __setstate__(self, attributes: dict[str, Any]) -> None:
         self.__dict__.update(attributes)
-        self._step = self._hold_back
+        self._step = self._hold_back_one
         if self._settings is not None:
             self._work_on(self._state, regular=self._regular)
 
@@ -238,9 +238,11 @@ class Identifier(Estimate):
         trace = Trace(self.names, self.parameters, np.empty((u.size, self.structure.size)), np.full(u.size, np.nan))
         taken = 0
         while self._settings is None and taken < u.size:
-            trace.errors[taken] = self._hold_back(float(u[taken]), float(y[taken]), float(t[taken]) if t.size else NAN)
-            trace.parameters[taken] = self.parameters
-            taken += 1
+            some = slice(taken, taken + self._hold - len(self._held))
+            trace.parameters[some] = self.parameters
+            taken += u[some].size
+            trace.errors[taken - 1] = self._hold_back(u[some], y[some], t[some])
+            trace.parameters[taken - 1] = self.parameters
         if taken < u.size and self._mapped:
             u = np.concatenate([u[:taken], self._request.preprocess.call_map(u[taken:])])
         while taken < u.size:
@@ -258,9 +260,14 @@ class Identifier(Estimate):
 
     def _attend(self) -> None:
         """After a sample: look into an alarm, or solve again, where either is due."""
+        try:
+            self._attend_to(int(self._state.ints[at.SAMPLES]))
+        finally:  # also where the user interrupts it
+            self._plan()
+
+    def _attend_to(self, samples: int) -> None:
         state, settings = self._state, self._settings
         assert settings is not None
-        samples = int(state.ints[at.SAMPLES])
         state.ints[at.DUE] = state.ints[at.ATTENTION] = 0  # what is learned again is not to stop for it
         if state.ints[at.ALARM] == 1:
             state.ints[at.LOOK_AT] = first_look(state, settings)
@@ -274,12 +281,13 @@ class Identifier(Estimate):
                 self._resolve_at = next_solution(state, settings)
         if state is not self._state:
             self._work_on(state, regular=self._regular)
-        self._plan()
 
     def _plan(self) -> None:
-        """Tell the kernels at which sample there is something to do next."""
-        ints = self._state.ints
-        ints[at.DUE] = min((due for due in (self._resolve_at, int(ints[at.LOOK_AT])) if due), default=0)
+        """Tell the kernels at which sample there is something to do next: at once, where that was interrupted."""
+        ints, now = self._state.ints, int(self._state.ints[at.SAMPLES])
+        dues = [now + 1 if 0 < due <= now else due for due in (self._resolve_at, int(ints[at.LOOK_AT]))]
+        self._resolve_at, ints[at.LOOK_AT] = dues
+        ints[at.DUE] = min((due for due in dues if due), default=0)
         ints[at.ATTENTION] = 0
 
     def finish_startup(self) -> None:
@@ -325,20 +333,14 @@ class Identifier(Estimate):
         self._stamp(0.0)
         return np.where(np.isfinite(stamps), stamps, np.inf)
 
-    def _hold_back(self, u: float, y: float, t: float) -> float:
-        """Keep a sample for start-up; with the last one, begin."""
-        mapped = self._request.preprocess.map_input(np.array([u]))
-        accepted, rejected = screen(mapped, np.array([y]))
-        if accepted[0] and math.isinf(t):
-            accepted, rejected = np.array([False]), {"not finite": 1}
-        elif accepted[0] and self._held and not math.isnan(t) and not t > self._held[-1][2]:
-            accepted, rejected = np.array([False]), {"not later": 1}
-        for reason, count in rejected.items():
-            self._held_rejects[reason] += count
-        if not accepted[0]:
-            return math.nan
-        self._held.append((u, y, t))
-        return self._begin() if len(self._held) == self._hold else math.nan
+    def _hold_back_one(self, u: float, y: float, t: float) -> float:
+        """Keep a sample for start-up."""
+        return self._hold_back(np.array([u]), np.array([y]), np.array([t]))
+
+    def _hold_back(self, u: FloatArray, y: FloatArray, t: FloatArray) -> float:
+        """Keep samples for start-up, no more than it lacks; with the last one, begin.  Returns the error of that."""
+        hold_back(self._held, self._held_rejects, self._request.preprocess, u, y, t)
+        return self._begin() if len(self._held) == self._hold else NAN
 
     def _begin(self, *, at_any_rate: bool = False) -> float:
         """Make every setting definite, lay out the state and learn the held samples; return the last one's error."""
@@ -347,10 +349,7 @@ class Identifier(Estimate):
         settings = settle(self._request, u, clean)
         refined = None
         if settings.instruments:
-            stamps = None if np.isnan(t).any() else t
-            hold = settings.filter.input_hold
-            ready = ready_record(self.structure, self.dt, settings.preprocess, u, clean, stamps, hold)
-            refined = first_model(self.structure, ready)
+            ready, refined = modelled(settings, u, clean, t)
             if refined is None or not (refined.acceptable or at_any_rate or 2 * self._hold > LARGEST):
                 return self._wait_longer()
         self._settings = settings

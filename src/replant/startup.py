@@ -46,6 +46,28 @@ def kernels_for(state: State, *, regular: bool) -> tuple[Callable[..., Any], Cal
     return step.gradient_step, step.gradient_steps
 
 
+def hold_back(
+    held: list[tuple[float, float, float]], rejects: dict[str, int], preprocess: Preprocess,
+    u: FloatArray, y: FloatArray, t: FloatArray,
+) -> None:  # fmt: skip
+    """Add samples (u, y, t) to those held for start-up; count the ones that are rejected, by the reason.
+
+    ``t`` is empty, or NaN, where there are no stamps, and infinite where a stamp is not finite.
+    """
+    accepted, rejected = screen(preprocess.map_input(u), y)
+    for reason, count in rejected.items():
+        rejects[reason] += count
+    stamps, last = t.tolist() if t.size else [math.nan] * u.size, held[-1][2] if held else math.nan
+    for k in np.flatnonzero(accepted).tolist():
+        if math.isinf(stamps[k]):
+            rejects["not finite"] += 1
+        elif stamps[k] <= last:
+            rejects["not later"] += 1
+        else:
+            last = stamps[k]
+            held.append((float(u[k]), float(y[k]), last))
+
+
 def single(state: State, kernel: Callable[..., Any]) -> Step:
     """Return what takes one sample of this state as ``kernel`` does, without passing its arrays.
 
@@ -259,6 +281,13 @@ def first_model(structure: Structure, record: Record) -> Refined | None:
     if record.u.size <= least or float(np.ptp(record.u)) == 0.0:
         return None
     return refine(structure, record)
+
+
+def modelled(settings: Settings, u: FloatArray, y: FloatArray, t: FloatArray) -> tuple[Record, Refined | None]:
+    """Return held samples made ready, and their `first_model`; ``t`` is NaN where there is no stamp."""
+    stamps, hold = None if np.isnan(t).any() else t, settings.filter.input_hold
+    record = ready_record(settings.structure, settings.dt, settings.preprocess, u, y, stamps, hold)
+    return record, first_model(settings.structure, record)
 
 
 def carry_over(old: State, new: State) -> None:
