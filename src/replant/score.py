@@ -151,24 +151,38 @@ class _ErrorSums:
         if count == 0:
             return
         whole, there = np.concatenate([self._past, error]), np.concatenate([self._known_past, known])
-        stack = np.ones((count, lags + 2))
+        stack = np.ones((lags + 2, count))
         for lag in range(lags + 1):
-            stack[:, lag] = whole[lags - lag : lags - lag + count]
-            both = there[lags:] & there[lags - lag : lags - lag + count]
+            stack[lag] = whole[lags - lag : lags - lag + count]
+        if there.all():
+            products = stack @ stack.T
+            self._all[0] += products[0]
+            self._usable += products
+            self._pairs += count
+            self._sums += products[0, -1] + products[:-1, -1]
+        else:
+            self._take_some(stack, there)
+        self._past, self._known_past = whole[-lags:].copy(), there[-lags:].copy()
+        self._samples += count
+
+    def _take_some(self, stack: FloatArray, there: _BoolArray) -> None:
+        """Take residuals and their past, where some of ``there``, the past ones and then these, are not known."""
+        lags, count, error = self._lags, stack.shape[1], stack[0]
+        known = there[lags:]
+        for lag in range(lags + 1):
+            both = known & there[lags - lag : lags - lag + count]
             self._pairs[lag] += np.count_nonzero(both)
-            self._sums[lag] += float(((error + stack[:, lag]) * both).sum())
-        self._all[0] += stack[:, 0] @ stack
+            self._sums[lag] += float(((error + stack[lag]) * both).sum())
+        self._all[0] += stack @ error
         follows = np.convolve(~there, np.ones(lags + 1))[lags : lags + count] == 0  # on a known past
         alone = known & ~follows
         if self._samples == 0:  # before the record there is nothing, where the mean is not to be taken off either
-            self._head, self._known_head = error[:lags], known[:lags]
+            self._head, self._known_head = error[:lags].copy(), known[:lags]
             alone[:lags] = False
-        usable = stack if follows.all() else stack[follows]
-        self._usable += usable.T @ usable
+        usable = stack[:, follows]
+        self._usable += usable @ usable.T
         single = np.stack([error[alone], np.ones(np.count_nonzero(alone))])
         self._rest += single @ single.T
-        self._past, self._known_past = whole[-lags:].copy(), there[-lags:].copy()
-        self._samples += count
 
     @property
     def mean(self) -> float:
