@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich import box
@@ -23,6 +24,7 @@ from rich.console import Console
 from rich.table import Table
 
 import replant as rp
+from kernels import ROUNDS
 
 STRUCTURE, DT = rp.Structure(poles=2, zeros=1), 1e-3
 MEMBERS = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
@@ -35,12 +37,13 @@ OPTIMIZERS = {
 BATCH, CAPACITY = 10, 5000  # those of the article's tables
 PROMISED_THREADS = 1.8  # times the rate of one thread, on two
 PROMISED, PROMISED_MEMBERS = 3.5, 64  # times the rate of one stream, on one thread
-CHUNK = 5000  # samples of each stream in one call
+CHUNK = 2000  # samples of each stream in one call: two seconds
 TASK = (
     2_000_000  # updates that are timed at once, at least: so many that most rows of the buffers are read more than once
 )
 
 Clock = Callable[[], np.ndarray]
+Times = np.ndarray
 
 
 @dataclass(frozen=True)
@@ -76,25 +79,33 @@ class Rate:
 
 
 def measure(members: Sequence[int] = MEMBERS, repetitions: int = 15) -> dict[str, object]:
-    """Return all rates: {"one_thread": [...], "threads": [...]}."""
-    rates = [
-        beside_one(name, buffer, number, repetitions if number <= PROMISED_MEMBERS else max(repetitions // 3, 3))
+    """Return all rates: {"one_thread": [...], "threads": [...]}, medians over `ROUNDS` through them all."""
+    alone = [
+        (name, buffer, number)
         for name in OPTIMIZERS
         for buffer in ("none", "one seed", "own seeds")
         for number in (members if name == "AMSGrad" else [PROMISED_MEMBERS])
     ]
-    threads = [
-        beside_one_thread("AMSGrad", buffer, PROMISED_MEMBERS, count, repetitions)
-        for buffer in ("none", "one seed", "own seeds")
-        for count in range(2, (os.cpu_count() or 1) + 1)
+    several = [
+        (buffer, count) for buffer in ("none", "one seed", "own seeds") for count in range(2, (os.cpu_count() or 1) + 1)
     ]
+    one_thread: dict[Any, list[Times]] = {case: [] for case in alone}
+    threads: dict[Any, list[Times]] = {case: [] for case in several}
+    for _ in range(ROUNDS):
+        for case in alone:
+            few = max(repetitions // 3, 3) if case[2] > PROMISED_MEMBERS else repetitions
+            one_thread[case].append(beside_one(*case, -(-few // ROUNDS)))
+        for case in several:
+            threads[case].append(beside_one_thread(*case, -(-repetitions // ROUNDS)))
+    rates = [rate_of(*case, np.concatenate(times)) for case, times in one_thread.items()]
+    shared = [rate_of_threads(*case, np.concatenate(times)) for case, times in threads.items()]
     vectors = [rate for rate in rates if rate.members == PROMISED_MEMBERS and rate.buffer != "own seeds"]
-    holds = all(rate.ratio >= PROMISED for rate in vectors) and all(rate.ratio >= PROMISED_THREADS for rate in threads)
+    holds = all(rate.ratio >= PROMISED for rate in vectors) and all(rate.ratio >= PROMISED_THREADS for rate in shared)
     return {
         "holds": holds,
         "promised": {"members": PROMISED_MEMBERS, "ratio": PROMISED},
         "one_thread": [asdict(rate) for rate in rates],
-        "threads": [asdict(rate) for rate in threads],
+        "threads": [asdict(rate) for rate in shared],
     }
 
 
@@ -119,41 +130,56 @@ def streams(members: int, samples: int) -> tuple[np.ndarray, np.ndarray]:
     return u, 0.1 * generator.standard_normal((samples, members))
 
 
-def beside_one(optimizer: str, buffer: str, members: int, repetitions: int) -> Rate:
-    """Time an ensemble on one thread and one identifier, in turn."""
+def beside_one(optimizer: str, buffer: str, members: int, repetitions: int) -> Times:
+    """Time an ensemble on one thread and one identifier, in turn: (repetitions, 2), ns a sample of a member."""
     updates = 1 if buffer == "none" else BATCH
     one, ensemble = identifiers(optimizer, buffer, 1)[0], rp.Ensemble(identifiers(optimizer, buffer, members))
     u, y = streams(members, CHUNK)
     own_u, own_y = u[:, 0].copy(), y[:, 0].copy()
-    one.update_many(own_u, own_y)
-    ensemble.update_many(u, y)  # the buffers are full now: the draws are spread over all of their memory
+    for _ in range(-(-CAPACITY // CHUNK)):  # the buffers are full then: the draws are spread over all of their memory
+        one.update_many(own_u, own_y)
+        ensemble.update_many(u, y)
     times = []
     for _ in range(repetitions):
         mine = time_a_sample(lambda: one.update_many(own_u, own_y), -(-TASK // (updates * CHUNK)))
         theirs = time_a_sample(lambda: ensemble.update_many(u, y), -(-TASK // (updates * CHUNK * members)))
         times.append((mine, theirs / members))
-    ratios, rate = quotient(times), updates * 1e9 / float(np.median([theirs for _, theirs in times]))
-    return Rate(optimizer, buffer, members, 1, rate, ratios[1], (ratios[0], ratios[2]))
+    return np.array(times)
 
 
-def beside_one_thread(optimizer: str, buffer: str, members: int, threads: int, repetitions: int) -> Rate:
-    """Time an ensemble on several threads and on one, by the clock, in turn."""
+def rate_of(optimizer: str, buffer: str, members: int, times: Times) -> Rate:
+    """Return the medians of what `beside_one` has timed."""
     updates = 1 if buffer == "none" else BATCH
+    low, ratio, high = quotient(times[:, 0], times[:, 1])
+    return Rate(optimizer, buffer, members, 1, updates * 1e9 / float(np.median(times[:, 1])), ratio, (low, high))
+
+
+def beside_one_thread(buffer: str, threads: int, repetitions: int) -> Times:
+    """Time an ensemble of AMSGrad on one thread and on several, in turn: (repetitions, 4), ns a sample of a member.
+
+    By the clock and of processor time on one thread, then on several.
+    """
+    updates, members = 1 if buffer == "none" else BATCH, PROMISED_MEMBERS
     samples = 2 * TASK // (updates * members)  # so many that starting the threads does not count
-    pair = [rp.Ensemble(identifiers(optimizer, buffer, members), n_jobs=count) for count in (1, threads)]
+    pair = [rp.Ensemble(identifiers("AMSGrad", buffer, members), n_jobs=count) for count in (1, threads)]
     u, y = streams(members, samples)
     for ensemble in pair:
         for _ in range(-(-CAPACITY // samples)):
             ensemble.update_many(u, y)
-    times, used = [], []
-    for _ in range(repetitions):
-        turn = [(timed(lambda each=each: each.update_many(u, y), both_clocks)) for each in pair]
-        times.append((turn[0][0], turn[1][0]))
-        used.append((turn[0][1], turn[1][1]))
-    ratios, rate = quotient(times), updates * members * samples * 1e9 / float(np.median([t for _, t in times]))
-    had = float(np.median([processor / clock for (_, clock), (_, processor) in zip(times, used, strict=True)]))
-    quartiles = (ratios[0], ratios[2])
-    return Rate(optimizer, buffer, members, threads, rate, ratios[1], quartiles, had, quotient(used)[1])
+    turns = [
+        [timed(lambda each=each: each.update_many(u, y), both_clocks) for each in pair] for _ in range(repetitions)
+    ]
+    return np.array(turns).reshape(repetitions, 4) / (samples * members)
+
+
+def rate_of_threads(buffer: str, threads: int, times: Times) -> Rate:
+    """Return the medians of what `beside_one_thread` has timed."""
+    updates, (clock_one, processor_one, clock, processor) = 1 if buffer == "none" else BATCH, times.T
+    low, ratio, high = quotient(clock_one, clock)
+    return Rate(
+        "AMSGrad", buffer, PROMISED_MEMBERS, threads, updates * 1e9 / float(np.median(clock)), ratio, (low, high),
+        quotient(processor, clock)[1], quotient(processor_one, processor)[1],
+    )  # fmt: skip
 
 
 def time_a_sample(chunk: Callable[[], object], times: int) -> float:
@@ -181,10 +207,9 @@ def both_clocks() -> np.ndarray:
     return np.array([time.perf_counter_ns(), time.process_time_ns()])
 
 
-def quotient(times: list[tuple[float, float]]) -> list[float]:
-    """Return the quartiles of the first time by the second."""
-    pairs = np.array(times)
-    return np.percentile(pairs[:, 0] / pairs[:, 1], [25, 50, 75]).tolist()
+def quotient(first: Times, second: Times) -> list[float]:
+    """Return the quartiles of the first times by the second."""
+    return np.percentile(first / second, [25, 50, 75]).tolist()
 
 
 def tables(result: dict[str, object]) -> list[Table]:

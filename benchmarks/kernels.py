@@ -55,7 +55,8 @@ DT = 1e-3
 RECENT = 10_000  # raw samples kept, as an identifier does
 CHUNK = {True: 1_000, False: 10_000}  # samples, with and without replay: under a millisecond
 SAME = 1e-9  # relative
-ENTRIES, REPETITIONS = (2, 4, 6, 8, 10), 101
+ENTRIES, REPETITIONS = (2, 4, 6, 8, 10), 102
+ROUNDS = 3  # what else the machine does for some seconds spoils a third of a case's chunks at the most
 LIMIT, LIMIT_OTHERS = 1.1, 1.25  # of the ratio: the article's four optimizers, the rest
 REGULAR = np.zeros(0)  # time stamps of a regular clock
 
@@ -97,14 +98,15 @@ def measure() -> dict[str, Any]:
 
 
 def measure_all(optimizers: dict[str, Optimizer], entries: Sequence[int], repetitions: int, flags: str) -> list[Result]:
-    """Measure every optimizer at every number of parameters, without and with replay."""
+    """Measure every optimizer at every number of parameters, without and with replay, in `ROUNDS` through them all."""
     cases = [(name, P, replay) for name in optimizers for P in entries for replay in (False, True)]
+    found: dict[tuple[str, int, bool], list[Times]] = {case: [] for case in cases}
     with tempfile.TemporaryDirectory() as folder:
         run = compile_reference(Path(folder), flags)
-        return [
-            measure_one(name, optimizers[name], P, replay, run, repetitions)
-            for name, P, replay in track(cases, "kernels", console=Console(stderr=True), transient=True)
-        ]
+        for case in track(cases * ROUNDS, "kernels", console=Console(stderr=True), transient=True):
+            name, P, replay = case
+            found[case].append(time_both(optimizers[name], P, replay, run, -(-repetitions // ROUNDS)))
+    return [result_of(*case, times) for case, times in found.items()]
 
 
 def read_options() -> argparse.Namespace:
@@ -224,7 +226,10 @@ class Result:
         return self.sample_c / self.updates_per_sample
 
 
-def measure_one(name: str, optimizer: Optimizer, P: int, replay: bool, run: Run, repetitions: int) -> Result:
+Times = tuple[np.ndarray, float]  # (chunks, 2): ns a sample of ours and of C; the largest relative difference
+
+
+def time_both(optimizer: Optimizer, P: int, replay: bool, run: Run, repetitions: int) -> Times:
     """Time both programs on the same chunks in turn, and compare their numbers."""
     from replant.kernels.plain import steps
 
@@ -243,10 +248,15 @@ def measure_one(name: str, optimizer: Optimizer, P: int, replay: bool, run: Run,
         run(ctypes.addressof(program), size, u.ctypes.data, y.ctypes.data, *pointers)
         times.append((middle - start, time.thread_time_ns() - middle))
         difference = max(difference, *(distance(a, b) for a, b in zip(ours, theirs, strict=True)))
-    measured = np.array(times[warm:]) / size
+    return np.array(times[warm:]) / size, difference
+
+
+def result_of(name: str, P: int, replay: bool, found: Sequence[Times]) -> Result:
+    """Return the medians over all rounds."""
+    measured = np.concatenate([times for times, _ in found])
     sample, sample_c = np.median(measured, axis=0).tolist()
     low, ratio, high = np.percentile(measured[:, 0] / measured[:, 1], [25, 50, 75]).tolist()
-    updates = REPLAY.batch_size if replay else 1
+    updates, difference = REPLAY.batch_size if replay else 1, max(difference for _, difference in found)
     return Result(name, P, replay, updates, sample, sample_c, ratio, (low, high), difference)
 
 

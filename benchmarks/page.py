@@ -25,6 +25,10 @@ Counted by hand for AMSGrad with five parameters, one row of the buffer:
   (4): some 90 cycles. That is the limit that is met: the operations themselves, 14
   multiplications and sums an entry and a square root and a division for four entries at a time, would take about 30
   cycles.
+* **One update a sample.** Without replay a sample is some 450 instructions (650 with Adam), of which a processor looks
+  about three hundred ahead: samples hardly overlap, and what counts is the way from the input through filters,
+  regressor and row of the buffer to the parameters. A number that is stored and read again on that way costs nine
+  cycles more, one that is stored alone and read as part of a vector twenty-seven.
 * **Memory.** A row is P + 2 numbers, 56 bytes, one or two cache lines: regressor, output and 1/m^2 lie side by side.
   Which rows a sample draws is known before the first of them is learned, and nothing that is learned decides where the
   next row lies: the processor fetches rows ahead while the chain above runs. A buffer in the second-level cache costs
@@ -65,9 +69,8 @@ def kernels(figures: Figures) -> str:
         "A sample through filters, regressor, buffer and update, beside a C program of the same arithmetic "
         "(`benchmarks/reference.c`, gcc -O3 -march=native), from the same state, with the same numbers at the end; "
         "with replay 20 updates a sample. Nanoseconds. IntegralCost asks the memory for all drawn rows "
-        "ahead, which the C program leaves to the processor. Nearest to the limits, or beyond them, are one update a "
-        "sample at P = 2, where checks, counters and copies outweigh the arithmetic, and AdaGrad and RMSProp at P = 6; "
-        "LLVM, which is not told by `restrict` that arrays share no memory, asks before each short loop.\n\n"
+        "ahead, which the C program leaves to the processor. Nearest to the limit are AdaGrad and RMSProp at P = 4 and "
+        "6: gcc takes roots and divisions of four entries at once, LLVM waits for eight.\n\n"
     )
     head = ["optimizer", "P", "sample", "C", "ratio", "with replay: an update", "C", "ratio"]
     largest = f"\nLargest ratio {worst['ratio']:.2f} ({worst['optimizer']}, P = {worst['entries']}).\n"
@@ -132,7 +135,9 @@ def ensembles(figures: Figures) -> str:
 
     text = (
         "`Ensemble` steps sixteen members in one vector. Updates/s of all members together, on one thread, and their "
-        "ratio to one identifier in the same run.\n\n"
+        "ratio to one identifier in the same run; both take chunks of as many samples. What a member keeps, inputs and "
+        "errors lie in the caches for one identifier, and in the last of them, or in memory, for many: longer chunks, "
+        "more members and buffers of their own make the ratio smaller, and so do others who use that cache.\n\n"
     )
     alone = table(["", "members", "10^6 updates/s", "ratio"], map(cells, figures["one_thread"]))
     several = [

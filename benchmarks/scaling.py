@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 import replant as rp
-from kernels import DT
+from kernels import DT, ROUNDS
 from replant.blocks import aligned
 from replant.kernels import first_order, second_order
 from replant.kernels.compiled import kernel
 
-REPETITIONS = 41
+REPETITIONS = 42
 WITHIN = 0.1
 
 Once = Callable[[], None]
@@ -114,17 +114,27 @@ def cases() -> Iterator[tuple[str, str, float, dict[int, Once], int]]:
     yield "Adam", "buffer", 0, {C: gradient_family(adam, 6, capacity=C) for C in sizes}, 4000
 
 
+def time_in_turn(timed: dict[int, Once], updates: int) -> dict[int, list[float]]:
+    """Return for each size the ns an update, time after time: what else the machine does falls on all alike."""
+    times: dict[int, list[float]] = {number: [] for number in timed}
+    for _ in range(REPETITIONS // ROUNDS):
+        for number, once in timed.items():
+            begun = time.thread_time_ns()
+            once()
+            times[number].append((time.thread_time_ns() - begun) / updates)
+    return times
+
+
 def measure() -> dict[str, Any]:
     """Return the figures: ``rows``, one for each kernel and size."""
+    found: dict[tuple[str, str, float], list[dict[int, list[float]]]] = {}
+    for _ in range(ROUNDS):
+        for *case, timed, updates in cases():
+            found.setdefault(tuple(case), []).append(time_in_turn(timed, updates))
     results = []
-    for what, size, expected, timed, updates in cases():
-        times: dict[int, list[float]] = {number: [] for number in timed}
-        for _ in range(REPETITIONS):
-            for number, once in timed.items():  # in turn: what else the machine does falls on all alike
-                begun = time.thread_time_ns()
-                once()
-                times[number].append((time.thread_time_ns() - begun) / updates)
-        sizes, cost = list(times), [float(np.median(found)) for found in times.values()]
+    for (what, size, expected), rounds in found.items():
+        sizes = list(rounds[0])
+        cost = [float(np.median([each[number] for each in rounds])) for number in sizes]
         exponent = float(np.polyfit(np.log(sizes), np.log(cost), 1)[0])
         results.append(Scaling(what, size, sizes, cost, exponent, expected))
     return {"rows": [asdict(result) for result in results], "holds": all(result.holds for result in results)}

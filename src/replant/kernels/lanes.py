@@ -104,15 +104,9 @@ def write_estimate(ints, reals, source, row, lane):
 
 
 @part
-def read(ints, reals, u, y):
-    """Put the members' samples, mapped, into the work space; return whether every one is acceptable."""
-    r, row = vectors(reals), ints[at.AT_WORK] + 2 * ints[at.ORDER]
-    if ints[at.SQUARE_INPUT] == 1:
-        u = u * u
-    u = u - r[at.INPUT_OFFSET]
-    y = y - r[at.OUTPUT_OFFSET]
-    r[row + INPUT], r[row + OUTPUT] = u, y
-    return all_within(u, at.LARGEST) and all_within(y, at.LARGEST)
+def mapped(ints, r, u):
+    """Return the members' inputs as the filters see them."""
+    return (u * u if ints[at.SQUARE_INPUT] == 1 else u) - r[at.INPUT_OFFSET]
 
 
 @part
@@ -131,7 +125,7 @@ def admit(ints, reals, recent, u, y, interval):
 
 @rare
 def admit_each(ints, reals, banks, recent, live):
-    """Admit or reject the samples that were read, member by member."""
+    """Admit or reject the samples in the work space, member by member."""
     row = ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
     for lane in range(LANES):
         u, y = reals[row + INPUT, lane], reals[row + OUTPUT, lane]
@@ -246,11 +240,14 @@ def update_estimate(ints, reals, live, shared, buffer, apart, work, estimate, ta
 
 
 @part
-def take(ints, reals, live, shared, buffer, apart, work, filters, regressor, estimate):
-    """Take the samples that were admitted; leave the errors in the work space.  ``shared``: all draw the same rows."""
-    r, row = vectors(reals), ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
+def take(ints, reals, live, shared, buffer, apart, work, filters, regressor, estimate, u, y):
+    """Take samples that were admitted; ``shared``: all draw the same rows.
+
+    Returns their errors, and 0 for members all of whose numbers are finite, else NaN.
+    """
+    r = vectors(reals)
     A, constant, ramp, states, new = filters
-    u, y, last_u, last_y = r[row + INPUT], r[row + OUTPUT], r[at.INPUT_NOW], r[at.LAST_OUTPUT]
+    last_u, last_y = r[at.INPUT_NOW], r[at.LAST_OUTPUT]
     r[at.ELAPSED] += r[at.INTERVAL]
     rise = u - last_u if ints[0, at.STRAIGHT_INPUT] == 1 else 0.0
     plain.advance_states(A, constant, ramp, states, new, last_y, y - last_y, last_u, rise)
@@ -259,10 +256,9 @@ def take(ints, reals, live, shared, buffer, apart, work, filters, regressor, est
     plain.settle(states, new)
     if ints[0, at.ADAPT] == 1:
         error, finite = update_estimate(ints, reals, live, shared, buffer, apart, work, estimate, target)
-        r[row + FINITE] = finite
     else:
-        error = plain.error_of(estimate[0], estimate[4], target)
-    r[row + ERROR] = error * r[at.OUTPUT_SCALE]
+        error, finite = plain.error_of(estimate[0], estimate[4], target), 0.0 * y
+    return error * r[at.OUTPUT_SCALE], finite
 
 
 @rare
@@ -312,23 +308,29 @@ def take_tile(ints, reals, banks, buffer, recent, apart, live, drawn, order, pic
     for lane in range(LANES):
         live[lane] = 1
     for k in range(inputs.size):
-        fine = read(ints[0], reals, inputs[k], outputs[k])
-        if level and not fine:
+        now_u, now_y = mapped(ints[0], r, inputs[k]), outputs[k] - r[at.OUTPUT_OFFSET]
+        if level and not (all_within(now_u, at.LARGEST) and all_within(now_y, at.LARGEST)):
             spread(ints)
             level = False
         if level:
-            admit(ints[0], r, vectors(recent), r[row + INPUT], r[row + OUTPUT], r[at.INTERVAL])
+            admit(ints[0], r, vectors(recent), now_u, now_y, r[at.INTERVAL])
         else:
+            r[row + INPUT], r[row + OUTPUT] = now_u, now_y
             admit_each(ints, reals, banks, recent, live)
-        take(ints, reals, live, level and not apart, buffer, apart, work, filters, regressor, estimate)
-        if not (level and all_within(r[row + FINITE], 0.0)):
+            now_u, now_y = r[row + INPUT], r[row + OUTPUT]
+        error, finite = take(
+            ints, reals, live, level and not apart, buffer, apart, work, filters, regressor, estimate, now_u, now_y
+        )
+        if not (level and all_within(finite, 0.0)):
+            r[row + ERROR], r[row + FINITE] = error, finite
             undo(ints, reals, banks[0], live)
+            error = r[row + ERROR]
         if not level:
             count_each(ints, reals, live, False)
         elif count(ints[0]):
             spread(ints)
             count_each(ints, reals, live, True)
-        told[k] = r[row + ERROR]
+        told[k] = error
         for i in range(written.shape[1]):
             written[k, i] = theta[i] * unit[i]
     if level:
