@@ -161,7 +161,7 @@ def test_what_is_said_before_the_first_view_is_shown_at_once(capfd: pytest.Captu
         seen(started, identifier(300))
         started.show("replant: later")
         seen(started, identifier(400))
-        assert "replant: later\n" in capfd.readouterr().err
+        assert wait_for(lambda: "replant: later\n" in capfd.readouterr().err)
     finally:
         started.close()
 
