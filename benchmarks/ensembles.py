@@ -38,9 +38,7 @@ BATCH, CAPACITY = 10, 5000  # those of the article's tables
 PROMISED_THREADS = 1.8  # times the rate of one thread, on two
 PROMISED, PROMISED_MEMBERS = 3.5, 64  # times the rate of one stream, on one thread
 CHUNK = 2000  # samples of each stream in one call: two seconds
-TASK = (
-    2_000_000  # updates that are timed at once, at least: so many that most rows of the buffers are read more than once
-)
+TASK = 2_000_000  # updates timed at once, at least: most rows of the buffers are then read more than once
 
 Clock = Callable[[], np.ndarray]
 Times = np.ndarray
@@ -93,8 +91,8 @@ def measure(members: Sequence[int] = MEMBERS, repetitions: int = 15) -> dict[str
     threads: dict[Any, list[Times]] = {case: [] for case in several}
     for _ in range(ROUNDS):
         for case in alone:
-            few = max(repetitions // 3, 3) if case[2] > PROMISED_MEMBERS else repetitions
-            one_thread[case].append(beside_one(*case, -(-few // ROUNDS)))
+            times = repetitions if case[2] <= PROMISED_MEMBERS else max(repetitions // 3, 3)
+            one_thread[case].append(beside_one(*case, -(-times // ROUNDS)))
         for case in several:
             threads[case].append(beside_one_thread(*case, -(-repetitions // ROUNDS)))
     rates = [rate_of(*case, np.concatenate(times)) for case, times in one_thread.items()]

@@ -39,7 +39,7 @@ Counted by hand for AMSGrad with five parameters, one row of the buffer:
 ## Measured once
 
 A log of 10^8 rows (`python benchmarks/streaming.py --rows 1e8 --repeats 1`, 2026-11-20) takes as little memory as one
-of 10^7: 374 MB from Parquet, 397 MB from CSV.
+of 10^7: 387 MB from Parquet, 405 MB from CSV.
 """
 
 

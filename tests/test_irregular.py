@@ -234,6 +234,25 @@ def test_a_bad_stamp_is_rejected_counted_and_leaves_no_trace(many: bool, ready: 
     np.testing.assert_array_equal(spoiled.covariance, clean.covariance)
 
 
+def test_start_up_takes_a_chunk_as_it_takes_sample_by_sample() -> None:
+    """With stamps and samples that are rejected before it begins and after."""
+    u, y, t = irregular_record(PLANT, 1, 400, DT, jitter=0.2)
+    for k, stamp in {3: t[1], 9: math.nan, 60: t[59], 61: t[20], 62: math.inf, 130: t[129], 300: t[7]}.items():
+        t[k] = stamp
+    u[[0, 40]], y[[7, 250]] = (math.nan, 1e200), (math.inf, math.nan)
+    whole, parts, one_by_one = (rp.Identifier(STRUCTURE, DT, startup=100) for _ in range(3))
+    trace = whole.update_many(u, y, t)
+    edges = [0, 1, 5, 62, 63, 111, 113, 400]
+    several = [parts.update_many(u[a:b], y[a:b], t[a:b]) for a, b in itertools.pairwise(edges)]
+    errors = [one_by_one.update(*one) for one in zip(u, y, t, strict=True)]
+    np.testing.assert_array_equal(trace.errors, errors)
+    np.testing.assert_array_equal(trace.errors, np.concatenate([part.errors for part in several]))
+    np.testing.assert_array_equal(trace.parameters, np.concatenate([part.parameters for part in several]))
+    assert whole.rejected == {**NONE, "not finite": 5, "too large": 1, "not later": 5}
+    assert whole.status != "starting"
+    assert state(whole) == state(parts) == state(one_by_one)
+
+
 @pytest.mark.parametrize("t", ["a", None.__class__, [1.0], 1j], ids=repr)
 def test_a_stamp_that_is_no_number_is_refused(t: Any) -> None:
     ident = identifier()

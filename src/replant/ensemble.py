@@ -80,7 +80,7 @@ class Ensemble:
     ) -> None:
         self._members = _copies(identifiers, members)
         self._blocks: list[Block] = []
-        self._rooms = _rooms(n_jobs)
+        self._rooms = _rooms(n_jobs, len(self._members))
 
     def __len__(self) -> int:
         return len(self._members)
@@ -287,12 +287,13 @@ def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None)
     return [one.clone() for one in each]
 
 
-def _rooms(n_jobs: int | None) -> list[Room]:
-    """Return a room for each of the threads that joblib's ``n_jobs`` stands for."""
+def _rooms(n_jobs: int | None, members: int) -> list[Room]:
+    """Return a room for each of the threads that joblib's ``n_jobs`` stands for, no more than there are members."""
     jobs = 1 if n_jobs is None else whole("n_jobs", n_jobs, -(2**31))
     if jobs == 0:
         raise InvalidArgumentError("n_jobs must not be 0: 1 is one thread, -1 all processors")
-    return [Room() for _ in range(jobs if jobs > 0 else max(multiprocessing.cpu_count() + 1 + jobs, 1))]
+    threads = jobs if jobs > 0 else max(multiprocessing.cpu_count() + 1 + jobs, 1)
+    return [Room() for _ in range(min(threads, members))]
 
 
 def _carry_out(tasks: Iterable[tuple[Take, int]], rooms: Sequence[Room], *chunk: FloatArray) -> None:

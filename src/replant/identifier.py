@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import math
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -272,15 +271,19 @@ class Identifier(Estimate):
         if state.ints[at.ALARM] == 1:
             state.ints[at.LOOK_AT] = first_look(state, settings)
         if samples == self._resolve_at:
-            state = solved_again(state, settings) or state
+            state = self._go_on_with(solved_again(state, settings) or state)
             self._resolve_at = next_solution(state, settings)
         if samples == state.ints[at.LOOK_AT]:
-            before = state
-            state, state.ints[at.LOOK_AT] = look(before, settings)
-            if state is not before:
-                self._resolve_at = next_solution(state, settings)
+            found, look_at = look(state, settings)
+            if found is not state:
+                self._resolve_at = next_solution(self._go_on_with(found), settings)
+            found.ints[at.LOOK_AT] = look_at
+
+    def _go_on_with(self, state: State) -> State:
+        """Take a new state in the place of the present one, if it is one."""
         if state is not self._state:
             self._work_on(state, regular=self._regular)
+        return state
 
     def _plan(self) -> None:
         """Tell the kernels at which sample there is something to do next: at once, where that was interrupted."""
@@ -340,7 +343,13 @@ class Identifier(Estimate):
     def _hold_back(self, u: FloatArray, y: FloatArray, t: FloatArray) -> float:
         """Keep samples for start-up, no more than it lacks; with the last one, begin.  Returns the error of that."""
         hold_back(self._held, self._held_rejects, self._request.preprocess, u, y, t)
-        return self._begin() if len(self._held) == self._hold else NAN
+        if len(self._held) < self._hold:
+            return NAN
+        try:
+            return self._begin()
+        except BaseException:  # the user's interruption too: begin with the next sample, then
+            self._held.pop()
+            raise
 
     def _begin(self, *, at_any_rate: bool = False) -> float:
         """Make every setting definite, lay out the state and learn the held samples; return the last one's error."""
@@ -352,21 +361,23 @@ class Identifier(Estimate):
             ready, refined = modelled(settings, u, clean, t)
             if refined is None or not (refined.acceptable or at_any_rate or 2 * self._hold > LARGEST):
                 return self._wait_longer()
-        self._settings = settings
-        self._work_on(State.of_settings(settings, RECENT), regular=bool(np.isnan(t).any()) or not t.size)
-        self._state.ints[list(REASONS.values())] = list(self._held_rejects.values())
-        self._held = []
-        if u.size == 0:
-            return math.nan
-        if self._mapped:
-            u = settings.preprocess.call_map(u)
-        if refined is None:
-            return float(self._warm_up(u, y, t, learn=True)[-1])
-        seed(self._state, settings, refined, ready)
-        errors = self._warm_up(u, y, t, learn=not settings.optimizer.keeps_covariance)
-        self._resolve_at = next_solution(self._state, settings)
-        self._plan()
-        return float(errors[-1])
+        state = State.of_settings(settings, RECENT)
+        state.ints[list(REASONS.values())] = list(self._held_rejects.values())
+        error, t = NAN, REGULAR if np.isnan(t).any() else t
+        if u.size > 0:
+            if refined is not None:
+                seed(state, settings, refined, ready)
+            if callable(settings.preprocess.input_map):
+                u = settings.preprocess.call_map(u)
+            learn = refined is None or not settings.optimizer.keeps_covariance
+            error = float(warm_up(state, u, y, t, learn=learn)[-1])
+            state.reals[at.READY] = state.reals[at.ELAPSED]
+        self._settings, self._held = settings, []
+        self._work_on(state, regular=not t.size)
+        if refined is not None:
+            self._resolve_at = next_solution(state, settings)
+            self._plan()
+        return error
 
     def _work_on(self, state: State, *, regular: bool) -> None:
         """Go on with this state: choose who takes its samples; those for a regular clock do until the first stamp."""
@@ -377,18 +388,8 @@ class Identifier(Estimate):
 
     def _first_step(self, u: float, y: float, t: float) -> float:
         """Take a sample; what takes the next ones is compiled here, which who takes many at once never needs."""
-        step = single(self._state, self._kernel)
-        self._step = partial(self._mapped_step, step) if self._mapped else step
+        self._step = single(self._state, self._kernel, self._request.preprocess)
         return self._step(u, y, t)
-
-    def _mapped_step(self, step: Step, u: float, y: float, t: float) -> float:
-        """Take a sample whose input goes through a function of the user's."""
-        return step(float(self._request.preprocess.call_map(np.array([u]))[0]), y, t)
-
-    def _warm_up(self, u: FloatArray, y: FloatArray, t: FloatArray, *, learn: bool) -> FloatArray:
-        errors = warm_up(self._state, u, y, REGULAR if np.isnan(t).any() else t, learn=learn)
-        self._state.reals[at.READY] = self._state.reals[at.ELAPSED]
-        return errors
 
     def _wait_longer(self) -> float:
         """Hold twice as much for start-up; at the limit, let the older half go: a rig may idle before it moves."""

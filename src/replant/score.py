@@ -177,7 +177,7 @@ class _ErrorSums:
         follows = np.convolve(~there, np.ones(lags + 1))[lags : lags + count] == 0  # on a known past
         alone = known & ~follows
         if self._samples == 0:  # before the record there is nothing, where the mean is not to be taken off either
-            self._head, self._known_head = error[:lags].copy(), known[:lags]
+            self._head, self._known_head = error[:lags].copy(), known[:lags].copy()
             alone[:lags] = False
         usable = stack[:, follows]
         self._usable += usable @ usable.T

@@ -68,16 +68,19 @@ def hold_back(
             held.append((float(u[k]), float(y[k]), last))
 
 
-def single(state: State, kernel: Callable[..., Any]) -> Step:
+def single(state: State, kernel: Callable[..., Any], preprocess: Preprocess) -> Step:
     """Return what takes one sample of this state as ``kernel`` does, without passing its arrays.
 
-    It takes three floats and nothing else: types are not looked at.  See `replant.kernels.direct`.
+    It takes three floats and nothing else: types are not looked at.  See `replant.kernels.direct`.  An input map that
+    is a function of the user's, which no kernel can call, is called before.
     """
     from replant.kernels import direct
 
     table = direct.table_of(*state.arrays)
     call = partial(direct.entry_of(direct.WITHOUT_ARRAYS[kernel]), int(table.ctypes.data))
     call.keeps = table, state  # type: ignore[attr-defined]  # what is pointed to lives as long as who points there
+    if callable(preprocess.input_map):
+        return lambda u, y, t: call(float(preprocess.call_map(np.array([u]))[0]), y, t)
     return call
 
 

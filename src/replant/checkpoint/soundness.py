@@ -71,7 +71,8 @@ def check_state(state: State, settings: Settings, resolve_at: int) -> None:
         at.ALARM: (0, guard.FLOATS),
     }
     positions = all(low <= ints[slot] <= high for slot, (low, high) in limits.items())
-    if any(due and due <= ints[at.SAMPLES] for due in (resolve_at, ints[at.LOOK_AT])):
+    passed = any(due and due <= ints[at.SAMPLES] for due in (resolve_at, ints[at.LOOK_AT]))
+    if passed and ints[at.ATTENTION] == 0:  # else it was interrupted before it could do what was due
         raise DamagedCheckpointError("it waits for a sample that has passed")
     nexts = state.banks[:, bank.NEXT]
     rows = state.block(at.AT_PATH, path.size(state.entries))[path.KEPT]

@@ -181,10 +181,7 @@ def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
 
 @part
 def follow_integral(P, theta, R, period, gain, beta, buffer, width, rows, batch, direction):
-    """Do what `integral_cost` says, with pointers; ``width`` is that of a row of the buffer.
-
-    A part of its own: written into the other, a sample takes 5 % longer.
-    """
+    """Do what `integral_cost` says, with pointers; ``width`` is that of a row of the buffer."""
     keep, Q, slope = 1.0 - period * beta, pointer(R, P * P), pointer(R, P * P + P)
     for k in range(batch):
         phi = pointer(buffer, rows[k] * width)

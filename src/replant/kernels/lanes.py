@@ -223,13 +223,13 @@ def update_estimate(ints, reals, live, shared, buffer, apart, work, estimate, ta
     theta, memory, _, _, _, unit, settings, rows = estimate
     if shared:
         stored = vectors(buffer)
-        error = plain.write_row(ints[0], stored[ints[0, at.HEAD]], estimate, target)
+        error = plain.keep_and_write(ints[0], stored[ints[0, at.HEAD]], estimate, target)
         batch = draw_rows(ints[0], rows)
         if ints[0, at.BATCH] > 1:
             fetch_ahead(ints[0], stored)
         learn(ints[0], theta, memory, settings, stored, rows, batch)
     else:
-        error = plain.write_row(ints[0], vectors(work[0])[ints[0, at.BATCH] - 1], estimate, target)
+        error = plain.keep_and_write(ints[0], vectors(work[0])[ints[0, at.BATCH] - 1], estimate, target)
         learn_each_its_own(ints, reals, live, buffer, apart, work, estimate)
     finite = 0.0
     for i in range(theta.size):
@@ -357,7 +357,7 @@ def fetch(samples, numbers, start, own):
         for k in range(rows.size):
             ahead = min(start + k + AHEAD, samples.shape[0] - 1)
             prefetch(samples, ahead, numbers[0])
-            prefetch(samples, ahead, numbers[LANES - 1])  # lies on another line
+            prefetch(samples, ahead, numbers[LANES - 1])  # their last line
             rows[k] = load(samples, start + k, numbers[0])
     else:
         for k in range(rows.size):

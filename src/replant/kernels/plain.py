@@ -120,14 +120,14 @@ def settle(states, new):
 
 @rare
 def discretize(ints, reals, bank):
-    """Make the one discretisation that a regular clock needs, where others have taken its place."""
+    """Make the one discretisation that a regular clock needs, unless it is there."""
     n, T = ints[at.ORDER], ints[at.ENTRIES]
     bk.discretization(bank, n, T, reals[at.INTERVAL], reals[ints[at.AT_WORK] :])
 
 
 @rare
 def begin(ints, reals, banks, u, y):
-    """Take the first sample: the filters are at rest."""
+    """Take the first sample: the filters are at rest, and their discretisation is made."""
     chain.begin(ints, reals, banks, u, y)
     discretize(ints, reals, banks[0])
     states, new = bk.at_states(ints[at.ORDER], ints[at.ENTRIES]), ints[at.AT_WORK]
@@ -175,8 +175,8 @@ def error_of(theta, phi, target):
 
 
 @cut
-def write_row(ints, row, estimate, target):
-    """Write a sample into its row of the buffer and keep the estimate as it is; return the a-priori error, scaled.
+def keep_and_write(ints, row, estimate, target):
+    """Keep the estimate as it is and write a sample into its row of the buffer; return the a-priori error, scaled.
 
     In one pass: for a few parameters to begin a loop takes longer than to run it.
     """
@@ -198,7 +198,7 @@ def write_row(ints, row, estimate, target):
 def update_estimate(ints, buffer, estimate, target):
     """Learn the newest sample and its batch; undo what leaves float64.  Returns the a-priori error, scaled."""
     theta, memory, kept_theta, kept_memory, _, unit, settings, rows = estimate
-    error = write_row(ints, first.row_of(buffer, ints[at.HEAD]), estimate, target)
+    error = keep_and_write(ints, first.row_of(buffer, ints[at.HEAD]), estimate, target)
     batch = draw_rows(ints, rows)
     first.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, 0)
     if left_float64(theta, unit, memory):
