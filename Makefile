@@ -36,7 +36,7 @@ $(VENV)/.peers: $(READY)
 
 # Numba's cache looks at the file of the compiled function alone, so an edit of an imported kernel would go unseen: its
 # folder is named after the source of all of them.
-SOURCE = $(shell LC_ALL=C cat src/replant/kernels/*.py | sha256sum | cut -c 1-16)
+SOURCE = $(shell find src/replant/kernels -name "*.py" | LC_ALL=C sort | xargs cat | sha256sum | cut -c 1-16)
 bench regression bench-live soak: export NUMBA_CACHE_DIR = $(or $(TMPDIR),/tmp)/replant-kernels-$(shell id -u)-$(SOURCE)
 
 bench: $(VENV)/.peers  ## speed, as ratios to C and to other libraries measured in the same run; writes docs/performance.md

@@ -8,7 +8,15 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 
-from replant.report.style import BLUE, GREEN, ORANGE, VERMILION, blank_figure, font, open_frame
+from replant.report.palette import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    VERMILION,
+    blank_figure,
+    font,
+    open_frame,
+)
 
 COLOURS, MARKERS = (BLUE, VERMILION, GREEN, ORANGE), "osD^"
 

@@ -32,11 +32,11 @@ from rich.progress import track
 from rich.table import Table
 
 import replant as rp
-from replant.kernels import layout as at
+from replant.engine.regressors import regressors
+from replant.engine.state import State
+from replant.kernels import schema as at
 from replant.optimizers import Optimizer
-from replant.regression import regressors
 from replant.settings import Settings
-from replant.state import State
 
 ARTICLE = {
     "Gradient": rp.Gradient(gain=2.0),
@@ -231,7 +231,7 @@ Times = tuple[np.ndarray, float]  # (chunks, 2): ns a sample of ours and of C; t
 
 def time_both(optimizer: Optimizer, P: int, replay: bool, run: Run, repetitions: int) -> Times:
     """Time both programs on the same chunks in turn, and compare their numbers."""
-    from replant.kernels.plain import steps
+    from replant.kernels.step.fixed_filter import steps
 
     structure, size = rp.Structure(poles=P // 2, zeros=P // 2 - 1, bias=bool(P % 2)), CHUNK[replay]
     settings = settings_for(structure, optimizer, replay)

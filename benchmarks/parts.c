@@ -1,5 +1,5 @@
 /* The parts of the default method as plain C on the same arrays: filters with instruments, least squares, Kalman.
- * layout.h, made from replant.kernels.layout and .bank, says where each number lies. */
+ * layout.h, made from replant.kernels.schema and .bank, says where each number lies. */
 #include <float.h>
 #include <math.h>
 #include <stdint.h>

@@ -21,12 +21,13 @@ import numpy as np
 
 import replant as rp
 from kernels import DT, FLAGS, SAME, chunks, describe_machine, distance
-from replant.kernels import bank as bk
-from replant.kernels import chain, second_order
-from replant.kernels import layout as at
-from replant.kernels.compiled import kernel
+from replant.engine.state import State
+from replant.kernels import schema as at
+from replant.kernels.codegen.decorators import kernel
+from replant.kernels.filters import bank as bk
+from replant.kernels.filters import chain
+from replant.kernels.optimizers import covariance
 from replant.optimizers import Optimizer
-from replant.state import State
 
 CHUNK, REPETITIONS = 2_000, 101
 LIMIT = 1.25
@@ -65,14 +66,14 @@ def run_filters(ints, reals, banks, u, y, targets):
 def run_least_squares(theta, memory, settings, buffer, rows, direction):
     for k in range(buffer.shape[0]):
         rows[0] = k
-        second_order.recursive_least_squares(theta, memory, settings, buffer, rows, 1, direction)
+        covariance.recursive_least_squares(theta, memory, settings, buffer, rows, 1, direction)
 
 
 @kernel
 def run_kalman(theta, memory, settings, buffer, rows, direction, interval):
     for k in range(buffer.shape[0]):
         rows[0] = k
-        second_order.kalman_tracking(theta, memory, settings, buffer, rows, 1, direction, interval)
+        covariance.kalman_tracking(theta, memory, settings, buffer, rows, 1, direction, interval)
 
 
 # --- C

@@ -24,9 +24,9 @@ os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_
 import numpy as np
 
 import replant as rp
-from replant.kernels.random_stream import draw_below
-from replant.preprocess import Preprocess
-from replant.regression import regressors
+from replant.engine.regressors import regressors
+from replant.kernels.optimizers.random_stream import draw_below
+from replant.regressor.preprocess import Preprocess
 
 DT = 1e-3
 STRUCTURE = rp.Structure(poles=3, zeros=1)

@@ -16,9 +16,9 @@ import numpy as np
 
 import replant as rp
 from kernels import DT, ROUNDS
-from replant.blocks import aligned
-from replant.kernels import first_order, second_order
-from replant.kernels.compiled import kernel
+from replant.engine.vector_blocks import aligned
+from replant.kernels.codegen.decorators import kernel
+from replant.kernels.optimizers import covariance, gradient
 
 REPETITIONS = 42
 WITHIN = 0.1
@@ -47,19 +47,19 @@ class Scaling:
 def learn(algorithm, theta, memory, settings, buffer, rows, samples, batch):
     """``samples`` times a batch."""
     for k in range(samples):
-        first_order.learn(algorithm, theta, memory, settings, buffer, rows[k], batch, 0)
+        gradient.learn(algorithm, theta, memory, settings, buffer, rows[k], batch, 0)
 
 
 @kernel
 def least_squares(theta, memory, settings, buffer, rows, samples):
     for k in range(samples):
-        second_order.recursive_least_squares(theta, memory, settings, buffer, rows[k], 1, 0)
+        covariance.recursive_least_squares(theta, memory, settings, buffer, rows[k], 1, 0)
 
 
 @kernel
 def kalman(theta, memory, settings, buffer, rows, samples):
     for k in range(samples):
-        second_order.kalman_tracking(theta, memory, settings, buffer, rows[k], 1, 0, 1e-3)
+        covariance.kalman_tracking(theta, memory, settings, buffer, rows[k], 1, 0, 1e-3)
 
 
 def problem(P: int, capacity: int, samples: int, batch: int) -> tuple[np.ndarray, np.ndarray]:

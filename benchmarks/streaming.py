@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 
 import replant as rp
-from replant.batches import Arrays
-from replant.logs import open_recording
-from replant.preprocess import Preprocess
-from replant.response import Response
-from replant.runs import CHUNK, run_source
-from replant.score import FITTED
+from replant.data.logs import open_recording
+from replant.model.response import Response
+from replant.regressor.preprocess import Preprocess
+from replant.runs.batches import Arrays
+from replant.runs.run import CHUNK, run_source
 from replant.settings import Request
+from replant.simulation.score import FITTED
 
 DT = 0.01
 PLANT = rp.TransferFunction([2.0, 6.0], [1.0, 2.0, 5.0])

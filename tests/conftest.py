@@ -16,7 +16,7 @@ def _kernel_cache() -> str:
     Numba's cache looks at the file of the compiled function alone, so an edit of an imported kernel would go unseen.
     """
     digest = hashlib.sha256()
-    for path in sorted((ROOT / "src/replant/kernels").glob("*.py")):
+    for path in sorted((ROOT / "src/replant/kernels").rglob("*.py")):
         digest.update(path.read_bytes())
     return str(Path(tempfile.gettempdir()) / f"replant-kernels-{os.getuid()}-{digest.hexdigest()[:16]}")
 

@@ -134,8 +134,8 @@ def test_the_reader_of_imports_sees_every_kind() -> None:
     early = [
         "numpy",
         "scipy.signal",
-        "replant.kernels.layout",
-        "replant.filters",
+        "replant.kernels.schema",
+        "replant.regressor.filters",
         "replant",
         "numba",
         "pandas",
@@ -145,11 +145,11 @@ def test_the_reader_of_imports_sees_every_kind() -> None:
     assert set(imports(tree, "identifier")) == {*early, "control", "pyarrow"}
     relative = ast.parse("from . import layout\nfrom .step import step\nfrom ..filters import split_delay")
     assert list(imports(relative, "kernels.step")) == [
-        "replant.kernels.layout",
-        "replant.kernels.step",
-        "replant.filters",
+        "replant.kernels.schema",
+        "replant.kernels.step.shared",
+        "replant.regressor.filters",
     ]
-    assert list(imports(ast.parse("from .step import step"), "kernels")) == ["replant.kernels.step"]
+    assert list(imports(ast.parse("from .step import step"), "kernels")) == ["replant.kernels.step.shared"]
 
 
 @every_module

@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import true_parameters
-from replant.rigs import DEAP, G1, G2, Rig, deap_rig, deap_voltage
+from replant.rigs import (
+    DEAP,
+    G1,
+    G2,
+    Rig,
+    deap_rig,
+    deap_voltage,
+)
+from support.builders import true_parameters
 
 
 def test_the_plants_are_the_articles() -> None:

@@ -16,8 +16,8 @@ from sklearn.preprocessing import MaxAbsScaler
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 import replant as rp
-from builders import binary, record
 from replant.sklearn import TransferFunctionRegressor
+from support.builders import binary, record
 
 PLANT = rp.TransferFunction([2.0], [1.0, 0.5])
 DT = 0.1

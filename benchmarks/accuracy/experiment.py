@@ -11,7 +11,7 @@ import replant as rp
 from accuracy.bounds import Bound
 from accuracy.methods import Figures, figures_of
 from accuracy.records import Measured
-from replant.uncertainty import Uncertainty
+from replant.model.uncertainty import Uncertainty
 
 Method = Callable[[rp.Structure, float, Measured], Figures]
 

@@ -10,8 +10,13 @@ from accuracy.bounds import Bound
 from accuracy.experiment import Experiment, Method, truth_of
 from accuracy.methods import Offline, Online
 from accuracy.records import PLANT_A, PLANT_B, Excited, Irregular
-from replant.filters import StateVariableFilter
-from replant.optimizers import OPTIMIZERS, Adam, AMSGrad, RecursiveLeastSquares
+from replant.optimizers import (
+    OPTIMIZERS,
+    Adam,
+    AMSGrad,
+    RecursiveLeastSquares,
+)
+from replant.regressor.filters import StateVariableFilter
 
 DEFAULT, OFFLINE, LEAST_SQUARES = "default", "offline SRIVC", "offline least squares"
 BOTH: dict[str, Method] = {DEFAULT: Online(), OFFLINE: Offline()}

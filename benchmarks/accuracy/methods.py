@@ -14,9 +14,9 @@ import numpy as np
 
 import replant as rp
 from accuracy.records import Measured
-from replant.identifier import Identifier
-from replant.uncertainty import Uncertainty
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.model.uncertainty import Uncertainty
+from replant.online.identifier import Identifier
 
 Figures = dict[str, tuple[float, float]]
 QUANTILE = 1.96  # standard deviations to either side of a nominal 95 % interval
@@ -79,11 +79,11 @@ class Article:
 
     def __call__(self, structure: rp.Structure, dt: float, measured: Measured) -> Figures:
         """Return the parameters and the modes after the last sample."""
-        from replant.paper import actuator
+        from replant.paper.actuator import experiment
         from replant.rigs import deap_rig
 
-        record = actuator.Record(deap_rig(), measured.u, measured.y)
-        ident = actuator.identifier(record, "AMSGrad", "small gain", self.filters)
+        record = experiment.Record(deap_rig(), measured.u, measured.y)
+        ident = experiment.identifier(record, "AMSGrad", "small gain", self.filters)
         ident.update_many(measured.u, measured.y)
         size = structure.size
         return figures_of(Uncertainty(structure, ident.parameters[:size], np.full((size, size), np.nan)))

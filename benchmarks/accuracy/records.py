@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 import replant as rp
+from replant.arguments import FloatArray
 from replant.signals import prbs
-from replant.validation import FloatArray
 
 #: Scenario A, with two real poles.
 PLANT_A = rp.TransferFunction([2.0], [1.0, 4.0, 3.0])

@@ -18,7 +18,7 @@ from accuracy.methods import Article, Figures, Offline, Online, Tracked
 from accuracy.records import Measured
 from accuracy.tracking import DT, Varying
 from replant.assessment import simulate
-from replant.logs import read_log
+from replant.data.logs import read_log
 from replant.optimizers import KalmanTracking
 from replant.rigs import deap_rig, deap_voltage
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from accuracy.records import Measured, random_binary
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
 
 DT, DURATION = 0.01, 1000.0
 SAMPLES = round(DURATION / DT) + 1

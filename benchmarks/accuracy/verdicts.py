@@ -13,8 +13,8 @@ import numpy as np
 
 import replant as rp
 from accuracy.records import PLANT_A, PLANT_B, noise, random_binary
-from replant.identifier import Identifier
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.online.identifier import Identifier
 
 CASES = 30  # of each
 SAMPLES = 4000

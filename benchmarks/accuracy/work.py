@@ -57,7 +57,7 @@ def prepare_environment() -> None:
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     digest = hashlib.sha256()
-    for path in sorted((Path(replant.__file__).parent / "kernels").glob("*.py")):
+    for path in sorted((Path(replant.__file__).parent / "kernels").rglob("*.py")):
         digest.update(path.read_bytes())
     folder = Path(tempfile.gettempdir()) / f"replant-kernels-{os.getuid()}-{digest.hexdigest()[:16]}"
     os.environ.setdefault("NUMBA_CACHE_DIR", str(folder))

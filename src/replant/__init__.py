@@ -5,8 +5,7 @@
 """
 
 from replant.assessment import fit_percent
-from replant.checkpoint.resume import load
-from replant.ensemble import Ensemble
+from replant.data.logs import Log, read_log
 from replant.errors import (
     ArgumentTypeError,
     CheckpointError,
@@ -17,10 +16,14 @@ from replant.errors import (
     MissingDependencyError,
     ReplantError,
 )
-from replant.filters import RefinedFilter, StateVariableFilter
-from replant.identifier import Identifier
-from replant.logs import Log, read_log
-from replant.offline import FitResult, fit
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import Uncertainty
+from replant.offline.fit import FitResult, fit
+from replant.online.ensemble import Ensemble
+from replant.online.identifier import Identifier
+from replant.online.resume import load
+from replant.online.trace import Trace
 from replant.optimizers import (
     AdaDelta,
     AdaGrad,
@@ -33,13 +36,10 @@ from replant.optimizers import (
     RecursiveLeastSquares,
     RMSProp,
 )
-from replant.preprocess import Preprocess
-from replant.replay import Replay
-from replant.scaling import Scaling
-from replant.structure import Structure
-from replant.trace import Trace
-from replant.transfer_function import TransferFunction
-from replant.uncertainty import Uncertainty
+from replant.optimizers.replay import Replay
+from replant.regressor.filters import RefinedFilter, StateVariableFilter
+from replant.regressor.preprocess import Preprocess
+from replant.regressor.scaling import Scaling
 
 __version__ = "0.1.0"
 

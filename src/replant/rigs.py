@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.preprocess import Preprocess
+from replant.arguments import FloatArray
+from replant.model.transfer_function import TransferFunction
+from replant.regressor.preprocess import Preprocess
 from replant.signals import random_steps, white_noise
-from replant.transfer_function import TransferFunction
-from replant.validation import FloatArray
 
 #: The article's G1, (20).
 G1 = TransferFunction([1.25], [1.0, 0.5])

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from replant.arguments import positive, whole
 from replant.errors import ArgumentTypeError, InvalidArgumentError
-from replant.filters import RefinedFilter, StateVariableFilter
+from replant.model.structure import Structure
 from replant.optimizers import OPTIMIZERS, Optimizer
-from replant.preprocess import Preprocess
-from replant.replay import Replay
-from replant.scaling import Scaling
-from replant.structure import Structure
-from replant.validation import positive, whole
+from replant.optimizers.replay import Replay
+from replant.regressor.filters import RefinedFilter, StateVariableFilter
+from replant.regressor.preprocess import Preprocess
+from replant.regressor.scaling import Scaling
 
 AUTO = "auto"
 LONGEST_DELAY = 1_000_000  # sampling times; every input of that long is kept

@@ -6,8 +6,13 @@ import math
 
 import numpy as np
 
+from replant.arguments import (
+    FloatArray,
+    not_negative,
+    positive,
+    whole,
+)
 from replant.errors import InvalidArgumentError
-from replant.validation import FloatArray, not_negative, positive, whole
 
 # Feedback taps (stages counted from 1) that make a shift register run through all 2^n - 1 states.
 _TAPS = {

@@ -9,14 +9,14 @@ from typing import Any, Self
 
 import numpy as np
 
+from replant.arguments import FloatArray, one_of, whole
 from replant.assessment import fit_percent, simulate
 from replant.errors import InvalidArgumentError, MissingDependencyError
-from replant.identifier import Identifier
-from replant.offline import fit
-from replant.preprocess import Preprocess
-from replant.structure import Structure
-from replant.transfer_function import TransferFunction
-from replant.validation import FloatArray, one_of, whole
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.offline.fit import fit
+from replant.online.identifier import Identifier
+from replant.regressor.preprocess import Preprocess
 
 try:
     from sklearn.base import BaseEstimator, RegressorMixin

@@ -8,10 +8,10 @@ from scipy.signal import lfilter
 from scipy.stats import binom, chi2
 
 import replant as rp
-from builders import G1, binary
 from replant.assessment.cross_test import FALSE_ALARM, unexplained
-from replant.assessment.model_run import ModelRun, run_model
-from replant.refined import Record
+from replant.offline.srivc import Record
+from replant.simulation.model_run import ModelRun, run_model
+from support.builders import G1, binary
 
 DT, SAMPLES = 0.1, 1500
 STRUCTURE = rp.Structure(1)

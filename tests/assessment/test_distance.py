@@ -8,12 +8,12 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 import replant as rp
-from builders import binary
 from replant.assessment.changes import growth
 from replant.assessment.distance import Distance, distance
-from replant.assessment.model_run import run_model
-from replant.assessment.whitening import whiteness
-from replant.refined import Record
+from replant.offline.srivc import Record
+from replant.simulation.model_run import run_model
+from replant.statistics.whitening import whiteness
+from support.builders import binary
 
 DT, SAMPLES = 0.05, 2000
 PLANT, STRUCTURE, TRUE = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]), rp.Structure(2), np.array([4.0, 3.0, 2.0])

@@ -11,12 +11,17 @@ import pytest
 
 import replant as rp
 import replant.assessment.judge as judge_module
-from builders import binary
 from replant.assessment import Assessment, assess_record
 from replant.assessment.evidence import Evidence
 from replant.assessment.judge import LARGEST_PART, NEGLIGIBLE, judge
-from replant.assessment.verdict import STATUSES, Finding, conclude, percent
-from replant.refined import Record
+from replant.assessment.verdict import (
+    STATUSES,
+    Finding,
+    conclude,
+    percent,
+)
+from replant.offline.srivc import Record
+from support.builders import binary
 
 DT, SAMPLES = 0.05, 4000
 STRUCTURE, TRUE = rp.Structure(2), np.array([4.0, 3.0, 2.0])

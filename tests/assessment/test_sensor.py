@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import G1, binary
 from replant.assessment.sensor import (
     clock_finding,
     is_resolved,
@@ -15,6 +14,7 @@ from replant.assessment.sensor import (
     smallest_step,
     stuck_finding,
 )
+from support.builders import G1, binary
 
 DT = 0.1
 U = binary(1, 3000, 20)

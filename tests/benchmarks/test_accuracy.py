@@ -19,9 +19,10 @@ from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
 import replant as rp
-from replant.refined import Record, refine
+from replant.offline.srivc import Record, refine
+from support.places import ROOT
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+sys.path.insert(0, str(ROOT / "benchmarks"))
 
 from accuracy import command, linear, records, scenarios, tracking, verdicts
 from accuracy.bounds import Bound, statistics

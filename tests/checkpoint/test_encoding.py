@@ -14,9 +14,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import replant as rp
-from builders import identifier, random_plant, record
-from replant.checkpoint.encoding import DIGEST, MAGIC, START, VERSION, decode
-from replant.kernels import layout as at
+from replant.checkpoint.encoding import (
+    DIGEST,
+    MAGIC,
+    START,
+    VERSION,
+    decode,
+)
+from replant.kernels import schema as at
+from support.builders import identifier, random_plant, record
 
 
 def running(samples: int = 3) -> rp.Identifier:

@@ -13,10 +13,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import replant as rp
-from builders import random_plant, record
-from replant.checkpoint.encoding import ATTRIBUTES, HELD, RUNNING, STATE
-from replant.identifier import DERIVED
+from replant.checkpoint.encoding import (
+    ATTRIBUTES,
+    HELD,
+    RUNNING,
+    STATE,
+)
+from replant.online.identifier import DERIVED
 from replant.optimizers import OPTIMIZERS
+from support.builders import random_plant, record
 
 DT, STARTUP, SAMPLES = 0.1, 30, 150
 REPLAY = rp.Replay(capacity=40, batch_size=4, warmup=5, seed=7)

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import identifier
 from replant.checkpoint.soundness import DECIDED, check_state, layout_of_state
-from replant.kernels import bank, path, residuals
-from replant.kernels import layout as at
+from replant.kernels import schema as at
+from replant.kernels.filters import bank
+from replant.kernels.monitoring import estimate_path, residual_colour
+from support.builders import identifier
 
 
 @pytest.fixture(autouse=True)
@@ -24,7 +25,7 @@ def _fingerprint_made_anew() -> Iterator[None]:
 
 @pytest.mark.parametrize(
     ("module", "name"),
-    [(at, "HEAD"), (at, "AT_PAST"), (at, "NEW"), (bank, "KEPT"), (residuals, "LAGS"), (path, "ROOM")],
+    [(at, "HEAD"), (at, "AT_PAST"), (at, "NEW"), (bank, "KEPT"), (residual_colour, "LAGS"), (estimate_path, "ROOM")],
 )
 def test_another_layout_has_another_fingerprint(module: ModuleType, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     before = layout_of_state()
@@ -69,12 +70,12 @@ def test_a_discretisation_outside_of_its_bank_is_refused(value: float) -> None:
         check_state(ident._state, ident.settings, 0)
 
 
-@pytest.mark.parametrize("value", [-1.0, path.ROOM + 1.0, np.nan, np.inf])
+@pytest.mark.parametrize("value", [-1.0, estimate_path.ROOM + 1.0, np.nan, np.inf])
 def test_a_path_of_more_rows_than_there_is_room_for_is_refused(value: float) -> None:
     ident = identifier()
     assert ident.settings is not None
     state = ident._state
-    state.block(at.AT_PATH, path.size(state.entries))[path.KEPT] = value
+    state.block(at.AT_PATH, estimate_path.size(state.entries))[estimate_path.KEPT] = value
     with pytest.raises(rp.DamagedCheckpointError, match="outside"):
         check_state(state, ident.settings, 0)
 

@@ -15,9 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import replant as rp
-from builders import Thing
 from replant.checkpoint.values import KINDS, from_plain, to_plain
 from replant.optimizers import OPTIMIZERS
+from support.builders import Thing
 
 
 def round_trip(value: Any) -> Any:

@@ -11,9 +11,9 @@ import pytest
 
 from replant.cli import main
 from replant.cli.output import COMPILING
+from replant.model.transfer_function import TransferFunction
 from replant.rigs import DEAP, Rig
 from replant.signals import prbs
-from replant.transfer_function import TransferFunction
 
 
 def call(capsys, *arguments: object) -> tuple[int, str, str]:

@@ -14,11 +14,17 @@ import pytest
 
 import replant as rp
 from replant.cli import main
-from replant.comparison import METHODS, USUAL, Contender, best, compare
 from replant.optimizers import OPTIMIZERS
-from replant.report.comparison_page import write_comparison
 from replant.report.figures import draw_overlay, style
 from replant.report.figures.overlay import limits
+from replant.report.html.comparison import write_comparison
+from replant.runs.comparison import (
+    METHODS,
+    USUAL,
+    Contender,
+    best,
+    compare,
+)
 from replant.settings import Request
 from replant.signals import prbs
 

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant import runs
 from replant.cli import main, options
 from replant.cli import run as run_command
 from replant.cli.output import COMPILING, announced_compiling, in_thousands
-from replant.logs import open_recording, read_columns
+from replant.data.logs import open_recording, read_columns
+from replant.runs import run as online_run
 
 DT = 0.05
 PLANT = rp.TransferFunction([2.0], [1.0, 0.5])
@@ -41,7 +41,7 @@ def log(tmp_path: Path) -> Path:
 def short_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """As if the log were too long to be held."""
     monkeypatch.setattr(options, "open_recording", partial(open_recording, most_held=1000))
-    monkeypatch.setattr(runs, "FITTED", 800)
+    monkeypatch.setattr(online_run, "FITTED", 800)
     monkeypatch.setattr(run_command, "FITTED", 800)
 
 
@@ -114,7 +114,7 @@ def test_a_person_sees_how_far_it_is(
     capsys: pytest.CaptureFixture[str], log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     terminal = Terminal()
-    monkeypatch.setattr(runs, "CHUNK", 10)
+    monkeypatch.setattr(run, "CHUNK", 10)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "120")
     monkeypatch.setattr(sys, "stderr", terminal)
@@ -166,8 +166,8 @@ def test_a_rate_in_three_digits(value: float, text: str) -> None:
 PEAK = """
 import sys
 from pathlib import Path
-from replant.logs import open_recording
-from replant.runs import run_source
+from replant.data.logs import open_recording
+from replant.runs.run import run_source
 from replant.settings import Request
 import replant as rp
 

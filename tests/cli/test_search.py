@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from replant.cli import main
+from replant.model.transfer_function import TransferFunction
 from replant.signals import prbs, white_noise
-from replant.transfer_function import TransferFunction
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ import pytest
 from scipy.signal import lfilter
 
 import replant as rp
-from builders import DT, true_parameters, two_modes
 from replant.signals import prbs
+from support.builders import DT, true_parameters, two_modes
 
 STRUCTURE, PLANT = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
 TRUE = true_parameters(PLANT, 1)

@@ -7,11 +7,17 @@ import dataclasses
 import numpy as np
 
 import replant as rp
-from builders import identifier
-from replant.blocks import Block, aligned, is_under_way, kind, order
-from replant.kernels.layout import LINE
-from replant.kernels.vector import LANES
-from replant.state import State
+from replant.engine.state import State
+from replant.engine.vector_blocks import (
+    Block,
+    aligned,
+    is_under_way,
+    kind,
+    order,
+)
+from replant.kernels.codegen.simd import LANES
+from replant.kernels.schema import LINE
+from support.builders import identifier
 
 
 def states(count: int) -> list[State]:

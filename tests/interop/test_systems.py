@@ -14,7 +14,7 @@ from hypothesis import strategies as some
 from scipy import signal
 
 import replant as rp
-from builders import random_plant
+from support.builders import random_plant
 
 OMEGA = np.geomspace(0.01, 100.0, 40)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from replant.kernels import layout as at
+from replant.kernels import schema as at
 
 
 def slots() -> tuple[dict[str, int], dict[str, int]]:

@@ -17,24 +17,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from live.command import (
-    MODEL,
-    ReplayingPeer,
-    estimates,
-    finished,
-    learned,
-    lines,
-    live,
-    sequence_of,
-    wait_for,
-)
-from live.fakes import DT, record
 from replant import checkpoint
 from replant.cli import main
 from replant.rigs import deap_rig
+from support.live_command import MODEL, ReplayingPeer, estimates, finished, learned, lines, live, sequence_of, wait_for
+from support.live_fakes import DT, record
+from support.places import ROOT
 
 U, Y = record()
-ROOT = Path(__file__).resolve().parents[2]
+
 T = 5.0 + DT * np.arange(U.size)
 
 

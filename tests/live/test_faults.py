@@ -14,15 +14,15 @@ import pytest
 from scipy.signal import cont2discrete, tf2ss
 
 import replant as rp
-from live.command import ReplayingPeer, lines, wait_for
-from live.fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, JudgingObserver, make, record
 from replant import checkpoint
-from replant.live.estimate import Estimate
-from replant.live.session import Limits
+from replant.data.streams import Batch, open_source
+from replant.data.streams.demo import lively_voltage
+from replant.live.outputs.message import Estimate
+from replant.live.session.session import Limits
 from replant.rigs import deap_rig
 from replant.settings import Request
-from replant.sources import Batch, open_source
-from replant.sources.demo import lively_voltage
+from support.live_command import ReplayingPeer, lines, wait_for
+from support.live_fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, JudgingObserver, make, record
 
 RIG = deap_rig()
 GOOD, STEP = 20_000, 200  # samples before the fault; samples at 1 kHz between two verdicts, as they come in real time

@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 
 import replant as rp
-from live.fakes import DT, PLANT, REQUEST, record
-from replant.live import sinks
-from replant.live.background import Background
-from replant.live.clock import Clock
-from replant.live.estimate import Estimate
-from replant.live.history import MOST_ROWS, History
-from replant.live.look import POINTS, look
-from replant.live.notices import AGAIN, Notices
-from replant.live.sinks import Lines, open_sink
-from replant.live.status import Status, one_line, screen
-from replant.live.view import Pulse, View
+from replant.live.observer.history import MOST_ROWS, History
+from replant.live.observer.make_view import POINTS, look
+from replant.live.observer.terminal import Status, one_line, screen
+from replant.live.observer.view import Pulse, View
+from replant.live.outputs import sinks
+from replant.live.outputs.disk_writer import Background
+from replant.live.outputs.message import Estimate
+from replant.live.outputs.notices import AGAIN, Notices
+from replant.live.outputs.sinks import Lines, open_sink
+from replant.live.session.clock import Clock
+from support.live_fakes import DT, PLANT, REQUEST, record
 
 FIRST_ORDER = rp.Structure(1)
 

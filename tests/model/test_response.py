@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from replant.response import Response
-from replant.transfer_function import TransferFunction
+from replant.model.response import Response
+from replant.model.transfer_function import TransferFunction
 
 DT = 0.1
 MODELS = {

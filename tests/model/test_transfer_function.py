@@ -11,7 +11,7 @@ import pytest
 from scipy import signal
 
 import replant as rp
-from builders import G1, G2, Thing, binary, random_plant
+from support.builders import G1, G2, Thing, binary, random_plant
 
 DT = 0.1
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import random_plant, true_parameters
-from replant.uncertainty import Uncertainty
+from replant.model.uncertainty import Uncertainty
+from support.builders import random_plant, true_parameters
 
 #: Structure and plant: real and conjugate poles, zeros on both sides, a bias, as many zeros as poles.
 PLANTS = {

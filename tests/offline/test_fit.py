@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-import references
 import replant as rp
-from builders import G1, G2, random_plant, record, true_parameters
 from replant.signals import prbs
+from support import references
+from support.builders import G1, G2, random_plant, record, true_parameters
 
 #: Plants with their zeros and a filter's cutoff near their poles: the article's two, and five random stable ones.
 PLANTS = {"G1": (G1, 0, 1.0), "G2": (G2, 1, 10.0)} | {

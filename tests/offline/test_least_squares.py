@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from replant.least_squares import least_squares
+from replant.offline.least_squares import least_squares
 
 GENERATOR = np.random.default_rng(0)
 PHI = GENERATOR.standard_normal((200, 4)) @ GENERATOR.standard_normal((4, 4))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import binary, true_parameters
-from replant.refined import Record, Refined
-from replant.revision import revise
+from replant.offline.map_srivc import revise
+from replant.offline.srivc import Record, Refined
+from support.builders import binary, true_parameters
 
 DT, NOISE = 0.01, 0.01
 #: A fast mode beside one of 20 s: the record lasts a tenth of that.

@@ -8,10 +8,15 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import AWKWARD, DT, binary, irregular_record, random_plant, true_parameters
-from replant.factors import compose
-from replant.refined import Problem, Record, Refined, refine
+from replant.offline.srivc import (
+    Problem,
+    Record,
+    Refined,
+    refine,
+)
 from replant.signals import prbs
+from replant.statistics.udu import compose
+from support.builders import AWKWARD, DT, binary, irregular_record, random_plant, true_parameters
 
 every_plant = pytest.mark.parametrize("name", AWKWARD)
 #: With the integrator the margin of stability binds: the solution is a free step beyond the fixed point.

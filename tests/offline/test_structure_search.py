@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.search import search
+from replant.offline.structure_search import search
 from replant.signals import prbs, white_noise
 
 U = prbs(2000, hold=8)

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 import replant as rp
-from builders import state
-from replant.kernels import layout as at
+from replant.kernels import schema as at
+from support.builders import state
 
 DT, STARTUP = 0.1, 40
 STRUCTURE = rp.Structure(2, 1)

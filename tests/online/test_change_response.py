@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import DT, binary, true_parameters
-from replant import identifier
-from replant.kernels import guard
-from replant.kernels import layout as at
+from replant.kernels import schema as at
+from replant.kernels.monitoring import outliers
+from replant.online import identifier
+from support.builders import DT, binary, true_parameters
 
 PLANT = rp.TransferFunction([2.0], [1.0, 4.0, 3.0])
 LIGHT = rp.TransferFunction([25.0], [1.0, 0.2, 25.0])
@@ -46,7 +46,7 @@ def test_a_cable_that_floats_teaches_nothing(
         trace = ident.update_many(u[k : k + 250], y[k : k + 250])
         assert np.abs(trace.parameters / true - 1.0).max() < 0.1
         assert ident.assess().status != "trusted"
-    assert int(ident._state.ints[at.ALARM]) == guard.FLOATS
+    assert int(ident._state.ints[at.ALARM]) == outliers.FLOATS
     ident.update_many(u[6500:], y[6500:])
     assert int(ident._state.ints[at.ALARM]) == 0
     assert np.abs(ident.parameters / true - 1.0).max() < 0.05

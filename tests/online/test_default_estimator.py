@@ -10,11 +10,11 @@ import pytest
 from scipy.stats import chi2
 
 import replant as rp
-from builders import AWKWARD, DT, binary, random_plant, record, state, true_parameters, two_modes
-from replant.factors import compose
-from replant.kernels import bank as bk
-from replant.kernels import layout as at
+from replant.kernels import schema as at
+from replant.kernels.filters import bank as bk
 from replant.signals import prbs
+from replant.statistics.udu import compose
+from support.builders import AWKWARD, DT, binary, random_plant, record, state, true_parameters, two_modes
 
 every_plant = pytest.mark.parametrize("name", AWKWARD)
 SMOOTH = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import G1, G2, random_plant, record
-from replant.defaults import choose_filter, settle
+from replant.engine.regressors import regressors
+from replant.online.defaults import choose_filter, settle
 from replant.optimizers import OPTIMIZERS
-from replant.regression import regressors
 from replant.settings import Request
+from support.builders import G1, G2, random_plant, record
 
 U, Y = record(G2, seed=1, samples=3000, dt=0.01, hold=20, noise=0.01)
 

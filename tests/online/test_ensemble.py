@@ -16,12 +16,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import replant as rp
-from builders import G2, identifier
-from replant import blocks
-from replant import ensemble as ensembles
-from replant.kernels import layout as at
-from replant.kernels.vector import LANES
+from replant.engine import vector_blocks
+from replant.kernels import schema as at
+from replant.kernels.codegen.simd import LANES
+from replant.online import ensemble as ensembles
 from replant.optimizers import OPTIMIZERS
+from support.builders import G2, identifier
 
 DT, SAMPLES, STRUCTURE = 0.02, 240, rp.Structure(poles=2, zeros=1)
 MEMBERS = LANES + 3  # a block that is full and one that is not
@@ -207,7 +207,7 @@ def test_any_chunks_rejections_and_seeds(
 
 @pytest.mark.parametrize("tile", [1, 7, SAMPLES - 1])
 def test_how_many_samples_a_block_takes_at_once_changes_nothing(tile: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(blocks, "TILE", tile)
+    monkeypatch.setattr(vector_blocks, "TILE", tile)
     check_twins(lambda: sweep("amsgrad", REPLAY), *spoilt(*streams(MEMBERS)))
 
 
@@ -219,7 +219,7 @@ def test_chunks_compile_nothing_for_single_samples() -> None:
     run = (
         f"import sys, numpy as np, replant as rp; e = rp.Ensemble({make} * 3); e.update_many(np.ones(50), np.ones(50))"
     )
-    check = "assert 'replant.kernels.direct' not in sys.modules"
+    check = "assert 'replant.kernels.step.by_address' not in sys.modules"
     subprocess.run([sys.executable, "-c", f"{run}; {check}"], check=True)
 
 

@@ -11,9 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import replant as rp
-from builders import binary, is_finite, state
-from replant.factors import compose
-from replant.kernels import layout as at
+from replant.kernels import schema as at
+from replant.statistics.udu import compose
+from support.builders import binary, is_finite, state
 
 DT = 0.05
 PLANT = rp.TransferFunction([2.0], [1.0, 4.0, 3.0])
@@ -335,8 +335,8 @@ def test_after_a_gap_learning_goes_on_at_once(plant: rp.TransferFunction, kind: 
 
 
 def test_the_last_entries_begin_anew_and_the_others_keep_their_covariance() -> None:
-    from replant.factors import factor_covariance
-    from replant.kernels.second_order import begin_last
+    from replant.kernels.optimizers.covariance import begin_last
+    from replant.statistics.udu import factor_covariance
 
     root = np.random.default_rng(0).standard_normal((5, 9))
     covariance = root @ root.T

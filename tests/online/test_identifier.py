@@ -15,7 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import replant as rp
-from builders import (
+from replant.kernels import schema as at
+from replant.optimizers import OPTIMIZERS
+from support.builders import (
     G1,
     G2,
     Thing,
@@ -27,9 +29,7 @@ from builders import (
     true_parameters,
     with_and_without,
 )
-from references import TWINS
-from replant.kernels import layout as at
-from replant.optimizers import OPTIMIZERS
+from support.references import TWINS
 
 every_optimizer = pytest.mark.parametrize("name", OPTIMIZERS)
 

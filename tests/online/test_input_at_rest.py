@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import DT, identifier, is_finite, record, true_parameters, two_modes
-from replant.factors import compose
-from replant.kernels import layout as at
+from replant.kernels import schema as at
+from replant.statistics.udu import compose
+from support.builders import DT, identifier, is_finite, record, true_parameters, two_modes
 
 STRUCTURE, PLANT = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
 TRUE = true_parameters(PLANT, 1)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import DT, binary, true_parameters, two_modes
-from references import TWINS
-from replant.kernels import layout as at
+from replant.kernels import schema as at
 from replant.optimizers import OPTIMIZERS
 from replant.signals import prbs
+from support.builders import DT, binary, true_parameters, two_modes
+from support.references import TWINS
 
 PLANT, STRUCTURE = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]), rp.Structure(2)
 TRUE = true_parameters(PLANT, 0)

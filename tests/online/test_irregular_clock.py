@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import AWKWARD, DT, identifier, irregular_record, record, state, true_parameters, two_modes
-from replant.kernels import layout as at
-from replant.state import GAP
+from replant.engine.state import GAP
+from replant.kernels import schema as at
+from support.builders import AWKWARD, DT, identifier, irregular_record, record, state, true_parameters, two_modes
 
 STRUCTURE, PLANT = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
 TRUE = true_parameters(PLANT, 1)

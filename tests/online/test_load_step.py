@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import DT, binary, state, true_parameters
-from replant.kernels import layout as at
+from replant.kernels import schema as at
+from support.builders import DT, binary, state, true_parameters
 
 PLANTS = {
     "two poles": rp.TransferFunction([2.0], [1.0, 4.0, 3.0]),

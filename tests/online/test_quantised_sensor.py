@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import true_parameters
+from replant.data.streams.demo import lively_voltage
 from replant.rigs import deap_rig
-from replant.sources.demo import lively_voltage
+from support.builders import true_parameters
 
 RIG = deap_rig()
 PLANTS = {  # plant, sampling time, how long the input is held at the least and at the most

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import identifier
 from replant import checkpoint
 from replant.checkpoint import files
+from support.builders import identifier
 
 
 def run(samples: int) -> rp.Identifier:
@@ -34,7 +34,7 @@ def file(tmp_path: Path) -> Path:
 
 def test_two_hundred_kills_leave_a_checkpoint_each(tmp_path: Path) -> None:
     """At random moments, most of them in the middle of a saving; what goes on from there is right to the bit."""
-    script = Path(__file__).with_name("killed.py")
+    script = Path(__file__).parents[1] / "support" / "killed.py"
     done = subprocess.run(
         [sys.executable, script, tmp_path / "rig", "200", "1"], capture_output=True, text=True, timeout=300
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import G1, identifier, record
+from support.builders import G1, identifier, record
 
 U, Y = record(G1, seed=1, samples=60, dt=0.05, noise=0.1)
 

@@ -14,14 +14,15 @@ import pytest
 from scipy.signal import lfilter
 
 import replant as rp
-from builders import AWKWARD, DT, binary, irregular_record, state
 from replant.assessment import Assessment
-from replant.logs import read_log
+from replant.data.logs import read_log
 from replant.optimizers import OPTIMIZERS
-from replant.runs import result_of_fit, run_online
+from replant.runs.run import result_of_fit, run_online
 from replant.settings import Request
+from support.builders import AWKWARD, DT, binary, irregular_record, state
+from support.places import ROOT
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+sys.path.insert(0, str(ROOT / "benchmarks"))
 
 from accuracy import verdicts
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import G1, identifier, random_plant, record, true_parameters, with_and_without
-from references import TWINS, identify, regressor
-from replant.kernels import layout as at
+from replant.kernels import schema as at
 from replant.optimizers import OPTIMIZERS
+from support.builders import G1, identifier, random_plant, record, true_parameters, with_and_without
+from support.references import TWINS, identify, regressor
 
 every_optimizer = pytest.mark.parametrize("name", OPTIMIZERS)
 DT, SAMPLES = 0.2, 120

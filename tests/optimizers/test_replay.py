@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import G1, identifier, record, true_parameters
+from support.builders import G1, identifier, record, true_parameters
 
 
 @pytest.mark.parametrize(

@@ -9,12 +9,17 @@ import pytest
 
 from replant.cli import main
 from replant.cli.reproduce import command, deliver
-from replant.paper import actuator_rendering
-from replant.paper.actuator import NOTES
-from replant.paper.everything import Outcome, run, save
-from replant.paper.figures import FIGURES
-from replant.paper.rendering import summary
-from replant.paper.report import CAPTIONS, as_element, typeset, write_report
+from replant.paper.actuator import rendering
+from replant.paper.actuator.experiment import NOTES
+from replant.paper.catalogue import Outcome, run, save
+from replant.paper.report import (
+    CAPTIONS,
+    as_element,
+    typeset,
+    write_report,
+)
+from replant.paper.tables.figures import FIGURES
+from replant.paper.tables.rendering import summary
 from replant.report.numbers import number, uncertain
 
 DRAWN = ("fig1", "fig2", "fig3", "fig4", "fig6", "fig7", "fig7-exact", "fig8", "fig8-exact")
@@ -57,7 +62,7 @@ def test_the_page_holds_every_table(page, results, actuator):
         assert row.label in text
     for line in summary(list(results.values())):
         assert line in text
-    for line in (*actuator_rendering.summary(actuator), *actuator_rendering.LEGEND, *NOTES):
+    for line in (*rendering.summary(actuator), *rendering.LEGEND, *NOTES):
         assert as_text(typeset(line)) in text
     assert "28 of 28 figures and 12 of 12 sums equal in all printed digits." in text
 

@@ -11,10 +11,10 @@ import pytest
 from scipy import signal
 
 import replant as rp
-from builders import binary, random_plant
-from replant.filters import split_delay
-from replant.preprocess import Preprocess
-from replant.regression import regressors
+from replant.engine.regressors import regressors
+from replant.regressor.filters import split_delay
+from replant.regressor.preprocess import Preprocess
+from support.builders import binary, random_plant
 
 DT = 0.1
 

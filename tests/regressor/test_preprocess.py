@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.preprocess import screen
+from replant.regressor.preprocess import screen
 
 U, Y = np.random.default_rng(0).normal(3.0, 1.0, (2, 100))
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.report.html import write_report
-from replant.runs import History, Result, run_online
+from replant.report.html.report import write_report
+from replant.runs.run import History, Result, run_online
 from replant.settings import Request
 
 DT = 0.05

@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from replant.report.diagnostics import BAND_95, correlation_lags, correlations, excitation
+from replant.report.diagnostics import (
+    BAND_95,
+    correlation_lags,
+    correlations,
+    excitation,
+)
 
 
 def white(*shape: int, seed: int = 0) -> np.ndarray:

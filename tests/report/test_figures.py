@@ -9,7 +9,13 @@ from matplotlib.figure import Figure
 
 import replant as rp
 from replant.errors import InvalidArgumentError
-from replant.report.diagnostics import BAND_95, BAND_99, correlations, excitation
+from replant.model.uncertainty import Uncertainty
+from replant.report.diagnostics import (
+    BAND_95,
+    BAND_99,
+    correlations,
+    excitation,
+)
 from replant.report.figures import (
     draw_bode,
     draw_correlations,
@@ -21,7 +27,6 @@ from replant.report.figures import (
     style,
 )
 from replant.report.figures.poles import regions, zero_covariance
-from replant.uncertainty import Uncertainty
 
 
 def curves(axis) -> dict[str, np.ndarray]:

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.data.logs import read_columns
 from replant.errors import LogError, MissingDependencyError
-from replant.logs import full_trace, read_columns
-from replant.logs.full_trace import FullTrace
+from replant.runs import full_trace
+from replant.runs.full_trace import FullTrace
 
 pytest.importorskip("pyarrow", reason="pyarrow is not installed: pip install 'replant[parquet]'")
 

@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from replant import overview
-from replant.overview import Recorder
+from replant.runs import overview
+from replant.runs.overview import Recorder
 
 
 @pytest.mark.parametrize("cuts", [[], [1], [400, 401, 700], [999]])

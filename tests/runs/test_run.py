@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant import runs
-from replant.runs import Result, run_online, run_source
+from replant.runs import run
+from replant.runs.run import Result, run_online, run_source
 from replant.settings import Request
 from replant.signals import prbs
 
@@ -72,8 +72,8 @@ def test_the_size_of_the_batches_does_not_matter(
     monkeypatch: pytest.MonkeyPatch, size: int, fitted: int, optimizer: str
 ) -> None:
     """To the bit."""
-    monkeypatch.setattr(runs, "FITTED", fitted)
-    monkeypatch.setattr(runs, "CHUNK", 100)
+    monkeypatch.setattr(run, "FITTED", fitted)
+    monkeypatch.setattr(run, "CHUNK", 100)
     u, y = record()
     request = Request(STRUCTURE, DT, preprocess=rp.Preprocess("identity", "mean", "mean"), optimizer=optimizer)
     whole = run_online(request, u, y)
@@ -85,7 +85,7 @@ def test_the_size_of_the_batches_does_not_matter(
 
 
 def test_of_a_record_too_long_to_be_held_the_newest_samples_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runs, "FITTED", 1000)
+    monkeypatch.setattr(run, "FITTED", 1000)
     u, y = record()
     request = Request(STRUCTURE, DT)
     whole, part = run_online(request, u, y), run_source(request, Parts(u, y, 700), newest=1500)
@@ -98,7 +98,7 @@ def test_of_a_record_too_long_to_be_held_the_newest_samples_are_kept(monkeypatch
 
 
 def test_every_sample_goes_to_the_sink_and_to_the_progress(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runs, "FITTED", 2000)
+    monkeypatch.setattr(run, "FITTED", 2000)
     u, y = record()
     traces: list[rp.Trace] = []
     seen: dict[str, list[int]] = {"identifying": [], "testing": []}
@@ -113,7 +113,7 @@ def test_every_sample_goes_to_the_sink_and_to_the_progress(monkeypatch: pytest.M
 
 
 def test_the_start_up_of_a_long_record_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runs, "LARGEST", 400)
+    monkeypatch.setattr(run, "LARGEST", 400)
     u, y = record()
     settings = run_online(Request(STRUCTURE, DT), u, y).settings
     assert settings is not None
@@ -123,7 +123,7 @@ def test_the_start_up_of_a_long_record_is_bounded(monkeypatch: pytest.MonkeyPatc
 def test_choices_of_a_long_record_are_made_from_its_beginning(monkeypatch: pytest.MonkeyPatch) -> None:
     u, y = record()
     request = Request(STRUCTURE, DT, optimizer="gradient")
-    monkeypatch.setattr(runs, "SETTLED", 3000)
+    monkeypatch.setattr(run, "SETTLED", 3000)
     part = run_online(request, u, y).settings
     y[3000:] *= 100.0
     assert run_online(request, u, y).settings == part

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import AWKWARD, DT, binary, irregular_record, true_parameters
 from replant.assessment.excitation import WORST_CONDITION, excitation
-from replant.assessment.model_run import ModelRun, run_model
-from replant.assessment.sums import products, without
-from replant.refined import Record
+from replant.offline.srivc import Record
+from replant.simulation.model_run import ModelRun, run_model
+from replant.statistics.projections import products, without
+from support.builders import AWKWARD, DT, binary, irregular_record, true_parameters
 
 every_plant = pytest.mark.parametrize("name", AWKWARD)
 

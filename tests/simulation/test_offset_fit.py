@@ -10,8 +10,8 @@ import pytest
 from scipy import signal
 
 import replant as rp
-from builders import G1, G2, binary, random_plant
 from replant.assessment import simulate
+from support.builders import G1, G2, binary, random_plant
 
 Y = np.random.default_rng(0).standard_normal(300)
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from replant.assessment import fit_percent, simulate
-from replant.prediction import one_step
-from replant.score import Score
-from replant.transfer_function import TransferFunction
+from replant.model.transfer_function import TransferFunction
+from replant.simulation.score import Score
+from replant.statistics.autoregression import one_step
 
 DT = 0.05
 MODEL = TransferFunction([3.0, 6.0], [1.0, 1.6, 4.0], 0.12)

@@ -9,16 +9,22 @@ import pytest
 from scipy.signal import lfilter
 
 import replant as rp
-from builders import DT
-from replant.covariance import slowness
-from replant.factors import larger
-from replant.kernels import layout as at
-from replant.kernels import path as kept
-from replant.paper.actuator import CREEP, NOISE
-from replant.paper.actuator import STRUCTURE as ACTUATOR
+from replant.engine.covariance import slowness
+from replant.kernels import schema as at
+from replant.kernels.monitoring import estimate_path as kept
+from replant.paper.actuator.experiment import CREEP, NOISE
+from replant.paper.actuator.experiment import STRUCTURE as ACTUATOR
 from replant.rigs import deap_rig, deap_voltage
-from replant.scatter import no_less_than_scattered, path_of_record, path_variances, rows_of, stretch
 from replant.signals import prbs
+from replant.statistics.batch_means import (
+    no_less_than_scattered,
+    path_of_record,
+    path_variances,
+    rows_of,
+    stretch,
+)
+from replant.statistics.udu import larger
+from support.builders import DT
 
 
 def bridge(scores: np.ndarray, information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from replant.factors import LEAST_PIVOT, compose, factor_covariance, factor_information, larger
+from replant.statistics.udu import (
+    LEAST_PIVOT,
+    compose,
+    factor_covariance,
+    factor_information,
+    larger,
+)
 
 SIZES = [1, 2, 3, 5, 8, 13]
 

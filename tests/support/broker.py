@@ -8,7 +8,7 @@ import socket
 import subprocess
 from pathlib import Path
 
-from sources.wires import wait_until
+from support.wires import wait_until
 
 #: Where Debian's package puts it, which is not on everybody's path.
 PATHS = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin", "/usr/local/sbin"])

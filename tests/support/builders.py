@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.kernels import layout as at
+from replant.engine.state import State
+from replant.kernels import schema as at
 from replant.optimizers import OPTIMIZERS
-from replant.state import State
 
 #: The article's G1 and G2, (20) and (22).
 G1 = rp.TransferFunction([1.25], [1.0, 0.5])

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from pathlib import Path
 
-SEEN = Path(__file__).resolve().parents[3] / "out" / "dashboard"
+from support.places import ROOT
+
+SEEN = ROOT / "out" / "dashboard"
 PATIENCE = 60.0  # s, only against hanging
 PIXELS = "name => document.querySelector(`#${name} canvas`).toDataURL()"
 

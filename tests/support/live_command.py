@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 import replant as rp
-from live.fakes import DT, REQUEST
 from replant import checkpoint
+from support.live_fakes import DT, REQUEST
 
 PATIENCE = 120.0  # s: only guards against hanging
 MODEL = ("--poles", "1", "--dt", str(DT), "--startup", str(REQUEST.startup))

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 import replant as rp
-from replant.live.background import Background
-from replant.live.estimate import Estimate
-from replant.live.keeper import Keeper
-from replant.live.notices import Notices
-from replant.live.session import Session
-from replant.live.view import Pulse
+from replant.data.streams import Batch, Source
+from replant.live.observer.view import Pulse
+from replant.live.outputs.disk_writer import Background
+from replant.live.outputs.message import Estimate
+from replant.live.outputs.notices import Notices
+from replant.live.session.checkpointing import Keeper
+from replant.live.session.session import Session
 from replant.settings import Request
-from replant.sources import Batch, Source
 
 PLANT, DT = rp.TransferFunction([2.0], [1.0, 0.5]), 0.05
 REQUEST = Request(rp.Structure(1), DT, preprocess=rp.Preprocess("identity", "mean", "mean"), startup=200)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from replant.sources import Batch, Source
+from replant.data.streams import Batch, Source
 
 #: No test depends on how quick the machine is; this only keeps a broken one from hanging.
 PATIENCE = 60.0

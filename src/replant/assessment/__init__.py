@@ -3,8 +3,8 @@
 from replant.assessment.excitation import WORST_CONDITION
 from replant.assessment.offline import assess_record
 from replant.assessment.online import assess_running, assess_starting
-from replant.assessment.simulation import Simulation, fit_percent, simulate
 from replant.assessment.verdict import Assessment, Verdict
+from replant.simulation.offset_fit import Simulation, fit_percent, simulate
 
 __all__ = [
     "WORST_CONDITION",

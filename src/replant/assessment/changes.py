@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.assessment.evidence import FEWEST, Evidence, Runs
 from replant.assessment.verdict import Finding, duration, figure
-from replant.validation import FloatArray
 
 # Standard deviations, of the logarithm of the residual's power, that are no chance
 SURE = 4.0

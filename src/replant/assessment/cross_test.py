@@ -18,10 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.assessment.model_run import ModelRun
-from replant.assessment.sums import lengths_of, orthogonal, products
-from replant.assessment.whitening import autoregression, filtered
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.simulation.model_run import ModelRun
+from replant.statistics.projections import lengths_of, orthogonal, products
+from replant.statistics.whitening import autoregression, filtered
 
 FALSE_ALARM = 1e-4  # chance that the test finds something where there is nothing
 # Two sets of columns are tried.  A few find most faults of a model with the least to pay for chance,

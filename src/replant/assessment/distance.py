@@ -13,11 +13,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.assessment.model_run import ModelRun
-from replant.assessment.sums import lengths_of, orthogonal, products, without
-from replant.assessment.whitening import autoregression, filtered
-from replant.factors import larger
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.simulation.model_run import ModelRun
+from replant.statistics.projections import (
+    lengths_of,
+    orthogonal,
+    products,
+    without,
+)
+from replant.statistics.udu import larger
+from replant.statistics.whitening import autoregression, filtered
 
 
 @dataclass(frozen=True)

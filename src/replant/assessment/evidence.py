@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.assessment.model_run import ModelRun, run_model
+from replant.arguments import FloatArray
 from replant.assessment.verdict import duration
-from replant.refined import Record
-from replant.structure import Structure
-from replant.validation import FloatArray
+from replant.model.structure import Structure
+from replant.offline.srivc import Record
+from replant.simulation.model_run import ModelRun, run_model
 
 FEWEST = 100  # samples held out, below which they say nothing for a model
 PER_COEFFICIENT = 10  # ... and for each coefficient

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.assessment.model_run import ModelRun
-from replant.assessment.sums import products, without
 from replant.assessment.verdict import Finding, percent
+from replant.simulation.model_run import ModelRun
+from replant.statistics.projections import products, without
 
 #: Condition number of the scaled regressors beyond which float64 does not tell the parameters apart.
 WORST_CONDITION = 1e7

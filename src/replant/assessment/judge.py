@@ -20,13 +20,24 @@ import numpy as np
 from replant.assessment import sensor
 from replant.assessment.changes import burst_finding, growth_finding
 from replant.assessment.cross_test import unexplained
-from replant.assessment.estimate import MOST_UNCERTAIN, MOVED_SIGMAS, Certainty, slow_noise
+from replant.assessment.estimate import (
+    MOST_UNCERTAIN,
+    MOVED_SIGMAS,
+    Certainty,
+    slow_noise,
+)
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.excitation import LEAST_POWER, excitation
-from replant.assessment.model_run import ModelRun
-from replant.assessment.simulation import fit_percent
-from replant.assessment.verdict import Assessment, Finding, conclude, duration, percent
-from replant.assessment.whitening import whiteness
+from replant.assessment.verdict import (
+    Assessment,
+    Finding,
+    conclude,
+    duration,
+    percent,
+)
+from replant.simulation.model_run import ModelRun
+from replant.simulation.offset_fit import fit_percent
+from replant.statistics.whitening import whiteness
 
 # Simulated fit in percent below which the input explains next to nothing: at a fit of 10 the noise has four times the
 # power of the model's output, and a right model of such a plant is of little use.

@@ -6,12 +6,12 @@ import dataclasses
 
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.assessment.evidence import Evidence
 from replant.assessment.judge import judge
 from replant.assessment.verdict import Assessment
-from replant.refined import Record
-from replant.structure import Structure
-from replant.validation import FloatArray
+from replant.model.structure import Structure
+from replant.offline.srivc import Record
 
 MOST_SAMPLES = 50_000  # looked at, the newest of them: five times what an identifier keeps
 
@@ -43,7 +43,7 @@ def assess_record(
 
     Examples
     --------
-    >>> from replant.transfer_function import TransferFunction
+    >>> from replant.model.transfer_function import TransferFunction
     >>> u = np.where(np.arange(400) // 50 % 2 == 0, 1.0, -1.0)
     >>> y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, 0.1)
     >>> verdict = assess_record(Structure(1), np.array([0.5, 2.0]), Record(u, y, np.array([0.1])), 0.1)

@@ -6,19 +6,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.assessment import sensor
 from replant.assessment.estimate import MOST_UNCERTAIN
 from replant.assessment.evidence import Evidence
 from replant.assessment.judge import RESTING, judge
 from replant.assessment.verdict import Assessment, Finding, conclude
-from replant.covariance import covariance, slowness
-from replant.kernels import layout as at
-from replant.refined import Record
+from replant.engine.covariance import covariance, slowness
+from replant.engine.state import GAP, SHORTEST_STEP, State
+from replant.kernels import schema as at
+from replant.offline.srivc import Record
 from replant.settings import Request, Settings
-from replant.state import GAP, SHORTEST_STEP, State
-from replant.validation import FloatArray
 
-STANDS = 2  # the doubt of a stuck sensor, as `replant.kernels.guard` numbers it
+STANDS = 2  # the doubt of a stuck sensor, as `replant.kernels.monitoring.outliers` numbers it
 STUCK_LATELY = 200  # samples since the sensor was stuck, within which it is not relied on
 LONELY = 5  # outliers in a row that are no more than that; what lasts longer may be the plant
 MOST_IRREGULAR = 5000  # samples looked at where each interval costs a discretisation of its own

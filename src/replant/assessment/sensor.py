@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.assessment.verdict import Finding, duration
-from replant.validation import FloatArray
 
 MOST_OFF = 0.2  # of the sampling time, that the usual interval may differ from it
 # A sensor that has more than MANY values is not a switch.  One that has FEW_LEVELS while the input has many is most

@@ -24,9 +24,9 @@ import numpy as np
 
 from replant.checkpoint.soundness import check_state, layout_of_state
 from replant.checkpoint.values import from_plain, to_plain
+from replant.engine.state import State
 from replant.errors import ArgumentTypeError, DamagedCheckpointError, InvalidArgumentError
 from replant.settings import Request, Settings
-from replant.state import State
 
 Progress = Mapping[str, int | float | str]
 

@@ -9,20 +9,21 @@ import hashlib
 from dataclasses import fields
 from functools import cache
 
+from replant.engine.state import State
 from replant.errors import DamagedCheckpointError
-from replant.kernels import layout as at
+from replant.kernels import schema as at
 from replant.settings import Settings
-from replant.state import State
 
 
 @cache
 def layout_of_state() -> str:
     """Return a fingerprint of where each number lies in a state: another one means another version of the kernels."""
-    from replant.kernels import bank, path, residuals
+    from replant.kernels.filters import bank
+    from replant.kernels.monitoring import estimate_path, residual_colour
 
     slots = [
         f"{module.__name__}.{name}={value}"
-        for module in (at, bank, path, residuals)
+        for module in (at, bank, estimate_path, residual_colour)
         for name, value in sorted(vars(module).items())
         if name.isupper() and isinstance(value, int | float)
     ]
@@ -42,7 +43,8 @@ def check_state(state: State, settings: Settings, resolve_at: int) -> None:
 
     ``resolve_at`` is how many samples the next solution of the whole record waits for, 0 for none.
     """
-    from replant.kernels import bank, guard, path
+    from replant.kernels.filters import bank
+    from replant.kernels.monitoring import estimate_path, outliers
 
     capacity = settings.replay.capacity if settings.replay else 1
     if len(state.buffer) != capacity:  # before one of that size is laid out to compare with
@@ -68,14 +70,14 @@ def check_state(state: State, settings: Settings, resolve_at: int) -> None:
         at.GAP_AT: (0, ints[at.SAMPLES]),
         at.REVISED: (0, ints[at.SAMPLES]),
         at.CHANGE_BEGAN: (0, ints[at.SAMPLES]),
-        at.ALARM: (0, guard.FLOATS),
+        at.ALARM: (0, outliers.FLOATS),
     }
     positions = all(low <= ints[slot] <= high for slot, (low, high) in limits.items())
     passed = any(due and due <= ints[at.SAMPLES] for due in (resolve_at, ints[at.LOOK_AT]))
     if passed and ints[at.ATTENTION] == 0:  # else it was interrupted before it could do what was due
         raise DamagedCheckpointError("it waits for a sample that has passed")
     nexts = state.banks[:, bank.NEXT]
-    rows = state.block(at.AT_PATH, path.size(state.entries))[path.KEPT]
-    positions = positions and 0 <= rows <= path.ROOM
+    rows = state.block(at.AT_PATH, estimate_path.size(state.entries))[estimate_path.KEPT]
+    positions = positions and 0 <= rows <= estimate_path.ROOM
     if not positions or not ((nexts >= 0) & (nexts < bank.KEPT)).all():
         raise DamagedCheckpointError("its state points outside of its arrays")

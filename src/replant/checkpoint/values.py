@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from replant.errors import InvalidArgumentError
-from replant.filters import RefinedFilter, StateVariableFilter
+from replant.model.structure import Structure
 from replant.optimizers import OPTIMIZERS
-from replant.preprocess import Preprocess
-from replant.replay import Replay
-from replant.scaling import Scaling
+from replant.optimizers.replay import Replay
+from replant.regressor.filters import RefinedFilter, StateVariableFilter
+from replant.regressor.preprocess import Preprocess
+from replant.regressor.scaling import Scaling
 from replant.settings import Request, Settings
-from replant.structure import Structure
 
 #: Every kind of object that settings are made of, by name.  Optimizers come from their own list.
 KINDS: dict[str, type] = {

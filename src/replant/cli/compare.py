@@ -10,13 +10,23 @@ from typing import Any
 import click
 
 from replant.cli.options import log_options, open_log
-from replant.cli.output import command_line, make_folder, progress_bar, writable
-from replant.comparison import METHODS, USUAL, Contender, compare
+from replant.cli.output import (
+    command_line,
+    make_folder,
+    progress_bar,
+    writable,
+)
+from replant.data.logs import Log
 from replant.errors import InvalidArgumentError
-from replant.logs import Log
-from replant.report.comparison import as_json as comparison_as_json
-from replant.report.comparison import print_comparison
-from replant.report.comparison_page import save_overlay, write_comparison
+from replant.report.html.comparison import save_overlay, write_comparison
+from replant.report.terminal.comparison import as_json as comparison_as_json
+from replant.report.terminal.comparison import print_comparison
+from replant.runs.comparison import (
+    METHODS,
+    USUAL,
+    Contender,
+    compare,
+)
 from replant.settings import Request
 
 

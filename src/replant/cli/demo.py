@@ -8,22 +8,22 @@ from typing import Any
 
 import click
 
+from replant.arguments import FloatArray
 from replant.cli.output import command_line, make_folder, writable
 from replant.cli.reproduce import deliver
-from replant.filters import StateVariableFilter
-from replant.logs import Log
+from replant.data.logs import Log
+from replant.model.structure import Structure
 from replant.optimizers import AMSGrad
-from replant.paper.everything import ACTUATOR, ACTUATOR_FIGURES
-from replant.replay import Replay
+from replant.optimizers.replay import Replay
+from replant.paper.catalogue import ACTUATOR, ACTUATOR_FIGURES
+from replant.regressor.filters import StateVariableFilter
 from replant.report.figures import save_figures
-from replant.report.html import write_report
+from replant.report.html.report import write_report
 from replant.report.numbers import off_by
-from replant.report.summary import print_result, true_parameters
+from replant.report.terminal.summary import print_result, true_parameters
 from replant.rigs import Rig, deap_rig, deap_voltage
-from replant.runs import Result, run_online
+from replant.runs.run import Result, run_online
 from replant.settings import Request
-from replant.structure import Structure
-from replant.validation import FloatArray
 
 SAMPLES = 240_000  # 240 s at 1 kHz
 VOLTAGE = 6  # seed of a voltage that still moves at the end, for a verdict on samples held out

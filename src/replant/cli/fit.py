@@ -8,13 +8,18 @@ from typing import Any
 
 import click
 
-from replant.cli.options import open_log, preprocess_of, read, search_options
+from replant.cli.options import (
+    open_log,
+    preprocess_of,
+    read,
+    search_options,
+)
 from replant.cli.output import deliver, make_folder
-from replant.logs import Log
-from replant.offline import METHODS, FitResult, fit
-from replant.report.recipe import fit_as_python
-from replant.runs import result_of_fit
-from replant.search import SearchResult, search
+from replant.data.logs import Log
+from replant.offline.fit import METHODS, FitResult, fit
+from replant.offline.structure_search import SearchResult, search
+from replant.report.html.recipe import fit_as_python
+from replant.runs.run import result_of_fit
 
 
 @click.command(name="fit")

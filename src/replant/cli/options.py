@@ -9,12 +9,18 @@ from typing import Any
 
 import click
 
+from replant.data.logs import (
+    Log,
+    Recording,
+    open_recording,
+    read_log,
+    stamped_interval,
+)
 from replant.errors import InvalidArgumentError
-from replant.logs import Log, Recording, open_recording, read_log, stamped_interval
+from replant.model.structure import Structure
 from replant.optimizers import OPTIMIZERS
-from replant.preprocess import Preprocess
+from replant.regressor.preprocess import Preprocess
 from replant.settings import Request
-from replant.structure import Structure
 
 
 class Range(click.ParamType[tuple[Any, ...]]):

@@ -14,11 +14,11 @@ import click
 from click.core import ParameterSource
 
 from replant.cli.options import Range
-from replant.logs import Log
-from replant.report.recipe import identifier_as_python
-from replant.report.summary import as_json as result_as_json
-from replant.report.summary import print_result
-from replant.runs import Result
+from replant.data.logs import Log
+from replant.report.html.recipe import identifier_as_python
+from replant.report.terminal.summary import as_json as result_as_json
+from replant.report.terminal.summary import print_result
+from replant.runs.run import Result
 
 COMPILING = "compiling (once): later runs start at once"
 
@@ -30,7 +30,7 @@ def deliver(result: Result, log: Log, *, as_json: bool, out: Path | None, **repo
     paths = []
     if out is not None:
         from replant.report.figures import save_figures
-        from replant.report.html import write_report
+        from replant.report.html.report import write_report
 
         names: Any = {"input_label": log.input_name, "output_label": log.output_name}
         with writable(out):

@@ -9,12 +9,32 @@ from typing import Any
 
 import click
 
-from replant.cli.output import command_line, make_folder, progress_bar, writable
-from replant.paper import actuator_rendering
-from replant.paper.actuator import NOTES, Actuator
-from replant.paper.everything import ACTUATOR, NAMES, Outcome, is_figure, run, save, steps
-from replant.paper.rendering import SOURCE, as_json, as_markdown, as_rich, notes, summary
+from replant.cli.output import (
+    command_line,
+    make_folder,
+    progress_bar,
+    writable,
+)
+from replant.paper.actuator import rendering
+from replant.paper.actuator.experiment import NOTES, Actuator
+from replant.paper.catalogue import (
+    ACTUATOR,
+    NAMES,
+    Outcome,
+    is_figure,
+    run,
+    save,
+    steps,
+)
 from replant.paper.report import as_element, write_report
+from replant.paper.tables.rendering import (
+    SOURCE,
+    as_json,
+    as_markdown,
+    as_rich,
+    notes,
+    summary,
+)
 
 DEFAULT_FOLDER = Path("out/reproduce")
 
@@ -69,19 +89,19 @@ def deliver(names: Sequence[str], out: Path | None, *, json_only: bool = False, 
 def results_as_json(outcome: Outcome) -> dict[str, Any]:
     """Return {table: {row: {index: {ours, published}}}}, the actuator's table among them."""
     tables: dict[str, Any] = as_json(list(outcome.tables.values()))
-    return tables | ({ACTUATOR: actuator_rendering.as_json(outcome.actuator)} if outcome.actuator else {})
+    return tables | ({ACTUATOR: rendering.as_json(outcome.actuator)} if outcome.actuator else {})
 
 
 def print_actuator(console: Any, actuator: Actuator) -> None:
     """Print the actuator's table with what a reader must know of it."""
     from rich.padding import Padding
 
-    console.print(actuator_rendering.TITLE, style="bold")
-    console.print(actuator_rendering.as_rich(actuator))
-    for line in (*actuator_rendering.LEGEND, *NOTES):
+    console.print(rendering.TITLE, style="bold")
+    console.print(rendering.as_rich(actuator))
+    for line in (*rendering.LEGEND, *NOTES):
         console.print(Padding(line, (0, 0, 0, 2), expand=False), style="dim")
     console.print()
-    for line in actuator_rendering.summary(actuator):
+    for line in rendering.summary(actuator):
         console.print(line)
 
 
@@ -89,7 +109,7 @@ def _run(names: Sequence[str], out: Path | None, *, report: bool) -> tuple[Outco
     """Run and draw what is asked for; return the outcome, the paths of the figures and, for a report, the figures."""
     drawn = [name for name in names if is_figure(name)]
     if drawn:
-        from replant.report.style import blank_figure
+        from replant.report.palette import blank_figure
 
         blank_figure(1.0, 1.0)  # is matplotlib there?
     written: list[Path] = []
@@ -108,7 +128,7 @@ def _run(names: Sequence[str], out: Path | None, *, report: bool) -> tuple[Outco
 
 def _write_tables(out: Path, text: str, outcome: Outcome) -> list[Path]:
     pages = [as_markdown(list(outcome.tables.values()))] if outcome.tables else []
-    pages += [actuator_rendering.as_markdown(outcome.actuator)] if outcome.actuator else []
+    pages += [rendering.as_markdown(outcome.actuator)] if outcome.actuator else []
     contents = {out / "tables.md": "\n".join(pages), out / "tables.json": text + "\n"}
     with writable(out):
         for path, content in contents.items():

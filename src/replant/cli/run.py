@@ -10,13 +10,23 @@ from typing import Any
 
 import click
 
-from replant.cli.options import OPTIMIZER, log_options, record_of, request_of
-from replant.cli.output import announced_compiling, deliver, make_folder, progress_bar
-from replant.logs import Recording
-from replant.logs.full_trace import FullTrace
-from replant.runs import Result, run_source
-from replant.score import FITTED
+from replant.cli.options import (
+    OPTIMIZER,
+    log_options,
+    record_of,
+    request_of,
+)
+from replant.cli.output import (
+    announced_compiling,
+    deliver,
+    make_folder,
+    progress_bar,
+)
+from replant.data.logs import Recording
+from replant.runs.full_trace import FullTrace
+from replant.runs.run import Result, run_source
 from replant.settings import Request
+from replant.simulation.score import FITTED
 
 
 @click.command(name="run")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.factors import compose, larger
-from replant.kernels import layout as at
-from replant.scatter import no_less_than_scattered, rows_of
+from replant.arguments import FloatArray
+from replant.engine.state import State
+from replant.kernels import schema as at
 from replant.settings import Settings
-from replant.state import State
-from replant.validation import FloatArray
+from replant.statistics.batch_means import no_less_than_scattered, rows_of
+from replant.statistics.udu import compose, larger
 
 
 def covariance(state: State, settings: Settings) -> FloatArray:
@@ -55,37 +55,39 @@ def _kept(state: State) -> FloatArray:
 def _of_least_squares(state: State) -> FloatArray:
     """Return the covariance by the residual's colour, and where all is remembered no less than the path's scatter.
 
-    See `replant.scatter`.
+    See `replant.statistics.batch_means`.
     """
-    from replant.kernels import path
+    from replant.kernels.monitoring import estimate_path
 
     coloured = _by_colour(state)
     if state.block(at.AT_SETTINGS, 1)[0] < 1.0:
         return coloured
-    kept = state.block(at.AT_PATH, path.size(state.entries))
+    kept = state.block(at.AT_PATH, estimate_path.size(state.entries))
     return no_less_than_scattered(coloured, *rows_of(kept, state.theta, np.diag(_kept(state))))
 
 
 def _by_colour(state: State) -> FloatArray:
-    """Return sigma_w^2 P Q P, or where it is larger that of a white residual: see `replant.kernels.residuals`.
+    """Return sigma_w^2 P Q P, or where it is larger that of a white residual.
+
+    See `replant.kernels.monitoring.residual_colour`.
 
     With a white residual Q is sum mu^2j zeta zeta', and P the inverse of sum mu^j zeta zeta': without forgetting that
     makes sigma^2 P, with it about half as much.
     """
-    from replant.kernels import residuals
+    from replant.kernels.monitoring import residual_colour
 
-    size, lags = state.entries, residuals.LAGS
-    colour = state.block(at.AT_COLOUR, residuals.size(size))
+    size, lags = state.entries, residual_colour.LAGS
+    colour = state.block(at.AT_COLOUR, residual_colour.size(size))
     inverse = _kept(state)
-    seen, forgetting = colour[residuals.COUNT], state.block(at.AT_SETTINGS, 1)[0]
+    seen, forgetting = colour[residual_colour.COUNT], state.block(at.AT_SETTINGS, 1)[0]
     count = max(seen - size, 1.0)
     share = (2.0 - seen * (1.0 - forgetting)) / (1.0 + forgetting)  # of the sums of mu^2j and mu^j
-    white = share * colour[residuals.POWER] / max(seen, 1.0) * inverse
+    white = share * colour[residual_colour.POWER] / max(seen, 1.0) * inverse
     model = np.empty(lags + 1)
-    power = residuals.autoregression(
-        colour[residuals.COVARIANCES : residuals.COVARIANCES + lags + 1], model, np.empty(lags + 1)
+    power = residual_colour.autoregression(
+        colour[residual_colour.COVARIANCES : residual_colour.COVARIANCES + lags + 1], model, np.empty(lags + 1)
     )
-    squares = colour[residuals.FILTERED + lags * size :].reshape(size, size)
+    squares = colour[residual_colour.FILTERED + lags * size :].reshape(size, size)
     return larger(power / count * inverse @ squares @ inverse, white)
 
 
@@ -99,7 +101,7 @@ def _of_buffer(state: State) -> FloatArray:
     """
     from scipy.signal import lfilter
 
-    from replant.kernels import residuals
+    from replant.kernels.monitoring import residual_colour
 
     size, filled = state.entries, int(state.ints[at.FILLED])
     unknown = np.full((size, size), np.nan)
@@ -114,9 +116,9 @@ def _of_buffer(state: State) -> FloatArray:
     inverse = np.linalg.inv(cross)
     solution = inverse @ (zeta.T @ target)
     error = target - phi @ solution
-    covariances = np.array([error[lag:] @ error[: filled - lag] for lag in range(residuals.LAGS + 1)])
-    model = np.empty(residuals.LAGS + 1)
-    power = residuals.autoregression(covariances, model, np.empty(residuals.LAGS + 1))
+    covariances = np.array([error[lag:] @ error[: filled - lag] for lag in range(residual_colour.LAGS + 1)])
+    model = np.empty(residual_colour.LAGS + 1)
+    power = residual_colour.autoregression(covariances, model, np.empty(residual_colour.LAGS + 1))
     filtered = lfilter([1.0], model, zeta, axis=0)
     distance = state.theta - solution
     spread = power / (filled - size) * inverse @ (filtered.T @ filtered) @ inverse.T

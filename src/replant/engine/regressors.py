@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.filters import StateVariableFilter
-from replant.preprocess import Preprocess
-from replant.state import State
-from replant.structure import Structure
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.engine.state import State
+from replant.model.structure import Structure
+from replant.regressor.filters import StateVariableFilter
+from replant.regressor.preprocess import Preprocess
 
 
 def regressors(
@@ -23,7 +23,7 @@ def regressors(
 
     Rows of samples that are not finite, or too large for float64, are NaN.
     """
-    from replant.kernels.step import regressors as kernel
+    from replant.kernels.step.shared import regressors as kernel
 
     state = State.for_regressors(structure, dt, state_filter, preprocess)
     phi, target = np.empty((u.size, structure.size)), np.empty(u.size)

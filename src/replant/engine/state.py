@@ -16,12 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.filters import RefinedFilter, StateVariableFilter
-from replant.kernels import layout as at
-from replant.preprocess import Preprocess
+from replant.arguments import FloatArray
+from replant.kernels import schema as at
+from replant.model.structure import Structure
+from replant.regressor.filters import RefinedFilter, StateVariableFilter
+from replant.regressor.preprocess import Preprocess
 from replant.settings import Settings
-from replant.structure import Structure
-from replant.validation import FloatArray
 
 IntArray = np.ndarray[tuple[int], np.dtype[np.int64]]
 
@@ -37,7 +37,7 @@ SHORTEST_STEP = 128
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The kernels' arrays; see `replant.kernels.layout` and `replant.kernels.bank` for what lies where.
+    """The kernels' arrays; see `replant.kernels.schema` and `replant.kernels.filters.bank` for what lies where.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class State:
         Replay: a learned sample a row.
     recent : (R, 3) or (R, 5) array
         Raw samples kept: input, output, interval; guarded, then also the output that the filters saw, and why (see
-        `replant.kernels.guard`).
+        `replant.kernels.monitoring.outliers`).
     """
 
     ints: IntArray
@@ -81,8 +81,8 @@ class State:
         guarded: bool = False,
     ) -> State:
         """Lay out the arrays; ``state_filter`` None stands for the refined filter, which has nuisances."""
-        from replant.kernels import bank as bk
-        from replant.kernels import path, residuals
+        from replant.kernels.filters import bank as bk
+        from replant.kernels.monitoring import estimate_path, residual_colour
 
         refined = state_filter is None
         n = structure.poles
@@ -95,8 +95,8 @@ class State:
             memory=memory.size,
             settings=numbers.size,
             batch=batch,
-            colour=residuals.size(entries),
-            path=path.size(entries),
+            colour=residual_colour.size(entries),
+            path=estimate_path.size(entries),
         )
         ints[at.PARAMETERS] = structure.size
         ints[at.INPUT_ENTRIES] = structure.zeros + 1
@@ -215,7 +215,7 @@ class State:
 
     def install(self, theta: FloatArray) -> None:
         """Make ``theta`` (T,), in physical units, the serving auxiliary model, its filters at rest."""
-        from replant.kernels.chain import install_model
+        from replant.kernels.filters.chain import install_model
 
         self.ints[at.ACTIVE], self.ints[at.WARMING] = 1, 0
         install_model(self.ints, self.reals, self.banks, 1, theta / self.unit)
@@ -234,7 +234,7 @@ class State:
 
     def fix_filter(self, structure: Structure, dt: float, state_filter: StateVariableFilter) -> None:
         """Give the fixed bank its denominator; the bilinear filter also its one discretisation."""
-        from replant.kernels import bank as bk
+        from replant.kernels.filters import bank as bk
 
         n, entries, ints = structure.poles, self.entries, self.ints
         fixed = self.banks[0]

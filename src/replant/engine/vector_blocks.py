@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from replant.kernels import layout as at
-from replant.state import IntArray, State
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.engine.state import IntArray, State
+from replant.kernels import schema as at
 
 TILE = 256  # samples that a block takes at once: they, and what comes of them, stay in the cache
 #: What the members of a block have in common: everything in `ints` but the random seed and what changes.
@@ -20,7 +20,7 @@ IN_STEP = (at.SEED, at.DRAWN, at.FILLED, at.HEAD)
 
 def is_under_way(state: State) -> bool:
     """Return whether the lean kernel's first sample is taken and its one discretisation made."""
-    from replant.kernels import bank as bk
+    from replant.kernels.filters import bank as bk
 
     kept = state.banks[0, bk.at_kept(int(state.ints[at.ORDER]), state.entries)]
     interval = state.reals[at.INTERVAL]
@@ -39,7 +39,7 @@ def order(state: State) -> tuple[int, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """The stacked arrays of up to `kernels.vector.LANES` members; see `replant.kernels.lanes`.
+    """The stacked arrays of up to `kernels.vector.LANES` members; see `replant.kernels.step.ensemble`.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Block:
     @classmethod
     def of_states(cls, numbers: Sequence[int], states: Sequence[State]) -> Block:
         """Stack the arrays of these members."""
-        from replant.kernels.vector import LANES
+        from replant.kernels.codegen.simd import LANES
 
         lanes = [*states, *[states[0]] * (LANES - len(states))]
         rows = [*numbers, *[numbers[0]] * (LANES - len(numbers))]
@@ -105,8 +105,8 @@ class Block:
     def take(
         self, room: Room, start: int, u: FloatArray, y: FloatArray, errors: FloatArray, parameters: FloatArray
     ) -> None:
-        """Take the samples from row ``start`` on; see `replant.kernels.lanes.steps`."""
-        from replant.kernels import lanes
+        """Take the samples from row ``start`` on; see `replant.kernels.step.ensemble.steps`."""
+        from replant.kernels.step import ensemble as lanes
 
         lanes.steps(
             self.ints, self.reals, self.banks, self.buffer, self.recent, self.apart, *self.work,
@@ -125,7 +125,7 @@ class Room:
 
     def of(self, samples: int, size: int) -> tuple[FloatArray, FloatArray]:
         """Return room for inputs, outputs and errors, and for the first ``size`` parameters, of a tile of samples."""
-        from replant.kernels.vector import LANES
+        from replant.kernels.codegen.simd import LANES
 
         rows = min(TILE, max(samples, 1))
         tile, estimates = self._arrays

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from replant.arguments import FloatArray, positive
 from replant.errors import InvalidArgumentError, MissingDependencyError
-from replant.labels import unit_of, without_unit
-from replant.validation import FloatArray, positive
+from replant.interop.units import unit_of, without_unit
 
 
 def trace_frame(names: Sequence[str], parameters: FloatArray, errors: FloatArray, dt: float | None) -> Any:

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from replant.arguments import FloatArray, array_of_reals, coefficients
 from replant.errors import ArgumentTypeError, InvalidArgumentError, MissingDependencyError
-from replant.validation import FloatArray, array_of_reals, coefficients
 
 Polynomials = tuple[FloatArray, FloatArray]
 

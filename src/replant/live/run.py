@@ -6,25 +6,25 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from replant.data.streams import Source, open_source
 from replant.errors import InvalidArgumentError
-from replant.identifier import Identifier
-from replant.live.background import Background
-from replant.live.history import History
-from replant.live.keeper import Keeper, resume
-from replant.live.look import look
-from replant.live.memory import hold_flat
-from replant.live.notices import Notices
-from replant.live.observer import Observer
-from replant.live.observing import Address, Orders
-from replant.live.progress import Progress
-from replant.live.recorder import Recorder
-from replant.live.session import Limits, Session
-from replant.live.sinks import Sink, open_sink
-from replant.live.status import print_summary
-from replant.live.warm import warm
+from replant.live.observer.client import Observer
+from replant.live.observer.history import History
+from replant.live.observer.make_view import look
+from replant.live.observer.process import Address, Orders
+from replant.live.observer.terminal import print_summary
+from replant.live.outputs.disk_writer import Background
+from replant.live.outputs.notices import Notices
+from replant.live.outputs.parquet_recorder import Recorder
+from replant.live.outputs.sinks import Sink, open_sink
+from replant.live.session.checkpointing import Keeper, resume
+from replant.live.session.malloc import hold_flat
+from replant.live.session.progress import Progress
+from replant.live.session.session import Limits, Session
+from replant.live.session.warm_up import warm
+from replant.model.transfer_function import TransferFunction
+from replant.online.identifier import Identifier
 from replant.settings import Request
-from replant.sources import Source, open_source
-from replant.transfer_function import TransferFunction
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant import realization
-from replant.filters import split_delay
-from replant.transfer_function import TransferFunction
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.model import state_space
+from replant.model.transfer_function import TransferFunction
+from replant.regressor.filters import split_delay
 
 NOTHING = 1e-200  # of a free response, below which it has died out; before its numbers become slow ones (denormal)
 
@@ -34,14 +34,14 @@ class Response:
 
     def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh") -> None:
         self._model, self._hold = model, input_hold
-        companion = realization.companion(model.den) if model.den.size > 1 else None
+        companion = state_space.companion(model.den) if model.den.size > 1 else None
         self._runs: list[_Run] = [_Run(model, dt, "zoh", companion)]
         if input_hold == "foh":
             self._runs.append(_Run(model, dt, "foh", companion))
         self._first: float | None = None
         self._row = np.zeros(0)
         if companion is not None:
-            self._transition, _, _ = realization.exact(companion.matrix, companion.column, dt, "zoh")
+            self._transition, _, _ = state_space.exact(companion.matrix, companion.column, dt, "zoh")
             self._row = model.output_row(companion)
 
     def output(self, u: FloatArray) -> FloatArray:
@@ -57,7 +57,7 @@ class Response:
         """Return the responses (K, n) to one unit of each state alone, over the next samples."""
         if self._row.size == 0 or samples == 0 or not np.abs(self._row).max() > NOTHING:
             return np.zeros((samples, self._row.size))
-        from replant.kernels.simulate import free_responses
+        from replant.kernels.filters.simulate import free_responses
 
         responses = np.asarray(free_responses(self._transition, self._row, samples + 1))
         self._row = responses[-1].copy()
@@ -68,7 +68,7 @@ class _Run:
     """One run from rest, for an input that is zero before it."""
 
     def __init__(
-        self, model: TransferFunction, dt: float, input_hold: str, companion: realization.Companion | None
+        self, model: TransferFunction, dt: float, input_hold: str, companion: state_space.Companion | None
     ) -> None:
         self._feedthrough, self._hold = model.feedthrough, input_hold
         lag, self._fraction = split_delay(model.delay, dt)
@@ -76,8 +76,8 @@ class _Run:
         self._begun, self._companion = False, companion
         if companion is not None:
             matrix, column = companion.matrix, companion.column
-            self._transition, _, _ = realization.exact(matrix, column, dt, input_hold)
-            self._taps = realization.input_taps(matrix, column, dt, input_hold, self._fraction)
+            self._transition, _, _ = state_space.exact(matrix, column, dt, input_hold)
+            self._taps = state_space.input_taps(matrix, column, dt, input_hold, self._fraction)
             self._row, self._state = model.output_row(companion), np.zeros(column.size)
 
     def output(self, u: FloatArray) -> FloatArray:
@@ -85,7 +85,7 @@ class _Run:
         self._past = known[u.size :].copy()
         inputs, output = known[: u.size + 2], np.zeros(u.size)
         if self._companion is not None:
-            from replant.kernels.simulate import go_on
+            from replant.kernels.filters.simulate import go_on
 
             go_on(self._transition, self._taps, self._row, inputs, self._state, -1 if self._begun else 0, output)
             self._begun = self._begun or u.size > 0

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from replant.arguments import FloatArray, not_negative, whole
 from replant.errors import ArgumentTypeError, InvalidArgumentError
-from replant.transfer_function import TransferFunction
-from replant.validation import FloatArray, not_negative, whole
+from replant.model.transfer_function import TransferFunction
 
 
 @dataclass(frozen=True)

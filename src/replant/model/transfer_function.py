@@ -10,10 +10,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from replant import interop, realization
+from replant.arguments import (
+    FloatArray,
+    array_of_reals,
+    coefficients,
+    not_negative,
+    one_of,
+    positive,
+    vector,
+    whole,
+)
 from replant.errors import InvalidArgumentError, MissingDependencyError
-from replant.filters import split_delay
-from replant.validation import FloatArray, array_of_reals, coefficients, not_negative, one_of, positive, vector, whole
+from replant.interop import systems
+from replant.model import state_space
+from replant.regressor.filters import split_delay
 
 
 @dataclass(frozen=True)
@@ -169,11 +179,11 @@ class TransferFunction:
         order = self.den.size - 1
         if order == 0:
             return self.feedthrough * _delayed(u, lag, fraction, input_hold)
-        from replant.kernels.simulate import filter_states
+        from replant.kernels.filters.simulate import filter_states
 
-        model = realization.companion(self.den)
-        transition, _, _ = realization.exact(model.matrix, model.column, dt, input_hold)
-        taps = realization.input_taps(model.matrix, model.column, dt, input_hold, fraction)
+        model = state_space.companion(self.den)
+        transition, _, _ = state_space.exact(model.matrix, model.column, dt, input_hold)
+        taps = state_space.input_taps(model.matrix, model.column, dt, input_hold, fraction)
         states = filter_states(transition, taps, lag, u)
         output = states @ self.output_row(model)
         if self.feedthrough:
@@ -185,10 +195,10 @@ class TransferFunction:
         dt, samples = positive("dt", dt), whole("samples", samples, 0)
         if samples == 0 or self.den.size == 1:
             return np.zeros((samples, self.den.size - 1))
-        from replant.kernels.simulate import free_responses
+        from replant.kernels.filters.simulate import free_responses
 
-        model = realization.companion(self.den)
-        transition, _, _ = realization.exact(model.matrix, model.column, dt, "zoh")
+        model = state_space.companion(self.den)
+        transition, _, _ = state_space.exact(model.matrix, model.column, dt, "zoh")
         return np.asarray(free_responses(transition, self.output_row(model), samples))
 
     @property
@@ -196,7 +206,7 @@ class TransferFunction:
         """What of the input is in the output at once."""
         return float(self.num[0]) if self.num.size == self.den.size else 0.0
 
-    def output_row(self, model: realization.Companion) -> FloatArray:
+    def output_row(self, model: state_space.Companion) -> FloatArray:
         """Return the row that makes the output from the companion states, the feedthrough taken out."""
         order = self.den.size - 1
         padded = np.zeros(order + 1)
@@ -230,7 +240,7 @@ class TransferFunction:
         >>> print(TransferFunction.from_control(control.tf([2.0], [1.0, 4.0, 3.0])))
         2 / (s^2 + 4 s + 3)
         """
-        return cls(*interop.of_control(system), delay)
+        return cls(*systems.of_control(system), delay)
 
     @classmethod
     def from_scipy(cls, system: Any, delay: float = 0.0) -> TransferFunction:
@@ -256,7 +266,7 @@ class TransferFunction:
         >>> print(TransferFunction.from_scipy(signal.ZerosPolesGain([], [-1.0, -3.0], 2.0)))
         2 / (s^2 + 4 s + 3)
         """
-        return cls(*interop.of_scipy(system), delay)
+        return cls(*systems.of_scipy(system), delay)
 
     def to_scipy(self) -> Any:
         """Return a `scipy.signal.TransferFunction`; it knows no dead time, so ``delay`` must be 0."""

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from replant.arguments import FloatArray
 from replant.errors import InvalidArgumentError
-from replant.structure import Structure
-from replant.transfer_function import Mode, TransferFunction
-from replant.validation import FloatArray
+from replant.model.structure import Structure
+from replant.model.transfer_function import Mode, TransferFunction
 
 
 @dataclass(frozen=True, eq=False)

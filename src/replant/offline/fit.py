@@ -8,21 +8,26 @@ from typing import Any
 
 import numpy as np
 
+from replant.arguments import (
+    FloatArray,
+    one_of,
+    record,
+    stamps_of,
+)
 from replant.assessment import Simulation, fit_percent, simulate
-from replant.defaults import choose_filter
+from replant.engine.regressors import regressors
 from replant.errors import InvalidArgumentError
-from replant.filters import RefinedFilter, StateVariableFilter
-from replant.least_squares import least_squares
-from replant.prediction import one_step
-from replant.preprocess import Preprocess, screen
-from replant.refined import Refined
-from replant.regression import regressors
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import Uncertainty
+from replant.offline.least_squares import least_squares
+from replant.offline.srivc import Refined
+from replant.online.defaults import choose_filter
+from replant.online.startup import first_model, ready_record
+from replant.regressor.filters import RefinedFilter, StateVariableFilter
+from replant.regressor.preprocess import Preprocess, screen
 from replant.settings import AUTO, Request
-from replant.startup import first_model, ready_record
-from replant.structure import Structure
-from replant.transfer_function import TransferFunction
-from replant.uncertainty import Uncertainty
-from replant.validation import FloatArray, one_of, record, stamps_of
+from replant.statistics.autoregression import one_step
 
 METHODS = (AUTO, "srivc", "least_squares")
 
@@ -108,8 +113,8 @@ def fit(
 ) -> FitResult:
     r"""Fit G(s) to a whole record.
 
-    "srivc", refined instrumental variables (see `replant.refined`), is right under output noise of any colour, has no
-    error of discretisation, and knows its covariance.  "least_squares" minimises the equation error
+    "srivc", refined instrumental variables (see `replant.offline.srivc`), is right under output noise of any colour,
+    has no error of discretisation, and knows its covariance.  "least_squares" minimises the equation error
     :math:`\sum_k (y(t_k) - \theta_\lambda^T \varphi_{uy}(t_k))^2`, the article's way to its Table 6; measurement noise
     biases it, because the regressor holds the noisy output.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
 
 RANK_TOLERANCE = 1e-10  # singular values of the scaled regressor below this, relative to the largest, count as zero
 

@@ -21,12 +21,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.factors import compose, factor_information, larger
-from replant.kernels import layout as at
-from replant.scatter import no_less_than_scattered, path_of_record, rows_of
-from replant.state import State
-from replant.structure import Structure
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.engine.state import State
+from replant.kernels import schema as at
+from replant.model.structure import Structure
+from replant.statistics.batch_means import no_less_than_scattered, path_of_record, rows_of
+from replant.statistics.udu import compose, factor_information, larger
 
 CUTOFFS = 8  # of state-variable filters tried for a start, evenly spaced in the logarithm
 SHORT, LONG = 4, 20  # iterations of each start, and of the most promising ones
@@ -117,9 +117,9 @@ class Refined:
     uncertainty : float
         Largest relative uncertainty of a coefficient, see `relative_uncertainty`.
     colour : array
-        For `replant.kernels.residuals`.
+        For `replant.kernels.monitoring.residual_colour`.
     path : array
-        For `replant.kernels.path`.
+        For `replant.kernels.monitoring.estimate_path`.
     """
 
     theta: FloatArray
@@ -162,7 +162,7 @@ class Problem:
 
     def run(self, denominator: FloatArray, weights: FloatArray) -> Pass:
         """Filter the record by 1/D and simulate weights / D, nuisances included."""
-        from replant.kernels.step import regressors
+        from replant.kernels.step.shared import regressors
 
         state, size, samples = self.state, self.state.entries, self.record.u.size
         state.install(np.concatenate([denominator, weights]))
@@ -350,26 +350,26 @@ def _colour(zeta: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray
     """Return the block of `kernels.residuals` at the record's end, sum zeta_f zeta_f', and the innovation's sum."""
     from scipy.signal import lfilter
 
-    from replant.kernels import residuals
+    from replant.kernels.monitoring import residual_colour
 
     samples, size = zeta.shape
-    colour = np.zeros(residuals.size(size))
-    lags = residuals.LAGS
+    colour = np.zeros(residual_colour.size(size))
+    lags = residual_colour.LAGS
     for lag in range(lags + 1):
-        colour[residuals.COVARIANCES + lag] = error[lag:] @ error[: samples - lag]
-    model = colour[residuals.MODEL : residuals.MODEL + lags + 1]
-    innovation = residuals.autoregression(
-        colour[residuals.COVARIANCES : residuals.COVARIANCES + lags + 1], model, np.empty(lags + 1)
+        colour[residual_colour.COVARIANCES + lag] = error[lag:] @ error[: samples - lag]
+    model = colour[residual_colour.MODEL : residual_colour.MODEL + lags + 1]
+    innovation = residual_colour.autoregression(
+        colour[residual_colour.COVARIANCES : residual_colour.COVARIANCES + lags + 1], model, np.empty(lags + 1)
     )
     filtered = lfilter([1.0], model, zeta, axis=0)
     squares = filtered.T @ filtered
-    colour[residuals.COUNT] = samples
-    colour[residuals.POWER] = float(error @ error)
-    colour[residuals.ERRORS : residuals.ERRORS + lags] = error[-lags:][::-1]
-    ring = colour[residuals.FILTERED : residuals.FILTERED + lags * size].reshape(lags, size)
+    colour[residual_colour.COUNT] = samples
+    colour[residual_colour.POWER] = float(error @ error)
+    colour[residual_colour.ERRORS : residual_colour.ERRORS + lags] = error[-lags:][::-1]
+    ring = colour[residual_colour.FILTERED : residual_colour.FILTERED + lags * size].reshape(lags, size)
     for age in range(min(lags, samples)):
         ring[-age % lags] = filtered[-1 - age]
-    colour[residuals.FILTERED + lags * size :] = squares.ravel()
+    colour[residual_colour.FILTERED + lags * size :] = squares.ravel()
     return colour, squares, float(innovation)
 
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from replant.arguments import FloatArray, record, whole
 from replant.assessment import simulate
 from replant.errors import InvalidArgumentError
-from replant.offline import FitResult, fit
-from replant.preprocess import Preprocess
-from replant.structure import Structure
-from replant.validation import FloatArray, record, whole
+from replant.model.structure import Structure
+from replant.offline.fit import FitResult, fit
+from replant.regressor.preprocess import Preprocess
 
 TRAINED = 0.7  # of the record; the rest is held out
 ENOUGH = 0.5  # points of held-out fit that more parameters must bring to be worth having

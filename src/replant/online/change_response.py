@@ -6,19 +6,19 @@ import math
 
 import numpy as np
 
-from replant.assessment.model_run import run_model
+from replant.arguments import FloatArray
 from replant.assessment.online import STANDS, cleaned, unrolled
-from replant.assessment.sums import without
-from replant.constant import only_constant_moved, with_new_constant
-from replant.covariance import covariance
-from replant.filters import RefinedFilter
-from replant.kernels import layout as at
-from replant.refined import Record, Refined, refine
-from replant.revision import revise
+from replant.engine.covariance import covariance
+from replant.engine.state import State
+from replant.kernels import schema as at
+from replant.offline.map_srivc import revise
+from replant.offline.srivc import Record, Refined, refine
+from replant.online.load_step import only_constant_moved, with_new_constant
+from replant.online.startup import carry_over, seed, warm_up
+from replant.regressor.filters import RefinedFilter
 from replant.settings import Settings
-from replant.startup import carry_over, seed, warm_up
-from replant.state import State
-from replant.validation import FloatArray
+from replant.simulation.model_run import run_model
+from replant.statistics.projections import without
 
 RECENT = 10_000  # raw samples kept: for solving the start-up again as it grows, and for assessment
 REGULAR = np.zeros(0)  # the time stamps of a regular clock
@@ -80,10 +80,10 @@ def first_look(state: State, settings: Settings) -> int:
 
     Nothing is learned so long, if the estimate is old enough to be missed.
     """
-    from replant.kernels import guard
+    from replant.kernels.monitoring import outliers
 
     _note_estimate(state, settings)
-    state.ints[at.ALARM] = guard.RESTS if _is_mature(state, settings) else guard.LOOKED_INTO
+    state.ints[at.ALARM] = outliers.RESTS if _is_mature(state, settings) else outliers.LOOKED_INTO
     return max(_began(state) + _least(settings), int(state.ints[at.SAMPLES]) + 1)
 
 
@@ -105,7 +105,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
 
     Returns the state to go on with, and at how many accepted samples to look again; 0: no more.
     """
-    from replant.kernels import guard
+    from replant.kernels.monitoring import outliers
 
     if old.ints[at.ALARM] == 0:  # it went as it came
         return old, 0
@@ -126,7 +126,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     if share < BETTER:
         # if what came since does not suffice, perhaps all does: the estimate and not the plant may have gone astray; a
         # model of all of it then leaves no more than usual
-        usual = guard.GROWN * max(old.reals[at.USUAL], guard.LEAST * old.reals[at.PEAK])
+        usual = outliers.GROWN * max(old.reals[at.USUAL], outliers.LEAST * old.reals[at.PEAK])
         whole = max(int(old.ints[at.ORIGIN]), int(old.ints[at.GAP_AT]))
         for begin, most in ((samples - length, math.inf), (whole, usual * settings.scaling.output**2)):
             new = _revised_since(old, settings, begin) if begin > whole else None
@@ -135,7 +135,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
                 return _on_its_own(new), 0
     rests = mature and not explained and _explained_before(old)
     rests = rests and length < min(_began(old) - int(old.ints[at.ORIGIN]), RECENT // 2)
-    old.ints[at.ALARM] = guard.FLOATS if rests else guard.LOOKED_INTO
+    old.ints[at.ALARM] = outliers.FLOATS if rests else outliers.LOOKED_INTO
     if rests:
         return old, later
     settled = min(_settling(old, settings), RECENT / 2)
@@ -232,13 +232,13 @@ def _begun_from(old: State, settings: Settings, kept: FloatArray, stayed: float 
 
     The record that the estimate is made from goes on: it is not solved again without what was known before.
     """
-    from replant.kernels import guard
+    from replant.kernels.monitoring import outliers
 
     record = _record(kept, settings)
-    usual = max(old.reals[at.USUAL], guard.LEAST * old.reals[at.PEAK]) * settings.scaling.output**2
+    usual = max(old.reals[at.USUAL], outliers.LEAST * old.reals[at.PEAK]) * settings.scaling.output**2
     before, std = old.prior
     found = revise(settings.structure, record, before, std, usual, float(old.reals[at.MARGIN]))
-    if found is None or found[0].variance > guard.GROWN * usual or found[1] > stayed:
+    if found is None or found[0].variance > outliers.GROWN * usual or found[1] > stayed:
         return None
     new = _begun_with(old, settings, found[0], record, int(old.ints[at.ORIGIN]))
     new.ints[at.GAP_AT] = new.ints[at.REVISED] = int(old.ints[at.SAMPLES]) - len(kept)
@@ -329,12 +329,12 @@ def _share_left(state: State, settings: Settings, record: Record) -> tuple[float
 
 def _believe_residual(state: State) -> None:
     """Take the residual's present power for usual: no model explains it better; and be slower to suspect it."""
-    from replant.kernels import guard
+    from replant.kernels.monitoring import outliers
 
     state.ints[at.ALARM] = 0
     state.reals[at.USUAL] = max(state.reals[at.USUAL], state.reals[at.SPREAD])
     state.reals[at.CUSUM] = 0.0
-    state.reals[at.LIMIT] = min(2.0 * state.reals[at.LIMIT], guard.LARGEST_LIMIT)
+    state.reals[at.LIMIT] = min(2.0 * state.reals[at.LIMIT], outliers.LARGEST_LIMIT)
 
 
 def _record(kept: FloatArray, settings: Settings) -> Record:

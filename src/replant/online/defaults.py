@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.assessment import simulate
-from replant.filters import RefinedFilter, StateVariableFilter
-from replant.least_squares import least_squares
+from replant.engine.regressors import regressors
+from replant.model.structure import Structure
+from replant.offline.least_squares import least_squares
 from replant.optimizers import OPTIMIZERS, Optimizer
 from replant.optimizers.optimizer import rounded
-from replant.preprocess import Preprocess, screen
-from replant.regression import regressors
-from replant.replay import Replay
-from replant.scaling import Scaling
-from replant.settings import AUTO, DEFAULT_OPTIMIZER, Request, Settings
-from replant.structure import Structure
-from replant.validation import FloatArray
+from replant.optimizers.replay import Replay
+from replant.regressor.filters import RefinedFilter, StateVariableFilter
+from replant.regressor.preprocess import Preprocess, screen
+from replant.regressor.scaling import Scaling
+from replant.settings import (
+    AUTO,
+    DEFAULT_OPTIMIZER,
+    Request,
+    Settings,
+)
 
 CANDIDATES = 16  # cutoffs tried, evenly spaced in the logarithm
 MOST_SAMPLES = 20_000  # looked at for the choice

@@ -12,12 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from replant.blocks import Block, Room, is_under_way, kind, order
+from replant.arguments import FloatArray, array_of_reals, whole
+from replant.engine.vector_blocks import (
+    Block,
+    Room,
+    is_under_way,
+    kind,
+    order,
+)
 from replant.errors import ArgumentTypeError, InvalidArgumentError
-from replant.identifier import Identifier
-from replant.trace import Trace
-from replant.transfer_function import TransferFunction
-from replant.validation import FloatArray, array_of_reals, whole
+from replant.model.transfer_function import TransferFunction
+from replant.online.identifier import Identifier
+from replant.online.trace import Trace
 
 LEAST = 3  # members that a block pays for: it takes about the time of three
 PORTION = 8192  # samples after which a thread may go on with other members: none then waits long for the last one
@@ -231,7 +237,7 @@ class Ensemble:
 
     def _form_blocks(self, reached: dict[int, int]) -> list[tuple[Block, int]]:
         """Put the members that may form blocks, of those with the samples that they have ``reached``, into some."""
-        from replant.kernels.vector import LANES
+        from replant.kernels.codegen.simd import LANES
 
         ready = [n for n in reached if may_join(self._members[n]) and is_ready(self._members[n])]
         states = {n: self._members[n]._state for n in ready}
@@ -255,9 +261,9 @@ def may_join(member: Identifier) -> bool:
     """Return whether a member belongs into a block, now or, as far as is known, once it has begun."""
     if member.settings is None:
         return not member._request.wants_instruments
-    from replant.kernels import plain
+    from replant.kernels.step import fixed_filter
 
-    return member._steps is plain.steps and not member._mapped
+    return member._steps is fixed_filter.steps and not member._mapped
 
 
 def is_ready(member: Identifier) -> bool:

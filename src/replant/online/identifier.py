@@ -8,22 +8,44 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from replant.defaults import settle
+from replant.arguments import (
+    FloatArray,
+    number,
+    record,
+    stamps_of,
+)
+from replant.engine.state import State
 from replant.errors import InvalidArgumentError
-from replant.estimate import REASONS, Estimate
-from replant.filters import RefinedFilter, StateVariableFilter
-from replant.kernels import layout as at
+from replant.kernels import schema as at
+from replant.model.structure import Structure
+from replant.online.change_response import (
+    RECENT,
+    REGULAR,
+    first_look,
+    look,
+    next_solution,
+    solved_again,
+)
+from replant.online.defaults import settle
+from replant.online.readout import REASONS, Estimate
+from replant.online.startup import (
+    LARGEST,
+    Step,
+    hold_back,
+    kernels_for,
+    modelled,
+    seed,
+    single,
+    warm_up,
+    without_spikes,
+)
+from replant.online.trace import Trace
 from replant.optimizers import Optimizer
-from replant.preprocess import Preprocess
-from replant.renewal import RECENT, REGULAR, first_look, look, next_solution, solved_again
-from replant.replay import Replay
-from replant.scaling import Scaling
+from replant.optimizers.replay import Replay
+from replant.regressor.filters import RefinedFilter, StateVariableFilter
+from replant.regressor.preprocess import Preprocess
+from replant.regressor.scaling import Scaling
 from replant.settings import AUTO, Request, Settings
-from replant.startup import LARGEST, Step, hold_back, kernels_for, modelled, seed, single, warm_up, without_spikes
-from replant.state import State
-from replant.structure import Structure
-from replant.trace import Trace
-from replant.validation import FloatArray, number, record, stamps_of
 
 NAN = math.nan  # looked up at every sample
 DERIVED = {"_kernel", "_mapped", "_step", "_steps"}  # attributes that follow from the others

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.assessment.model_run import run_model
-from replant.assessment.sums import without
-from replant.kernels import layout as at
-from replant.refined import Record
+from replant.engine.state import State
+from replant.kernels import schema as at
+from replant.offline.srivc import Record
 from replant.settings import Settings
-from replant.state import State
+from replant.simulation.model_run import run_model
+from replant.statistics.projections import without
 
 # Where the input hardly moves, another gain looks like another constant: a gain this part larger would have to show.
 TELLING = 0.2
@@ -24,14 +24,14 @@ def only_constant_moved(state: State, settings: Settings, record: Record) -> boo
     """
     if not state.ints[at.COLOURED]:  # what tracks lets the constant walk by itself
         return False
-    from replant.kernels import guard
+    from replant.kernels.monitoring import outliers
 
     size, constant = settings.structure.size, state.entries - settings.structure.poles - 1
     physical = state.theta * state.unit
     run = run_model(settings.structure, physical[:size], record, settings.dt)
     if run is None:
         return False
-    usual = max(state.reals[at.USUAL], guard.LEAST * state.reals[at.PEAK]) * settings.scaling.output**2
+    usual = max(state.reals[at.USUAL], outliers.LEAST * state.reals[at.PEAK]) * settings.scaling.output**2
     # before a dead time has passed the input lies before the record
     intervals = np.broadcast_to(record.intervals, record.u.size)
     known = np.cumsum(intervals) > settings.structure.delay + intervals
@@ -39,12 +39,12 @@ def only_constant_moved(state: State, settings: Settings, record: Record) -> boo
         return False
     unforced, nuisances = (record.y - run.forced)[known], run.nuisances[known]
     by_input = without(run.forced[known][:, None], nuisances)
-    if not TELLING**2 * np.mean(by_input**2) > guard.GROWN * usual:
+    if not TELLING**2 * np.mean(by_input**2) > outliers.GROWN * usual:
         return False
     as_before = unforced - physical[constant] * nuisances[:, 0]
     left = np.mean(without(unforced[:, None], nuisances) ** 2)
     left_as_before = np.mean(without(as_before[:, None], nuisances[:, 1:]) ** 2)
-    return bool(left < guard.GROWN * usual <= left_as_before)
+    return bool(left < outliers.GROWN * usual <= left_as_before)
 
 
 def with_new_constant(old: State, record: Record) -> State:
@@ -52,8 +52,8 @@ def with_new_constant(old: State, record: Record) -> State:
 
     The other parameters keep estimate and covariance, as after a gap.
     """
-    from replant.kernels.interruptions import forget_constant, interrupt
-    from replant.startup import kernels_for
+    from replant.kernels.monitoring.interruptions import forget_constant, interrupt
+    from replant.online.startup import kernels_for
 
     new = State(old.ints.copy(), old.reals.copy(), old.banks.copy(), old.buffer.copy(), old.recent.copy())
     ints, reals, count = new.ints, new.reals, record.u.size

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.assessment import Assessment, assess_running, assess_starting
 from replant.assessment.online import unrolled
-from replant.covariance import covariance
-from replant.kernels import layout as at
+from replant.engine.covariance import covariance
+from replant.engine.state import State
+from replant.kernels import schema as at
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import Uncertainty
 from replant.settings import Request, Settings
-from replant.state import State
-from replant.structure import Structure
-from replant.transfer_function import TransferFunction
-from replant.uncertainty import Uncertainty
-from replant.validation import FloatArray
 
 #: Why a sample is not learned, and where it is counted.  Outliers, and what comes from a stuck sensor, are bridged.
 REASONS = {

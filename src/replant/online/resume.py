@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import warnings
 
-from replant.checkpoint import store
 from replant.checkpoint.files import AnyPath
-from replant.identifier import Identifier
+from replant.online import saving
+from replant.online.identifier import Identifier
 
 
 def load(path: AnyPath) -> Identifier:
@@ -43,7 +43,7 @@ def load(path: AnyPath) -> Identifier:
     >>> again.samples, again.to_bytes() == ident.to_bytes()
     (1, True)
     """
-    loaded = store.load(path)
+    loaded = saving.load(path)
     if loaded.used_previous:
         warnings.warn(f"{loaded.used_previous}; the previous checkpoint is used instead", stacklevel=2)
     return loaded.identifier

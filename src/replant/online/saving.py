@@ -5,9 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from replant.checkpoint.encoding import Progress, decode, encode
-from replant.checkpoint.files import AnyPath, previous, read, write
+from replant.checkpoint.files import (
+    AnyPath,
+    previous,
+    read,
+    write,
+)
 from replant.errors import CheckpointError, DamagedCheckpointError, MissingCheckpointError
-from replant.identifier import Identifier
+from replant.online.identifier import Identifier
 
 
 @dataclass(frozen=True, eq=False)

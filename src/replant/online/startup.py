@@ -9,15 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from replant.defaults import centre
-from replant.factors import compose, factor_covariance
-from replant.kernels import layout as at
-from replant.preprocess import Preprocess, screen
-from replant.refined import FASTEST, SLOWEST, Record, Refined, refine
+from replant.arguments import FloatArray
+from replant.engine.state import State
+from replant.kernels import schema as at
+from replant.model.structure import Structure
+from replant.offline.srivc import (
+    FASTEST,
+    SLOWEST,
+    Record,
+    Refined,
+    refine,
+)
+from replant.online.defaults import centre
+from replant.regressor.preprocess import Preprocess, screen
 from replant.settings import Settings
-from replant.state import State
-from replant.structure import Structure
-from replant.validation import FloatArray
+from replant.statistics.udu import compose, factor_covariance
 
 Step = Callable[[float, float, float], float]  # takes a sample (u, y, t) and returns its error
 
@@ -34,16 +40,17 @@ def kernels_for(state: State, *, regular: bool) -> tuple[Callable[..., Any], Cal
     Compiling takes long, so each does no more than it must.  All work on the same arrays: another can go on where one
     stopped, as when stamps begin to come.
     """
-    from replant.kernels import first_order, plain, step
+    from replant.kernels.optimizers import gradient
+    from replant.kernels.step import fixed_filter, shared
 
     ints = state.ints
-    if ints[at.ALGORITHM] not in first_order.CODES:
-        return step.step, step.steps
+    if ints[at.ALGORITHM] not in gradient.CODES:
+        return shared.step, shared.steps
     without_model = ints[at.INSTRUMENTS] == 0 and ints[at.GUARD] == 0
     strictly_proper = ints[at.INPUT_ENTRIES] <= ints[at.ORDER]
     if regular and without_model and strictly_proper and state.reals[at.DELAY] == 0.0:
-        return plain.step, plain.steps
-    return step.gradient_step, step.gradient_steps
+        return fixed_filter.step, fixed_filter.steps
+    return shared.gradient_step, shared.gradient_steps
 
 
 def hold_back(
@@ -71,13 +78,13 @@ def hold_back(
 def single(state: State, kernel: Callable[..., Any], preprocess: Preprocess) -> Step:
     """Return what takes one sample of this state as ``kernel`` does, without passing its arrays.
 
-    It takes three floats and nothing else: types are not looked at.  See `replant.kernels.direct`.  An input map that
-    is a function of the user's, which no kernel can call, is called before.
+    It takes three floats and nothing else: types are not looked at.  See `replant.kernels.step.by_address`.  An input
+    map that is a function of the user's, which no kernel can call, is called before.
     """
-    from replant.kernels import direct
+    from replant.kernels.step import by_address
 
-    table = direct.table_of(*state.arrays)
-    call = partial(direct.entry_of(direct.WITHOUT_ARRAYS[kernel]), int(table.ctypes.data))
+    table = by_address.table_of(*state.arrays)
+    call = partial(by_address.entry_of(by_address.WITHOUT_ARRAYS[kernel]), int(table.ctypes.data))
     call.keeps = table, state  # type: ignore[attr-defined]  # what is pointed to lives as long as who points there
     if callable(preprocess.input_map):
         return lambda u, y, t: call(float(preprocess.call_map(np.array([u]))[0]), y, t)
@@ -145,7 +152,7 @@ def _rates(state: State, settings: Settings) -> FloatArray:
 
     Only the bias differs: behind a fixed filter it is seen times 1/lambda_0.
     """
-    from replant.kernels.bank import DENOMINATOR
+    from replant.kernels.filters.bank import DENOMINATOR
 
     rates = np.ones(state.entries)
     if settings.structure.bias and not state.ints[at.REFINED]:
@@ -202,17 +209,17 @@ def _seed_guard(state: State, settings: Settings, refined: Refined, record: Reco
 
 def _seed_colour(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:
     """Write power and colour of the start-up's residual, in scaled signals."""
-    from replant.kernels import residuals
+    from replant.kernels.monitoring import residual_colour
 
-    size, lags = state.entries, residuals.LAGS
+    size, lags = state.entries, residual_colour.LAGS
     sigma, scale = state.block(at.AT_SIGMA, size) / rate, settings.scaling.output
     of_full = refined.theta.size
-    source, colour = refined.colour, state.block(at.AT_COLOUR, residuals.size(size))
-    head = residuals.FILTERED
+    source, colour = refined.colour, state.block(at.AT_COLOUR, residual_colour.size(size))
+    head = residual_colour.FILTERED
     colour[:head] = source[:head]
-    colour[residuals.POWER] /= scale**2
-    colour[residuals.COVARIANCES : residuals.ERRORS] /= scale**2
-    colour[residuals.ERRORS : residuals.POSITION] /= scale
+    colour[residual_colour.POWER] /= scale**2
+    colour[residual_colour.COVARIANCES : residual_colour.ERRORS] /= scale**2
+    colour[residual_colour.ERRORS : residual_colour.POSITION] /= scale
     ring = source[head : head + lags * of_full].reshape(lags, of_full)
     squares = source[head + lags * of_full :].reshape(of_full, of_full)
     colour[head : head + lags * size] = (ring[:, :size] / sigma).ravel()
@@ -221,14 +228,14 @@ def _seed_colour(state: State, settings: Settings, refined: Refined, rate: Float
 
 def _seed_path(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:
     """Write the path that led to the start-up's estimate, in scaled parameters."""
-    from replant.kernels import path
+    from replant.kernels.monitoring import estimate_path
 
     size = state.entries
     sigma = state.block(at.AT_SIGMA, size) / rate
-    kept = state.block(at.AT_PATH, path.size(size))
-    kept[: path.ROWS] = refined.path[: path.ROWS]
-    source = refined.path[path.ROWS :].reshape(path.ROOM, 2, -1)[:, :, :size]
-    target = kept[path.ROWS :].reshape(path.ROOM, 2, size)
+    kept = state.block(at.AT_PATH, estimate_path.size(size))
+    kept[: estimate_path.ROWS] = refined.path[: estimate_path.ROWS]
+    source = refined.path[estimate_path.ROWS :].reshape(estimate_path.ROOM, 2, -1)[:, :, :size]
+    target = kept[estimate_path.ROWS :].reshape(estimate_path.ROOM, 2, size)
     target[:, 0], target[:, 1] = source[:, 0] * sigma / settings.scaling.output, source[:, 1] * sigma**2
 
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from replant import frames
+from replant.arguments import FloatArray, array_of_reals
 from replant.errors import InvalidArgumentError
-from replant.validation import FloatArray, array_of_reals
+from replant.interop import frames
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,8 @@
 """The optimizers: how the estimate moves, (14).
 
-To add one: its kernel, code and line in `learn` of `replant.kernels.first_order` (or `step`, with a covariance), its
-class in a file of this folder, its name in `OPTIMIZERS` below.  The tests of every optimizer come from that list.
+To add one: its kernel, code and line in `learn` of `replant.kernels.optimizers.gradient` (or `step`, with a
+covariance), its class in a file of this folder, its name in `OPTIMIZERS` below.  The tests of every optimizer come from
+that list.
 """
 
 from replant.optimizers.adadelta import AdaDelta

@@ -7,8 +7,8 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.optimizers.rmsprop import RMSProp
-from replant.validation import FloatArray
 
 
 @dataclass(frozen=True)

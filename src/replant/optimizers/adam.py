@@ -7,8 +7,8 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from replant.arguments import FloatArray, between, positive
 from replant.optimizers.optimizer import Optimizer, rounded
-from replant.validation import FloatArray, between, positive
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.optimizers.adam import Adam
-from replant.validation import FloatArray
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from replant.arguments import FloatArray, coefficients, positive
 from replant.errors import InvalidArgumentError
 from replant.optimizers.optimizer import Optimizer, rounded
-from replant.validation import FloatArray, coefficients, positive
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
 
 
 def rounded(value: float) -> float:

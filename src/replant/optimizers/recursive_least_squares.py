@@ -8,9 +8,9 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from replant.arguments import FloatArray, between, positive
 from replant.errors import InvalidArgumentError
 from replant.optimizers.optimizer import Optimizer
-from replant.validation import FloatArray, between, positive
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from replant.arguments import whole
 from replant.errors import InvalidArgumentError
-from replant.validation import whole
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from replant.offline import FitResult
-from replant.paper import actuator as rig
-from replant.paper.figures import FIGURES, Transients, compute, draw
-from replant.paper.reproduction import TableResult, reproduce, runs
-from replant.paper.tables import TABLES
+from replant.offline.fit import FitResult
+from replant.paper.actuator import experiment as rig
+from replant.paper.tables.figures import (
+    FIGURES,
+    Transients,
+    compute,
+    draw,
+)
+from replant.paper.tables.published import TABLES
+from replant.paper.tables.reproduction import TableResult, reproduce, runs
 
 ACTUATOR = "actuator"
 ACTUATOR_FIGURES = ("fig6", "fig7", "fig8")
@@ -72,7 +77,7 @@ def drawings(outcome: Outcome, names: Sequence[str]) -> Iterator[tuple[str, Any]
 
     Figures 7 and 8 come twice: with the article's filters, and with exact ones.
     """
-    from replant.paper.actuator_figures import draw_record, draw_transients
+    from replant.paper.actuator.figures import draw_record, draw_transients
 
     for name in names:
         if name in FIGURES:
@@ -89,7 +94,7 @@ def save(outcome: Outcome, names: Sequence[str], folder: Path) -> Iterator[tuple
 
     A figure is to be used at once, while its fonts are set.
     """
-    from replant.report.style import font
+    from replant.report.palette import font
 
     with font():
         for name, canvas in drawings(outcome, names):

@@ -8,16 +8,23 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from replant.paper import actuator_rendering
-from replant.paper.actuator import DEFAULT, NOTES, Actuator
-from replant.paper.everything import ACTUATOR_FIGURES, Outcome
-from replant.paper.figures import FIGURES
-from replant.paper.rendering import SOURCE, notes, summary
-from replant.paper.reproduction import Cell, TableResult
+from replant.paper.actuator import rendering
+from replant.paper.actuator.experiment import DEFAULT, NOTES, Actuator
+from replant.paper.catalogue import ACTUATOR_FIGURES, Outcome
+from replant.paper.tables.figures import FIGURES
+from replant.paper.tables.rendering import SOURCE, notes, summary
+from replant.paper.tables.reproduction import Cell, TableResult
+from replant.report.html.page import (
+    Html,
+    code,
+    facts,
+    icon,
+    section,
+    write_page,
+)
+from replant.report.html.svg import svg
+from replant.report.html.tables import table, versions
 from replant.report.numbers import number, uncertain
-from replant.report.page import Html, code, facts, icon, section, write_page
-from replant.report.pictures import svg
-from replant.report.tables import table, versions
 
 TITLE = "The buffered optimization methods, reproduced"
 LEDE = (
@@ -125,18 +132,18 @@ def _actuator(actuator: Actuator | None, pictures: Mapping[str, str]) -> tuple[s
     title = "The actuator"
     if actuator is None:
         return title, "".join(figures.values())
-    headings, rows = actuator_rendering.summary_table(actuator)
+    headings, rows = rendering.summary_table(actuator)
     names = [_index(name) if name.startswith("J_") else Html(typeset(name)) for name in headings]
-    first = table(names, map(_emphasised, rows), actuator_rendering.TITLE, "table wide")
-    claims = "".join(f"<p>{typeset(line)}</p>" for line in actuator_rendering.summary(actuator))
+    first = table(names, map(_emphasised, rows), rendering.TITLE, "table wide")
+    claims = "".join(f"<p>{typeset(line)}</p>" for line in rendering.summary(actuator))
     more = "".join(
         f"<details><summary>{html.escape(name)}</summary>{table(heads, map(_figures, lines), name, 'table wide')}"
         "</details>"
-        for name, heads, lines in actuator_rendering.measure_tables(actuator)
+        for name, heads, lines in rendering.measure_tables(actuator)
     )
-    body = [figures.pop("fig6"), f"<h3>{html.escape(actuator_rendering.TITLE)}</h3>",
+    body = [figures.pop("fig6"), f"<h3>{html.escape(rendering.TITLE)}</h3>",
             f'<div class="said">{claims}</div>', first,
-            _notes([*actuator_rendering.LEGEND, *NOTES]), more]  # fmt: skip
+            _notes([*rendering.LEGEND, *NOTES]), more]  # fmt: skip
     return title, "".join([*body, *figures.values()])
 
 

@@ -8,14 +8,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant import realization
+from replant.arguments import (
+    FloatArray,
+    between,
+    coefficients,
+    not_negative,
+    one_of,
+    positive,
+    whole,
+)
 from replant.errors import InvalidArgumentError
-from replant.validation import FloatArray, between, coefficients, not_negative, one_of, positive, whole
+from replant.model import state_space
 
 
 @dataclass(frozen=True, eq=False)
 class DiscreteFilter:
-    """The filters (7) for one sampling time, in scaled states (see `replant.realization`).
+    """The filters (7) for one sampling time, in scaled states (see `replant.model.state_space`).
 
     Attributes
     ----------
@@ -25,7 +33,7 @@ class DiscreteFilter:
     input_taps : (3, n) array
         Vectors for u[k-lag-2], u[k-lag-1] and u[k-lag].
     characteristic, scale : (n,) arrays
-        As in `replant.realization.Companion`.
+        As in `replant.model.state_space.Companion`.
     lag : int
         Whole samples of dead time.
     """
@@ -108,14 +116,14 @@ class StateVariableFilter:
     def discretize(self, poles: int, dt: float, delay: float = 0.0) -> DiscreteFilter:
         """Return the difference equations for ``poles`` poles, sampling time ``dt`` and dead time ``delay``, in s."""
         poles, dt, delay = whole("poles", poles, 1), positive("dt", dt), not_negative("delay", delay)
-        model = realization.companion(self.polynomial(poles))
+        model = state_space.companion(self.polynomial(poles))
         lag, fraction = split_delay(delay, dt)
         if self.method == "exact":
-            transition, before, after = realization.exact(model.matrix, model.column, dt, "foh")
+            transition, before, after = state_space.exact(model.matrix, model.column, dt, "foh")
             output_taps = np.stack([before, after])
-            input_taps = realization.input_taps(model.matrix, model.column, dt, self.input_hold, fraction)
+            input_taps = state_space.input_taps(model.matrix, model.column, dt, self.input_hold, fraction)
         else:
-            transition, column = realization.bilinear(model.matrix, model.column, dt, self.alpha)
+            transition, column = state_space.bilinear(model.matrix, model.column, dt, self.alpha)
             self._check_poles(dt)
             output_taps = np.stack([column, np.zeros(poles)])
             input_taps = np.stack([fraction * column, (1 - fraction) * column, np.zeros(poles)])

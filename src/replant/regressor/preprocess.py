@@ -7,9 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from replant.arguments import (
+    FloatArray,
+    array_of_reals,
+    finite,
+    one_of,
+)
 from replant.errors import InvalidArgumentError
-from replant.kernels.layout import LARGEST
-from replant.validation import FloatArray, array_of_reals, finite, one_of
+from replant.kernels.schema import LARGEST
 
 InputMap = str | Callable[[FloatArray], FloatArray]
 WorkingPoint = float | str

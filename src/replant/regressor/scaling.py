@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from replant.arguments import FloatArray, coefficients, positive
 from replant.errors import InvalidArgumentError
-from replant.structure import Structure
-from replant.validation import FloatArray, coefficients, positive
+from replant.model.structure import Structure
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Scaling:
     def from_record(cls, y: FloatArray, regressor: FloatArray) -> Scaling:
         """Return root mean squares of the output (K,) and of unscaled regressors (K, P); 1 where a signal is zero.
 
-        Rows that are not finite, as `replant.regression.regressors` marks rejected samples, are left out.
+        Rows that are not finite, as `replant.engine.regressors.regressors` marks rejected samples, are left out.
         """
         kept = np.isfinite(regressor).all(axis=1) & np.isfinite(y)
         return cls(_rms(y[kept]), tuple(_rms(entry) for entry in regressor[kept].T))

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.filters import StateVariableFilter
-from replant.preprocess import Preprocess, screen
-from replant.regression import regressors
-from replant.runs import Result
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.engine.regressors import regressors
+from replant.regressor.filters import StateVariableFilter
+from replant.regressor.preprocess import Preprocess, screen
+from replant.runs.run import Result
 
 IntArray = np.ndarray[tuple[int], np.dtype[np.int64]]
 

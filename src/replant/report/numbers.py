@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from replant.transfer_function import TransferFunction
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.model.transfer_function import TransferFunction
 
 MINUS, TIMES, PLUS_MINUS = "−", "×", "±"
 PLAIN = 1e6  # from here on a power of ten is split off

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
 
 
 class Source(Protocol):

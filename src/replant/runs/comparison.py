@@ -8,12 +8,12 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from replant.arguments import FloatArray, one_of
 from replant.errors import ReplantError
-from replant.offline import FitResult, fit
+from replant.offline.fit import FitResult, fit
 from replant.optimizers import OPTIMIZERS
-from replant.runs import Result, result_of_fit, run_online
+from replant.runs.run import Result, result_of_fit, run_online
 from replant.settings import AUTO, Request
-from replant.validation import FloatArray, one_of
 
 DEFAULT = "default"
 OFFLINE = ("srivc", "least_squares")

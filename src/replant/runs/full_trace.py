@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import LogError, MissingDependencyError
-from replant.trace import Trace
+from replant.online.trace import Trace
 
 GROUP_ROWS = 1 << 17  # of a row group: what is held before it is written
 SUFFIXES = (".parquet", ".pq")

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from replant.thinning import Thinned, Thinner
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.runs.thinning import Thinned, Thinner
 
 POINTS = 36_000  # of each signal at most: a screen is 2,000 columns wide, so nine-fold zoom loses nothing
 

@@ -9,22 +9,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.assessment import Simulation, Verdict, assess_record
-from replant.batches import Arrays, Source, batched
-from replant.defaults import settle
-from replant.filters import StateVariableFilter
-from replant.identifier import Identifier
-from replant.offline import FitResult
-from replant.overview import Overview, Recorder
-from replant.preprocess import screen
-from replant.score import FITTED, Score
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import Uncertainty
+from replant.offline.fit import FitResult
+from replant.online.defaults import settle
+from replant.online.identifier import Identifier
+from replant.online.startup import LARGEST, ready_record
+from replant.online.trace import Trace
+from replant.regressor.filters import StateVariableFilter
+from replant.regressor.preprocess import screen
+from replant.runs.batches import Arrays, Source, batched
+from replant.runs.overview import Overview, Recorder
 from replant.settings import Request, Settings
-from replant.startup import LARGEST, ready_record
-from replant.structure import Structure
-from replant.trace import Trace
-from replant.transfer_function import TransferFunction
-from replant.uncertainty import Uncertainty
-from replant.validation import FloatArray
+from replant.simulation.score import FITTED, Score
 
 CHUNK = 1 << 14  # samples between two reports of progress
 PIECE = 1 << 15  # samples of the second pass that are looked at together

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.kernels import layout as at
-from replant.state import State
-from replant.structure import Structure
-from replant.transfer_function import TransferFunction
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.engine.state import State
+from replant.kernels import schema as at
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
 
 
 def free_run(
@@ -32,7 +32,7 @@ def free_run(
     >>> output.round(4), free.round(4).ravel()
     (array([0.    , 0.6321, 0.9502]), array([1.    , 0.3679, 0.0498]))
     """
-    from replant.kernels.step import regressors
+    from replant.kernels.step.shared import regressors
 
     n, zeros = model.den.size - 1, model.num.size - 1
     structure = Structure(n, zeros, model.delay, feedthrough=zeros == n)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.assessment.sums import without
-from replant.kernels import layout as at
-from replant.refined import Record
-from replant.state import State
-from replant.structure import Structure
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.engine.state import State
+from replant.kernels import schema as at
+from replant.model.structure import Structure
+from replant.offline.srivc import Record
+from replant.statistics.projections import without
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ def run_model(structure: Structure, parameters: FloatArray, record: Record, dt: 
     dt : float
         Nominal sampling time in s.
     """
-    from replant.kernels.step import regressors
+    from replant.kernels.step.shared import regressors
 
     n, inputs, samples = structure.poles, structure.zeros + 1, record.u.size
     states = n + structure.is_biproper

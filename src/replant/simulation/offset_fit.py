@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from replant.arguments import FloatArray, vector
 from replant.errors import InvalidArgumentError
-from replant.free_run import free_run
-from replant.transfer_function import TransferFunction
-from replant.validation import FloatArray, vector
+from replant.model.transfer_function import TransferFunction
+from replant.simulation.free_run import free_run
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ import math
 
 import numpy as np
 
-from replant.assessment.simulation import bridged, initial_weights, with_initial
-from replant.response import Response
-from replant.transfer_function import TransferFunction
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.model.response import Response
+from replant.model.transfer_function import TransferFunction
+from replant.simulation.offset_fit import bridged, initial_weights, with_initial
 
 FITTED = 1 << 18  # samples over which the initial state is fitted
 
@@ -133,7 +133,7 @@ class _ErrorSums:
     """Sums of products of the residual and its past, with the residual's mean still open."""
 
     def __init__(self) -> None:
-        from replant.kernels.residuals import LAGS
+        from replant.kernels.monitoring.residual_colour import LAGS
 
         self._lags = LAGS
         self._past, self._known_past = np.zeros(LAGS), np.zeros(LAGS, bool)
@@ -194,12 +194,12 @@ class _ErrorSums:
 
     def innovation(self, mean: float) -> float:
         """Return the sum of w^2, w being the residual itself where its past is not known."""
-        from replant.kernels import residuals
+        from replant.kernels.monitoring import residual_colour
 
         if self._samples <= self._lags:
             return self.power(mean)
         model = np.empty(self._lags + 1)
-        residuals.autoregression(self._covariances(mean), model, np.empty(self._lags + 1))
+        residual_colour.autoregression(self._covariances(mean), model, np.empty(self._lags + 1))
         weights = np.append(model, -mean * model.sum())
         alone = np.array([1.0, -mean])
         return float(weights @ self._usable @ weights + alone @ self._rest @ alone) + self._of_head(model, mean)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
 
 
 def one_step(residual: FloatArray) -> FloatArray:
@@ -21,16 +21,16 @@ def one_step(residual: FloatArray) -> FloatArray:
     """
     from scipy.signal import lfilter
 
-    from replant.kernels import residuals
+    from replant.kernels.monitoring import residual_colour
 
-    lags = residuals.LAGS
+    lags = residual_colour.LAGS
     if residual.size <= lags:
         return residual
     known = np.isfinite(residual)
     filled = np.where(known, residual, 0.0)
     covariances = np.array([filled[lag:] @ filled[: filled.size - lag] for lag in range(lags + 1)])
     model = np.empty(lags + 1)
-    residuals.autoregression(covariances, model, np.empty(lags + 1))
+    residual_colour.autoregression(covariances, model, np.empty(lags + 1))
     error = lfilter(model, [1.0], filled)
     usable = np.convolve(~known, np.ones(lags + 1))[: known.size] == 0
     return np.where(usable, error, residual)

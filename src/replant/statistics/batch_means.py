@@ -20,8 +20,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.factors import compose, factor_information
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.statistics.udu import compose, factor_information
 
 LEAST_ROWS = 16  # blocks that tell a variance
 LEAST_BLOCKS = 6.0  # as many of equal weight, 1 / sum w^2; of longer blocks half as many
@@ -100,7 +100,7 @@ def stretch(covariance: FloatArray, variances: FloatArray) -> FloatArray:
 def path_of_record(
     zeta: FloatArray, error: FloatArray, theta: FloatArray, known: FloatArray, pull: FloatArray
 ) -> FloatArray:
-    """Return the path, as `replant.kernels.path` keeps it, that a recursion would have taken to ``theta``.
+    """Return the path that a recursion would have taken to ``theta``, as `kernels.monitoring.estimate_path` keeps it.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def path_of_record(
     pull : (T,) array
         ... and that times how far from ``theta`` the estimate was.
     """
-    from replant.kernels import path as kept
+    from replant.kernels.monitoring import estimate_path as kept
 
     samples, size = zeta.shape
     step = -(-samples // kept.ROOM)
@@ -132,7 +132,7 @@ def path_of_record(
 
 def rows_of(path: FloatArray, theta: FloatArray, known: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return estimates and diagonals of P (B, T) along a path as it is kept, the present ones last."""
-    from replant.kernels import path as kept
+    from replant.kernels.monitoring import estimate_path as kept
 
     rows = path[kept.ROWS :].reshape(kept.ROOM, 2, theta.size)[: int(path[kept.KEPT])]
     return np.vstack([rows[:, 0], theta]), np.vstack([rows[:, 1], known])

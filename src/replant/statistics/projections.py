@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
 
 SMALL = 1 << 17  # multiplications that stay in one thread
 WEAKEST = 1e-13  # eigenvalue of scaled sums, relative, below which a direction counts as not there

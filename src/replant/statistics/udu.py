@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
 
 LEAST_PIVOT = 1e-13  # of the equilibrated information: what the data do not tell gets a large variance, not an infinite
 

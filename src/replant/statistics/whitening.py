@@ -11,19 +11,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
 
 WHITENESS_LAGS = 25
 
 
 def autoregression(error: FloatArray) -> FloatArray:
     """Return D(q), 1 first, of the autoregression D(q) e = w that makes the error white."""
-    from replant.kernels import residuals
+    from replant.kernels.monitoring import residual_colour
 
-    lags = residuals.LAGS
+    lags = residual_colour.LAGS
     covariances = np.array([error[lag:] @ error[: error.size - lag] for lag in range(lags + 1)])
     model = np.empty(lags + 1)
-    residuals.autoregression(covariances, model, np.empty(lags + 1))
+    residual_colour.autoregression(covariances, model, np.empty(lags + 1))
     return model
 
 

@@ -13,9 +13,9 @@ import scipy.io
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from replant.data.logs import read_log
+from replant.data.logs.read import FORMATS
 from replant.errors import LogError
-from replant.logs import read_log
-from replant.logs.read import FORMATS
 
 CELLS = st.sampled_from(["0", "1.5", "2,5", "-3e2", "", "nan", "x", '"', "#", "%", "'", "\ufeff", "\x1a", "°", "1.2.3"])
 MARKS = st.sampled_from([",", ";", "\t", " ", "|", "\n", "\r\n", "\r", "\x0b", "\u2028"])

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from replant.data.logs import csv as csv_module
+from replant.data.logs import read_columns, read_log
+from replant.data.logs.csv import parse_block
+from replant.data.logs.layout import Layout, sniff
 from replant.errors import LogError
-from replant.logs import csv as csv_module
-from replant.logs import read_columns, read_log
-from replant.logs.csv import parse_block
-from replant.logs.layout import Layout, sniff
 
 Write = Callable[..., Path]
 

@@ -11,7 +11,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replant.logs import read_columns
+from replant.data.logs import read_columns
 
 NAME = st.from_regex(r"[A-Za-z][A-Za-z0-9]{0,5}( \[[a-zA-Z/]{1,3}\])?", fullmatch=True).filter(
     lambda name: name.lower() not in {"na", "nan", "null", "inf", "infinity"}

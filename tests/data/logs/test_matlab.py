@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import scipy.io
 
+from replant.data.logs import read_columns, read_log
 from replant.errors import LogError
-from replant.logs import read_columns, read_log
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 K = 50

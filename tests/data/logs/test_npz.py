@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from replant.data.logs import read_columns, read_log
 from replant.errors import LogError
-from replant.logs import read_columns, read_log
 
 
 def test_vectors_and_columns_of_matrices(tmp_path: Path) -> None:

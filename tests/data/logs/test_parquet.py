@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from replant.data.logs import read_columns, read_log
 from replant.errors import LogError, MissingDependencyError
-from replant.logs import read_columns, read_log
 
 
 @pytest.fixture

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import replant.logs
+import replant.data.logs
+from replant.data.logs import read_columns, read_log
 from replant.errors import ArgumentTypeError, LogError
-from replant.logs import read_columns, read_log
 
 Write = Callable[..., Path]
 TEXT = "t,u,y\n0,1,2\n0.1,2,3\n0.2,3,5\n"
@@ -128,14 +128,14 @@ def test_a_log_is_frozen(write: Write) -> None:
 
 
 def test_public_names_are_sorted_and_there() -> None:
-    assert replant.logs.__all__ == sorted(replant.logs.__all__)
-    assert all(hasattr(replant.logs, name) for name in replant.logs.__all__)
+    assert replant.data.logs.__all__ == sorted(replant.data.logs.__all__)
+    assert all(hasattr(replant.data.logs, name) for name in replant.data.logs.__all__)
 
 
 def test_reading_text_imports_no_heavy_library(write: Write) -> None:
     code = f"""
 import sys
-from replant.logs import read_log
+from replant.data.logs import read_log
 read_log({str(write(TEXT))!r}, input="u", output="y")
 assert not {{"scipy", "pyarrow", "pandas", "numba", "matplotlib"}} & set(sys.modules), sys.modules.keys()
 """

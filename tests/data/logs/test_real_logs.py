@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from replant.data.logs import read_columns, read_log
 from replant.errors import LogError
-from replant.logs import read_columns, read_log
 
 LOGS = [
     ("un_dcmotor/DCmotor_prbs_open_exp.csv", {"input": "u", "output": "y"}, 4093, 0.02),

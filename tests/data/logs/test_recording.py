@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import scipy.io
 
+from replant.data.logs import csv as csv_logs
+from replant.data.logs import open_recording, parquet, read_log
+from replant.data.logs import time as clock
 from replant.errors import LogError
-from replant.logs import csv as csv_logs
-from replant.logs import open_recording, parquet, read_log
-from replant.logs import time as clock
 
 ROWS = 500
 Write = Callable[..., Path]

@@ -12,9 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from replant.data.logs import read_log
+from replant.data.logs.time import (
+    Clock,
+    Grid,
+    check_dt,
+    time_candidates,
+    unit_in_seconds,
+)
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
-from replant.logs import read_log
-from replant.logs.time import Clock, Grid, check_dt, time_candidates, unit_in_seconds
 
 Write = Callable[..., Path]
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from replant.sources import Source
-from sources.wires import Peer, Reading
+from replant.data.streams import Source
+from support.wires import Peer, Reading
 
 
 @pytest.fixture

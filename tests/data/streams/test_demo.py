@@ -10,11 +10,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from replant.data.streams import Batch, demo, open_source
+from replant.data.streams.demo import BLOCK, simulated
 from replant.errors import InvalidArgumentError
 from replant.rigs import deap_rig
-from replant.sources import Batch, demo, open_source
-from replant.sources.demo import BLOCK, simulated
-from sources.wires import Reading, wait_until
+from support.wires import Reading, wait_until
 
 FIELDS = ("u", "y", "t", "sequence")
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replant.sources.batch import Batch
-from replant.sources.inbox import LARGEST_BATCH, Inbox
+from replant.data.streams.batch import Batch
+from replant.data.streams.inbox import LARGEST_BATCH, Inbox
 
 
 def batch_of(first: int, count: int, arrived: float = 0.0) -> Batch:

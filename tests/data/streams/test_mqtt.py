@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from replant.sources import open_source
-from replant.sources.payload import MAGIC
-from sources.broker import MOSQUITTO, Broker
-from sources.wires import PATIENCE, Reading, csv, wait_until
+from replant.data.streams import open_source
+from replant.data.streams.payload import MAGIC
+from support.broker import MOSQUITTO, Broker
+from support.wires import PATIENCE, Reading, csv, wait_until
 
 mqtt = pytest.importorskip("paho.mqtt.client", reason="paho-mqtt is not installed")
 pytestmark = pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto on the path: install Debian's package")

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replant.sources.batch import Batch
-from replant.sources.numbering import MISORDER, Numbering
+from replant.data.streams.batch import Batch
+from replant.data.streams.numbering import MISORDER, Numbering
 
 
 def batch_of(numbers: list[int]) -> Batch:

@@ -7,10 +7,10 @@ import sys
 
 import pytest
 
+from replant.data.streams import Source, open_source
+from replant.data.streams.address import split
+from replant.data.streams.source import STATES
 from replant.errors import InvalidArgumentError
-from replant.sources import Source, open_source
-from replant.sources.address import split
-from replant.sources.source import STATES
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_a_source_is_what_the_protocol_says() -> None:
 
 def test_only_what_a_source_needs_is_imported() -> None:
     program = (
-        "import sys; from replant.sources import open_source; open_source('tcp://127.0.0.1:9000');"
+        "import sys; from replant.data.streams import open_source; open_source('tcp://127.0.0.1:9000');"
         "print(sorted({'numba', 'scipy', 'paho', 'serial', 'pyarrow'} & set(sys.modules)))"
     )
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

@@ -13,12 +13,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replant.logs import read_columns
-from replant.sources.batch import Batch
-from replant.sources.lines import LONGEST, Lines
-from replant.sources.parser import FEW, Parser
-from replant.sources.payload import MAGIC, Payloads
-from replant.sources.rows import json_values
+from replant.data.logs import read_columns
+from replant.data.streams.batch import Batch
+from replant.data.streams.lines import LONGEST, Lines
+from replant.data.streams.parser import FEW, Parser
+from replant.data.streams.payload import MAGIC, Payloads
+from replant.data.streams.rows import json_values
 
 ANY = settings(derandomize=True, max_examples=150, deadline=None)
 COLUMNS = ("n", "t", "u", "y")

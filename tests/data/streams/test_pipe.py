@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from replant.sources.pipe import PipeSource
-from sources.wires import Reading, csv
+from replant.data.streams.pipe import PipeSource
+from support.wires import Reading, csv
 
 PROGRAM = """
 import sys
-from replant.sources import open_source
+from replant.data.streams import open_source
 source = open_source("-")
 for batch in source.batches():
     for n, u, y in zip(batch.t if len(batch) else (), batch.u, batch.y):

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from replant.data.logs import read_log
+from replant.data.streams import open_source
 from replant.errors import InvalidArgumentError, LogError
-from replant.logs import read_log
-from replant.sources import open_source
-from sources.wires import Reading, csv
+from support.wires import Reading, csv
 
 
 @pytest.fixture

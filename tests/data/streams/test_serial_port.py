@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from replant.data.streams import open_source
 from replant.errors import InvalidArgumentError, MissingDependencyError
-from replant.sources import open_source
-from sources.wires import Reading, csv, wait_until
+from support.wires import Reading, csv, wait_until
 
 pytest.importorskip("serial", reason="pyserial is not installed")
 pty = pytest.importorskip("pty", reason="this system has no pseudo-terminals")

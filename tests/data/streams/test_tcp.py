@@ -11,9 +11,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from replant.sources import open_source
-from replant.sources.inbox import CAPACITY
-from sources.wires import Peer, Reading, csv, wait_until
+from replant.data.streams import open_source
+from replant.data.streams.inbox import CAPACITY
+from support.wires import Peer, Reading, csv, wait_until
 
 
 def samples(count: int, first: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -190,7 +190,7 @@ def test_arrival_is_told_by_the_monotonic_clock(peer: Peer, read: Callable[..., 
 
 def test_a_peer_gone_without_a_word_is_noticed(peer: Peer) -> None:
     """Not waited for here, which takes seconds: that the system is asked to look is what can be tested."""
-    from replant.sources.tcp import watch
+    from replant.data.streams.tcp import watch
 
     with socket.create_connection(("127.0.0.1", peer.port)) as connection:
         watch(connection)

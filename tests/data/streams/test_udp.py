@@ -9,11 +9,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from replant.data.streams import open_source
+from replant.data.streams.inbox import CAPACITY
+from replant.data.streams.udp import UdpSource
 from replant.errors import InvalidArgumentError
-from replant.sources import open_source
-from replant.sources.inbox import CAPACITY
-from replant.sources.udp import UdpSource
-from sources.wires import Reading, csv, wait_until
+from support.wires import Reading, csv, wait_until
 
 
 class Device:

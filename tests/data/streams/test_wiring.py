@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.sources import open_source
-from replant.sources.opening import SCHEMES
-from sources.broker import MOSQUITTO, Broker
-from sources.test_udp import Device, opened
-from sources.wires import Reading
+from data.streams.test_udp import Device, opened
+from replant.data.streams import open_source
+from replant.data.streams.opening import SCHEMES
+from support.broker import MOSQUITTO, Broker
+from support.places import ROOT
+from support.wires import Reading
 
-PAGE = (Path(__file__).parents[2] / "docs" / "live.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "live.md").read_text(encoding="utf-8")
 BOARD = Path(__file__).parent / "arduino"
 
 
@@ -109,7 +110,7 @@ def test_every_kind_of_url_is_on_the_page() -> None:
 
 def test_the_reasons_on_the_page_are_those_that_are_counted() -> None:
     """Each reason that the page quotes stands in the sources' code."""
-    code = "".join(path.read_text() for path in Path(rp.__file__).parent.joinpath("sources").glob("*.py"))
+    code = "".join(path.read_text() for path in Path(rp.__file__).parent.joinpath("data", "streams").glob("*.py"))
     table = PAGE.partition("## What goes wrong on a wire")[2].partition("\n## ")[0]
     quoted = set(re.findall(r'"([^"]+)"', table))
     assert {"duplicate", "lost", "too long", "cut off"} <= quoted

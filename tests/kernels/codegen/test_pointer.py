@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 from numba.core.errors import TypingError
 
-from replant.kernels.compiled import cut, kernel, part, rare, seldom
-from replant.kernels.pointer import pointer
-from replant.kernels.vector import LANES, vectors
+from replant.kernels.codegen.decorators import (
+    cut,
+    kernel,
+    part,
+    rare,
+    seldom,
+)
+from replant.kernels.codegen.pointer import pointer
+from replant.kernels.codegen.simd import LANES, vectors
 
 
 @kernel

@@ -10,8 +10,14 @@ import numpy as np
 import pytest
 from numba import TypingError, njit
 
-from replant.kernels.layout import LINE
-from replant.kernels.vector import LANES, all_within, load, prefetch, vectors
+from replant.kernels.codegen.simd import (
+    LANES,
+    all_within,
+    load,
+    prefetch,
+    vectors,
+)
+from replant.kernels.schema import LINE
 
 generator = np.random.default_rng(5)
 A, B = generator.standard_normal((2, 3, LANES))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import random_plant
-from replant import realization
-from replant.kernels import bank as bk
-from replant.kernels import layout as at
-from replant.state import State
+from replant.engine.state import State
+from replant.kernels import schema as at
+from replant.kernels.filters import bank as bk
+from replant.model import state_space
+from support.builders import random_plant
 
 DENOMINATORS = {
     "first order": np.array([1.0, 2.0]),
@@ -52,9 +52,9 @@ def discretization(state: State, bank: np.ndarray, n: int, T: int, interval: flo
 def test_it_discretises_as_the_realization_does(denominator: np.ndarray, interval: float) -> None:
     """The same companion form through another exponential: straight lines are constant and ramp."""
     state, bank, n, T = made(denominator)
-    model = realization.companion(denominator)
+    model = state_space.companion(denominator)
     Ad, constant, ramp = discretization(state, bank, n, T, interval)
-    transition, before, after = realization.exact(model.matrix, model.column, interval, "foh")
+    transition, before, after = state_space.exact(model.matrix, model.column, interval, "foh")
     tolerance = 1e-12 * max(1.0, float(np.abs(model.matrix).sum(axis=1).max()) * interval)
     np.testing.assert_allclose(Ad, transition, atol=tolerance)
     np.testing.assert_allclose(ramp, after, atol=tolerance)
@@ -79,8 +79,8 @@ def test_a_new_denominator_forgets_every_discretisation() -> None:
     old, _, _ = discretization(state, bank, n, T, 0.1)
     bk.set_denominator(bank, n, T, n, True, True, False, np.array([1.0, 4.0]), np.ones(T))
     new, _, _ = discretization(state, bank, n, T, 0.1)
-    model = realization.companion(np.array([1.0, 1.0, 4.0]))
-    np.testing.assert_allclose(new, realization.exact(model.matrix, model.column, 0.1, "zoh")[0], atol=1e-13)
+    model = state_space.companion(np.array([1.0, 1.0, 4.0]))
+    np.testing.assert_allclose(new, state_space.exact(model.matrix, model.column, 0.1, "zoh")[0], atol=1e-13)
     assert not np.allclose(old, new)
 
 
@@ -90,8 +90,8 @@ def test_an_impulse_gives_the_free_response(denominator: np.ndarray) -> None:
     state, bank, n, T = made(denominator)
     bk.begin(bank, n, T)
     start = bk.discretization(bank, n, T, 0.05, work_of(state))
-    model = realization.companion(denominator)
-    Ad = realization.exact(model.matrix, model.column, 0.05, "zoh")[0]
+    model = state_space.companion(denominator)
+    Ad = state_space.exact(model.matrix, model.column, 0.05, "zoh")[0]
     expected = model.column.copy()
     for _ in range(20):
         bk.advance_channel(bank, n, T, bk.IMPULSE, start, 0.0, 0.0, work_of(state))

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import random_plant
-from references import filtered_at
-from replant.kernels import bank as bk
-from replant.kernels import layout as at
-from replant.kernels.chain import install_model
-from replant.kernels.step import regressors
-from replant.state import State
+from replant.engine.state import State
+from replant.kernels import schema as at
+from replant.kernels.filters import bank as bk
+from replant.kernels.filters.chain import install_model
+from replant.kernels.step.shared import regressors
+from support.builders import random_plant
+from support.references import filtered_at
 
 DT, SAMPLES = 0.1, 80
 
@@ -139,7 +139,7 @@ def test_a_missing_sample_of_an_input_that_stood_costs_nothing() -> None:
 
 def test_an_unstable_or_a_wild_estimate_never_serves_as_a_model() -> None:
     """`renew_model` is the only way from the estimate to a filter: it looks at Routh's array and at the bandwidth."""
-    from replant.kernels.chain import renew_model
+    from replant.kernels.filters.chain import renew_model
 
     state = State.build(rp.Structure(2), DT, state_filter=None)
     good = np.zeros(state.entries)

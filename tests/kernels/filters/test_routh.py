@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from replant.kernels.stability import all_left_of, bandwidth, slowest_decay
+from replant.kernels.filters.routh import all_left_of, bandwidth, slowest_decay
 
 ORDERS = range(1, 11)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from replant.kernels.simulate import filter_states, free_responses
+from replant.kernels.filters.simulate import filter_states, free_responses
 
 
 def random_system(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

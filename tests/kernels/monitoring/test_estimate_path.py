@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from references import kept_samples
-from replant.kernels import path
+from replant.kernels.monitoring import estimate_path
+from support.references import kept_samples
 
 
 def walk(samples: int, entries: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -15,19 +15,19 @@ def walk(samples: int, entries: int = 3) -> tuple[np.ndarray, np.ndarray, np.nda
     theta = generator.standard_normal((samples + 1, entries))
     upper = np.triu(generator.standard_normal((samples + 1, entries, entries)), 1) + np.eye(entries)
     diagonal = generator.uniform(0.1, 1.0, (samples + 1, entries))
-    kept = np.zeros(path.size(entries))
+    kept = np.zeros(estimate_path.size(entries))
     for k in range(1, samples + 1):
-        if k >= kept[path.DUE]:
-            path.keep(kept, theta[k], upper[k].ravel(), diagonal[k], float(k))
+        if k >= kept[estimate_path.DUE]:
+            estimate_path.keep(kept, theta[k], upper[k].ravel(), diagonal[k], float(k))
     return kept, theta, np.einsum("kij,kj,kij->ki", upper, diagonal, upper)
 
 
 @pytest.mark.parametrize("samples", [1, 5, 31, 32, 33, 34, 48, 63, 64, 65, 66, 1000, 4096, 5000])
 def test_the_rows_are_every_stepth_estimate_and_its_variances(samples: int) -> None:
     kept, theta, variances = walk(samples)
-    counts = kept_samples(samples, path.ROOM)
-    assert kept[path.KEPT] == len(counts)
-    rows = kept[path.ROWS :].reshape(path.ROOM, 2, -1)[: len(counts)]
+    counts = kept_samples(samples, estimate_path.ROOM)
+    assert kept[estimate_path.KEPT] == len(counts)
+    rows = kept[estimate_path.ROWS :].reshape(estimate_path.ROOM, 2, -1)[: len(counts)]
     np.testing.assert_array_equal(rows[:, 0], theta[counts])
     np.testing.assert_allclose(rows[:, 1], variances[counts], rtol=1e-14)
 
@@ -35,5 +35,7 @@ def test_the_rows_are_every_stepth_estimate_and_its_variances(samples: int) -> N
 @pytest.mark.parametrize("samples", [32, 33, 77, 1000, 12345])
 def test_a_long_record_always_has_at_least_half_the_rows_in_steps_that_double(samples: int) -> None:
     kept = walk(samples, 1)[0]
-    assert path.ROOM / 2 <= kept[path.KEPT] <= path.ROOM
-    assert kept[path.STEP] == 2 ** np.ceil(np.log2((samples + 1) / (path.ROOM + 1)))  # doubled when one more is due
+    assert estimate_path.ROOM / 2 <= kept[estimate_path.KEPT] <= estimate_path.ROOM
+    assert kept[estimate_path.STEP] == 2 ** np.ceil(
+        np.log2((samples + 1) / (estimate_path.ROOM + 1))
+    )  # doubled when one more is due

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import DT, binary
-from references import bridged, gate
-from replant.factors import compose
-from replant.kernels import bank as bk
-from replant.kernels import guard
-from replant.kernels import layout as at
+from replant.kernels import schema as at
+from replant.kernels.filters import bank as bk
+from replant.kernels.monitoring import outliers
+from replant.statistics.udu import compose
+from support.builders import DT, binary
+from support.references import bridged, gate
 
 
 def learned(samples: int = 800) -> tuple[rp.Identifier, np.ndarray, np.ndarray]:
@@ -37,7 +37,7 @@ def test_the_gate_is_its_naive_twin() -> None:
         error = float(np.sqrt(usual["usual"]) * 10.0**exponent)
         expected, ratio = gate(usual, error, zeta, covariance, 1.0)
         state.reals[at.RATIO] = 1.0
-        found.append(guard.is_outlier(state.ints, state.reals, error, True))
+        found.append(outliers.is_outlier(state.ints, state.reals, error, True))
         assert found[-1] == expected
         assert not expected or state.reals[at.RATIO] == pytest.approx(ratio, rel=1e-9)
     assert 30 < sum(found) < 270

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.factors import compose
-from replant.kernels.compiled import kernel
-from replant.kernels.pointer import pointer
-from replant.kernels.second_order import (
+from replant.kernels.codegen.decorators import kernel
+from replant.kernels.codegen.pointer import pointer
+from replant.kernels.optimizers.covariance import (
     expand,
     kalman_tracking,
     measurement_update,
     recursive_least_squares,
     time_update,
 )
+from replant.statistics.udu import compose
 
 ORDERS = [1, 2, 3, 5, 8, 13]
 

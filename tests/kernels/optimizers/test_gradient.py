@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import replant as rp
-from references import TWINS, extended
-from replant.kernels import layout as at
-from replant.kernels.step import learn_by_gradient, learn_with_covariance
+from replant.engine.state import State
+from replant.kernels import schema as at
+from replant.kernels.step.shared import learn_by_gradient, learn_with_covariance
 from replant.optimizers import OPTIMIZERS
-from replant.state import State
+from support.references import TWINS, extended
 
 DT, ROWS = 0.2, 60
 
@@ -49,7 +49,8 @@ def test_kernel_equals_its_twin(name: str, normalize: bool, instruments: bool) -
 @pytest.mark.parametrize("name", OPTIMIZERS)
 def test_codes_name_the_kernels(name: str) -> None:
     """The number that a kernel branches on is spelled there as the optimizer is here."""
-    from replant.kernels import first_order, step
+    from replant.kernels.optimizers import gradient
+    from replant.kernels.step import shared
 
-    kernels = step if OPTIMIZERS[name].keeps_covariance else first_order
+    kernels = shared if OPTIMIZERS[name].keeps_covariance else gradient
     assert getattr(kernels, name.replace("-", "_").upper()) == OPTIMIZERS[name].code

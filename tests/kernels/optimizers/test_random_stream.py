@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import references
-from replant.kernels.random_stream import draw_below
+from replant.kernels.optimizers.random_stream import draw_below
+from support import references
 
 
 def test_the_twin_gives_the_published_words() -> None:

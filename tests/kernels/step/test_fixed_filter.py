@@ -9,13 +9,18 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.blocks import is_under_way
-from replant.kernels import layout as at
-from replant.kernels import plain
-from replant.kernels.step import gradient_step, gradient_steps, step, steps
+from replant.engine.state import State
+from replant.engine.vector_blocks import is_under_way
+from replant.kernels import schema as at
+from replant.kernels.step import fixed_filter
+from replant.kernels.step.shared import (
+    gradient_step,
+    gradient_steps,
+    step,
+    steps,
+)
+from replant.online.startup import kernels_for
 from replant.optimizers import OPTIMIZERS
-from replant.startup import kernels_for
-from replant.state import State
 
 Kernel = Callable[..., Any]
 
@@ -68,7 +73,7 @@ def test_same_bits_as_the_general_kernels(
 ) -> None:
     poles, zeros, bias = structure
     ours, general = (state_of(rp.Structure(poles, zeros, bias=bias), optimizer, which, replay) for _ in range(2))
-    results = run(ours, plain.step, plain.steps), run(general, gradient_step, gradient_steps)
+    results = run(ours, fixed_filter.step, fixed_filter.steps), run(general, gradient_step, gradient_steps)
     for a, b in zip(*results, strict=True):
         assert a.tobytes() == b.tobytes()
     for a, b in zip(arrays(ours), arrays(general), strict=True):
@@ -81,10 +86,10 @@ def test_a_rejected_sample_changes_its_count_alone() -> None:
     state = state_of(rp.Structure(2, 1), "amsgrad")
     for before in (0, 7):
         for k in range(before):
-            plain.step(*arrays(state), np.cos(k), np.sin(k), np.nan)
+            fixed_filter.step(*arrays(state), np.cos(k), np.sin(k), np.nan)
         expected, others = state.ints.copy(), [array.tobytes() for array in arrays(state)[1:]]
         expected[at.NOT_FINITE] += 1
-        assert np.isnan(plain.step(*arrays(state), np.nan, 1.0, np.nan))
+        assert np.isnan(fixed_filter.step(*arrays(state), np.nan, 1.0, np.nan))
         np.testing.assert_array_equal(state.ints, expected)
         assert [array.tobytes() for array in arrays(state)[1:]] == others
 
@@ -97,7 +102,7 @@ def chosen(structure: rp.Structure, optimizer: str, *, regular: bool, **slots: i
 
 
 def test_each_identifier_gets_the_leanest_kernels_that_suit_it() -> None:
-    lean, general = (plain.step, plain.steps), (gradient_step, gradient_steps)
+    lean, general = (fixed_filter.step, fixed_filter.steps), (gradient_step, gradient_steps)
     assert chosen(rp.Structure(2, 1), "amsgrad", regular=True) == lean
     assert chosen(rp.Structure(2, 1), "amsgrad", regular=False) == general
     assert chosen(rp.Structure(2, 2, feedthrough=True), "amsgrad", regular=True) == general
@@ -134,7 +139,7 @@ def test_the_lean_kernels_go_on_where_other_intervals_took_the_place_of_the_regu
         assert not is_under_way(state)
     u, y = generator.standard_normal((2, 50))
     room = [(np.empty(50), np.empty((50, 4))) for _ in range(2)]
-    plain.steps(*arrays(ours), u, y, REGULAR, *room[0])
+    fixed_filter.steps(*arrays(ours), u, y, REGULAR, *room[0])
     gradient_steps(*arrays(general), u, y, REGULAR, *room[1])
     assert all(a.tobytes() == b.tobytes() for a, b in zip(*room, strict=True))
     assert all(a.tobytes() == b.tobytes() for a, b in zip(arrays(ours)[2:], arrays(general)[2:], strict=True))

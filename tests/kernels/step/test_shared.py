@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import replant as rp
-from builders import is_finite
-from replant.kernels import layout as at
-from replant.kernels.step import gradient_step, remember
-from replant.state import State
+from replant.engine.state import State
+from replant.kernels import schema as at
+from replant.kernels.step.shared import gradient_step, remember
+from support.builders import is_finite
 
 
 def prepared(replay: rp.Replay | None, **changes: object) -> State:

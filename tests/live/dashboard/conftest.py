@@ -1,16 +1,15 @@
-"""A dashboard being served, fed from a simulated plant, and requests to it as bytes on the wire."""
+"""A dashboard being served, fed from a simulated plant."""
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Iterator
 
 import pytest
 
-from browsing import chromium
-from live.dashboard.feed import Feed
-from live.dashboard.pages import Page
 from replant.live.dashboard import Dashboard, serve
+from support.browsing import chromium
+from support.dashboard_feed import Feed
+from support.dashboard_pages import Page
 
 
 @pytest.fixture(scope="session")
@@ -54,16 +53,3 @@ def opened(browser, dashboard: Dashboard, feed: Feed) -> Iterator[Page]:
     yield page
     page.close()
     assert page.complaints == []
-
-
-def ask(port: int, line: str, *headers: str, host: str | None = "127.0.0.1") -> tuple[int, dict[str, str], bytes]:
-    """Send a request with just these headers, and return status, headers in lower case, and body."""
-    lines = [f"{line} HTTP/1.1", *([f"Host: {host}:{port}"] if host else []), *headers]
-    lines += [] if "Connection: Upgrade" in headers else ["Connection: close"]
-    with socket.create_connection(("127.0.0.1", port), timeout=20) as wire:
-        wire.sendall(("\r\n".join(lines) + "\r\n\r\n").encode("latin-1"))
-        answer = b"".join(iter(lambda: wire.recv(65536), b""))
-    head, _, body = answer.partition(b"\r\n\r\n")
-    first, *rest = head.decode("latin-1").split("\r\n")
-    pairs = (line.partition(": ") for line in rest)
-    return int(first.split()[1]), {name.lower(): value for name, _, value in pairs}, body

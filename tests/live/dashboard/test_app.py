@@ -18,10 +18,15 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 import replant as rp
-from live.dashboard.conftest import ask
-from live.dashboard.feed import Feed
 from replant.errors import InvalidArgumentError, ReplantError
-from replant.live.dashboard import Dashboard, Hub, app, serve
+from replant.live.dashboard import (
+    Dashboard,
+    Hub,
+    app,
+    serve,
+)
+from support.dashboard_feed import Feed
+from support.http_request import ask
 
 PATIENCE = 60.0  # s, only against hanging
 

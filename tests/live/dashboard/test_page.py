@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from live.dashboard.feed import Feed
-from live.dashboard.pages import Page
 from replant.live.dashboard import Dashboard, app, serve
+from support.dashboard_feed import Feed
+from support.dashboard_pages import Page
 
 TOKEN = "a-token-of-some-length"
 

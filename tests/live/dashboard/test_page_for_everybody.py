@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import pytest
 
-from browsing import TEXTS, contrast, luminance
-from live.dashboard.feed import Feed
-from live.dashboard.pages import Page
 from replant.live.dashboard import Dashboard
+from support.browsing import TEXTS, contrast, luminance
+from support.dashboard_feed import Feed
+from support.dashboard_pages import Page
 
 CUT_OFF = """[...document.querySelectorAll("main *, header *")]
   .filter(element => element.getBoundingClientRect().right > innerWidth + 1).length"""

@@ -9,11 +9,16 @@ from typing import Any
 
 import pytest
 
-from live.dashboard.conftest import ask
-from live.dashboard.feed import Feed
 from replant.errors import InvalidArgumentError
-from replant.live.dashboard import Dashboard, Hub, security, serve
+from replant.live.dashboard import (
+    Dashboard,
+    Hub,
+    security,
+    serve,
+)
 from replant.live.dashboard.security import HEADERS
+from support.dashboard_feed import Feed
+from support.http_request import ask
 
 TOKEN = "correct-horse+/=&?"
 HANDSHAKE = (

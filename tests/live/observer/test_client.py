@@ -19,12 +19,12 @@ import numpy as np
 import pytest
 
 import replant as rp
-from live.command import wait_for
-from live.fakes import DT, REQUEST, record
-from replant.live import observer as observing
-from replant.live.observer import Observer
-from replant.live.observing import Address, Orders
-from replant.live.view import Pulse, View
+from replant.live.observer import client as observing
+from replant.live.observer.client import Observer
+from replant.live.observer.process import Address, Orders
+from replant.live.observer.view import Pulse, View
+from support.live_command import wait_for
+from support.live_fakes import DT, REQUEST, record
 
 U, Y = record()
 
@@ -169,8 +169,8 @@ def test_what_is_said_before_the_first_view_is_shown_at_once(capfd: pytest.Captu
 def test_it_goes_away_with_its_session() -> None:
     """However that ends; a signal would not end it."""
     program = """
-from replant.live.observer import Observer
-from replant.live.observing import Orders
+from replant.live.observer.client import Observer
+from replant.live.observer.process import Orders
 if __name__ == "__main__":
     observer = Observer(Orders())
     print(observer._process.pid, flush=True)

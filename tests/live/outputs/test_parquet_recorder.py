@@ -11,13 +11,13 @@ import pyarrow.parquet
 import pytest
 
 import replant as rp
-from live.fakes import DT, record
 from replant.errors import LogError
-from replant.live import recorder as recording
-from replant.live.background import Background
-from replant.live.estimate import Estimate
-from replant.live.notices import Notices
-from replant.live.recorder import Recorder
+from replant.live.outputs import parquet_recorder as recording
+from replant.live.outputs.disk_writer import Background
+from replant.live.outputs.message import Estimate
+from replant.live.outputs.notices import Notices
+from replant.live.outputs.parquet_recorder import Recorder
+from support.live_fakes import DT, record
 
 U, Y = record(1000)
 T, N = DT * np.arange(1000), np.arange(1000)

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 import replant as rp
-from live.fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, make, record
 from replant import checkpoint
-from replant.live.keeper import resume
-from replant.live.progress import Progress
-from replant.live.session import UNKNOWN, Limits
+from replant.live.session.checkpointing import resume
+from replant.live.session.progress import Progress
+from replant.live.session.session import UNKNOWN, Limits
+from support.live_fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, make, record
 
 
 def learned(u: np.ndarray, y: np.ndarray, t: np.ndarray | None = None) -> bytes:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import replant as rp
-from live.fakes import DT, REQUEST, record
-from replant.live.warm import warm
+from replant.live.session.warm_up import warm
+from support.live_fakes import DT, REQUEST, record
 
 
 def compiled() -> int:

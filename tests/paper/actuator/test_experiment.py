@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import replant as rp
-from paper.by_hand import DT, TRUE, trace_by_hand
 from replant.assessment import simulate
-from replant.paper.actuator import (
+from replant.engine.regressors import regressors
+from replant.paper.actuator.experiment import (
     DEFAULT,
     FILTERS,
     GAINS,
@@ -24,10 +24,10 @@ from replant.paper.actuator import (
     measure_rig,
     run_default,
 )
-from replant.regression import regressors
 from replant.rigs import deap_rig, deap_voltage
-from replant.runs import run_online
+from replant.runs.run import run_online
 from replant.settings import Request
+from support.trace_by_hand import DT, TRUE, trace_by_hand
 
 
 @pytest.mark.parametrize(("method", "variant", "filters"), list(itertools.product(OPTIMIZERS, GAINS, FILTERS)))

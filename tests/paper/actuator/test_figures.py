@@ -2,11 +2,18 @@
 
 import pytest
 
-from paper.axes import assert_drawn, lines, points
-from paper.by_hand import DT, TRUE, trace_by_hand
-from replant.paper.actuator import FILTERS, GAINS
-from replant.paper.actuator_figures import COLUMNS, TOLD_APART, UNITS, WINDOWS, draw_record, draw_transients
-from replant.report.style import symbol
+from replant.paper.actuator.experiment import FILTERS, GAINS
+from replant.paper.actuator.figures import (
+    COLUMNS,
+    TOLD_APART,
+    UNITS,
+    WINDOWS,
+    draw_record,
+    draw_transients,
+)
+from replant.report.palette import symbol
+from support.axes import assert_drawn, lines, points
+from support.trace_by_hand import DT, TRUE, trace_by_hand
 
 
 def test_figure_6_shows_the_record_and_its_offline_estimates(actuator):

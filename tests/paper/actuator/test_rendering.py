@@ -6,8 +6,13 @@ import re
 
 import pytest
 
-from replant.paper.actuator import DEFAULT
-from replant.paper.actuator_rendering import as_json, as_markdown, as_rich, summary
+from replant.paper.actuator.experiment import DEFAULT
+from replant.paper.actuator.rendering import (
+    as_json,
+    as_markdown,
+    as_rich,
+    summary,
+)
 
 NAMES = ("a2", "a1", "a0", "b1", "b0")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from replant import Trace
-from replant.paper.curves import curve, thin, transients
+from replant.paper.drawing.curves import curve, thin, transients
 
 
 @pytest.mark.parametrize("size", [1, 2, 10, 99, 100, 101, 250, 1000, 1001, 7919])

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from paper.axes import assert_drawn, lines, points
 from replant.paper import TABLES
-from replant.paper.figures import FIGURES, compute, draw
-from replant.report.style import symbol
+from replant.paper.tables.figures import FIGURES, compute, draw
+from replant.report.palette import symbol
+from support.axes import assert_drawn, lines, points
 
 
 @pytest.fixture(scope="module", params=list(FIGURES))

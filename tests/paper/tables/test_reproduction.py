@@ -5,7 +5,7 @@ import math
 import pytest
 
 from replant.paper import TABLES, Cell, reproduce
-from replant.paper.reproduction import runs
+from replant.paper.tables.reproduction import runs
 
 
 @pytest.mark.parametrize(

@@ -14,16 +14,17 @@ from pathlib import Path
 import pytest
 
 import replant as rp
-from browsing import TEXTS, chromium, contrast, luminance
-from replant.comparison import compare
-from replant.paper.everything import run, save
+from replant.paper.catalogue import run, save
 from replant.paper.report import as_element
 from replant.paper.report import write_report as write_reproduction
-from replant.report.comparison_page import write_comparison
-from replant.report.html import write_report
+from replant.report.html.comparison import write_comparison
+from replant.report.html.report import write_report
+from replant.runs.comparison import compare
 from replant.settings import Request
+from support.browsing import TEXTS, chromium, contrast, luminance
+from support.places import ROOT
 
-SEEN = Path(__file__).resolve().parents[2] / "out" / "report"
+SEEN = ROOT / "out" / "report"
 RANGES = "replantCharts.map(chart => [chart.scales.x.min, chart.scales.x.max])"
 
 

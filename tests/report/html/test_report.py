@@ -17,10 +17,10 @@ import pytest
 import replant as rp
 from replant.cli import main
 from replant.errors import MissingDependencyError
-from replant.report import html as module
 from replant.report.findings import findings
-from replant.report.html import write_report
-from replant.report.series import charts
+from replant.report.html import report as module
+from replant.report.html.plot_data import charts
+from replant.report.html.report import write_report
 
 
 class Page(HTMLParser):
@@ -122,8 +122,8 @@ def test_all_that_the_contract_asks_for_is_there(good, uncertain) -> None:
 
 def test_captions_tell_what_is_drawn(uncertain, plain) -> None:
     """No bands where there is no standard deviation, figures with their units, how long there was no estimate."""
-    from replant.report import words
-    from replant.report.material import Material
+    from replant.report.html import captions as words
+    from replant.report.html.material import Material
 
     with_bands, without = (
         Material(case.result, case.log, case.result.fixed_filter, rp.Preprocess()) for case in (uncertain, plain)
@@ -196,7 +196,7 @@ def test_whatever_a_file_calls_itself_is_text(plain, tmp_path) -> None:
 
 
 def test_plots_hold_the_record(uncertain) -> None:
-    from replant.report.material import Material
+    from replant.report.html.material import Material
 
     found = charts(Material(uncertain.result, uncertain.log, uncertain.result.settings.filter, rp.Preprocess()))
     measured, model = found["fit"][1]["curves"]
@@ -297,7 +297,7 @@ def test_commands_write_it_and_say_how_to_repeat_themselves(plain, tmp_path, cap
 
 
 def test_standard_deviations_reach_the_json(uncertain) -> None:
-    from replant.report.summary import as_json
+    from replant.report.terminal.summary import as_json
 
     entries = as_json(uncertain.result)["parameters"].values()
     assert [entry["std"] for entry in entries] == pytest.approx(np.sqrt(np.diag(uncertain.result.covariance)))

@@ -1,8 +1,13 @@
 """Recorded logs: CSV, Parquet, MATLAB and npz files read into input, output and sampling time."""
 
-from replant.logs.log import Log
-from replant.logs.read import open_recording, read_columns, read_log, stamped_interval
-from replant.logs.recording import Recording
-from replant.logs.table import Table
+from replant.data.logs.log import Log
+from replant.data.logs.read import (
+    open_recording,
+    read_columns,
+    read_log,
+    stamped_interval,
+)
+from replant.data.logs.recording import Recording
+from replant.data.logs.table import Table
 
 __all__ = ["Log", "Recording", "Table", "open_recording", "read_columns", "read_log", "stamped_interval"]

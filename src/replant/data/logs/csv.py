@@ -18,10 +18,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from replant.data.logs.ahead import ahead
+from replant.data.logs.layout import (
+    COMMENT_MARKS,
+    Layout,
+    is_data,
+    is_number,
+    parse_number,
+    sniff,
+    split_line,
+)
+from replant.data.logs.table import Table
 from replant.errors import LogError
-from replant.logs.ahead import ahead
-from replant.logs.layout import COMMENT_MARKS, Layout, is_data, is_number, parse_number, sniff, split_line
-from replant.logs.table import Table
 
 BLOCK_BYTES = 1 << 21  # bounds the memory of the text held at a time
 WORKERS = 2  # blocks parsed at once

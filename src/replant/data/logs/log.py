@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant import frames
+from replant.interop import frames
 
 
 @dataclass(frozen=True, eq=False)

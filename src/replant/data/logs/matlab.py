@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from replant.data.logs.arrays import array_table
+from replant.data.logs.damage import damage_refused
+from replant.data.logs.table import Table
 from replant.errors import LogError
-from replant.logs.arrays import array_table
-from replant.logs.damage import damage_refused
-from replant.logs.table import Table
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _HEADER_BYTES = 128  # text that names the version; in a v7.3 file 512 bytes of it come before the magic

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.logs.arrays import array_table
-from replant.logs.damage import damage_refused
-from replant.logs.table import Table
+from replant.data.logs.arrays import array_table
+from replant.data.logs.damage import damage_refused
+from replant.data.logs.table import Table
 
 
 def read(path: Path) -> Table:

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from replant.data.logs.ahead import ahead
+from replant.data.logs.damage import damage_refused
+from replant.data.logs.table import Table, nth_row
 from replant.errors import LogError, MissingDependencyError
-from replant.logs.ahead import ahead
-from replant.logs.damage import damage_refused
-from replant.logs.table import Table, nth_row
 
 BLOCK_ROWS = 1 << 16  # read at a time
 BUFFER_BYTES = 1 << 20  # of a column

@@ -12,12 +12,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from replant.data.logs import parquet
+from replant.data.logs.log import Log
+from replant.data.logs.recording import MOST_HELD, Recording
+from replant.data.logs.table import Table, unreadable
+from replant.data.logs.time import (
+    Clock,
+    check_dt,
+    time_candidates,
+    unit_in_seconds,
+)
 from replant.errors import InvalidArgumentError, LogError
-from replant.logs import parquet
-from replant.logs.log import Log
-from replant.logs.recording import MOST_HELD, Recording
-from replant.logs.table import Table, unreadable
-from replant.logs.time import Clock, check_dt, time_candidates, unit_in_seconds
 
 # The module that reads a suffix: a function read(path) -> Table, imported when such a file comes
 FORMATS = {
@@ -64,7 +69,7 @@ def read_columns(path: str | os.PathLike[str]) -> Table:
     suffix = ".parquet" if path.is_dir() else path.suffix.lower()
     if suffix not in FORMATS:
         raise LogError(f"{path}: unknown file type {suffix!r}; a log is one of {' '.join(FORMATS)}")
-    module = importlib.import_module(f"replant.logs.{FORMATS[suffix]}")
+    module = importlib.import_module(f"replant.data.logs.{FORMATS[suffix]}")
     try:
         if path.is_dir() and not parquet.parts_of(path):
             raise LogError(f"{path}: a directory; give the log file inside it, or a folder of Parquet files")

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.logs.log import Log
-from replant.logs.table import Table
+from replant.data.logs.log import Log
+from replant.data.logs.table import Table
 
 MOST_HELD = 1 << 20  # samples up to which a log is held in memory: 24 MB
 

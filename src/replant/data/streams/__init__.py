@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from replant.sources.batch import Batch
-from replant.sources.opening import open_source
-from replant.sources.source import Source
+from replant.data.streams.batch import Batch
+from replant.data.streams.opening import open_source
+from replant.data.streams.source import Source
 
 __all__ = ["Batch", "Source", "open_source"]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
 
 IntArray = npt.NDArray[np.int64]
 

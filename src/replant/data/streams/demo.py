@@ -7,14 +7,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from replant import realization
+from replant.arguments import FloatArray
+from replant.data.streams.address import Address
+from replant.data.streams.batch import Batch
+from replant.data.streams.pace import Pace, speed_of
+from replant.data.streams.reader import Reader
+from replant.model import state_space
 from replant.rigs import deap_rig
 from replant.signals import random_steps, white_noise
-from replant.sources.address import Address
-from replant.sources.batch import Batch
-from replant.sources.pace import Pace, speed_of
-from replant.sources.reader import Reader
-from replant.validation import FloatArray
 
 #: Samples simulated at once: each block has its own input and noise, a function of the seed and its number alone.
 BLOCK = 1 << 16
@@ -67,13 +67,13 @@ def simulated(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, Float
 
     The plant is simulated from rest at sample 0 through what is skipped, so that every block is always the same.
     """
-    from replant.kernels.simulate import filter_states, free_responses
+    from replant.kernels.filters.simulate import filter_states, free_responses
 
     rig = deap_rig()
     plant, preprocess = rig.plant, rig.preprocess
-    model = realization.companion(plant.den)
-    transition, _, _ = realization.exact(model.matrix, model.column, rig.dt, "zoh")
-    taps = realization.input_taps(model.matrix, model.column, rig.dt, "zoh", 0.0)
+    model = state_space.companion(plant.den)
+    transition, _, _ = state_space.exact(model.matrix, model.column, rig.dt, "zoh")
+    taps = state_space.input_taps(model.matrix, model.column, rig.dt, "zoh", 0.0)
     row = np.zeros(model.column.size)
     row[-plant.num.size :] = plant.num / model.scale[-plant.num.size :]
     free = free_responses(transition, row, BLOCK)

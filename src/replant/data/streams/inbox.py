@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.sources.batch import Batch
+from replant.data.streams.batch import Batch
 
 #: Samples that wait at the most: 0.6 s at 200,000 samples/s, 4 MB.
 CAPACITY = 1 << 17

@@ -7,11 +7,11 @@ import uuid
 from collections import deque
 from typing import Any
 
+from replant.data.streams.address import Address
+from replant.data.streams.parser import Parser
+from replant.data.streams.payload import Payloads
+from replant.data.streams.reader import Reader
 from replant.errors import InvalidArgumentError, MissingDependencyError
-from replant.sources.address import Address
-from replant.sources.parser import Parser
-from replant.sources.payload import Payloads
-from replant.sources.reader import Reader
 
 EXAMPLE = "mqtt://127.0.0.1:1883/rig/1"
 PORT = 1883

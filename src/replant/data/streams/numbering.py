@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 
-from replant.sources.batch import Batch
+from replant.data.streams.batch import Batch
 
 #: A number back by more than this, with its successor after it, is a device that started anew, where nothing is sent
 #: again: the rule of RFC 3550, appendix A.1, with more room for packets that overtake.

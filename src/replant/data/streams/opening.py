@@ -5,10 +5,10 @@ from __future__ import annotations
 import importlib
 from pathlib import Path
 
+from replant.data.streams.address import Address, options_of, split
+from replant.data.streams.rows import FIELDS
+from replant.data.streams.source import Source
 from replant.errors import InvalidArgumentError
-from replant.sources.address import Address, options_of, split
-from replant.sources.rows import FIELDS
-from replant.sources.source import Source
 
 #: What a URL begins with, the function that opens it, and an example.
 SCHEMES = {
@@ -59,7 +59,7 @@ def open_source(url: str) -> Source:
     """
     address, opener = _address_of(url)
     module, _, function = opener.partition(".")
-    source: Source = getattr(importlib.import_module(f"replant.sources.{module}"), function)(
+    source: Source = getattr(importlib.import_module(f"replant.data.streams.{module}"), function)(
         address, _columns_of(address)
     )
     return source

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import time
 
-from replant.sources.address import Address
-from replant.sources.alarm import Alarm
+from replant.data.streams.address import Address
+from replant.data.streams.alarm import Alarm
 
 #: The longest pause at once, in s: beyond it the system's timers may refuse.
 LONGEST_PAUSE = 3600.0

@@ -8,9 +8,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from replant.logs.layout import is_data
-from replant.sources.batch import Batch
-from replant.sources.rows import (
+from replant.arguments import FloatArray
+from replant.data.logs.layout import is_data
+from replant.data.streams.batch import Batch
+from replant.data.streams.rows import (
     BY_WIDTH,
     Malformed,
     Row,
@@ -23,7 +24,6 @@ from replant.sources.rows import (
     table_from_cells,
     table_from_json,
 )
-from replant.validation import FloatArray
 
 Item = TypeVar("Item")
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from replant.sources.batch import Batch
-from replant.sources.parser import Parser
-from replant.sources.rows import FIELDS, Malformed
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.data.streams.batch import Batch
+from replant.data.streams.parser import Parser
+from replant.data.streams.rows import FIELDS, Malformed
 
 #: The first bytes of a packed payload; four letters that name its columns follow ("ntuy", "tuy ", "uy  ").
 MAGIC = b"RPL1"

@@ -7,11 +7,11 @@ import stat
 import sys
 import time
 
+from replant.data.streams.address import Address
+from replant.data.streams.lines import Lines
+from replant.data.streams.parser import Parser
+from replant.data.streams.reader import Reader
 from replant.errors import InvalidArgumentError
-from replant.sources.address import Address
-from replant.sources.lines import Lines
-from replant.sources.parser import Parser
-from replant.sources.reader import Reader
 
 BLOCK = 1 << 18
 

@@ -8,10 +8,10 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator
 
-from replant.sources.alarm import Alarm
-from replant.sources.batch import Batch
-from replant.sources.inbox import CAPACITY, Inbox
-from replant.sources.numbering import Numbering
+from replant.data.streams.alarm import Alarm
+from replant.data.streams.batch import Batch
+from replant.data.streams.inbox import CAPACITY, Inbox
+from replant.data.streams.numbering import Numbering
 
 #: An empty batch comes after this long without samples, in s.
 TICK = 0.1

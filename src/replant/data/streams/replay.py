@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
+from replant.arguments import FloatArray
+from replant.data.logs import Table, read_columns
+from replant.data.logs.time import time_candidates, unit_in_seconds
+from replant.data.streams.address import Address
+from replant.data.streams.batch import Batch
+from replant.data.streams.numbering import take
+from replant.data.streams.pace import Pace, speed_of
+from replant.data.streams.reader import Reader
 from replant.errors import InvalidArgumentError
-from replant.logs import Table, read_columns
-from replant.logs.time import time_candidates, unit_in_seconds
-from replant.sources.address import Address
-from replant.sources.batch import Batch
-from replant.sources.numbering import take
-from replant.sources.pace import Pace, speed_of
-from replant.sources.reader import Reader
-from replant.validation import FloatArray
 
 #: Samples handed over at once at the most.
 BLOCK = 1 << 12

@@ -6,11 +6,11 @@ import os
 import time
 from typing import Any
 
+from replant.data.streams.address import Address
+from replant.data.streams.lines import Lines
+from replant.data.streams.parser import Parser
+from replant.data.streams.reader import Reader
 from replant.errors import InvalidArgumentError, MissingDependencyError
-from replant.sources.address import Address
-from replant.sources.lines import Lines
-from replant.sources.parser import Parser
-from replant.sources.reader import Reader
 
 EXAMPLE = "serial:///dev/ttyUSB0?baud=115200"
 BAUD = 115_200

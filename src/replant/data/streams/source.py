@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Protocol
 
-from replant.sources.batch import Batch
+from replant.data.streams.batch import Batch
 
 #: What `Source.state` says.
 STATES = ("connecting", "connected", "waiting", "ended")

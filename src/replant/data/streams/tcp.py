@@ -5,10 +5,10 @@ from __future__ import annotations
 import socket
 import time
 
-from replant.sources.address import Address
-from replant.sources.lines import Lines
-from replant.sources.parser import Parser
-from replant.sources.reader import Reader
+from replant.data.streams.address import Address
+from replant.data.streams.lines import Lines
+from replant.data.streams.parser import Parser
+from replant.data.streams.reader import Reader
 
 EXAMPLE = "tcp://127.0.0.1:9000"
 #: Bytes taken at once at the most.

@@ -5,11 +5,11 @@ from __future__ import annotations
 import socket
 import time
 
+from replant.data.streams.address import Address
+from replant.data.streams.parser import Parser
+from replant.data.streams.payload import Payloads
+from replant.data.streams.reader import Reader
 from replant.errors import InvalidArgumentError
-from replant.sources.address import Address
-from replant.sources.parser import Parser
-from replant.sources.payload import Payloads
-from replant.sources.reader import Reader
 
 EXAMPLE = "udp://0.0.0.0:9000"
 #: What the system is asked to keep for us, in bytes; it may grant less.

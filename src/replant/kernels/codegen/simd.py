@@ -22,7 +22,7 @@ from numba.core.imputils import impl_ret_borrowed
 from numba.core.typeconv.castgraph import Conversion
 from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model, type_callable
 
-from replant.kernels.layout import LINE
+from replant.kernels.schema import LINE
 
 #: Members side by side.  Twice as many as the widest processors take at once: while an instruction waits for the first
 #: half, the second is under way, and what is the same for all, loops and counters, is spread over more of them.

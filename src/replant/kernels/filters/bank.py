@@ -1,7 +1,7 @@
 """A bank of filters 1/D(s) in scaled companion states, exact over any interval.
 
 One bank holds a denominator D(s), five channels of n states each, and its discretisations.  The states of a channel
-driven by x are w_i = c^(n-i) s^i / D(s) x for i = n-1 .. 0 (see `replant.realization`).  The channels:
+driven by x are w_i = c^(n-i) s^i / D(s) x for i = n-1 .. 0 (see `replant.model.state_space`).  The channels:
 
     OUTPUT    the measured output, joined by straight lines
     INPUT     the input, held or joined by straight lines, after the dead time
@@ -16,9 +16,9 @@ Discretisations are kept by the interval they belong to, a few at a time: a regu
 time three, and a clock that jitters makes a new one each time.
 """
 
-from replant.kernels.compiled import part, rare, seldom
-from replant.kernels.matrix_exponential import exponential
-from replant.kernels.pointer import pointer
+from replant.kernels.codegen.decorators import part, rare, seldom
+from replant.kernels.codegen.pointer import pointer
+from replant.kernels.filters.matrix_exponential import exponential
 
 OUTPUT, INPUT, MODEL, IMPULSE, CONSTANT = range(5)
 CHANNELS = 5

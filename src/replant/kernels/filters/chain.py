@@ -4,11 +4,11 @@
 serves while the other warms up.  With the refined filter the serving bank makes the regressor itself.
 """
 
-from replant.kernels import bank as bk
-from replant.kernels import layout as at
-from replant.kernels.compiled import cut, part, rare
-from replant.kernels.pointer import pointer
-from replant.kernels.stability import all_left_of, bandwidth, slowest_decay
+from replant.kernels import schema as at
+from replant.kernels.codegen.decorators import cut, part, rare
+from replant.kernels.codegen.pointer import pointer
+from replant.kernels.filters import bank as bk
+from replant.kernels.filters.routh import all_left_of, bandwidth, slowest_decay
 
 WARM_TIME_CONSTANTS = 10.0  # of the new model's slowest pole, before a warming bank takes over
 MISSING = 1.5  # sampling times between two samples, beyond which one is taken to be missing

@@ -4,7 +4,7 @@ Here because the kernels need it while samples come in: when the filter follows 
 of an irregular clock.  At the norm of 1/4 that scaling leaves, twelve terms reach 1e-17.
 """
 
-from replant.kernels.compiled import rare
+from replant.kernels.codegen.decorators import rare
 
 _TERMS = 12
 

@@ -5,7 +5,7 @@ A polynomial s^n + a[0] s^(n-1) + ... + a[n-1] is given by its n lower coefficie
 
 import math
 
-from replant.kernels.compiled import rare, seldom
+from replant.kernels.codegen.decorators import rare, seldom
 
 
 @seldom

@@ -1,10 +1,10 @@
 """The path of a recursive estimate, kept at a few of its samples: what its scatter is told from without a noise model.
 
-See `replant.scatter` for what is made of it.  Room is limited and the record is not: when the room is full every second
-row goes, and the next ones come half as often.
+See `replant.statistics.batch_means` for what is made of it.  Room is limited and the record is not: when the room is
+full every second row goes, and the next ones come half as often.
 """
 
-from replant.kernels.compiled import seldom
+from replant.kernels.codegen.decorators import seldom
 
 ROOM = 64  # rows; once the record is long there are always at least half as many
 STEP, DUE, KEPT = 0, 1, 2  # learned samples between two rows, and at which the next is due; rows kept

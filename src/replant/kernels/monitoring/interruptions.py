@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 
-from replant.kernels import bank as bk
-from replant.kernels import layout as at
-from replant.kernels import residuals
-from replant.kernels import second_order as second
-from replant.kernels.compiled import rare
-from replant.kernels.second_order import RECURSIVE_LEAST_SQUARES
-from replant.kernels.stability import slowest_decay
+from replant.kernels import schema as at
+from replant.kernels.codegen.decorators import rare
+from replant.kernels.filters import bank as bk
+from replant.kernels.filters.routh import slowest_decay
+from replant.kernels.monitoring import residual_colour
+from replant.kernels.optimizers import covariance as second
+from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
 
 AT_REST = 1e-6  # moving variance of the input, relative to its largest, below which the input rests
 EARLIER_STAMPS = 10  # that advance, but lie before the newest one: after these the clock has been set
@@ -74,7 +74,7 @@ def begin_initial_state(ints, reals, banks, y):
             reals[cap] = max(reals[cap], variances[i])
     second.begin_last(U, D, first, variances, reals[ints[at.AT_BACKUP] : ints[at.AT_BACKUP] + T])
     if ints[at.COLOURED] == 1:
-        residuals.begin_last(reals[ints[at.AT_COLOUR] :], first, T)
+        residual_colour.begin_last(reals[ints[at.AT_COLOUR] :], first, T)
 
 
 @rare
@@ -95,7 +95,7 @@ def forget_constant(ints, reals, banks):
     cap = memory + T * T + T + which
     reals[cap] = max(reals[cap], size)
     second.begin_last(U, D, which, variances, reals[ints[at.AT_BACKUP] : ints[at.AT_BACKUP] + T])
-    residuals.begin_last(reals[ints[at.AT_COLOUR] :], which, T)
+    residual_colour.begin_last(reals[ints[at.AT_COLOUR] :], which, T)
 
 
 @rare

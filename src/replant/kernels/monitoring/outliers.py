@@ -20,11 +20,11 @@ Nikiforov, "Detection of Abrupt Changes", 1993, chapter 2.
 
 import math
 
-from replant.kernels import bank as bk
-from replant.kernels import chain
-from replant.kernels import layout as at
-from replant.kernels import second_order as second
-from replant.kernels.compiled import cut, part, rare
+from replant.kernels import schema as at
+from replant.kernels.codegen.decorators import cut, part, rare
+from replant.kernels.filters import bank as bk
+from replant.kernels.filters import chain
+from replant.kernels.optimizers import covariance as second
 
 NONE, OUTLIER, STANDS = range(3)
 LOOKED_INTO, RESTS, FLOATS = 2, 3, 4  # states of an alarm, see `layout.ALARM`

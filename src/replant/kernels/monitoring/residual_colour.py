@@ -8,7 +8,7 @@ autoregression, e = w / D(q), the covariance of the instrumental-variable estima
 Source: Soderstrom and Stoica, "Instrumental Variable Methods for System Identification", 1983, chapter 4.
 """
 
-from replant.kernels.compiled import rare, seldom
+from replant.kernels.codegen.decorators import rare, seldom
 
 LAGS = 4  # order of the autoregression
 COUNT, POWER = 0, 1  # samples, and the sum of e^2 / alpha: unbiased by the parameters' own error

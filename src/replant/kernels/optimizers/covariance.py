@@ -10,8 +10,8 @@ update is Thornton's); Young, "Recursive Estimation and Time-Series Analysis", 2
 
 import numpy as np
 
-from replant.kernels.compiled import part, rare, seldom
-from replant.kernels.pointer import pointer
+from replant.kernels.codegen.decorators import part, rare, seldom
+from replant.kernels.codegen.pointer import pointer
 
 # The codes of these optimizers; `replant.optimizers` names them by the same numbers.
 RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9

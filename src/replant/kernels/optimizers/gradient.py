@@ -13,9 +13,9 @@ where that vector begins, 0 or P + 2.
 
 import math
 
-from replant.kernels.compiled import cut, part
-from replant.kernels.pointer import pointer
-from replant.kernels.vector import prefetch
+from replant.kernels.codegen.decorators import cut, part
+from replant.kernels.codegen.pointer import pointer
+from replant.kernels.codegen.simd import prefetch
 
 # 1 less this is 1.  Smaller powers of beta would end as numbers below the normal ones, which take some processors a
 # hundred cycles at each product.

@@ -11,8 +11,8 @@ import numpy as np
 from numba import carray, njit, types  # type: ignore[attr-defined]  # its hints leave carray out
 from numba.extending import intrinsic
 
-from replant.kernels import layout as at
-from replant.kernels import plain, step
+from replant.kernels import schema as at
+from replant.kernels.step import fixed_filter, shared
 
 # the table: addresses and shapes of ints, reals, banks, buffer and recent
 INTS, REALS, BANKS, BUFFER, RECENT, SIZE = 0, 2, 4, 7, 10, 13
@@ -76,7 +76,7 @@ def step_at(address, u, y, t):
     Python looks for an exception after every call, so that one costs nothing until it comes.
     """
     ints, reals, banks, buffer, recent = arrays_at(address)
-    error = step.step(ints, reals, banks, buffer, recent, u, y, t)
+    error = shared.step(ints, reals, banks, buffer, recent, u, y, t)
     if ints[at.ATTENTION] == 1:
         raise at.Attention
     return error
@@ -86,14 +86,14 @@ def step_at(address, u, y, t):
 def gradient_step_at(address, u, y, t):
     """Take one sample as `step.gradient_step` does."""
     ints, reals, banks, buffer, recent = arrays_at(address)
-    return step.gradient_step(ints, reals, banks, buffer, recent, u, y, t)
+    return shared.gradient_step(ints, reals, banks, buffer, recent, u, y, t)
 
 
 @direct
 def plain_step_at(address, u, y, t):
     """Take one sample as `plain.step` does."""
     ints, reals, banks, buffer, recent = arrays_at(address)
-    return plain.step(ints, reals, banks, buffer, recent, u, y, t)
+    return fixed_filter.step(ints, reals, banks, buffer, recent, u, y, t)
 
 
-WITHOUT_ARRAYS = {step.step: step_at, step.gradient_step: gradient_step_at, plain.step: plain_step_at}
+WITHOUT_ARRAYS = {shared.step: step_at, shared.gradient_step: gradient_step_at, fixed_filter.step: plain_step_at}

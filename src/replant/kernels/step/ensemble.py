@@ -14,14 +14,31 @@ back afterwards.
 
 import numpy as np
 
-from replant.kernels import bank as bk
-from replant.kernels import first_order as first
-from replant.kernels import layout as at
-from replant.kernels import plain
-from replant.kernels.compiled import cut, kernel, part, rare
-from replant.kernels.random_stream import draw_below
-from replant.kernels.step import acceptable, draw_rows, keep_estimate, keep_sample
-from replant.kernels.vector import LANES, all_within, load, prefetch, store, vectors
+from replant.kernels import schema as at
+from replant.kernels.codegen.decorators import (
+    cut,
+    kernel,
+    part,
+    rare,
+)
+from replant.kernels.codegen.simd import (
+    LANES,
+    all_within,
+    load,
+    prefetch,
+    store,
+    vectors,
+)
+from replant.kernels.filters import bank as bk
+from replant.kernels.optimizers import gradient as first
+from replant.kernels.optimizers.random_stream import draw_below
+from replant.kernels.step import fixed_filter
+from replant.kernels.step.shared import (
+    acceptable,
+    draw_rows,
+    keep_estimate,
+    keep_sample,
+)
 
 # Rows of the work space, after the 2 n that `plain.advance_states` uses.
 INPUT, OUTPUT, ERROR, FINITE, ASIDE = range(5)
@@ -223,13 +240,13 @@ def update_estimate(ints, reals, live, shared, buffer, apart, work, estimate, ta
     theta, memory, _, _, _, unit, settings, rows = estimate
     if shared:
         stored = vectors(buffer)
-        error = plain.keep_and_write(ints[0], stored[ints[0, at.HEAD]], estimate, target)
+        error = fixed_filter.keep_and_write(ints[0], stored[ints[0, at.HEAD]], estimate, target)
         batch = draw_rows(ints[0], rows)
         if ints[0, at.BATCH] > 1:
             fetch_ahead(ints[0], stored)
         learn(ints[0], theta, memory, settings, stored, rows, batch)
     else:
-        error = plain.keep_and_write(ints[0], vectors(work[0])[ints[0, at.BATCH] - 1], estimate, target)
+        error = fixed_filter.keep_and_write(ints[0], vectors(work[0])[ints[0, at.BATCH] - 1], estimate, target)
         learn_each_its_own(ints, reals, live, buffer, apart, work, estimate)
     finite = 0.0
     for i in range(theta.size):
@@ -250,14 +267,14 @@ def take(ints, reals, live, shared, buffer, apart, work, filters, regressor, est
     last_u, last_y = r[at.INPUT_NOW], r[at.LAST_OUTPUT]
     r[at.ELAPSED] += r[at.INTERVAL]
     rise = u - last_u if ints[0, at.STRAIGHT_INPUT] == 1 else 0.0
-    plain.advance_states(A, constant, ramp, states, new, last_y, y - last_y, last_u, rise)
+    fixed_filter.advance_states(A, constant, ramp, states, new, last_y, y - last_y, last_u, rise)
     r[at.INPUT_NOW], r[at.LAST_OUTPUT] = u, y
-    target = plain.fill_regressor(r, regressor, y)
-    plain.settle(states, new)
+    target = fixed_filter.fill_regressor(r, regressor, y)
+    fixed_filter.settle(states, new)
     if ints[0, at.ADAPT] == 1:
         error, finite = update_estimate(ints, reals, live, shared, buffer, apart, work, estimate, target)
     else:
-        error, finite = plain.error_of(estimate[0], estimate[4], target), 0.0 * y
+        error, finite = fixed_filter.error_of(estimate[0], estimate[4], target), 0.0 * y
     return error * r[at.OUTPUT_SCALE], finite
 
 
@@ -301,8 +318,8 @@ def take_tile(ints, reals, banks, buffer, recent, apart, live, drawn, order, pic
     """Take the samples of a tile: ``u``, ``y`` and ``errors`` have a row a sample, ``parameters`` one a parameter."""
     r, b, written = vectors(reals), vectors(banks), vectors(parameters)
     inputs, outputs, told = vectors(u), vectors(y), vectors(errors)
-    filters, regressor = cut_filters(ints[0], r, b), plain.cut_regressor(ints[0], r, b)
-    estimate = plain.cut_estimate(ints[0], r)
+    filters, regressor = cut_filters(ints[0], r, b), fixed_filter.cut_regressor(ints[0], r, b)
+    estimate = fixed_filter.cut_estimate(ints[0], r)
     theta, unit, row = estimate[0], estimate[5], ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
     level, work = are_level(ints), (drawn, order, picked, spare)
     for lane in range(LANES):

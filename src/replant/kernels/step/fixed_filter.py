@@ -7,13 +7,24 @@ as fast as C.  With one interval there is one discretisation, so every array tha
 
 import numpy as np
 
-from replant.kernels import bank as bk
-from replant.kernels import chain
-from replant.kernels import first_order as first
-from replant.kernels import layout as at
-from replant.kernels.compiled import cut, kernel, part, rare
-from replant.kernels.pointer import pointer
-from replant.kernels.step import acceptable, draw_rows, keep_estimate, keep_sample, left_float64
+from replant.kernels import schema as at
+from replant.kernels.codegen.decorators import (
+    cut,
+    kernel,
+    part,
+    rare,
+)
+from replant.kernels.codegen.pointer import pointer
+from replant.kernels.filters import bank as bk
+from replant.kernels.filters import chain
+from replant.kernels.optimizers import gradient as first
+from replant.kernels.step.shared import (
+    acceptable,
+    draw_rows,
+    keep_estimate,
+    keep_sample,
+    left_float64,
+)
 
 
 @part

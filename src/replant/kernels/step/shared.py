@@ -4,17 +4,24 @@ import math
 
 import numpy as np
 
-from replant.kernels import bank as bk
-from replant.kernels import chain, guard, residuals
-from replant.kernels import first_order as first
-from replant.kernels import layout as at
-from replant.kernels import path as trail
-from replant.kernels import second_order as second
-from replant.kernels.compiled import cut, kernel, part, rare, seldom
-from replant.kernels.interruptions import begin_initial_state, input_rests, interval_of
-from replant.kernels.pointer import pointer
-from replant.kernels.random_stream import draw_below
-from replant.kernels.second_order import KALMAN_TRACKING, RECURSIVE_LEAST_SQUARES
+from replant.kernels import schema as at
+from replant.kernels.codegen.decorators import (
+    cut,
+    kernel,
+    part,
+    rare,
+    seldom,
+)
+from replant.kernels.codegen.pointer import pointer
+from replant.kernels.filters import bank as bk
+from replant.kernels.filters import chain
+from replant.kernels.monitoring import estimate_path as trail
+from replant.kernels.monitoring import outliers, residual_colour
+from replant.kernels.monitoring.interruptions import begin_initial_state, input_rests, interval_of
+from replant.kernels.optimizers import covariance as second
+from replant.kernels.optimizers import gradient as first
+from replant.kernels.optimizers.covariance import KALMAN_TRACKING, RECURSIVE_LEAST_SQUARES
+from replant.kernels.optimizers.random_stream import draw_below
 
 # The estimate is kept each time the samples have grown by an eighth: of the four kept the oldest lies then three to
 # four of these steps back, so that a quarter to a third of all samples, and later three to four times PAST_STEP, are
@@ -153,11 +160,11 @@ def record_residual(ints, reals, error):
             zeta[i] = phi[i]
     forgetting = reals[ints[at.AT_SETTINGS]]
     alpha = reals[ints[at.AT_MEMORY] + ints[at.MEMORY_SIZE] - 1]
-    residuals.record(colour, error, alpha, forgetting, zeta)
-    if colour[residuals.COUNT] >= path[trail.DUE]:
+    residual_colour.record(colour, error, alpha, forgetting, zeta)
+    if colour[residual_colour.COUNT] >= path[trail.DUE]:
         theta, memory = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T], ints[at.AT_MEMORY]
         U, D = reals[memory : memory + T * T], reals[memory + T * T : memory + T * T + T]
-        trail.keep(path, theta, U, D, colour[residuals.COUNT])
+        trail.keep(path, theta, U, D, colour[residual_colour.COUNT])
 
 
 @seldom
@@ -199,9 +206,14 @@ def renew_model(ints, reals, banks):
     if chain.renew_model(ints, reals, banks):
         colour = ints[at.AT_COLOUR]
         if ints[at.COLOURED] == 1:
-            residuals.autoregression(
-                reals[colour + residuals.COVARIANCES : colour + residuals.COVARIANCES + residuals.LAGS + 1],
-                reals[colour + residuals.MODEL : colour + residuals.MODEL + residuals.LAGS + 1],
+            residual_colour.autoregression(
+                reals[
+                    colour + residual_colour.COVARIANCES : colour
+                    + residual_colour.COVARIANCES
+                    + residual_colour.LAGS
+                    + 1
+                ],
+                reals[colour + residual_colour.MODEL : colour + residual_colour.MODEL + residual_colour.LAGS + 1],
                 reals[ints[at.AT_WORK] :],
             )
 
@@ -227,7 +239,7 @@ def take_by_gradient(ints, reals, banks, buffer, recent, u, y, t):
     if ints[at.INSTRUMENTS] == 1:
         renew_model(ints, reals, banks)
     target = chain.observe(ints, reals, banks, u, y, interval)
-    error = guard.equation_error(ints, reals, target)
+    error = outliers.equation_error(ints, reals, target)
     ints[at.SAMPLES] += 1
     if at_rest or ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM]:
         ints[at.RESTED] += 1
@@ -256,19 +268,19 @@ def take_guarded(ints, reals, banks, buffer, recent, u, y, t):
         renew_model(ints, reals, banks)
     if ints[at.STARTED] == 0 and ints[at.GAP_AT] > 0 and ints[at.REFINED] * ints[at.COLOURED] == 1:
         begin_initial_state(ints, reals, banks, y)
-    target = guard.observe(ints, reals, banks, u, y, interval)
+    target = outliers.observe(ints, reals, banks, u, y, interval)
     if ints[at.RECENT] > 0:
         keep_guarded_sample(ints, reals, recent, u, y, interval)
     ints[at.SAMPLES] += 1
     tells = not (at_rest or ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM])
-    if not tells or ints[at.ALARM] >= guard.RESTS:
+    if not tells or ints[at.ALARM] >= outliers.RESTS:
         ints[at.RESTED] += 1
-    elif ints[at.DOUBT] == guard.NONE and guard.is_calm(ints, reals):
+    elif ints[at.DOUBT] == outliers.NONE and outliers.is_calm(ints, reals):
         update_estimate(ints, reals, buffer, target, interval, learn_with_covariance)
         ints[at.LEARNED] = ints[at.SAMPLES]
-        if ints[at.COLOURED] == 1 and not guard.begins_anew(ints, reals):
+        if ints[at.COLOURED] == 1 and not outliers.begins_anew(ints, reals):
             record_residual(ints, reals, reals[at.ERROR])
-    guard.watch(ints, reals, tells)
+    outliers.watch(ints, reals, tells)
     if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
         keep_estimate(ints, reals)
     if ints[at.SAMPLES] == ints[at.DUE] or ints[at.ALARM] == 1:

@@ -22,7 +22,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from replant.errors import MissingDependencyError, ReplantError
 from replant.live.dashboard.hub import COMMANDS, Hub
 from replant.live.dashboard.security import HEADERS, Guard
-from replant.report.page import asset as report_asset
+from replant.report.html.page import asset as report_asset
 
 PERIOD = 0.2  # s between two views to one browser
 HISTORY_PERIOD = 1.0  # s between two histories, which are long

@@ -16,9 +16,17 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 
 from replant.errors import InvalidArgumentError
-from replant.identifier import Identifier
-from replant.live.observing import ENDING, Command, Failed, Handover, Orders, Serving, observe
-from replant.live.view import Pulse, View
+from replant.live.observer.process import (
+    ENDING,
+    Command,
+    Failed,
+    Handover,
+    Orders,
+    Serving,
+    observe,
+)
+from replant.live.observer.view import Pulse, View
+from replant.online.identifier import Identifier
 
 INTERVAL = 0.2  # s between two handovers at the least
 SHARE = 0.02  # of the session's time that handing over may take

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.live.view import Rows
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.live.observer.view import Rows
 
 MOST_ROWS = 1000
 

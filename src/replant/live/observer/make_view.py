@@ -7,14 +7,19 @@ from typing import Any
 
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.assessment import simulate
-from replant.identifier import Identifier
-from replant.live.history import History
-from replant.live.view import Bode, Pulse, View, Window
-from replant.thinning import thin
-from replant.transfer_function import TransferFunction
-from replant.uncertainty import Uncertainty
-from replant.validation import FloatArray
+from replant.live.observer.history import History
+from replant.live.observer.view import (
+    Bode,
+    Pulse,
+    View,
+    Window,
+)
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import Uncertainty
+from replant.online.identifier import Identifier
+from replant.runs.thinning import thin
 
 POINTS = 1000  # of the window: more than its picture has columns
 FREQUENCIES = 200

@@ -12,11 +12,11 @@ from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
 from replant.errors import ReplantError
-from replant.identifier import Identifier
-from replant.live.history import History
-from replant.live.look import look
-from replant.live.view import Pulse, Rows, View
-from replant.transfer_function import TransferFunction
+from replant.live.observer.history import History
+from replant.live.observer.make_view import look
+from replant.live.observer.view import Pulse, Rows, View
+from replant.model.transfer_function import TransferFunction
+from replant.online.identifier import Identifier
 
 if TYPE_CHECKING:
     from replant.live.dashboard.server import Dashboard
@@ -97,7 +97,7 @@ class _Observing:
     """The observer at work: its newest identifier and view."""
 
     def __init__(self, connection: Connection, orders: Orders) -> None:
-        from replant.live.status import Status
+        from replant.live.observer.terminal import Status
 
         self._connection, self._sending = connection, threading.Lock()
         self._orders = orders
@@ -162,7 +162,7 @@ class _Observing:
 
     def _report(self) -> bytes:
         """Return the report of the estimate as it is now, over the samples that are kept."""
-        from replant.live.report import report_of
+        from replant.live.observer.report import report_of
 
         identifier, view = self._identifier, self._view
         if identifier is None or view is None:

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from replant.assessment import fit_percent, simulate
+from replant.data.logs import Log
 from replant.errors import ReplantError
-from replant.identifier import Identifier
-from replant.live.view import View
-from replant.logs import Log
-from replant.prediction import one_step
-from replant.runs import History, Result
+from replant.live.observer.view import View
+from replant.online.identifier import Identifier
+from replant.runs.run import History, Result
+from replant.statistics.autoregression import one_step
 
 
 def report_of(identifier: Identifier, view: View) -> bytes:
@@ -31,7 +31,7 @@ def report_of(identifier: Identifier, view: View) -> bytes:
     ReplantError
         During start-up.
     """
-    from replant.report.html import write_report
+    from replant.report.html.report import write_report
 
     if identifier.settings is None:
         raise ReplantError("there is no model to report on yet")

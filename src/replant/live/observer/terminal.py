@@ -9,10 +9,10 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from replant.live.view import View
+from replant.live.observer.view import View
+from replant.model.transfer_function import TransferFunction
 from replant.report.numbers import off_by
-from replant.report.summary import fraction, true_parameters, wrapped
-from replant.transfer_function import TransferFunction
+from replant.report.terminal.summary import fraction, true_parameters, wrapped
 
 LINES_APART = 5.0  # s between two lines where nobody watches
 REASONS_WIDTH = 71  # columns, where a terminal has 80

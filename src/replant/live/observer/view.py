@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
 
 
 @dataclass(frozen=True)

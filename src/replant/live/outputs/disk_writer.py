@@ -6,7 +6,7 @@ import queue
 import threading
 from collections.abc import Callable
 
-from replant.live.notices import Notices
+from replant.live.outputs.notices import Notices
 
 MOST_WAITING = 16
 

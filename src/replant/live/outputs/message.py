@@ -6,7 +6,7 @@ import json
 import math
 from dataclasses import dataclass
 
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

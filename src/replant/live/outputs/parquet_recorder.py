@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from replant.arguments import FloatArray
 from replant.errors import InvalidArgumentError, MissingDependencyError
-from replant.live.background import Background, one_line
-from replant.live.estimate import Estimate
-from replant.validation import FloatArray
+from replant.live.outputs.disk_writer import Background, one_line
+from replant.live.outputs.message import Estimate
 
 ROWS = 200_000  # of a part: a few megabytes
 SECONDS = 30.0  # after which a part is written even if it is short

@@ -8,9 +8,9 @@ import time
 from typing import Any, Protocol
 from urllib.parse import SplitResult, unquote, urlsplit
 
+from replant.data.streams.address import shown
 from replant.errors import InvalidArgumentError, MissingDependencyError
-from replant.live.estimate import Estimate
-from replant.sources.address import shown
+from replant.live.outputs.message import Estimate
 
 MQTT_PORT = 1883
 PATIENCE = 5.0  # s that a broker may be away before it is said

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.state import GAP
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.engine.state import GAP
 
 BACK = 1.0  # s; stamps that go back less are late samples, which the identifier rejects one by one
 

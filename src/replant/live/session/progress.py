@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from replant.sources import Batch
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.data.streams import Batch
 
 COUNTER = "counter "  # before a counter's name in a checkpoint
 

@@ -11,20 +11,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from replant.arguments import FloatArray
+from replant.data.streams import Batch, Source
 from replant.errors import CheckpointError, InvalidArgumentError, ReplantError
-from replant.identifier import Identifier
-from replant.live.background import Background, one_line
-from replant.live.clock import Clock
-from replant.live.estimate import Estimate
-from replant.live.keeper import Keeper
-from replant.live.notices import Notices
-from replant.live.observer import Observer
-from replant.live.progress import Progress
-from replant.live.recorder import Recorder
-from replant.live.sinks import Sink
-from replant.live.view import Pulse
-from replant.sources import Batch, Source
-from replant.validation import FloatArray
+from replant.live.observer.client import Observer
+from replant.live.observer.view import Pulse
+from replant.live.outputs.disk_writer import Background, one_line
+from replant.live.outputs.message import Estimate
+from replant.live.outputs.notices import Notices
+from replant.live.outputs.parquet_recorder import Recorder
+from replant.live.outputs.sinks import Sink
+from replant.live.session.checkpointing import Keeper
+from replant.live.session.clock import Clock
+from replant.live.session.progress import Progress
+from replant.online.identifier import Identifier
 
 UNKNOWN = "unknown"  # the verdict while no observer gives one
 

@@ -8,9 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from replant.identifier import Identifier
+from replant.model.transfer_function import TransferFunction
+from replant.online.identifier import Identifier
 from replant.settings import Request
-from replant.transfer_function import TransferFunction
 
 PATIENCE = 3.0  # s after which the wait is explained
 STARTUP, SAMPLES = 500, 1200  # enough for a first model, and for the record to be solved again

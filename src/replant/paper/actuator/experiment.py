@@ -13,23 +13,29 @@ from functools import cached_property
 
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.assessment import simulate
-from replant.filters import StateVariableFilter
-from replant.identifier import Identifier
-from replant.least_squares import least_squares
-from replant.offline import FitResult, fit
-from replant.optimizers import Adam, AMSGrad, Gradient, IntegralCost, Optimizer
-from replant.paper.curves import Curve, transients
-from replant.paper.measures import Course, Measures, measure
-from replant.regression import regressors
-from replant.replay import Replay
+from replant.engine.regressors import regressors
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.offline.fit import FitResult, fit
+from replant.offline.least_squares import least_squares
+from replant.online.identifier import Identifier
+from replant.optimizers import (
+    Adam,
+    AMSGrad,
+    Gradient,
+    IntegralCost,
+    Optimizer,
+)
+from replant.optimizers.replay import Replay
+from replant.paper.actuator.measures import Course, Measures, measure
+from replant.paper.drawing.curves import Curve, transients
+from replant.regressor.filters import StateVariableFilter
+from replant.regressor.scaling import Scaling
 from replant.rigs import Rig, deap_rig, deap_voltage
-from replant.runs import run_online
-from replant.scaling import Scaling
+from replant.runs.run import run_online
 from replant.settings import Request
-from replant.structure import Structure
-from replant.transfer_function import TransferFunction
-from replant.validation import FloatArray
 
 SAMPLES = 240_000  # 240 s at 1 kHz
 BUFFER = 240_000

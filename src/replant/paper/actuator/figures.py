@@ -7,11 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from replant.offline import FitResult
-from replant.paper.actuator import GAINS, Actuator, Record
-from replant.paper.curves import curve
-from replant.paper.panels import draw_panel, legend_above
-from replant.report.style import BLUE, GREY, NAVY, SKY, VERMILION, blank_figure, open_frame, symbol
+from replant.offline.fit import FitResult
+from replant.paper.actuator.experiment import GAINS, Actuator, Record
+from replant.paper.drawing.curves import curve
+from replant.paper.drawing.panels import draw_panel, legend_above
+from replant.report.palette import (
+    BLUE,
+    GREY,
+    NAVY,
+    SKY,
+    VERMILION,
+    blank_figure,
+    open_frame,
+    symbol,
+)
 
 UNITS = {"a2": "1/s", "a1": "1/s²", "a0": "1/s³", "b1": "mm/(kV² s²)", "b0": "mm/(kV² s³)"}
 #: Windows of Figure 6c and 6d, in parts of the record: a few steps, and the ringing after one of them.

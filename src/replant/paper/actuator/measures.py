@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from replant.trace import Trace
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.online.trace import Trace
 
 BAND = 0.1  # of the true value, within which an estimate counts as settled
 

@@ -7,7 +7,14 @@ from collections.abc import Iterable, Iterator, Mapping
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from replant.paper.actuator import DEFAULT, NORMALISED, NOTES, OFFLINE, Actuator, Row
+from replant.paper.actuator.experiment import (
+    DEFAULT,
+    NORMALISED,
+    NOTES,
+    OFFLINE,
+    Actuator,
+    Row,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from replant.trace import Trace
-from replant.validation import FloatArray
+from replant.arguments import FloatArray
+from replant.online.trace import Trace
 
 POINTS = 2000  # a curve: more than a panel has pixels, few enough for a small SVG
 

@@ -8,17 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant import realization
-from replant.ensemble import Ensemble
-from replant.filters import StateVariableFilter
-from replant.identifier import Identifier
+from replant.arguments import FloatArray
+from replant.model import state_space
+from replant.model.structure import Structure
+from replant.online.ensemble import Ensemble
+from replant.online.identifier import Identifier
+from replant.online.trace import Trace
 from replant.optimizers import Optimizer
-from replant.replay import Replay
-from replant.scaling import Scaling
+from replant.optimizers.replay import Replay
+from replant.regressor.filters import StateVariableFilter
+from replant.regressor.scaling import Scaling
 from replant.signals import square
-from replant.structure import Structure
-from replant.trace import Trace
-from replant.validation import FloatArray
 
 
 @dataclass(frozen=True)
@@ -71,11 +71,11 @@ class Plant:
 
         With it the output is C (x[k] + x[k+1]) / 2: the state's mean over the interval that begins at t_k.
         """
-        from replant.kernels.simulate import filter_states
+        from replant.kernels.filters.simulate import filter_states
 
         u = square(self.samples, self.period, self.dt, self.amplitude)
-        model = realization.companion(np.asarray(self.den))
-        transition, column = realization.bilinear(model.matrix, model.column, self.dt, 0.5)
+        model = state_space.companion(np.asarray(self.den))
+        transition, column = state_space.bilinear(model.matrix, model.column, self.dt, 0.5)
         row = np.zeros(column.size)
         row[column.size - len(self.num) :] = self.num
         taps = np.stack([np.zeros_like(column), column, np.zeros_like(column)])
@@ -158,7 +158,7 @@ def run(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, FloatAr
 
     Examples
     --------
-    >>> from replant.paper.tables import TABLES
+    >>> from replant.paper.tables.published import TABLES
     >>> indices = run(TABLES["table1"].row("Gradient, no buffer").experiment)
     >>> {name: f"{value:.2e}" for name, value in indices.items()}
     {'J_a0': '8.41e+02', 'J_b0': '1.64e+03', 'J_sum': '2.48e+03'}

@@ -10,11 +10,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from replant.paper.curves import Curve, transients
-from replant.paper.experiment import trace
-from replant.paper.panels import draw_panel, legend_above, limit
-from replant.paper.tables import TABLES, Table
-from replant.report.style import BLUE, ORANGE, blank_figure, symbol
+from replant.paper.drawing.curves import Curve, transients
+from replant.paper.drawing.panels import draw_panel, legend_above, limit
+from replant.paper.tables.experiment import trace
+from replant.paper.tables.published import TABLES, Table
+from replant.report.palette import (
+    BLUE,
+    ORANGE,
+    blank_figure,
+    symbol,
+)
 
 
 @dataclass(frozen=True)

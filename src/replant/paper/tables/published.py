@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from replant.filters import StateVariableFilter
 from replant.optimizers import AMSGrad, Gradient, Optimizer
-from replant.paper.experiment import Experiment, Plant
-from replant.replay import Replay
-from replant.scaling import Scaling
+from replant.optimizers.replay import Replay
+from replant.paper.tables.experiment import Experiment, Plant
+from replant.regressor.filters import StateVariableFilter
+from replant.regressor.scaling import Scaling
 
 
 @dataclass(frozen=True)

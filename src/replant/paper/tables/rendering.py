@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from replant.paper.reproduction import LIMIT, Cell, RowResult, TableResult, three_digits
+from replant.paper.tables.reproduction import (
+    LIMIT,
+    Cell,
+    RowResult,
+    TableResult,
+    three_digits,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable

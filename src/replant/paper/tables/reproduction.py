@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import fmean, stdev
 
-from replant.paper.experiment import run_seeds
-from replant.paper.tables import Row, Table
+from replant.paper.tables.experiment import run_seeds
+from replant.paper.tables.published import Row, Table
 
 #: Runs of a row with a replay buffer: seeds 0 to 19.
 SEEDS = 20
@@ -123,7 +123,7 @@ def reproduce(table: Table, seeds: int = SEEDS, on_run: Callable[[], None] | Non
 
     Examples
     --------
-    >>> from replant.paper.tables import TABLES
+    >>> from replant.paper.tables.published import TABLES
     >>> reproduce(TABLES["table2"])["AMSGrad, amplitude 0.1"]["J_b0"].verdict
     'equal'
     """

@@ -4,7 +4,7 @@ Examples
 --------
 >>> import numpy as np
 >>> from replant import Structure, TransferFunction
->>> from replant.runs import run_online
+>>> from replant.runs.run import run_online
 >>> from replant.settings import Request
 >>> u = np.where(np.arange(2000) // 50 % 2 == 0, 1.0, -1.0)
 >>> y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.1)
@@ -20,14 +20,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from replant.arguments import FloatArray
 from replant.report.figures.bode import draw_bode
 from replant.report.figures.correlation import draw_correlations
 from replant.report.figures.overlay import draw_overlay
 from replant.report.figures.poles import draw_poles_and_zeros
-from replant.report.figures.style import INK, MEASURED, MODEL, MUTED, RESIDUAL, TRUTH
+from replant.report.figures.style import (
+    INK,
+    MEASURED,
+    MODEL,
+    MUTED,
+    RESIDUAL,
+    TRUTH,
+)
 from replant.report.figures.time import draw_excitation, draw_fit, draw_transients
-from replant.runs import Result
-from replant.validation import FloatArray
+from replant.runs.run import Result
 
 __all__ = [
     "INK",

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.report.diagnostics import BAND_95, BAND_99, Correlations
 from replant.report.figures import style
-from replant.thinning import thin
-from replant.validation import FloatArray
+from replant.runs.thinning import thin
 
 WIDE = 0.2  # a correlation that can be seen on an axis that reaches to 1
 FEW = 60  # lags that can be told apart as stems

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from replant.report.figures import style
-from replant.runs import Result
-from replant.thinning import thin
+from replant.runs.run import Result
+from replant.runs.thinning import thin
 
 WIDEST = 1.5  # how far a panel reaches about the reference at the least, as a part of its size
 DEFAULT_SIZE = (9.0, 1.9, 1.7)  # inches: width, height of a row, of the rest

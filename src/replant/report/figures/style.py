@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from replant.labels import unit_of as unit_of
-from replant.labels import without_unit
+from replant.arguments import FloatArray
+from replant.interop.units import unit_of as unit_of
+from replant.interop.units import without_unit
+from replant.model.structure import Structure
 from replant.report.numbers import number
-from replant.report.style import BLUE, VERMILION, blank_figure
-from replant.runs import History, Result
-from replant.structure import Structure
-from replant.validation import FloatArray
+from replant.report.palette import BLUE, VERMILION, blank_figure
+from replant.runs.run import History, Result
 
 # what was measured is wide and pale, the model thin and dark: told apart in grey as well
 MEASURED, MODEL, RESIDUAL, INPUT, TRUTH = "#8d99a3", VERMILION, BLUE, "#00785a", "#000000"

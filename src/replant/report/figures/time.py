@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.assessment import WORST_CONDITION
 from replant.errors import InvalidArgumentError
 from replant.report.diagnostics import Excitation
 from replant.report.figures import style
-from replant.runs import Result
-from replant.thinning import Thinned, thin
-from replant.validation import FloatArray
+from replant.runs.run import Result
+from replant.runs.thinning import Thinned, thin
 
 
 def draw_fit(

@@ -6,7 +6,7 @@ import numpy as np
 
 from replant.report.figures import style
 from replant.report.figures.correlation import reach
-from replant.report.material import Material
+from replant.report.html.material import Material
 from replant.report.numbers import complex_number, number, percent
 
 SEEN = 0.01  # part of the record: what is shorter cannot be seen in a picture

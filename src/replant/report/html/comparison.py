@@ -7,19 +7,37 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from replant.comparison import Contender, best
-from replant.logs import Log
-from replant.preprocess import Preprocess
-from replant.report import recipe, tables
-from replant.report.comparison import OUTCOME, cells_of, gravity_of
+from replant.data.logs import Log
+from replant.regressor.preprocess import Preprocess
 from replant.report.figures import draw_overlay, style
 from replant.report.figures.overlay import legend_columns
-from replant.report.findings import BAD, GOOD, Finding, findings
+from replant.report.findings import (
+    BAD,
+    GOOD,
+    Finding,
+    findings,
+)
+from replant.report.html import recipe, tables
+from replant.report.html.page import (
+    NO_BREAK,
+    Html,
+    code,
+    facts,
+    icon,
+    section,
+    write_page,
+)
+from replant.report.html.svg import (
+    HALF,
+    look,
+    svg,
+    variable,
+)
 from replant.report.numbers import duration, number, percent
-from replant.report.page import NO_BREAK, Html, code, facts, icon, section, write_page
-from replant.report.pictures import HALF, look, svg, variable
-from replant.report.style import blank_figure
-from replant.runs import Result
+from replant.report.palette import blank_figure
+from replant.report.terminal.comparison import OUTCOME, cells_of, gravity_of
+from replant.runs.comparison import Contender, best
+from replant.runs.run import Result
 
 
 def write_comparison(

@@ -9,10 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from replant.arguments import FloatArray
+from replant.data.logs import Log
 from replant.errors import ReplantError
-from replant.filters import StateVariableFilter
-from replant.logs import Log
-from replant.preprocess import Preprocess
+from replant.model.uncertainty import Uncertainty
+from replant.regressor.filters import StateVariableFilter
+from replant.regressor.preprocess import Preprocess
 from replant.report.diagnostics import (
     Correlations,
     Excitation,
@@ -23,9 +25,7 @@ from replant.report.diagnostics import (
 )
 from replant.report.figures import style
 from replant.report.figures.poles import usable_uncertainty
-from replant.runs import Result
-from replant.uncertainty import Uncertainty
-from replant.validation import FloatArray
+from replant.runs.run import Result
 
 
 class OverTime(NamedTuple):

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from replant.overview import POINTS
-from replant.report import words
+from replant.arguments import FloatArray
 from replant.report.diagnostics import Excitation
 from replant.report.figures import style
-from replant.report.material import Material
-from replant.thinning import thin
-from replant.validation import FloatArray
+from replant.report.html import captions
+from replant.report.html.material import Material
+from replant.runs.overview import POINTS
+from replant.runs.thinning import thin
 
 PARAMETER_POINTS = 120_000  # of all transients together
 LARGEST = 3e38  # what float32 holds
@@ -56,7 +56,7 @@ def _fit_charts(material: Material) -> list[dict[str, Any]]:
 
 def _parameter_charts(material: Material) -> list[dict[str, Any]]:
     history, structure = material.result.history, material.result.structure
-    if history is None or not history.samples.size or words.beyond_scale(material):
+    if history is None or not history.samples.size or captions.beyond_scale(material):
         return []
     labels = style.symbols(structure, material.plant_label, material.output_label)
     first, stride = float(history.samples[0]), _stride(history.samples)

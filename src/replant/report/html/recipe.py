@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from replant.filters import StateVariableFilter
-from replant.logs import Log
-from replant.offline import FitResult
-from replant.runs import Result
-from replant.scaling import Scaling
+from replant.data.logs import Log
+from replant.offline.fit import FitResult
+from replant.regressor.filters import StateVariableFilter
+from replant.regressor.scaling import Scaling
+from replant.runs.run import Result
 from replant.settings import Settings
 
 WIDEST = 88  # characters of a line

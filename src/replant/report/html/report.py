@@ -13,21 +13,40 @@ from typing import Any
 
 import numpy as np
 
+from replant.data.logs import Log
 from replant.errors import MissingDependencyError
-from replant.filters import StateVariableFilter
-from replant.logs import Log
 from replant.optimizers import RecursiveLeastSquares
-from replant.preprocess import Preprocess
-from replant.report import pictures, recipe, tables, words
+from replant.regressor.filters import StateVariableFilter
+from replant.regressor.preprocess import Preprocess
 from replant.report.figures import style
 from replant.report.findings import BAD, Finding, findings
-from replant.report.material import Material
-from replant.report.numbers import duration, mathml, number, percent, uncertain
-from replant.report.page import asset, code, heading, icon, today
-from replant.report.page import style as page_style
-from replant.report.page import words as in_words
-from replant.report.series import charts
-from replant.runs import Result
+from replant.report.html import (
+    captions as words,
+)
+from replant.report.html import (
+    recipe,
+    svg,
+    tables,
+)
+from replant.report.html.material import Material
+from replant.report.html.page import (
+    asset,
+    code,
+    heading,
+    icon,
+    today,
+)
+from replant.report.html.page import style as page_style
+from replant.report.html.page import words as in_words
+from replant.report.html.plot_data import charts
+from replant.report.numbers import (
+    duration,
+    mathml,
+    number,
+    percent,
+    uncertain,
+)
+from replant.runs.run import Result
 from replant.settings import Settings
 
 NO_MODEL = "<p>G(s) could not be estimated.</p>"
@@ -110,22 +129,22 @@ def _fields(material: Material, title: str, command: str, python: str) -> dict[s
 
 def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dict[str, str]:
     """Return the figures, each with the words that stand for it."""
-    with pictures.look():
-        fit = _figure(words.of_fit(material), pictures.fit_picture(material), plots["fit"])
+    with svg.look():
+        fit = _figure(words.of_fit(material), svg.fit_picture(material), plots["fit"])
         transients = ""
         history = material.result.history
         if history is not None and history.samples.size:
-            said, drawn = words.of_transients(material), pictures.transient_pictures(material)
+            said, drawn = words.of_transients(material), svg.transient_pictures(material)
             transients = f"<h3>Parameters</h3>{_figure(said, ''.join(drawn), plots['parameters'])}"
         said = words.of_excitation(material)
-        excitation = f"<h3>Excitation</h3>{_figure(said, pictures.excitation_picture(material), plots['excitation'])}"
-        auto, cross = pictures.correlation_pictures(material)
+        excitation = f"<h3>Excitation</h3>{_figure(said, svg.excitation_picture(material), plots['excitation'])}"
+        auto, cross = svg.correlation_pictures(material)
         return {
             "fit": fit,
             "transients": transients,
             "excitation": excitation,
-            "poles": _figure(words.of_poles(material), pictures.poles_picture(material)),
-            "bode": _figure(words.of_bode(material), pictures.bode_picture(material)),
+            "poles": _figure(words.of_poles(material), svg.poles_picture(material)),
+            "bode": _figure(words.of_bode(material), svg.bode_picture(material)),
             "auto": _figure(words.of_auto(material), auto),
             "cross": _figure(words.of_cross(material), cross),
         }

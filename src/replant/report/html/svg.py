@@ -7,10 +7,17 @@ import io
 import re
 from typing import Any
 
-from replant.report.figures import draw_bode, draw_correlations, draw_excitation, draw_fit, draw_poles_and_zeros, style
+from replant.report.figures import (
+    draw_bode,
+    draw_correlations,
+    draw_excitation,
+    draw_fit,
+    draw_poles_and_zeros,
+    style,
+)
 from replant.report.figures.time import draw_transients
-from replant.report.material import Material
-from replant.report.style import blank_figure
+from replant.report.html.material import Material
+from replant.report.palette import blank_figure
 
 HALF, WHOLE = 4.5, 7.4  # inches: half and whole width of the page
 MOST_TRANSIENTS = 6  # a picture, so that each fits on a sheet of paper

@@ -12,13 +12,20 @@ from pathlib import Path
 
 import numpy as np
 
-from replant.logs import Log
+from replant.data.logs import Log
 from replant.report.figures import style
 from replant.report.figures.poles import regions
-from replant.report.material import Material
-from replant.report.numbers import MINUS, complex_number, duration, number, off_by, uncertain
-from replant.report.page import Html, facts, words
-from replant.runs import Result
+from replant.report.html.material import Material
+from replant.report.html.page import Html, facts, words
+from replant.report.numbers import (
+    MINUS,
+    complex_number,
+    duration,
+    number,
+    off_by,
+    uncertain,
+)
+from replant.runs.run import Result
 
 UNCERTAIN = "Estimate ± standard deviation."
 NO_STD = "This estimator gives no standard deviations."

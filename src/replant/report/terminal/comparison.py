@@ -5,11 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from replant.comparison import Contender, best
-from replant.report.findings import BAD, GOOD, WARN, findings
+from replant.model.structure import Structure
+from replant.report.findings import (
+    BAD,
+    GOOD,
+    WARN,
+    findings,
+)
 from replant.report.numbers import percent, uncertain
-from replant.report.summary import as_json as result_as_json
-from replant.structure import Structure
+from replant.report.terminal.summary import as_json as result_as_json
+from replant.runs.comparison import Contender, best
 
 COLOURS = {GOOD: "green", WARN: "yellow", BAD: "red"}
 OUTCOME = ("verdict", "simulated", "one step", "time")

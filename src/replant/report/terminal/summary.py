@@ -8,9 +8,9 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
+from replant.model.transfer_function import TransferFunction
 from replant.report.numbers import off_by
-from replant.runs import Result
-from replant.transfer_function import TransferFunction
+from replant.runs.run import Result
 
 REASON_INDENT = 9  # columns, below the figures
 

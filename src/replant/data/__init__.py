@@ -1,0 +1,1 @@
+"""Where samples come from: recorded logs and live streams."""

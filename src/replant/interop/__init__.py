@@ -1,0 +1,1 @@
+"""The way to python-control, SciPy, pandas and xarray."""

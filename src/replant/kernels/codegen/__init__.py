@@ -1,0 +1,1 @@
+"""How the kernels are compiled: decorators, pointers, SIMD vectors."""

@@ -1,0 +1,1 @@
+"""Filters: state-variable banks, the chain of them, matrix exponential, Routh's test."""

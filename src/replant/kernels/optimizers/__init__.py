@@ -1,0 +1,1 @@
+"""The loops by which the estimate moves."""

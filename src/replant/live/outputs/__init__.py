@@ -1,0 +1,1 @@
+"""Where estimates and records go."""

@@ -1,0 +1,1 @@
+"""The session: one loop from source to outputs, with checkpoints."""

@@ -1,0 +1,1 @@
+"""The model: structure, transfer function and what follows from them; values, no state."""

@@ -1,0 +1,1 @@
+"""The identifier that learns sample by sample, and everything that belongs to its life."""

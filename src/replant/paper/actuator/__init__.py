@@ -1,0 +1,1 @@
+"""The actuator experiment of section 4."""

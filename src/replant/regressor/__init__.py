@@ -1,0 +1,1 @@
+"""From samples to the regressor: preprocessing, filters and scaling."""

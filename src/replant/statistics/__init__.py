@@ -1,0 +1,1 @@
+"""Statistics that several stages share: factors of a covariance, projections, autoregression, batch means."""
