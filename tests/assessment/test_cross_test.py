@@ -9,7 +9,7 @@ from scipy.stats import binom, chi2
 
 import replant as rp
 from replant.assessment.cross_test import FALSE_ALARM, unexplained
-from replant.offline.srivc import Record
+from replant.engine.record import Record
 from replant.simulation.model_run import ModelRun, run_model
 from support.builders import G1, binary
 

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 import replant as rp
 from replant.assessment.changes import growth
 from replant.assessment.distance import Distance, distance
-from replant.offline.srivc import Record
+from replant.engine.record import Record
 from replant.simulation.model_run import run_model
 from replant.statistics.whitening import whiteness
 from support.builders import binary

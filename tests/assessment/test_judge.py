@@ -20,7 +20,7 @@ from replant.assessment.verdict import (
     conclude,
     percent,
 )
-from replant.offline.srivc import Record
+from replant.engine.record import Record
 from support.builders import binary
 
 DT, SAMPLES = 0.05, 4000

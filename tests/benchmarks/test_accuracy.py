@@ -19,7 +19,8 @@ from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
 import replant as rp
-from replant.offline.srivc import Record, refine
+from replant.engine.record import Record
+from replant.offline.srivc import refine
 from support.places import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))

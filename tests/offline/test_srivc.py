@@ -8,12 +8,8 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.offline.srivc import (
-    Problem,
-    Record,
-    Refined,
-    refine,
-)
+from replant.engine.record import Record
+from replant.offline.srivc import Problem, Refined, refine
 from replant.signals import prbs
 from replant.statistics.udu import compose
 from support.builders import AWKWARD, DT, binary, irregular_record, random_plant, true_parameters

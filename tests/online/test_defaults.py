@@ -10,7 +10,8 @@ import pytest
 
 import replant as rp
 from replant.engine.regressors import regressors
-from replant.online.defaults import choose_filter, settle
+from replant.offline.choose_filter import choose_filter
+from replant.online.defaults import settle
 from replant.optimizers import OPTIMIZERS
 from replant.settings import Request
 from support.builders import G1, G2, random_plant, record

@@ -12,7 +12,7 @@ from scipy import signal
 
 import replant as rp
 from replant.engine.regressors import regressors
-from replant.regressor.filters import split_delay
+from replant.model.dead_time import split_delay
 from replant.regressor.preprocess import Preprocess
 from support.builders import binary, random_plant
 

@@ -9,7 +9,7 @@ import pytest
 
 import replant as rp
 from replant.assessment.excitation import WORST_CONDITION, excitation
-from replant.offline.srivc import Record
+from replant.engine.record import Record
 from replant.simulation.model_run import ModelRun, run_model
 from replant.statistics.projections import products, without
 from support.builders import AWKWARD, DT, binary, irregular_record, true_parameters

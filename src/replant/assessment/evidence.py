@@ -10,8 +10,8 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment.verdict import duration
+from replant.engine.record import Record
 from replant.model.structure import Structure
-from replant.offline.srivc import Record
 from replant.simulation.model_run import ModelRun, run_model
 
 FEWEST = 100  # samples held out, below which they say nothing for a model

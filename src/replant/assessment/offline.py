@@ -10,8 +10,8 @@ from replant.arguments import FloatArray
 from replant.assessment.evidence import Evidence
 from replant.assessment.judge import judge
 from replant.assessment.verdict import Assessment
+from replant.engine.record import Record
 from replant.model.structure import Structure
-from replant.offline.srivc import Record
 
 MOST_SAMPLES = 50_000  # looked at, the newest of them: five times what an identifier keeps
 

@@ -13,9 +13,9 @@ from replant.assessment.evidence import Evidence
 from replant.assessment.judge import RESTING, judge
 from replant.assessment.verdict import Assessment, Finding, conclude
 from replant.engine.covariance import covariance, slowness
+from replant.engine.record import Record
 from replant.engine.state import GAP, SHORTEST_STEP, State
 from replant.kernels import schema as at
-from replant.offline.srivc import Record
 from replant.settings import Request, Settings
 
 STANDS = 2  # the doubt of a stuck sensor, as `replant.kernels.monitoring.outliers` numbers it

@@ -6,8 +6,8 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.model import state_space
+from replant.model.dead_time import split_delay
 from replant.model.transfer_function import TransferFunction
-from replant.regressor.filters import split_delay
 
 NOTHING = 1e-200  # of a free response, below which it has died out; before its numbers become slow ones (denormal)
 

@@ -23,7 +23,7 @@ from replant.arguments import (
 from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.interop import systems
 from replant.model import state_space
-from replant.regressor.filters import split_delay
+from replant.model.dead_time import split_delay
 
 
 @dataclass(frozen=True)

@@ -15,15 +15,15 @@ from replant.arguments import (
     stamps_of,
 )
 from replant.assessment import Simulation, fit_percent, simulate
+from replant.engine.record import ready_record
 from replant.engine.regressors import regressors
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
+from replant.offline.choose_filter import choose_filter
 from replant.offline.least_squares import least_squares
-from replant.offline.srivc import Refined
-from replant.online.defaults import choose_filter
-from replant.online.startup import first_model, ready_record
+from replant.offline.srivc import Refined, first_model
 from replant.regressor.filters import RefinedFilter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
 from replant.settings import AUTO, Request

@@ -26,16 +26,9 @@ import numpy as np
 import numpy.typing as npt
 
 from replant.arguments import FloatArray
+from replant.engine.record import Record
 from replant.model.structure import Structure
-from replant.offline.srivc import (
-    POLISH,
-    Pass,
-    Problem,
-    Record,
-    Refined,
-    conclude,
-    solve,
-)
+from replant.offline.srivc import POLISH, Pass, Problem, Refined, conclude, solve
 
 STAYS, MOVES = 0.01, 1.0  # parts of its size by which a coefficient is held to be off that has stayed, or moved
 FLOOR = 0.03  # part of what its neighbours make it, as which a coefficient counts at the least

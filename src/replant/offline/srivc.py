@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels import schema as at
 from replant.model.structure import Structure
@@ -35,41 +36,6 @@ POLISH = 30  # Gauss-Newton steps
 SLOWEST = 0.01  # margin of stability, over the record's length
 FASTEST = 3.0  # bound of a pole's magnitude, over the sampling time
 ACCEPTABLE = 0.25  # relative uncertainty up to which a start-up is long enough
-
-
-@dataclass(frozen=True, eq=False)
-class Record:
-    """A record made ready: mapped input and output, working point taken off, unusable samples dropped.
-
-    Attributes
-    ----------
-    u, y : (K,) arrays
-    intervals : (1,) or (K,) array
-        Time since the sample before, in s: one for all, or one each.
-    input_hold : str
-    """
-
-    u: FloatArray
-    y: FloatArray
-    intervals: FloatArray
-    input_hold: str = "zoh"
-
-    def first(self, samples: int) -> Record:
-        """Return the record's beginning."""
-        intervals = self.intervals if self.intervals.size == 1 else self.intervals[:samples]
-        return Record(self.u[:samples], self.y[:samples], intervals, self.input_hold)
-
-    @property
-    def span(self) -> float:
-        """Time from first to last sample, in s."""
-        if self.intervals.size == 1:
-            return float(self.intervals[0]) * (self.u.size - 1)
-        return float(self.intervals[1:].sum())
-
-    @property
-    def dt(self) -> float:
-        """Mean interval in s."""
-        return self.span / (self.u.size - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -386,3 +352,11 @@ def solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
         return None
     result = np.asarray(solution / size)
     return result if np.isfinite(result).all() else None
+
+
+def first_model(structure: Structure, record: Record) -> Refined | None:
+    """Return the refined estimate of held samples; None where they are too few or the input does not move."""
+    least = 2 * structure.poles + structure.zeros + 3
+    if record.u.size <= least or float(np.ptp(record.u)) == 0.0:
+        return None
+    return refine(structure, record)

@@ -9,10 +9,11 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.assessment.online import STANDS, cleaned, unrolled
 from replant.engine.covariance import covariance
+from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels import schema as at
 from replant.offline.map_srivc import revise
-from replant.offline.srivc import Record, Refined, refine
+from replant.offline.srivc import Refined, refine
 from replant.online.load_step import only_constant_moved, with_new_constant
 from replant.online.startup import carry_over, seed, warm_up
 from replant.regressor.filters import RefinedFilter

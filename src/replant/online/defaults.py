@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from replant.arguments import FloatArray
-from replant.assessment import simulate
 from replant.engine.regressors import regressors
-from replant.model.structure import Structure
-from replant.offline.least_squares import least_squares
+from replant.offline.choose_filter import choose_filter
 from replant.optimizers import OPTIMIZERS, Optimizer
-from replant.optimizers.optimizer import rounded
 from replant.optimizers.replay import Replay
 from replant.regressor.filters import RefinedFilter, StateVariableFilter
-from replant.regressor.preprocess import Preprocess, screen
+from replant.regressor.preprocess import centre
 from replant.regressor.scaling import Scaling
 from replant.settings import (
     AUTO,
@@ -22,8 +17,6 @@ from replant.settings import (
     Settings,
 )
 
-CANDIDATES = 16  # cutoffs tried, evenly spaced in the logarithm
-MOST_SAMPLES = 20_000  # looked at for the choice
 UNKNOWN_LENGTH = 2_000  # samples to come that an optimizer is tuned for where nobody knows better
 
 
@@ -65,40 +58,3 @@ def _choose_replay(request: Request) -> Replay | None:
     if isinstance(optimizer, str):
         return None if OPTIMIZERS[DEFAULT_OPTIMIZER if optimizer == AUTO else optimizer].keeps_covariance else Replay()
     return None if optimizer.keeps_covariance else Replay()
-
-
-def centre(preprocess: Preprocess, u: FloatArray, y: FloatArray) -> Preprocess:
-    """Return the same with the record's mean in the working point, where a constant is estimated beside G(s).
-
-    That constant makes any working point right; one near the data keeps the regression well conditioned.
-    """
-    mapped = preprocess.map_input(u)
-    accepted, _ = screen(mapped, y)
-    if not accepted.any():
-        return preprocess
-    return Preprocess(preprocess.input_map, float(mapped[accepted].mean()), float(y[accepted].mean()))
-
-
-def choose_filter(
-    structure: Structure, dt: float, preprocess: Preprocess, u: FloatArray, y: FloatArray
-) -> StateVariableFilter:
-    """Return the filter whose least-squares model runs closest to the data when simulated from the input alone.
-
-    The cutoffs tried run from ten times the slowest that the record can tell (10 / duration) up to 1/dt.  The
-    simulated fit, not the equation error, is compared: the latter always favours a filter that hides the misfit.
-    """
-    u, y = u[:MOST_SAMPLES], y[:MOST_SAMPLES]
-    accepted, _ = screen(preprocess.map_input(u), y)
-    y = np.where(accepted, y, np.nan)
-    slowest, fastest = 10.0 / (u.size * dt), 1.0 / dt
-    candidates = np.geomspace(min(slowest, fastest / 10), fastest, CANDIDATES)
-    linear_input = np.where(accepted, preprocess.map_input(u) - float(preprocess.input_offset), np.nan)
-    best, best_fit = StateVariableFilter(cutoff=rounded(float(candidates[CANDIDATES // 2]))), -np.inf
-    for cutoff in candidates:
-        tried = StateVariableFilter(cutoff=rounded(float(cutoff)))
-        phi, target = regressors(structure, dt, tried, preprocess, u, y)
-        model = structure.transfer_function(least_squares(phi, target).parameters)
-        fit = simulate(model, linear_input, y, dt).fit if model.is_stable else -np.inf
-        if fit > best_fit:
-            best, best_fit = tried, fit
-    return best

@@ -14,6 +14,7 @@ from replant.arguments import (
     record,
     stamps_of,
 )
+from replant.engine.dispatch import Step, bound_step, step_kernels
 from replant.engine.state import State
 from replant.errors import InvalidArgumentError
 from replant.kernels import schema as at
@@ -28,17 +29,7 @@ from replant.online.change_response import (
 )
 from replant.online.defaults import settle
 from replant.online.readout import REASONS, Estimate
-from replant.online.startup import (
-    LARGEST,
-    Step,
-    hold_back,
-    kernels_for,
-    modelled,
-    seed,
-    single,
-    warm_up,
-    without_spikes,
-)
+from replant.online.startup import LARGEST, hold_back, modelled, seed, warm_up, without_spikes
 from replant.online.trace import Trace
 from replant.optimizers import Optimizer
 from replant.optimizers.replay import Replay
@@ -405,12 +396,12 @@ class Identifier(Estimate):
         """Go on with this state: choose who takes its samples; those for a regular clock do until the first stamp."""
         self._state, self._regular = state, regular
         self._mapped = callable(self._request.preprocess.input_map)
-        self._kernel, self._steps = kernels_for(state, regular=regular)
+        self._kernel, self._steps = step_kernels(state, regular=regular)
         self._step = self._first_step
 
     def _first_step(self, u: float, y: float, t: float) -> float:
         """Take a sample; what takes the next ones is compiled here, which who takes many at once never needs."""
-        self._step = single(self._state, self._kernel, self._request.preprocess)
+        self._step = bound_step(self._state, self._kernel, self._request.preprocess)
         return self._step(u, y, t)
 
     def _wait_longer(self) -> float:

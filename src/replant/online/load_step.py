@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels import schema as at
-from replant.offline.srivc import Record
 from replant.settings import Settings
 from replant.simulation.model_run import run_model
 from replant.statistics.projections import without
@@ -52,8 +52,8 @@ def with_new_constant(old: State, record: Record) -> State:
 
     The other parameters keep estimate and covariance, as after a gap.
     """
+    from replant.engine.dispatch import step_kernels
     from replant.kernels.monitoring.interruptions import forget_constant, interrupt
-    from replant.online.startup import kernels_for
 
     new = State(old.ints.copy(), old.reals.copy(), old.banks.copy(), old.buffer.copy(), old.recent.copy())
     ints, reals, count = new.ints, new.reals, record.u.size
@@ -69,7 +69,7 @@ def with_new_constant(old: State, record: Record) -> State:
     reals[at.LEARN_FROM] = reals[at.ELAPSED] + reals[at.DELAY]  # until then the input lies before the record
     forget_constant(ints, reals, new.banks)
     errors, unseen = np.empty(count), np.empty((count, 0))
-    _, steps = kernels_for(new, regular=regular)
+    _, steps = step_kernels(new, regular=regular)
     limit, reals[at.LIMIT] = reals[at.LIMIT], 0.0  # no alarm from what has been looked into
     with new.without_preprocessing():
         steps(ints, reals, new.banks, new.buffer, new.recent, record.u, record.y, stamps, errors, unseen)

@@ -3,54 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import partial
-from typing import Any
 
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.engine.dispatch import step_kernels
+from replant.engine.record import Record, ready_record
 from replant.engine.state import State
 from replant.kernels import schema as at
-from replant.model.structure import Structure
-from replant.offline.srivc import (
-    FASTEST,
-    SLOWEST,
-    Record,
-    Refined,
-    refine,
-)
-from replant.online.defaults import centre
+from replant.offline.srivc import FASTEST, SLOWEST, Refined, first_model
 from replant.regressor.preprocess import Preprocess, screen
 from replant.settings import Settings
 from replant.statistics.udu import compose, factor_covariance
-
-Step = Callable[[float, float, float], float]  # takes a sample (u, y, t) and returns its error
 
 LARGEST = 20_000  # samples held back at the most, before a start-up that does not suffice is taken as it is
 LIMIT = 50.0  # usual variances by which the residual must have exceeded what is no growth, summed, to be looked into
 SHORTEST_MEMORY = 100  # samples of an input that stands still, before which it does not rest
 SPIKE_NEIGHBOURS = 5  # samples that tell what an output is without its spikes
 ROOM = 1e6  # how far forgetting may let the variances grow beyond those of the start-up
-
-
-def kernels_for(state: State, *, regular: bool) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return who takes the samples of this state, one by one and many; ``regular``: without time stamps.
-
-    Compiling takes long, so each does no more than it must.  All work on the same arrays: another can go on where one
-    stopped, as when stamps begin to come.
-    """
-    from replant.kernels.optimizers import gradient
-    from replant.kernels.step import fixed_filter, shared
-
-    ints = state.ints
-    if ints[at.ALGORITHM] not in gradient.CODES:
-        return shared.step, shared.steps
-    without_model = ints[at.INSTRUMENTS] == 0 and ints[at.GUARD] == 0
-    strictly_proper = ints[at.INPUT_ENTRIES] <= ints[at.ORDER]
-    if regular and without_model and strictly_proper and state.reals[at.DELAY] == 0.0:
-        return fixed_filter.step, fixed_filter.steps
-    return shared.gradient_step, shared.gradient_steps
 
 
 def hold_back(
@@ -75,29 +45,13 @@ def hold_back(
             held.append((float(u[k]), float(y[k]), last))
 
 
-def single(state: State, kernel: Callable[..., Any], preprocess: Preprocess) -> Step:
-    """Return what takes one sample of this state as ``kernel`` does, without passing its arrays.
-
-    It takes three floats and nothing else: types are not looked at.  See `replant.kernels.step.by_address`.  An input
-    map that is a function of the user's, which no kernel can call, is called before.
-    """
-    from replant.kernels.step import by_address
-
-    table = by_address.table_of(*state.arrays)
-    call = partial(by_address.entry_of(by_address.WITHOUT_ARRAYS[kernel]), int(table.ctypes.data))
-    call.keeps = table, state  # type: ignore[attr-defined]  # what is pointed to lives as long as who points there
-    if callable(preprocess.input_map):
-        return lambda u, y, t: call(float(preprocess.call_map(np.array([u]))[0]), y, t)
-    return call
-
-
 def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn: bool) -> FloatArray:
     """Run held samples through the kernel and return the errors (K,).
 
     Without ``learn`` only filters, counters and kept samples follow: the estimate has been solved for.  No estimate
     is kept meanwhile: choices were made, or the estimate solved for, with all of these samples.
     """
-    _, steps = kernels_for(state, regular=t.size == 0)
+    _, steps = step_kernels(state, regular=t.size == 0)
     errors, unseen = np.empty(u.size), np.empty((u.size, 0))
     rested = state.ints[at.RESTED]
     state.ints[at.ADAPT] = learn
@@ -239,31 +193,6 @@ def _seed_path(state: State, settings: Settings, refined: Refined, rate: FloatAr
     target[:, 0], target[:, 1] = source[:, 0] * sigma / settings.scaling.output, source[:, 1] * sigma**2
 
 
-def ready_record(
-    structure: Structure,
-    dt: float,
-    preprocess: Preprocess,
-    u: FloatArray,
-    y: FloatArray,
-    stamps: FloatArray | None = None,
-    input_hold: str = "zoh",
-) -> Record:
-    """Return a raw record made ready: mapped, unusable samples dropped, working point taken off.
-
-    Without a bias in the structure the mean goes too: the constant beside G(s) takes up what is left.  Where samples
-    are dropped the intervals grow: the filters are exact for what really passed.
-    """
-    mapped = preprocess.map_input(u)
-    accepted, _ = screen(mapped, y)
-    if not structure.bias:
-        preprocess = centre(preprocess, u, y)
-    regular = stamps is None and bool(accepted.all())
-    clock = np.arange(u.size) * dt if stamps is None else stamps
-    intervals = np.array([dt]) if regular else np.diff(clock[accepted], prepend=clock[accepted][:1] - dt)
-    u, y = mapped[accepted] - float(preprocess.input_offset), y[accepted] - float(preprocess.output_offset)
-    return Record(u, y, intervals, input_hold)
-
-
 def without_spikes(y: FloatArray) -> FloatArray:
     """Return an output with gross outliers replaced by the median of five neighbours.
 
@@ -283,14 +212,6 @@ def without_spikes(y: FloatArray) -> FloatArray:
     with np.errstate(over="ignore"):
         gross = (np.abs(y - median) > limit) & (limit > 0.0)
     return np.where(gross, median, y) if gross.any() else y
-
-
-def first_model(structure: Structure, record: Record) -> Refined | None:
-    """Return the refined estimate of held samples; None where they are too few or the input does not move."""
-    least = 2 * structure.poles + structure.zeros + 3
-    if record.u.size <= least or float(np.ptp(record.u)) == 0.0:
-        return None
-    return refine(structure, record)
 
 
 def modelled(settings: Settings, u: FloatArray, y: FloatArray, t: FloatArray) -> tuple[Record, Refined | None]:

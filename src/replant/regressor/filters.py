@@ -19,6 +19,7 @@ from replant.arguments import (
 )
 from replant.errors import InvalidArgumentError
 from replant.model import state_space
+from replant.model.dead_time import split_delay
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,18 +184,3 @@ class RefinedFilter:
         roots = np.roots(denominator)
         roots = np.minimum(-np.abs(roots.real), -1e-4 / dt) + 1j * roots.imag
         return StateVariableFilter(denominator=tuple(np.poly(roots).real.tolist()), input_hold=self.input_hold)
-
-
-def split_delay(delay: float, dt: float) -> tuple[int, float]:
-    """Return a dead time as whole samples and a fraction of one; within 1e-9 of whole counts as whole.
-
-    Examples
-    --------
-    >>> split_delay(0.3, 0.1), split_delay(0.025, 0.02)
-    ((3, 0.0), (1, 0.25))
-    """
-    samples = delay / dt
-    nearest = round(samples)
-    if abs(samples - nearest) < 1e-9 * max(1.0, samples):
-        return nearest, 0.0
-    return int(samples), samples - int(samples)

@@ -122,3 +122,15 @@ def _level(offset: WorkingPoint, signal: FloatArray) -> float:
     if offset == "mean":
         return float(signal.mean())
     return float(offset)
+
+
+def centre(preprocess: Preprocess, u: FloatArray, y: FloatArray) -> Preprocess:
+    """Return the same with the record's mean in the working point, where a constant is estimated beside G(s).
+
+    That constant makes any working point right; one near the data keeps the regression well conditioned.
+    """
+    mapped = preprocess.map_input(u)
+    accepted, _ = screen(mapped, y)
+    if not accepted.any():
+        return preprocess
+    return Preprocess(preprocess.input_map, float(mapped[accepted].mean()), float(y[accepted].mean()))

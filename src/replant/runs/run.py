@@ -11,13 +11,14 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment import Simulation, Verdict, assess_record
+from replant.engine.record import ready_record
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.offline.fit import FitResult
 from replant.online.defaults import settle
 from replant.online.identifier import Identifier
-from replant.online.startup import LARGEST, ready_record
+from replant.online.startup import LARGEST
 from replant.online.trace import Trace
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import screen

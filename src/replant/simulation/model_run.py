@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels import schema as at
 from replant.model.structure import Structure
-from replant.offline.srivc import Record
 from replant.statistics.projections import without
 
 

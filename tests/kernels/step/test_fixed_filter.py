@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.engine.dispatch import step_kernels
 from replant.engine.state import State
 from replant.engine.vector_blocks import is_under_way
 from replant.kernels import schema as at
@@ -19,7 +20,6 @@ from replant.kernels.step.shared import (
     step,
     steps,
 )
-from replant.online.startup import kernels_for
 from replant.optimizers import OPTIMIZERS
 
 Kernel = Callable[..., Any]
@@ -98,7 +98,7 @@ def chosen(structure: rp.Structure, optimizer: str, *, regular: bool, **slots: i
     state = state_of(structure, optimizer)
     for name, value in slots.items():
         state.ints[getattr(at, name)] = value
-    return kernels_for(state, regular=regular)
+    return step_kernels(state, regular=regular)
 
 
 def test_each_identifier_gets_the_leanest_kernels_that_suit_it() -> None:

@@ -1,0 +1,50 @@
+"""Dispatch: which compiled kernel steps this state, one sample at a time or many."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from replant.engine.state import State
+from replant.kernels import schema as at
+from replant.regressor.preprocess import Preprocess
+
+Step = Callable[[float, float, float], float]  # takes a sample (u, y, t) and returns its error
+
+
+def step_kernels(state: State, *, regular: bool) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return who takes the samples of this state, one by one and many; ``regular``: without time stamps.
+
+    Compiling takes long, so each does no more than it must.  All work on the same arrays: another can go on where one
+    stopped, as when stamps begin to come.
+    """
+    from replant.kernels.optimizers import gradient
+    from replant.kernels.step import fixed_filter, shared
+
+    ints = state.ints
+    if ints[at.ALGORITHM] not in gradient.CODES:
+        return shared.step, shared.steps
+    without_model = ints[at.INSTRUMENTS] == 0 and ints[at.GUARD] == 0
+    strictly_proper = ints[at.INPUT_ENTRIES] <= ints[at.ORDER]
+    if regular and without_model and strictly_proper and state.reals[at.DELAY] == 0.0:
+        return fixed_filter.step, fixed_filter.steps
+    return shared.gradient_step, shared.gradient_steps
+
+
+def bound_step(state: State, kernel: Callable[..., Any], preprocess: Preprocess) -> Step:
+    """Return what takes one sample of this state as ``kernel`` does, without passing its arrays.
+
+    It takes three floats and nothing else: types are not looked at.  See `replant.kernels.step.by_address`.  An input
+    map that is a function of the user's, which no kernel can call, is called before.
+    """
+    from replant.kernels.step import by_address
+
+    table = by_address.table_of(*state.arrays)
+    call = partial(by_address.entry_of(by_address.WITHOUT_ARRAYS[kernel]), int(table.ctypes.data))
+    call.keeps = table, state  # type: ignore[attr-defined]  # what is pointed to lives as long as who points there
+    if callable(preprocess.input_map):
+        return lambda u, y, t: call(float(preprocess.call_map(np.array([u]))[0]), y, t)
+    return call

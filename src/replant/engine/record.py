@@ -1,0 +1,71 @@
+"""Record: samples made ready for an estimator, mapped, usable, working point taken off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.model.structure import Structure
+from replant.regressor.preprocess import Preprocess, centre, screen
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A record made ready: mapped input and output, working point taken off, unusable samples dropped.
+
+    Attributes
+    ----------
+    u, y : (K,) arrays
+    intervals : (1,) or (K,) array
+        Time since the sample before, in s: one for all, or one each.
+    input_hold : str
+    """
+
+    u: FloatArray
+    y: FloatArray
+    intervals: FloatArray
+    input_hold: str = "zoh"
+
+    def first(self, samples: int) -> Record:
+        """Return the record's beginning."""
+        intervals = self.intervals if self.intervals.size == 1 else self.intervals[:samples]
+        return Record(self.u[:samples], self.y[:samples], intervals, self.input_hold)
+
+    @property
+    def span(self) -> float:
+        """Time from first to last sample, in s."""
+        if self.intervals.size == 1:
+            return float(self.intervals[0]) * (self.u.size - 1)
+        return float(self.intervals[1:].sum())
+
+    @property
+    def dt(self) -> float:
+        """Mean interval in s."""
+        return self.span / (self.u.size - 1)
+
+
+def ready_record(
+    structure: Structure,
+    dt: float,
+    preprocess: Preprocess,
+    u: FloatArray,
+    y: FloatArray,
+    stamps: FloatArray | None = None,
+    input_hold: str = "zoh",
+) -> Record:
+    """Return a raw record made ready: mapped, unusable samples dropped, working point taken off.
+
+    Without a bias in the structure the mean goes too: the constant beside G(s) takes up what is left.  Where samples
+    are dropped the intervals grow: the filters are exact for what really passed.
+    """
+    mapped = preprocess.map_input(u)
+    accepted, _ = screen(mapped, y)
+    if not structure.bias:
+        preprocess = centre(preprocess, u, y)
+    regular = stamps is None and bool(accepted.all())
+    clock = np.arange(u.size) * dt if stamps is None else stamps
+    intervals = np.array([dt]) if regular else np.diff(clock[accepted], prepend=clock[accepted][:1] - dt)
+    u, y = mapped[accepted] - float(preprocess.input_offset), y[accepted] - float(preprocess.output_offset)
+    return Record(u, y, intervals, input_hold)

@@ -1,0 +1,42 @@
+"""Choice of the state-variable filter whose model runs closest to the data."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.assessment import simulate
+from replant.engine.regressors import regressors
+from replant.model.structure import Structure
+from replant.offline.least_squares import least_squares
+from replant.optimizers.optimizer import rounded
+from replant.regressor.filters import StateVariableFilter
+from replant.regressor.preprocess import Preprocess, screen
+
+CANDIDATES = 16  # cutoffs tried, evenly spaced in the logarithm
+MOST_SAMPLES = 20_000  # looked at for the choice
+
+
+def choose_filter(
+    structure: Structure, dt: float, preprocess: Preprocess, u: FloatArray, y: FloatArray
+) -> StateVariableFilter:
+    """Return the filter whose least-squares model runs closest to the data when simulated from the input alone.
+
+    The cutoffs tried run from ten times the slowest that the record can tell (10 / duration) up to 1/dt.  The
+    simulated fit, not the equation error, is compared: the latter always favours a filter that hides the misfit.
+    """
+    u, y = u[:MOST_SAMPLES], y[:MOST_SAMPLES]
+    accepted, _ = screen(preprocess.map_input(u), y)
+    y = np.where(accepted, y, np.nan)
+    slowest, fastest = 10.0 / (u.size * dt), 1.0 / dt
+    candidates = np.geomspace(min(slowest, fastest / 10), fastest, CANDIDATES)
+    linear_input = np.where(accepted, preprocess.map_input(u) - float(preprocess.input_offset), np.nan)
+    best, best_fit = StateVariableFilter(cutoff=rounded(float(candidates[CANDIDATES // 2]))), -np.inf
+    for cutoff in candidates:
+        tried = StateVariableFilter(cutoff=rounded(float(cutoff)))
+        phi, target = regressors(structure, dt, tried, preprocess, u, y)
+        model = structure.transfer_function(least_squares(phi, target).parameters)
+        fit = simulate(model, linear_input, y, dt).fit if model.is_stable else -np.inf
+        if fit > best_fit:
+            best, best_fit = tried, fit
+    return best
