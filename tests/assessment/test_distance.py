@@ -12,7 +12,7 @@ from replant.assessment.changes import growth
 from replant.assessment.distance import Distance, distance
 from replant.engine.record import Record
 from replant.simulation.model_run import run_model
-from replant.statistics.whitening import whiteness
+from replant.statistics.autoregression import whiteness
 from support.builders import binary
 
 DT, SAMPLES = 0.05, 2000

@@ -20,8 +20,8 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.simulation.model_run import ModelRun
+from replant.statistics.autoregression import Autoregression
 from replant.statistics.projections import lengths_of, orthogonal, products
-from replant.statistics.whitening import autoregression, filtered
 
 FALSE_ALARM = 1e-4  # chance that the test finds something where there is nothing
 # Two sets of columns are tried.  A few find most faults of a model with the least to pay for chance,
@@ -63,15 +63,15 @@ def unexplained(run: ModelRun, rows: slice, dt: float, surplus: float = 0.0) -> 
     """
     columns, few = _columns(run, rows, dt)
     error, columns = run.error[rows] - run.error[rows].mean(), columns - columns.mean(axis=0)
-    model = autoregression(error)
-    e, z = filtered(model, error), filtered(model, columns)
+    noise = Autoregression.of(error)
+    e, z = noise.whiten(error), noise.whiten(columns)
     lengths = lengths_of(z)
     left = lengths > FILTERED_AWAY * lengths_of(columns)
     if not left.any() or not float(e @ e) > 0.0:
         return Unexplained(0.0, 0.0, 0.0)
     z, few = z[:, left] / lengths[left], int(left[:few].sum())
     # what the filter has not seen whole must not count afterwards either
-    whole = columns[model.size - 1 :, left] / lengths[left]
+    whole = columns[noise.coefficients.size - 1 :, left] / lengths[left]
     seen, made, along = products(z, z), products(whole, whole), products(z, e[:, None])[:, 0]
     learned = surplus * run.zeta.shape[1]
     tried = [_regression(seen[:k, :k], made[:k, :k], along[:k], e, learned) for k in sorted({few, along.size} - {0})]

@@ -15,6 +15,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.simulation.model_run import ModelRun
+from replant.statistics.autoregression import Autoregression
 from replant.statistics.projections import (
     lengths_of,
     orthogonal,
@@ -22,7 +23,6 @@ from replant.statistics.projections import (
     without,
 )
 from replant.statistics.udu import larger
-from replant.statistics.whitening import autoregression, filtered
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,6 @@ class Distance:
 
 def distance(run: ModelRun, rows: slice, false_alarm: float) -> Distance:
     """Return the Gauss-Newton step that a record asks of an estimate, and whether it is more than chance."""
-    from scipy.signal import lfilter
     from scipy.stats import chi2
 
     nuisances = np.hstack([run.nuisances[rows], np.ones((len(run.error[rows]), 1))])
@@ -58,9 +57,8 @@ def distance(run: ModelRun, rows: slice, false_alarm: float) -> Distance:
     inverse = basis @ basis.T
     step = inverse @ products(zeta, error[:, None])[:, 0]
     left = error - np.einsum("ij,j->i", zeta, step)
-    model = autoregression(left)
-    innovation = filtered(model, left)
-    coloured = lfilter([1.0], model, zeta, axis=0)
+    noise = Autoregression.of(left)
+    innovation, coloured = noise.whiten(left), noise.colour(zeta)
     variance = float(innovation @ innovation) / max(innovation.size - len(step), 1)
     covariance = variance * inverse @ products(coloured, coloured) @ inverse
     covariance = larger(covariance, float(np.mean(left**2)) * inverse)

@@ -37,7 +37,7 @@ from replant.assessment.verdict import (
 )
 from replant.simulation.model_run import ModelRun
 from replant.simulation.offset_fit import fit_percent
-from replant.statistics.whitening import whiteness
+from replant.statistics.autoregression import whiteness
 
 # Simulated fit in percent below which the input explains next to nothing: at a fit of 10 the noise has four times the
 # power of the model's output, and a right model of such a plant is of little use.

@@ -8,6 +8,7 @@ from replant.arguments import FloatArray
 from replant.engine.state import State
 from replant.kernels import schema as at
 from replant.settings import Settings
+from replant.statistics.autoregression import Autoregression
 from replant.statistics.batch_means import no_less_than_scattered, rows_of
 from replant.statistics.udu import compose, larger
 
@@ -83,10 +84,8 @@ def _by_colour(state: State) -> FloatArray:
     count = max(seen - size, 1.0)
     share = (2.0 - seen * (1.0 - forgetting)) / (1.0 + forgetting)  # of the sums of mu^2j and mu^j
     white = share * colour[residual_colour.POWER] / max(seen, 1.0) * inverse
-    model = np.empty(lags + 1)
-    power = residual_colour.autoregression(
-        colour[residual_colour.COVARIANCES : residual_colour.COVARIANCES + lags + 1], model, np.empty(lags + 1)
-    )
+    covariances = colour[residual_colour.COVARIANCES : residual_colour.COVARIANCES + lags + 1]
+    power = Autoregression.of_covariances(covariances).power
     squares = colour[residual_colour.FILTERED + lags * size :].reshape(size, size)
     return larger(power / count * inverse @ squares @ inverse, white)
 
@@ -99,10 +98,6 @@ def _of_buffer(state: State) -> FloatArray:
     instrumental-variable estimate; the distance to it, by which the steps wander or have not arrived, is known, and
     its square is added.
     """
-    from scipy.signal import lfilter
-
-    from replant.kernels.monitoring import residual_colour
-
     size, filled = state.entries, int(state.ints[at.FILLED])
     unknown = np.full((size, size), np.nan)
     if filled <= 2 * size:
@@ -116,10 +111,8 @@ def _of_buffer(state: State) -> FloatArray:
     inverse = np.linalg.inv(cross)
     solution = inverse @ (zeta.T @ target)
     error = target - phi @ solution
-    covariances = np.array([error[lag:] @ error[: filled - lag] for lag in range(residual_colour.LAGS + 1)])
-    model = np.empty(residual_colour.LAGS + 1)
-    power = residual_colour.autoregression(covariances, model, np.empty(residual_colour.LAGS + 1))
-    filtered = lfilter([1.0], model, zeta, axis=0)
+    noise = Autoregression.of(error)
+    filtered = noise.colour(zeta)
     distance = state.theta - solution
-    spread = power / (filled - size) * inverse @ (filtered.T @ filtered) @ inverse.T
+    spread = noise.power / (filled - size) * inverse @ (filtered.T @ filtered) @ inverse.T
     return np.asarray(spread + np.outer(distance, distance))

@@ -26,6 +26,7 @@ from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels import schema as at
 from replant.model.structure import Structure
+from replant.statistics.autoregression import Autoregression
 from replant.statistics.batch_means import no_less_than_scattered, path_of_record, rows_of
 from replant.statistics.udu import compose, factor_information, larger
 
@@ -314,8 +315,6 @@ def relative_uncertainty(
 
 def _colour(zeta: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Return the block of `kernels.residuals` at the record's end, sum zeta_f zeta_f', and the innovation's sum."""
-    from scipy.signal import lfilter
-
     from replant.kernels.monitoring import residual_colour
 
     samples, size = zeta.shape
@@ -323,11 +322,10 @@ def _colour(zeta: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray
     lags = residual_colour.LAGS
     for lag in range(lags + 1):
         colour[residual_colour.COVARIANCES + lag] = error[lag:] @ error[: samples - lag]
-    model = colour[residual_colour.MODEL : residual_colour.MODEL + lags + 1]
-    innovation = residual_colour.autoregression(
-        colour[residual_colour.COVARIANCES : residual_colour.COVARIANCES + lags + 1], model, np.empty(lags + 1)
-    )
-    filtered = lfilter([1.0], model, zeta, axis=0)
+    covariances = colour[residual_colour.COVARIANCES : residual_colour.COVARIANCES + lags + 1]
+    noise = Autoregression.of_covariances(covariances)
+    colour[residual_colour.MODEL : residual_colour.MODEL + lags + 1] = noise.coefficients
+    filtered = noise.colour(zeta)
     squares = filtered.T @ filtered
     colour[residual_colour.COUNT] = samples
     colour[residual_colour.POWER] = float(error @ error)
@@ -336,7 +334,7 @@ def _colour(zeta: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray
     for age in range(min(lags, samples)):
         ring[-age % lags] = filtered[-1 - age]
     colour[residual_colour.FILTERED + lags * size :] = squares.ravel()
-    return colour, squares, float(innovation)
+    return colour, squares, noise.power
 
 
 def solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:

@@ -14,8 +14,9 @@ from replant.engine.state import State
 from replant.kernels import schema as at
 from replant.offline.map_srivc import revise
 from replant.offline.srivc import Refined, refine
+from replant.online.initialization import initialize
 from replant.online.load_step import only_constant_moved, with_new_constant
-from replant.online.startup import carry_over, seed, warm_up
+from replant.online.startup import carry_over, warm_up
 from replant.regressor.filters import RefinedFilter
 from replant.settings import Settings
 from replant.simulation.model_run import run_model
@@ -347,7 +348,7 @@ def _record(kept: FloatArray, settings: Settings) -> Record:
 def _begun_with(old: State, settings: Settings, refined: Refined, record: Record, origin: int) -> State:
     """Return a state that begins at a refined estimate of the record since ``origin``, and goes on where ``old`` is."""
     new = State.of_settings(settings, RECENT)
-    seed(new, settings, refined, record)
+    initialize(new, settings, refined, record)
     stamps = REGULAR
     if record.intervals.size > 1:
         stamps = old.reals[at.LAST_TIME] - (record.intervals.sum() - np.cumsum(record.intervals))

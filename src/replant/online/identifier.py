@@ -28,8 +28,9 @@ from replant.online.change_response import (
     solved_again,
 )
 from replant.online.defaults import settle
+from replant.online.initialization import initialize
 from replant.online.readout import REASONS, Estimate
-from replant.online.startup import LARGEST, hold_back, modelled, seed, warm_up, without_spikes
+from replant.online.startup import LARGEST, hold_back, modelled, warm_up, without_spikes
 from replant.online.trace import Trace
 from replant.optimizers import Optimizer
 from replant.optimizers.replay import Replay
@@ -379,7 +380,7 @@ class Identifier(Estimate):
         error, t = NAN, REGULAR if np.isnan(t).any() else t
         if u.size > 0:
             if refined is not None:
-                seed(state, settings, refined, ready)
+                initialize(state, settings, refined, ready)
             if callable(settings.preprocess.input_map):
                 u = settings.preprocess.call_map(u)
             learn = refined is None or not settings.optimizer.keeps_covariance

@@ -15,6 +15,7 @@ from replant.arguments import FloatArray
 from replant.model.response import Response
 from replant.model.transfer_function import TransferFunction
 from replant.simulation.offset_fit import bridged, initial_weights, with_initial
+from replant.statistics.autoregression import Autoregression
 
 FITTED = 1 << 18  # samples over which the initial state is fitted
 
@@ -194,12 +195,9 @@ class _ErrorSums:
 
     def innovation(self, mean: float) -> float:
         """Return the sum of w^2, w being the residual itself where its past is not known."""
-        from replant.kernels.monitoring import residual_colour
-
         if self._samples <= self._lags:
             return self.power(mean)
-        model = np.empty(self._lags + 1)
-        residual_colour.autoregression(self._covariances(mean), model, np.empty(self._lags + 1))
+        model = Autoregression.of_covariances(self._covariances(mean)).coefficients
         weights = np.append(model, -mean * model.sum())
         alone = np.array([1.0, -mean])
         return float(weights @ self._usable @ weights + alone @ self._rest @ alone) + self._of_head(model, mean)

@@ -1,17 +1,82 @@
-"""One step ahead: what the output's past adds to the simulation from the input."""
+r"""Autoregression: the model :math:`D(q)\, e_k = w_k` that makes a residual white, fitted in one place for all.
+
+The order is that of the recursion, `replant.kernels.monitoring.residual_colour`.
+
+Sources: Ljung (1999), "System Identification: Theory for the User", section 16.6; Soderstrom and Stoica (1989), "System
+Identification", section 11.2.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from replant.arguments import FloatArray
 
+WHITENESS_LAGS = 25
+
+
+@dataclass(frozen=True, eq=False)
+class Autoregression:
+    r"""The model :math:`e_k + d_1 e_{k-1} + \ldots + d_p e_{k-p} = w_k`, w white.
+
+    Attributes
+    ----------
+    coefficients : (p + 1,) array
+        1, d_1 .. d_p, in falling powers of the shift q.
+    power : float
+        Sum of w^2 over the samples that it was fitted to.
+    """
+
+    coefficients: FloatArray
+    power: float
+
+    @classmethod
+    def of(cls, error: FloatArray) -> Autoregression:
+        """Return the model of ``error`` (K,), K larger than the order, every sample finite.
+
+        Examples
+        --------
+        >>> noise = np.random.default_rng(0).standard_normal(5000)
+        >>> slow = np.convolve(noise, 0.9 ** np.arange(100))
+        >>> Autoregression.of(slow).coefficients[:3].round(1)
+        array([ 1. , -0.9,  0. ])
+        """
+        from replant.kernels.monitoring.residual_colour import LAGS
+
+        return cls.of_covariances(np.array([error[lag:] @ error[: error.size - lag] for lag in range(LAGS + 1)]))
+
+    @classmethod
+    def of_covariances(cls, covariances: FloatArray) -> Autoregression:
+        """Return the model with these sums (p + 1,) of e_k e_{k-lag}, by Levinson's recursion."""
+        from replant.kernels.monitoring import residual_colour
+
+        coefficients = np.empty(covariances.size)
+        power = residual_colour.autoregression(covariances, coefficients, np.empty(covariances.size))
+        return cls(coefficients, float(power))
+
+    def whiten(self, signals: FloatArray) -> FloatArray:
+        """Return D(q) x of ``signals`` (K, ...) along the first axis, (K - p, ...): from where the past is known."""
+        model = self.coefficients
+        lags = model.size - 1
+        result = model[0] * signals[lags:]
+        for lag in range(1, lags + 1):
+            result = result + model[lag] * signals[lags - lag : signals.shape[0] - lag]
+        return np.asarray(result)
+
+    def colour(self, signals: FloatArray) -> FloatArray:
+        """Return x / D(q) of ``signals`` (K, ...) along the first axis, from rest."""
+        from scipy.signal import lfilter
+
+        return np.asarray(lfilter([1.0], self.coefficients, signals, axis=0))
+
 
 def one_step(residual: FloatArray) -> FloatArray:
     """Return what is left of a free run's residual (K,) once its own past has been used to predict it.
 
-    The residual is modelled as an autoregression of order 4, D(q) e = w; w is the error one step ahead.  Where it is
-    not finite, and for four samples after, nothing is predicted.
+    The residual is modelled as an autoregression; what is left is the error one step ahead.  Where the residual is not
+    finite, and for as many samples after as the model has coefficients, nothing is predicted.
 
     Examples
     --------
@@ -21,16 +86,31 @@ def one_step(residual: FloatArray) -> FloatArray:
     """
     from scipy.signal import lfilter
 
-    from replant.kernels.monitoring import residual_colour
+    from replant.kernels.monitoring.residual_colour import LAGS
 
-    lags = residual_colour.LAGS
-    if residual.size <= lags:
+    if residual.size <= LAGS:
         return residual
     known = np.isfinite(residual)
     filled = np.where(known, residual, 0.0)
-    covariances = np.array([filled[lag:] @ filled[: filled.size - lag] for lag in range(lags + 1)])
-    model = np.empty(lags + 1)
-    residual_colour.autoregression(covariances, model, np.empty(lags + 1))
-    error = lfilter(model, [1.0], filled)
-    usable = np.convolve(~known, np.ones(lags + 1))[: known.size] == 0
+    error = lfilter(Autoregression.of(filled).coefficients, [1.0], filled)
+    usable = np.convolve(~known, np.ones(LAGS + 1))[: known.size] == 0
     return np.where(usable, error, residual)
+
+
+def whiteness(error: FloatArray) -> float:
+    r"""Return the portmanteau statistic :math:`N \sum_\tau \hat r_e^2(\tau)` over its 99 % limit.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).standard_normal(2000)
+    >>> whiteness(noise) < 1.0 < whiteness(noise[1:] + noise[:-1])
+    True
+    """
+    from scipy.stats import chi2
+
+    lags = min(WHITENESS_LAGS, error.size // 4)
+    power = float(error @ error)
+    if lags < 1 or not power > 0.0:
+        return 0.0
+    correlations = np.array([error[lag:] @ error[: error.size - lag] for lag in range(1, lags + 1)]) / power
+    return float(error.size * (correlations @ correlations) / chi2.ppf(0.99, lags))
