@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from replant import checkpoint
 from replant.errors import CheckpointError
+from replant.online import saving
 from replant.rigs import DEAP
 
 DAY = 86_400_000
@@ -46,7 +46,7 @@ def watch(process: subprocess.Popen[str], path: Path) -> tuple[list[float], set[
         time.sleep(EVERY)
         gone = time.monotonic() - begun
         try:
-            size, kept = resident(process.pid), checkpoint.load(path)
+            size, kept = resident(process.pid), saving.load(path)
         except (OSError, ValueError, IndexError, CheckpointError):
             continue
         taken = int(kept.progress["taken"])
@@ -62,7 +62,7 @@ def watch(process: subprocess.Popen[str], path: Path) -> tuple[list[float], set[
 
 def complaints(path: Path, samples: int, memory: list[float], sizes: set[int]) -> list[str]:
     """Return what is not as it should be."""
-    identifier = checkpoint.load(path).identifier
+    identifier = saving.load(path).identifier
     true = np.concatenate([DEAP.den[1:], DEAP.num])
     distance = np.abs(identifier.parameters - true) / identifier.uncertainty.std
     for name, value, std, off in zip(

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from replant import checkpoint
 from replant.cli import main
+from replant.online import saving
 from replant.rigs import deap_rig
 from support.live_command import MODEL, ReplayingPeer, estimates, finished, learned, lines, live, sequence_of, wait_for
 from support.live_fakes import DT, record
@@ -42,7 +42,7 @@ def test_a_pipe_ends_with_the_bits_of_run_on_what_was_recorded(tmp_path: Path, c
     assert code == 0
     assert "Traceback" not in err
     last = estimates(out)[-1]
-    kept = checkpoint.load(tmp_path / "rig").identifier
+    kept = saving.load(tmp_path / "rig").identifier
     assert kept.to_bytes() == learned(U, Y).to_bytes()
     assert [last["a0"], last["b0"]] == kept.parameters.tolist()
     assert (last["samples"], last["trusted"], last["verdict"]) == (U.size, 1, "trusted")
@@ -65,7 +65,7 @@ def test_the_demo_is_trusted_and_its_record_gives_the_bits_again(
     assert code == 0
     assert "● trusted" in out
     assert "off by" in out
-    kept = checkpoint.load(tmp_path / "rig").identifier
+    kept = saving.load(tmp_path / "rig").identifier
     rig = deap_rig().plant
     true = np.concatenate([rig.den[1:], rig.num])
     assert (np.abs(kept.parameters - true) < 4.0 * kept.uncertainty.std).all()
@@ -102,7 +102,7 @@ def test_lines_over_tcp_with_stamps_and_numbers(tmp_path: Path) -> None:
     peer.close()
     assert code == 0
     assert "● trusted" in out
-    loaded = checkpoint.load(tmp_path / "rig")
+    loaded = saving.load(tmp_path / "rig")
     assert loaded.identifier.to_bytes() == learned(U, Y, T).to_bytes()
     assert loaded.progress["sequence"] == U.size - 1
 
@@ -130,7 +130,7 @@ def test_lines_over_a_serial_port(tmp_path: Path) -> None:
     os.close(board)
     assert code == 0
     assert "1 cut off" in out
-    assert checkpoint.load(path).identifier.to_bytes() == learned(U, Y, T).to_bytes()
+    assert saving.load(path).identifier.to_bytes() == learned(U, Y, T).to_bytes()
 
 
 def test_datagrams_in_and_estimates_out(tmp_path: Path) -> None:
@@ -161,7 +161,7 @@ def test_datagrams_in_and_estimates_out(tmp_path: Path) -> None:
     assert answers[-1]["timestamp"] == T[999]
     identifier = learned(U[:1000], Y[:1000], T[:1000])
     assert [answers[-1]["a0"], answers[-1]["b0"]] == identifier.parameters.tolist()
-    assert checkpoint.load(tmp_path / "rig").identifier.to_bytes() == identifier.to_bytes()
+    assert saving.load(tmp_path / "rig").identifier.to_bytes() == identifier.to_bytes()
     numeric = {name for name, value in answers[-1].items() if not isinstance(value, str)}
     assert numeric == {"timestamp", "sequence", "samples", "a0", "b0", "std_a0", "std_b0", "trusted"}
 
@@ -223,7 +223,7 @@ def test_samples_and_the_model_over_a_broker(broker: int, tmp_path: Path) -> Non
             client.publish("rig/1", json.dumps(batch), qos=1)
         code, _, _ = finished(process)
     assert code == 0
-    assert checkpoint.load(path).identifier.to_bytes() == learned(U, Y, T).to_bytes()
+    assert saving.load(path).identifier.to_bytes() == learned(U, Y, T).to_bytes()
 
     retained: list[dict] = []
     client.on_message = lambda *arguments: retained.append(json.loads(arguments[2].payload))
@@ -251,7 +251,7 @@ def test_sigterm_leaves_a_checkpoint_and_a_summary(tmp_path: Path) -> None:
     assert code == 0
     assert "G(s) = " in out
     assert "Traceback" not in err
-    assert checkpoint.load(path).identifier.to_bytes() == learned(U, Y, T).to_bytes()
+    assert saving.load(path).identifier.to_bytes() == learned(U, Y, T).to_bytes()
 
 
 def killed_and_resumed(tmp_path: Path, times: int) -> None:
@@ -276,7 +276,7 @@ def killed_and_resumed(tmp_path: Path, times: int) -> None:
     assert code == 0
     assert f"{u.size:,} samples" in out
     assert all(np.diff(reached) > 0)
-    assert checkpoint.load(path).identifier.to_bytes() == learned(u, y, t).to_bytes()
+    assert saving.load(path).identifier.to_bytes() == learned(u, y, t).to_bytes()
 
 
 def test_killed_under_load_it_goes_on_to_the_bit(tmp_path: Path) -> None:

@@ -14,11 +14,11 @@ import pytest
 from scipy.signal import cont2discrete, tf2ss
 
 import replant as rp
-from replant import checkpoint
 from replant.data.streams import Batch, open_source
 from replant.data.streams.demo import lively_voltage
 from replant.live.outputs.message import Estimate
 from replant.live.session.session import Limits
+from replant.online import saving
 from replant.rigs import deap_rig
 from replant.settings import Request
 from support.live_command import ReplayingPeer, lines, wait_for
@@ -259,7 +259,7 @@ def test_a_full_disk_is_said_once_and_identification_goes_on(tmp_path: Path) -> 
         session.run()
     assert_went_on(session.identifier, observer, path, "File too large")
     assert path.read_bytes() == kept
-    assert checkpoint.load(path).identifier.samples == 500
+    assert saving.load(path).identifier.samples == 500
 
 
 def test_a_folder_that_goes_is_said_once_and_identification_goes_on(tmp_path: Path) -> None:
@@ -277,7 +277,7 @@ def test_a_folder_that_goes_is_said_once_and_identification_goes_on(tmp_path: Pa
     session, observer = make(FakeSource(u, y, between=pull), path=path)
     session.run()
     assert_went_on(session.identifier, observer, path, "No such file or directory")
-    assert checkpoint.load(away / "rig").identifier.samples <= 1050
+    assert saving.load(away / "rig").identifier.samples <= 1050
 
 
 def assert_went_on(identifier: rp.Identifier, observer: FakeObserver, path: Path, reason: str) -> None:

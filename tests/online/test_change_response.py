@@ -118,7 +118,7 @@ def test_the_verdict_can_be_asked_for_at_every_sample_of_an_alarm_and_after() ->
         assert not (5600 < k < 5700 and status == "trusted")
 
 
-@pytest.mark.parametrize("what", ["solved_again", "look"])
+@pytest.mark.parametrize("what", ["solve_again", "look"])
 def test_what_the_user_interrupts_is_made_up_for_at_the_next_sample(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     u = binary(1, 6000, 8)
     y = PLANT.simulate(u, DT) + 0.03 * np.random.default_rng(0).standard_normal(6000)

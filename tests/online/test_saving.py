@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant import checkpoint
 from replant.checkpoint import files
+from replant.online import saving
 from support.builders import identifier
 
 
@@ -28,7 +28,7 @@ def file(tmp_path: Path) -> Path:
     """Return a file saved after 10 samples, then after 20."""
     file = tmp_path / "rig.checkpoint"
     for samples in (10, 20):
-        checkpoint.save(file, run(samples), {"sequence": samples})
+        saving.save(file, run(samples), {"sequence": samples})
     return file
 
 
@@ -46,11 +46,11 @@ def test_two_hundred_kills_leave_a_checkpoint_each(tmp_path: Path) -> None:
 
 
 def test_saved_and_loaded(file: Path) -> None:
-    loaded = checkpoint.load(file)
+    loaded = saving.load(file)
     assert loaded.identifier.to_bytes() == run(20).to_bytes()
     assert loaded.progress == {"sequence": 20}
     assert loaded.used_previous is None
-    assert checkpoint.load(files.previous(file)).progress == {"sequence": 10}
+    assert saving.load(files.previous(file)).progress == {"sequence": 10}
 
 
 def test_the_short_way(tmp_path: Path) -> None:
@@ -58,7 +58,7 @@ def test_the_short_way(tmp_path: Path) -> None:
     run(7).save(file)
     assert rp.load(file).to_bytes() == rp.load(str(file)).to_bytes() == run(7).to_bytes()
     run(8).save(str(file), {"sequence": 8})
-    assert checkpoint.load(file).progress == {"sequence": 8}
+    assert saving.load(file).progress == {"sequence": 8}
 
 
 @pytest.mark.parametrize("damage", [b"", b"t,u,y\n1,2,3\n", b"\x89replant", "cut", "flipped", "gone"], ids=str)
@@ -72,7 +72,7 @@ def test_a_damaged_file_is_refused_and_the_previous_one_is_used(file: Path, dama
         file.write_bytes(data[:500] + bytes([data[500] ^ 1]) + data[501:])
     else:
         file.write_bytes(bytes(damage))  # type: ignore[arg-type]
-    loaded = checkpoint.load(file)
+    loaded = saving.load(file)
     assert loaded.identifier.to_bytes() == run(10).to_bytes()
     assert loaded.progress == {"sequence": 10}
     assert loaded.used_previous is not None
@@ -93,7 +93,7 @@ def test_both_damaged(file: Path) -> None:
     file.write_bytes(b"")
     files.previous(file).write_bytes(b"x" * 100)
     with pytest.raises(rp.DamagedCheckpointError) as caught:
-        checkpoint.load(file)
+        saving.load(file)
     assert str(caught.value).startswith(f"{file}: it is empty; {file}.previous: it is not a checkpoint")
 
 
@@ -109,7 +109,7 @@ def test_the_previous_one_is_found_through_a_link(file: Path, tmp_path: Path) ->
     link = tmp_path / "elsewhere" / "rig"
     link.symlink_to(file)
     file.write_bytes(b"")
-    assert checkpoint.load(link).identifier.samples == 10
+    assert saving.load(link).identifier.samples == 10
 
 
 @pytest.mark.parametrize("name", ["log.csv", "log.npz", "log.parquet", "log.mat"])
@@ -146,7 +146,7 @@ def test_a_saving_that_fails_leaves_identifier_and_file_alone(file: Path) -> Non
     with pytest.raises(rp.CheckpointError, match="could not be written"):
         (working := run(30)).save(file.parent / "gone" / "rig")
     assert working.to_bytes() == before
-    assert checkpoint.load(file).progress == {"sequence": 20}
+    assert saving.load(file).progress == {"sequence": 20}
     assert {path.name for path in file.parent.iterdir()} == {file.name, f"{file.name}.previous"}
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import replant as rp
-from replant import checkpoint
+from replant.online import saving
 
 DT = 0.05
 LONGEST = 0.02  # s from the first saving to the kill: some savings later
@@ -28,7 +28,7 @@ LONGEST = 0.02  # s from the first saving to the kill: some savings later
 def save_until_killed(file: Path, ident: rp.Identifier, u: np.ndarray, y: np.ndarray, ready: int) -> None:
     for k in range(ident.samples, u.size):
         ident.update(u[k], y[k])
-        checkpoint.save(file, ident, {"sequence": k + 1})
+        saving.save(file, ident, {"sequence": k + 1})
         if ready:
             os.write(ready, b"!")
             os.close(ready)
@@ -66,7 +66,7 @@ def main(file: Path, kills: int, seed: int) -> None:
     for _ in range(kills):
         kill_one(file, ident, u, y, generator.uniform(0.0, LONGEST))
         during += Path(f"{file}.new").exists() or Path(f"{file}.old").exists()
-        loaded = checkpoint.load(file)
+        loaded = saving.load(file)
         ident = loaded.identifier
         previous += loaded.used_previous is not None
         sequence = int(loaded.progress["sequence"])

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import replant as rp
-from replant import checkpoint
+from replant.online import saving
 from support.live_fakes import DT, REQUEST
 
 PATIENCE = 120.0  # s: only guards against hanging
@@ -76,7 +76,7 @@ def wait_for(what: Callable[[], Any]) -> Any:
 def sequence_of(path: Path) -> int:
     """The number of the last sample in a checkpoint; -1 where there is none yet."""
     try:
-        return int(checkpoint.load(path).progress.get("sequence", -1))
+        return int(saving.load(path).progress.get("sequence", -1))
     except checkpoint_errors():
         return -1
 

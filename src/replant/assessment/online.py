@@ -13,14 +13,12 @@ from replant.assessment.evidence import Evidence
 from replant.assessment.judge import RESTING, judge
 from replant.assessment.verdict import Assessment, Finding, conclude
 from replant.engine.covariance import covariance, slowness
-from replant.engine.record import Record
-from replant.engine.state import GAP, SHORTEST_STEP, State
+from replant.engine.recent_samples import cleaned, record_of, since_last_gap, unrolled
+from replant.engine.state import SHORTEST_STEP, State
 from replant.kernels import schema as at
 from replant.settings import Request, Settings
 
-STANDS = 2  # the doubt of a stuck sensor, as `replant.kernels.monitoring.outliers` numbers it
 STUCK_LATELY = 200  # samples since the sensor was stuck, within which it is not relied on
-LONELY = 5  # outliers in a row that are no more than that; what lasts longer may be the plant
 MOST_IRREGULAR = 5000  # samples looked at where each interval costs a discretisation of its own
 
 
@@ -63,7 +61,8 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
     kept = cleaned(unrolled(state))
     # the newest one at the least, where the record begins anew just now
     kept = kept[-max(samples - max(origin, int(ints[at.GAP_AT])), 1) :]
-    record = _record(since_last_gap(kept, dt), dt, settings.filter.input_hold)
+    record = record_of(since_last_gap(kept, dt), dt, settings.filter.input_hold)
+    record = record if record.intervals.size == 1 else record.last(MOST_IRREGULAR)
     learned, earlier = earlier_estimate(state, size)
     known = covariance(state, settings)
     return Evidence(
@@ -109,37 +108,3 @@ def earlier_estimate(state: State, size: int) -> tuple[int, FloatArray]:
     if oldest[0] < learned:
         learned, estimate = int(oldest[0]), oldest[1:]
     return learned, estimate[:size] * state.unit[:size]
-
-
-def _record(samples: FloatArray, dt: float, input_hold: str) -> Record:
-    """Return raw samples (K, 3) as a record."""
-    if bool((samples[1:, 2] == dt).all()):
-        return Record(samples[:, 0].copy(), samples[:, 1].copy(), np.array([dt]), input_hold)
-    u, y, intervals = samples[-MOST_IRREGULAR:].T[:3].copy()
-    return Record(u, y, intervals, input_hold)
-
-
-def unrolled(state: State) -> FloatArray:
-    """Return the raw samples kept (K, 3), in their order."""
-    samples, head = int(state.ints[at.SAMPLES]), int(state.ints[at.RECENT_HEAD])
-    if samples < len(state.recent):
-        return state.recent[:samples]
-    return np.roll(state.recent, -head, axis=0)
-
-
-def cleaned(kept: FloatArray) -> FloatArray:
-    """Return a copy of raw samples (K, 3 or 5) with lonely outliers bridged, as the filters saw them."""
-    kept = kept.copy()
-    if kept.shape[1] <= at.DOUBTED:
-        return kept
-    rows = np.flatnonzero(kept[:, at.DOUBTED] == 1.0)
-    for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
-        if run.size <= LONELY:
-            kept[run, at.OUTPUT] = kept[run, at.BRIDGED]
-    return kept
-
-
-def since_last_gap(recent: FloatArray, dt: float) -> FloatArray:
-    """Return the samples since the last interruption."""
-    gaps = np.flatnonzero(recent[1:, 2] > GAP * dt)
-    return recent[gaps[-1] + 1 :] if gaps.size else recent

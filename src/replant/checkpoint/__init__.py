@@ -1,8 +1,21 @@
-"""Checkpoint: exact save and resume.
+"""Checkpoint: the bytes of an identifier, their check, and a file that is whole at every moment.
 
-`encoding` makes bytes of an identifier and back, `files` keeps bytes on disk through any crash, `store` joins them.
+`replant.online.saving` saves an identifier with them and loads it again.
 """
 
-from replant.online.saving import Loaded, load, save
+import importlib
+import warnings
+from typing import Any
 
-__all__ = ["Loaded", "load", "save"]
+_MOVED = ("Loaded", "load", "save")
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MOVED:
+        warnings.warn(
+            f"replant.checkpoint.{name} is deprecated: write replant.online.saving.{name}",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        return getattr(importlib.import_module("replant.online.saving"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

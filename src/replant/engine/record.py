@@ -33,6 +33,11 @@ class Record:
         intervals = self.intervals if self.intervals.size == 1 else self.intervals[:samples]
         return Record(self.u[:samples], self.y[:samples], intervals, self.input_hold)
 
+    def last(self, samples: int) -> Record:
+        """Return the record's end."""
+        intervals = self.intervals if self.intervals.size == 1 else self.intervals[-samples:]
+        return Record(self.u[-samples:], self.y[-samples:], intervals, self.input_hold)
+
     @property
     def span(self) -> float:
         """Time from first to last sample, in s."""

@@ -7,23 +7,24 @@ import math
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.online import STANDS, cleaned, unrolled
 from replant.engine.covariance import covariance
+from replant.engine.recent_samples import STANDS, after_stuck, record_of, since
 from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels import schema as at
-from replant.offline.map_srivc import revise
-from replant.offline.srivc import Refined, refine
-from replant.online.initialization import initialize
+from replant.offline.srivc import refine
 from replant.online.load_step import only_constant_moved, with_new_constant
-from replant.online.startup import carry_over, warm_up
-from replant.regressor.filters import RefinedFilter
+from replant.online.resolving import (
+    MOST_DOUBTED,
+    RECENT,
+    clear_doubt,
+    is_mature,
+    restart,
+    restart_from_prior,
+)
 from replant.settings import Settings
 from replant.simulation.model_run import run_model
 from replant.statistics.projections import without
-
-RECENT = 10_000  # raw samples kept: for solving the start-up again as it grows, and for assessment
-REGULAR = np.zeros(0)  # the time stamps of a regular clock
 
 # A change is believed where a model of the first two thirds of what came since leaves, of the last, at most this part
 # of what the present one leaves,
@@ -32,8 +33,6 @@ BETTER = 0.5
 SURE = 15.0
 # ... and explains at least this part of the output's power there.
 EXPLAINED = 0.3
-MOST_DOUBTED = 0.05  # share of bridged samples up to which a record is one
-STUCK_RUN = 4  # ties in a row of a sensor that was stuck: what lies before is not looked at
 LIKELY = 0.8  # that no coefficient has moved: then only the constant is learned anew
 BRIEF = 0.25  # slowest time constants, below which a record cannot tell them
 BEGINNINGS = 0.125, 0.25  # parts of what came since, after which whatever has moved is held to have moved
@@ -41,40 +40,7 @@ EARLIEST = 0.25  # of a start-up, after which it is looked into first,
 LATEST = 2.0  # ... and after which it is no longer believed,
 WORSE, EARLIER = 0.8, 0.5  # or earlier if a model of what came since is hardly better than the present one
 SETTLED = 10.0  # slowest time constants: an input that moves seldom must have moved meanwhile
-MATURE = 8  # start-ups: an estimate from fewer may itself have gone astray; the record goes on to be solved again
 PATIENCE = 1.5  # each look takes so many times the samples of the one before
-
-
-def next_solution(state: State, settings: Settings) -> int:
-    """Return at how many accepted samples the record as a whole is solved again, twice of what it is; 0: never."""
-    revised = state.was_revised
-    origin, samples = int(state.ints[at.REVISED if revised else at.ORIGIN]), int(state.ints[at.SAMPLES])
-    remembers_all = settings.optimizer.keeps_colour and state.block(at.AT_SETTINGS, 1)[0] == 1.0
-    due = 2 * (samples - origin)
-    if revised and samples - origin < RECENT:  # of a slow mode each sample tells
-        due = min(due, RECENT)
-    return origin + due if remembers_all and isinstance(settings.filter, RefinedFilter) and due <= RECENT else 0
-
-
-def solved_again(old: State, settings: Settings) -> State | None:
-    """Return the state after solving the record so far as a whole, from the present estimate.
-
-    None where that leads to no model that could be used, or where the record is not in one piece.
-    """
-    if old.was_revised:
-        return _revised_again(old, settings) if old.ints[at.ADAPT] else None
-    origin = int(old.ints[at.ORIGIN])
-    kept = since(old, origin)
-    if old.ints[at.GAP_AT] > origin or not old.ints[at.ADAPT] or int(old.ints[at.SAMPLES]) - origin > len(kept):
-        return None
-    if (old.ints[at.ALARM] and _is_mature(old, settings)) or float((kept[:, at.DOUBTED] > 0).mean()) > MOST_DOUBTED:
-        return None
-    kept[:, at.OUTPUT] = kept[:, at.BRIDGED]
-    record = _record(kept, settings)
-    refined = refine(settings.structure, record, [old.theta * old.unit])
-    if refined is None or not refined.acceptable:
-        return None
-    return _begun_with(old, settings, refined, record, origin)
 
 
 def first_look(state: State, settings: Settings) -> int:
@@ -85,7 +51,7 @@ def first_look(state: State, settings: Settings) -> int:
     from replant.kernels.monitoring import outliers
 
     _note_estimate(state, settings)
-    state.ints[at.ALARM] = outliers.RESTS if _is_mature(state, settings) else outliers.LOOKED_INTO
+    state.ints[at.ALARM] = outliers.RESTS if is_mature(state, settings) else outliers.LOOKED_INTO
     return max(_began(state) + _least(settings), int(state.ints[at.SAMPLES]) + 1)
 
 
@@ -119,8 +85,8 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         return old, later
     if float(np.ptp(kept[-_least(settings) :, at.OUTPUT])) == 0.0:  # a gain of nought explains it, and is no plant
         return old, later
-    mature = _is_mature(old, settings)
-    share, explained = _share_left(old, settings, _record(kept, settings))
+    mature = is_mature(old, settings)
+    share, explained = _share_left(old, settings, record_of(kept, settings.dt, settings.filter.input_hold))
     if mature:
         renewed = _hardly_changed(old, settings, kept, explained and share >= BETTER)
         if renewed is not None:
@@ -160,9 +126,9 @@ def _hardly_changed(old: State, settings: Settings, kept: FloatArray, explained:
     brief = _is_brief(old, settings, len(kept))
     rests = [kept[int(beginning * len(kept)) :] for beginning in BEGINNINGS]
     for rest in rests:
-        if only_constant_moved(old, settings, _record(rest, settings)):
+        if only_constant_moved(old, settings, record_of(rest, settings.dt, settings.filter.input_hold)):
             revised = _revised(old, settings, rest, LIKELY) if brief else None
-            return revised or with_new_constant(old, _record(rest, settings))
+            return revised or with_new_constant(old, record_of(rest, settings.dt, settings.filter.input_hold))
     tried = (_revised(old, settings, rest, LIKELY) for rest in rests if explained and brief)
     return next((state for state in tried if state is not None), None)
 
@@ -170,7 +136,7 @@ def _hardly_changed(old: State, settings: Settings, kept: FloatArray, explained:
 def _revised_since(old: State, settings: Settings, begin: int) -> State | None:
     """Return the state after revising the estimate by what came since ``begin``, where that is brief; else None."""
     kept = since(old, begin)
-    if _is_guesswork(kept) or not (_is_mature(old, settings) and _is_brief(old, settings, len(kept))):
+    if _is_guesswork(kept) or not (is_mature(old, settings) and _is_brief(old, settings, len(kept))):
         return None
     tried = (_revised(old, settings, kept[int(beginning * len(kept)) :]) for beginning in (0.0, *BEGINNINGS))
     return next((state for state in tried if state is not None), None)
@@ -190,12 +156,12 @@ def _solved_since(old: State, settings: Settings, begin: int, most: float) -> St
     kept = since(old, begin)
     if _is_guesswork(kept):
         return None
-    record = _record(kept, settings)
+    record = record_of(kept, settings.dt, settings.filter.input_hold)
     refined = refine(settings.structure, record)
     if refined is None or not (refined.acceptable and refined.variance <= most):
         return None
-    new = _begun_with(old, settings, refined, record, int(old.ints[at.SAMPLES]) - len(kept))
-    _acquit(new, kept)
+    new = restart(old, settings, refined, record, int(old.ints[at.SAMPLES]) - len(kept))
+    clear_doubt(new, kept)
     return new
 
 
@@ -204,7 +170,7 @@ def _revised(old: State, settings: Settings, kept: FloatArray, stayed: float = 1
 
     None where it then leaves more than usual, or is more likely than ``stayed`` not to have moved at all.
     """
-    new = _begun_from(old, settings, kept, stayed)
+    new = restart_from_prior(old, settings, kept, stayed)
     return None if new is None else _on_its_own(new)
 
 
@@ -214,60 +180,6 @@ def _on_its_own(new: State) -> State:
     new.ints[at.PAST_KEPT], new.ints[at.PAST_DUE] = 0, samples
     new.ints[at.ALARM], new.ints[at.CHANGE_BEGAN] = 0, samples
     return new
-
-
-def _revised_again(old: State, settings: Settings) -> State | None:
-    """Return the state after revising the estimate before a change once more, by all that came since."""
-    begin = int(old.ints[at.REVISED])
-    kept = since(old, begin)
-    if int(old.ints[at.SAMPLES]) - begin > len(kept) or float((kept[:, at.DOUBTED] > 0).mean()) > MOST_DOUBTED:
-        return None
-    kept[:, at.OUTPUT] = kept[:, at.BRIDGED]
-    new = _begun_from(old, settings, kept)
-    if new is not None:
-        new.ints[at.ALARM], new.ints[at.CHANGE_BEGAN] = 0, new.ints[at.SAMPLES]
-    return new
-
-
-def _begun_from(old: State, settings: Settings, kept: FloatArray, stayed: float = 1.0) -> State | None:
-    """Return the state that begins at the estimate noted before a change, revised by a record.
-
-    The record that the estimate is made from goes on: it is not solved again without what was known before.
-    """
-    from replant.kernels.monitoring import outliers
-
-    record = _record(kept, settings)
-    usual = max(old.reals[at.USUAL], outliers.LEAST * old.reals[at.PEAK]) * settings.scaling.output**2
-    before, std = old.prior
-    found = revise(settings.structure, record, before, std, usual, float(old.reals[at.MARGIN]))
-    if found is None or found[0].variance > outliers.GROWN * usual or found[1] > stayed:
-        return None
-    new = _begun_with(old, settings, found[0], record, int(old.ints[at.ORIGIN]))
-    new.ints[at.GAP_AT] = new.ints[at.REVISED] = int(old.ints[at.SAMPLES]) - len(kept)
-    for slot in (at.MARGIN, at.FORGET_INPUT):  # as slow as the plant was it may still be
-        new.reals[slot] = min(new.reals[slot], old.reals[slot])
-    _acquit(new, kept)
-    return new
-
-
-def _acquit(state: State, kept: FloatArray) -> None:
-    """Take doubt off the newest raw samples where the model was solved for with the output as it was measured."""
-    doubted = np.flatnonzero((kept[:, at.DOUBTED] > 0) & (kept[:, at.OUTPUT] != kept[:, at.BRIDGED]))
-    rows = (int(state.ints[at.SAMPLES]) - len(kept) + doubted) % len(state.recent)
-    state.recent[rows, at.BRIDGED] = state.recent[rows, at.OUTPUT]
-    state.recent[rows, at.DOUBTED] = 0.0
-
-
-def since(state: State, sample: int) -> FloatArray:
-    """Return the raw samples kept since then, lonely outliers bridged."""
-    kept = cleaned(unrolled(state))
-    return kept[max(len(kept) - (int(state.ints[at.SAMPLES]) - sample), 0) :]
-
-
-def after_stuck(kept: FloatArray) -> FloatArray:
-    """Return the raw samples that came after a sensor was last stuck for a while."""
-    stuck = np.convolve(kept[:, at.DOUBTED] == STANDS, np.ones(STUCK_RUN), "valid") == STUCK_RUN
-    return kept[int(np.flatnonzero(stuck)[-1]) + STUCK_RUN :] if stuck.any() else kept
 
 
 def _least(settings: Settings) -> int:
@@ -289,15 +201,6 @@ def _settling(state: State, settings: Settings) -> float:
 def _is_brief(state: State, settings: Settings, length: int) -> bool:
     """Return whether so many samples cannot tell the slowest mode, and what was known of it before is missed."""
     return length < BRIEF / SETTLED * _settling(state, settings)
-
-
-def _is_mature(state: State, settings: Settings) -> bool:
-    """Return whether the record is so long that a larger residual says more of the plant than of the estimate.
-
-    What forgets is never solved again as it grows, and has nothing to wait for.
-    """
-    length = int(state.ints[at.SAMPLES]) - int(state.ints[at.ORIGIN])
-    return length >= MATURE * settings.startup or not next_solution(state, settings)
 
 
 def _explained_before(state: State) -> bool:
@@ -337,24 +240,3 @@ def _believe_residual(state: State) -> None:
     state.reals[at.USUAL] = max(state.reals[at.USUAL], state.reals[at.SPREAD])
     state.reals[at.CUSUM] = 0.0
     state.reals[at.LIMIT] = min(2.0 * state.reals[at.LIMIT], outliers.LARGEST_LIMIT)
-
-
-def _record(kept: FloatArray, settings: Settings) -> Record:
-    u, y, intervals = kept[:, :3].T.copy()
-    regular = bool((intervals[1:] == settings.dt).all())
-    return Record(u, y, np.array([settings.dt]) if regular else intervals, settings.filter.input_hold)
-
-
-def _begun_with(old: State, settings: Settings, refined: Refined, record: Record, origin: int) -> State:
-    """Return a state that begins at a refined estimate of the record since ``origin``, and goes on where ``old`` is."""
-    new = State.of_settings(settings, RECENT)
-    initialize(new, settings, refined, record)
-    stamps = REGULAR
-    if record.intervals.size > 1:
-        stamps = old.reals[at.LAST_TIME] - (record.intervals.sum() - np.cumsum(record.intervals))
-    with new.without_preprocessing():
-        warm_up(new, record.u, record.y, stamps, learn=False)
-    new.reals[at.READY] = new.reals[at.ELAPSED]
-    carry_over(old, new)
-    new.ints[at.ORIGIN] = origin
-    return new

@@ -19,17 +19,11 @@ from replant.engine.state import State
 from replant.errors import InvalidArgumentError
 from replant.kernels import schema as at
 from replant.model.structure import Structure
-from replant.online.change_response import (
-    RECENT,
-    REGULAR,
-    first_look,
-    look,
-    next_solution,
-    solved_again,
-)
+from replant.online.change_response import first_look, look
 from replant.online.defaults import settle
 from replant.online.initialization import initialize
 from replant.online.readout import REASONS, Estimate
+from replant.online.resolving import RECENT, REGULAR, next_solution, solve_again
 from replant.online.startup import LARGEST, hold_back, modelled, warm_up, without_spikes
 from replant.online.trace import Trace
 from replant.optimizers import Optimizer
@@ -161,7 +155,7 @@ class Identifier(Estimate):
         ----------
         path : path
         progress : dict, optional
-            Of int, float and str: kept along, for `replant.checkpoint.load`; how far a source was read, say.
+            Of int, float and str: kept along, for `replant.online.saving.load`; how far a source was read, say.
 
         Raises
         ------
@@ -285,7 +279,7 @@ class Identifier(Estimate):
         if state.ints[at.ALARM] == 1:
             state.ints[at.LOOK_AT] = first_look(state, settings)
         if samples == self._resolve_at:
-            state = self._go_on_with(solved_again(state, settings) or state)
+            state = self._go_on_with(solve_again(state, settings) or state)
             self._resolve_at = next_solution(state, settings)
         if samples == state.ints[at.LOOK_AT]:
             found, look_at = look(state, settings)

@@ -6,8 +6,8 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment import Assessment, assess_running, assess_starting
-from replant.assessment.online import unrolled
 from replant.engine.covariance import covariance
+from replant.engine.recent_samples import unrolled
 from replant.engine.state import State
 from replant.kernels import schema as at
 from replant.model.structure import Structure

@@ -30,7 +30,7 @@ def load(path: AnyPath) -> Identifier:
 
     See Also
     --------
-    replant.checkpoint.load : tells what was saved along, and whether the previous one had to be used.
+    replant.online.saving.load : tells what was saved along, and whether the previous one had to be used.
 
     Examples
     --------

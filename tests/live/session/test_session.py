@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant import checkpoint
 from replant.live.session.checkpointing import resume
 from replant.live.session.progress import Progress
 from replant.live.session.session import UNKNOWN, Limits
+from replant.online import saving
 from support.live_fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, make, record
 
 
@@ -137,7 +137,7 @@ def test_a_signal_ends_it_with_a_last_checkpoint(tmp_path: Path, number: signal.
     session, _ = make(source, path=tmp_path / "rig", every=1e9, sinks=[sink])
     assert session.run()
     assert signal.getsignal(number) is before
-    loaded = checkpoint.load(tmp_path / "rig")
+    loaded = saving.load(tmp_path / "rig")
     assert loaded.identifier.to_bytes() == learned(u, y, DT * np.arange(u.size))
     assert loaded.progress["sequence"] == u.size - 1
     assert sink.closed
@@ -255,7 +255,7 @@ def test_a_source_that_fails_leaves_a_checkpoint(tmp_path: Path) -> None:
     session, _ = make(FakeSource(u, y, between=fail), path=tmp_path / "rig", every=1e9)
     with pytest.raises(rp.LogError, match="the wire is gone"):
         session.run()
-    assert checkpoint.load(tmp_path / "rig").progress["taken"] == session.progress.taken >= 900
+    assert saving.load(tmp_path / "rig").progress["taken"] == session.progress.taken >= 900
 
 
 def test_counters_go_on_over_a_resumption(tmp_path: Path) -> None:

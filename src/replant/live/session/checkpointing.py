@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 
-from replant.checkpoint import Loaded, load
 from replant.checkpoint.encoding import encode
 from replant.checkpoint.files import write
 from replant.errors import InvalidArgumentError, MissingCheckpointError
 from replant.live.outputs.disk_writer import Background
 from replant.online.identifier import Identifier
+from replant.online.saving import Loaded, load
 from replant.settings import Request
 
 Kept = Mapping[str, int | float | str]
