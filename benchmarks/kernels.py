@@ -34,7 +34,6 @@ from rich.table import Table
 import replant as rp
 from replant.engine.regressors import regressors
 from replant.engine.state import State
-from replant.kernels import schema as at
 from replant.optimizers import Optimizer
 from replant.settings import Settings
 
@@ -152,13 +151,13 @@ class Program(ctypes.Structure):
 
     def __init__(self, settings: Settings, state: State) -> None:
         """Copy an identifier before its first sample; the filters come from SciPy's matrix exponential."""
-        structure, ints = settings.structure, state.ints
-        n, inputs, P, M = structure.poles, structure.zeros + 1, state.entries, int(ints[at.MEMORY_SIZE])
+        structure = settings.structure
+        n, inputs, P, M = structure.poles, structure.zeros + 1, state.entries, state.memory_size
         discrete = settings.filter.discretize(n, settings.dt, structure.delay)
-        slots = (at.CAPACITY, at.BATCH, at.WARMUP, at.SEED, at.RECENT)
-        sizes = [n, P, inputs, M, int(ints[at.ALGORITHM]), 0, settings.normalize, discrete.lag]
+        sizes = [n, P, inputs, M, state.algorithm, 0, settings.normalize, discrete.lag]
+        sizes += [state.capacity, state.batch_size, state.warmup, state.seed, state.recent_size]
         super().__init__(
-            **dict(zip(self.SIZES, [*sizes, *(int(ints[slot]) for slot in slots)], strict=True)),
+            **dict(zip(self.SIZES, sizes, strict=True)),
             input_offset=settings.preprocess.input_offset,
             output_offset=settings.preprocess.output_offset,
             output_scale=settings.scaling.output,
@@ -172,7 +171,7 @@ class Program(ctypes.Structure):
             "characteristic": discrete.characteristic,
             "gain": signs / settings.scaling.sigmas(structure),
             "unit": state.unit.copy(),
-            "settings": state.block(at.AT_SETTINGS, int(ints[at.SETTINGS_SIZE])).copy(),
+            "settings": state.settings.copy(),
             "output_state": np.zeros(n),
             "input_state": np.zeros(n),
             "past_inputs": np.zeros(discrete.lag + 3),
@@ -181,10 +180,10 @@ class Program(ctypes.Structure):
             "recent": state.recent.copy(),
             "phi": np.zeros(P),
             "theta": state.theta.copy(),
-            "memory": state.block(at.AT_MEMORY, M).copy(),
+            "memory": state.memory.copy(),
             "backup": np.zeros(max(P + M, 2 * n)),
             "buffer": state.buffer.copy(),
-            "rows": np.zeros(int(ints[at.BATCH]), np.int64),
+            "rows": np.zeros(state.batch_size, np.int64),
         }
         for name, array in self.arrays.items():
             setattr(self, name, array.ctypes.data)

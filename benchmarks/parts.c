@@ -93,20 +93,20 @@ static double fill_output(const double *restrict bank, int64_t n, int64_t T, int
 
 static double observe(int64_t *ints, double *reals, double *banks, int64_t bank_size, double u, double y)
 {
-    int64_t n = ints[ORDER], T = ints[ENTRIES], inputs = ints[INPUT_ENTRIES], ring = ints[RING];
-    int refined = ints[REFINED] == 1, modelled = ints[INSTRUMENTS] == 1, constant = ints[CONSTANT] == 1;
+    int64_t n = ints[ORDER], T = ints[ENTRIES], inputs = ints[INPUT_ENTRIES], ring = ints[RING_SIZE];
+    int refined = ints[REFINED] == 1, modelled = ints[INSTRUMENTS] == 1, constant = ints[HAS_CONSTANT] == 1;
     double interval = reals[INTERVAL], *work = reals + ints[AT_WORK];
     double *phi = reals + ints[AT_PHI], *zeta = reals + ints[AT_ZETA];
     reals[ELAPSED] += interval;
-    double last = reals[ints[AT_INPUTS] + ints[NEWEST]];
-    int64_t newest = ints[NEWEST] + 1 == ring ? 0 : ints[NEWEST] + 1;
-    ints[NEWEST] = newest;
+    double last = reals[ints[AT_INPUTS] + ints[RING_HEAD]];
+    int64_t newest = ints[RING_HEAD] + 1 == ring ? 0 : ints[RING_HEAD] + 1;
+    ints[RING_HEAD] = newest;
     reals[ints[AT_INPUTS] + newest] = u;
     reals[ints[AT_HELD] + newest] = last;
     reals[ints[AT_INTERVALS] + newest] = interval;
     double serving = 0.0;
     for (int64_t b = modelled ? 2 : 0; b >= 0; b--) {
-        if ((b == 3 - ints[ACTIVE] && ints[WARMING] == 0) || (b == 0 && refined))
+        if ((b == 3 - ints[SERVING_BANK] && ints[WARMING] == 0) || (b == 0 && refined))
             continue;
         double *bank = banks + b * bank_size;
         int64_t slot = discretization(bank, n, T, interval);
@@ -119,7 +119,7 @@ static double observe(int64_t *ints, double *reals, double *banks, int64_t bank_
         double output = serving;
         if (b > 0) {
             output = fill_known(bank, n, T, inputs, constant, refined, b == 0, zeta);
-            if (b == ints[ACTIVE])
+            if (b == ints[SERVING_BANK])
                 serving = output;
         }
         if (refined || b == 0) {
@@ -128,7 +128,7 @@ static double observe(int64_t *ints, double *reals, double *banks, int64_t bank_
         }
     }
     reals[LAST_OUTPUT] = y;
-    const double *bank = banks + (refined ? ints[ACTIVE] : 0) * bank_size;
+    const double *bank = banks + (refined ? ints[SERVING_BANK] : 0) * bank_size;
     double target = fill_output(bank, n, T, OUTPUT, y, phi);
     fill_known(bank, n, T, inputs, constant, refined, !refined, phi);
     if (modelled) {

@@ -120,7 +120,7 @@ def filter_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, Run]]:
             run_filters(
                 state.ints, state.reals, state.banks, u, y, np.empty(10)
             )  # the first sample, the discretisation
-            state.ints[at.SAMPLES] = 10
+            state.samples = 10
 
             def ours(arrays: Arrays, u: np.ndarray, y: np.ndarray) -> None:
                 run_filters(*arrays[:3], u, y, arrays[3])

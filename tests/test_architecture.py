@@ -37,6 +37,7 @@ LEVELS: list[set[str]] = [
     {"scaling"},
     {"settings", "uncertainty"},
     # the numbers of one record or one identifier, and what is read off them
+    {"dimensions"},
     {"state"},
     {"regression", "refined", "blocks", "covariance", "free_run", "prediction"},
     {"assessment"},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,10 +15,31 @@ from replant.errors import ArgumentTypeError, InvalidArgumentError
 FloatArray = npt.NDArray[np.float64]
 
 
+def keep(instance: object, name: str, check: Callable[..., Any], *limits: Any, called: str = "", **how: Any) -> None:
+    """Check a field of a frozen object, and put what the check returns in its place.
+
+    What the caller passed is never kept: a narrow integer wraps in the arithmetic that it enters, an array may be
+    changed later.
+
+    Parameters
+    ----------
+    instance : object
+        A frozen dataclass, in its ``__post_init__``.
+    name : str
+        Of the field.
+    check : callable
+        Takes the argument's name, its value, ``limits`` and ``how``; returns the value to keep, or raises.
+    called : str, optional
+        The argument's name in messages, where it is not that of the field.
+    """
+    object.__setattr__(instance, name, check(called or name, getattr(instance, name), *limits, **how))
+
+
 def number(name: str, value: Any) -> float:
     """Return ``value`` as a float; text, None, arrays and complex numbers are refused by name."""
-    text_or_complex = isinstance(value, str | bytes | complex | np.complexfloating)
-    if text_or_complex or (isinstance(value, np.ndarray) and (value.ndim > 0 or value.dtype.kind == "c")):
+    text_or_complex = isinstance(value, str | bytes | complex)
+    of_numpy = isinstance(value, np.ndarray | np.generic)
+    if text_or_complex or (of_numpy and (value.ndim > 0 or value.dtype.kind not in "fiub")):
         raise ArgumentTypeError(f"{name} must be a number, got {_describe(value)}")
     try:
         return float(value)
@@ -64,10 +85,10 @@ def between(name: str, value: Any, low: float, high: float, *, closed: str = "le
 
 def whole(name: str, value: Any, least: int) -> int:
     """Return ``value`` as an int of at least ``least``; 2.0 is not a whole number here, nor is True."""
-    if isinstance(value, bool):
-        raise ArgumentTypeError(f"{name} must be a whole number, got {value}")
+    if isinstance(value, bool) or (isinstance(value, np.ndarray) and value.ndim > 0):
+        raise ArgumentTypeError(f"{name} must be a whole number, got {_describe(value)}")
     try:
-        result = operator.index(value)
+        result = int(operator.index(value))  # of a subclass of int, index returns the object itself
     except TypeError as cause:
         raise ArgumentTypeError(f"{name} must be a whole number, got {_describe(value)}") from cause
     if result < least:
@@ -76,11 +97,32 @@ def whole(name: str, value: Any, least: int) -> int:
 
 
 def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
-    """Return ``value`` if it is one of the words in ``choices``."""
-    if value not in choices:
+    """Return the one of the words in ``choices`` that ``value`` is."""
+    if not isinstance(value, str) or value not in choices:
         listed = ", ".join(repr(choice) for choice in choices)
         raise InvalidArgumentError(f"{name} must be one of {listed}, got {value!r}")
-    return str(value)
+    return choices[choices.index(value)]
+
+
+def truth(name: str, value: Any) -> bool:
+    """Return ``value`` as a bool; 1 is not a truth value here."""
+    if not isinstance(value, bool | np.bool_):
+        raise ArgumentTypeError(f"{name} must be True or False, got {value!r}")
+    return bool(value)
+
+
+def instance(name: str, value: Any, *kinds: Any) -> Any:
+    """Return ``value`` if it is of one of these ``kinds``: classes, or words and None, which stand for themselves."""
+    classes = tuple(kind for kind in kinds if isinstance(kind, type))
+    if isinstance(value, classes):
+        return value
+    words = [kind for kind in kinds if not isinstance(kind, type)]
+    if value is None or isinstance(value, str):
+        for word in words:
+            if word == value:
+                return word
+    allowed = " or ".join([*(_one(kind.__name__) for kind in classes), *(repr(word) for word in words)])
+    raise ArgumentTypeError(f"{name} must be {allowed}, got {type(value).__name__} {value!r}")
 
 
 def array_of_reals(name: str, value: Any) -> FloatArray:
@@ -129,6 +171,24 @@ def coefficients(name: str, value: Any) -> FloatArray:
         raise InvalidArgumentError(f"{name} must be finite, got {result.tolist()}")
     result.flags.writeable = False
     return result
+
+
+def numbers(name: str, value: Any) -> tuple[float, ...]:
+    """Return finite numbers, one or more, as a tuple of floats."""
+    return tuple(coefficients(name, value).tolist())
+
+
+def owned(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
+    """Return a read-only copy of ``value`` as a float64 array of this ``shape``."""
+    array = array_of_reals(name, value).copy()
+    if array.shape != shape:
+        raise InvalidArgumentError(f"{name} must have shape {shape}, got {array.shape}")
+    array.flags.writeable = False
+    return array
+
+
+def _one(name: str) -> str:
+    return f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
 
 
 def _describe(value: Any) -> str:

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
-from replant.arguments import positive, whole
-from replant.errors import ArgumentTypeError, InvalidArgumentError
+import numpy as np
+
+from replant.arguments import (
+    instance,
+    keep,
+    positive,
+    truth,
+    whole,
+)
+from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.optimizers import OPTIMIZERS, Optimizer
 from replant.optimizers.replay import Replay
@@ -51,6 +58,21 @@ class Settings:
     preprocess: Preprocess
     startup: int
 
+    def __post_init__(self) -> None:
+        keep(self, "structure", instance, Structure)
+        keep(self, "dt", positive)
+        keep(self, "filter", instance, StateVariableFilter, RefinedFilter)
+        keep(self, "scaling", instance, Scaling)
+        keep(self, "optimizer", instance, Optimizer)
+        keep(self, "replay", instance, Replay, None)
+        keep(self, "instruments", truth)
+        keep(self, "normalize", truth)
+        keep(self, "preprocess", instance, Preprocess)
+        keep(self, "startup", whole, 0)
+        if self.preprocess.needs != "nothing":
+            raise InvalidArgumentError("the working point of settings must be numbers")
+        _check_together(self)
+
 
 @dataclass(frozen=True)
 class Request:
@@ -68,37 +90,19 @@ class Request:
     startup: int = 500
 
     def __post_init__(self) -> None:
-        _expect("structure", self.structure, Structure)
-        _expect("filter", self.filter, (StateVariableFilter, RefinedFilter), AUTO)
-        _expect("scaling", self.scaling, Scaling, AUTO, None)
-        _expect("optimizer", self.optimizer, Optimizer, AUTO, *OPTIMIZERS)
-        _expect("replay", self.replay, Replay, AUTO, None)
-        _expect("instruments", self.instruments, bool, AUTO)
-        _expect("normalize", self.normalize, bool)
-        _expect("preprocess", self.preprocess, Preprocess)
-        whole("startup", self.startup, 1)
-        object.__setattr__(self, "dt", positive("dt", self.dt))
-        if self.structure.delay > LONGEST_DELAY * self.dt:
-            raise InvalidArgumentError(
-                f"delay must be at most {LONGEST_DELAY:,} sampling times, got {self.structure.delay / self.dt:.3g}"
-            )
+        keep(self, "structure", instance, Structure)
+        keep(self, "dt", positive)
+        keep(self, "filter", instance, StateVariableFilter, RefinedFilter, AUTO)
+        keep(self, "scaling", instance, Scaling, AUTO, None)
+        keep(self, "optimizer", instance, Optimizer, AUTO, *OPTIMIZERS)
+        keep(self, "replay", instance, Replay, AUTO, None)
+        keep(self, "instruments", _switch)
+        keep(self, "normalize", truth)
+        keep(self, "preprocess", instance, Preprocess)
+        keep(self, "startup", whole, 1)
+        _check_together(self)
         if isinstance(self.filter, StateVariableFilter):
             self.filter.discretize(self.structure.poles, self.dt, self.structure.delay)  # raises what cannot work
-        if isinstance(self.scaling, Scaling):
-            self.scaling.sigmas(self.structure)
-        if isinstance(self.optimizer, Optimizer):
-            self.optimizer.check(self.structure.size)
-        if isinstance(self.filter, RefinedFilter) and self.instruments is False:
-            raise InvalidArgumentError("the refined filter needs instruments: instruments=False cannot go with it")
-        if (
-            isinstance(self.optimizer, Optimizer)
-            and self.optimizer.keeps_covariance
-            and isinstance(self.replay, Replay)
-        ):
-            name = type(self.optimizer).__name__
-            raise InvalidArgumentError(f"{name} remembers every sample by itself: replay must be None, not a buffer")
-        if isinstance(self.filter, StateVariableFilter) and self.filter.method == "gbt" and self.structure.is_biproper:
-            raise InvalidArgumentError("the gbt filter is strictly causal: as many zeros as poles need method='exact'")
 
     @property
     def wants_instruments(self) -> bool:
@@ -127,13 +131,26 @@ class Request:
         return waits or self.wants_instruments
 
 
-def _expect(name: str, value: Any, kind: type | tuple[type, ...], *others: str | None) -> None:
-    if isinstance(value, kind) or ((value is None or isinstance(value, str)) and value in others):
-        return
-    kinds = kind if isinstance(kind, tuple) else (kind,)
-    allowed = " or ".join([*(_one(each.__name__) for each in kinds), *(repr(other) for other in others)])
-    raise ArgumentTypeError(f"{name} must be {allowed}, got {type(value).__name__} {value!r}")
+def _switch(name: str, value: bool | str) -> bool | str:
+    return bool(value) if isinstance(value, np.bool_) else instance(name, value, bool, AUTO)
 
 
-def _one(name: str) -> str:
-    return f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
+def _check_together(chosen: Settings | Request) -> None:
+    """Raise InvalidArgumentError where choices do not go together."""
+    if chosen.structure.delay > LONGEST_DELAY * chosen.dt:
+        raise InvalidArgumentError(
+            f"delay must be at most {LONGEST_DELAY:,} sampling times, got {chosen.structure.delay / chosen.dt:.3g}"
+        )
+    if isinstance(chosen.filter, StateVariableFilter):
+        chosen.filter.polynomial(chosen.structure.poles)
+        if chosen.filter.method == "gbt" and chosen.structure.is_biproper:
+            raise InvalidArgumentError("the gbt filter is strictly causal: as many zeros as poles need method='exact'")
+    if isinstance(chosen.scaling, Scaling):
+        chosen.scaling.sigmas(chosen.structure)
+    if isinstance(chosen.optimizer, Optimizer):
+        chosen.optimizer.check(chosen.structure.size)
+        if chosen.optimizer.keeps_covariance and isinstance(chosen.replay, Replay):
+            name = type(chosen.optimizer).__name__
+            raise InvalidArgumentError(f"{name} remembers every sample by itself: replay must be None, not a buffer")
+    if isinstance(chosen.filter, RefinedFilter) and chosen.instruments is False:
+        raise InvalidArgumentError("the refined filter needs instruments: instruments=False cannot go with it")

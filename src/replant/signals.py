@@ -8,8 +8,10 @@ import numpy as np
 
 from replant.arguments import (
     FloatArray,
+    finite,
     not_negative,
     positive,
+    vector,
     whole,
 )
 from replant.errors import InvalidArgumentError
@@ -37,7 +39,8 @@ def square(samples: int, period: float, dt: float, amplitude: float = 1.0) -> Fl
     >>> square(6, period=0.4, dt=0.1)
     array([ 1.,  1., -1., -1.,  1.,  1.])
     """
-    half = round(positive("period", period) / 2 / positive("dt", dt))
+    period, dt, amplitude = positive("period", period), positive("dt", dt), finite("amplitude", amplitude)
+    half = round(period / 2 / dt)
     if half < 1:
         raise InvalidArgumentError(f"period must be at least 2 dt, got {period:g} s with dt {dt:g} s")
     return np.where(np.arange(whole("samples", samples, 0)) // half % 2 == 0, amplitude, -amplitude)
@@ -64,11 +67,12 @@ def prbs(samples: int, *, bits: int = 10, hold: int = 1, amplitude: float = 1.0,
     >>> float(prbs(1023, bits=10).sum())          # one value more of one sign than of the other
     1.0
     """
+    samples, bits, hold = whole("samples", samples, 0), whole("bits", bits, 2), whole("hold", hold, 1)
+    amplitude = finite("amplitude", amplitude)
     if bits not in _TAPS:
         raise InvalidArgumentError(f"bits must be 2 to 18, got {bits}")
-    whole("hold", hold, 1)
     state = whole("seed", seed, 1) % (2**bits - 1) or 1
-    length = -(-whole("samples", samples, 0) // hold)
+    length = -(-samples // hold)
     values = np.empty(min(length, 2**bits - 1))
     for k in range(values.size):
         values[k] = 1.0 if state & 1 else -1.0
@@ -99,10 +103,12 @@ def random_steps(samples: int, *, shortest: int, longest: int, low: float, high:
     >>> u.shape, bool(abs(u).max() <= 1.0)
     ((1000,), True)
     """
-    if not 1 <= whole("shortest", shortest, 1) <= whole("longest", longest, 1):
+    samples, low, high = whole("samples", samples, 0), finite("low", low), finite("high", high)
+    shortest, longest = whole("shortest", shortest, 1), whole("longest", longest, 1)
+    if shortest > longest:
         raise InvalidArgumentError(f"shortest must not exceed longest, got {shortest} and {longest}")
-    generator = np.random.default_rng(seed)
-    u = np.empty(whole("samples", samples, 0))
+    generator = np.random.default_rng(whole("seed", seed, 0))
+    u = np.empty(samples)
     start = 0
     while start < samples:
         length = round(math.exp(generator.uniform(math.log(shortest), math.log(longest))))
@@ -133,12 +139,13 @@ def multisine(samples: int, dt: float, frequencies: FloatArray, amplitude: float
     ----------
     Schroeder (1970), "Synthesis of low-peak-factor signals and binary sequences with low autocorrelation".
     """
-    frequencies = np.asarray(frequencies, np.float64)
-    if frequencies.ndim != 1 or frequencies.size == 0 or (frequencies <= 0).any() or (frequencies >= 0.5 / dt).any():
-        raise InvalidArgumentError(f"frequencies must lie between 0 and {0.5 / positive('dt', dt):g} Hz")
+    samples, dt, amplitude = whole("samples", samples, 1), positive("dt", dt), finite("amplitude", amplitude)
+    frequencies = vector("frequencies", frequencies)
+    if frequencies.size == 0 or not ((frequencies > 0.0) & (frequencies < 0.5 / dt)).all():
+        raise InvalidArgumentError(f"frequencies must lie between 0 and {0.5 / dt:g} Hz")
     k = np.arange(frequencies.size)
     phases = -np.pi * k * (k + 1) / frequencies.size
-    t = np.arange(whole("samples", samples, 1)) * dt
+    t = np.arange(samples) * dt
     u = np.sin(2 * np.pi * np.outer(t, frequencies) + phases).sum(axis=1)
     return np.asarray(amplitude * u / np.abs(u).max())
 
@@ -151,8 +158,9 @@ def chirp(samples: int, dt: float, first: float, last: float, amplitude: float =
     >>> float(chirp(5, 0.1, first=0.5, last=2.0)[0])
     0.0
     """
-    ratio = positive("last", last) / positive("first", first)
-    t = np.arange(whole("samples", samples, 1)) * positive("dt", dt)
+    samples, dt, amplitude = whole("samples", samples, 1), positive("dt", dt), finite("amplitude", amplitude)
+    first, last = positive("first", first), positive("last", last)
+    ratio, t = last / first, np.arange(samples) * dt
     duration = samples * dt
     if ratio == 1.0:
         return np.asarray(amplitude * np.sin(2 * np.pi * first * t))
@@ -168,5 +176,5 @@ def white_noise(samples: int, rms: float, seed: int = 0) -> FloatArray:
     >>> float(white_noise(1000, rms=2.0).std().round(1))
     2.0
     """
-    not_negative("rms", rms)
-    return np.asarray(rms * np.random.default_rng(seed).standard_normal(whole("samples", samples, 0)))
+    samples, rms, seed = whole("samples", samples, 0), not_negative("rms", rms), whole("seed", seed, 0)
+    return np.asarray(rms * np.random.default_rng(seed).standard_normal(samples))

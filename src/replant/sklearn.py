@@ -106,9 +106,9 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         InvalidArgumentError
             If the record is too short, or a parameter of the constructor cannot be used.
         """
-        structure = self._structure()
+        structure, method = self._structure(), one_of("method", self.method, METHODS)
         u, y = self._record(X, y, structure.size + 1, reset=True)
-        found = fit(u, y, self.dt, structure, method=self.method, preprocess=Preprocess("identity", "mean", "mean"))
+        found = fit(u, y, self.dt, structure, method=method, preprocess=Preprocess("identity", "mean", "mean"))
         std = np.full(structure.size, np.nan) if found.uncertainty is None else found.uncertainty.std
         self._keep(found.transfer_function, found.parameters, std)
         self._set_working_point(float(found.preprocess.input_offset), found.simulation.offset)
@@ -177,9 +177,6 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         return tags
 
     def _structure(self) -> Structure:
-        one_of("method", self.method, METHODS)
-        if self.column is not None:
-            whole("column", self.column, 0)
         return Structure(self.poles, self.zeros, self.delay)
 
     def _record(self, X: Any, y: Any, least: int, *, reset: bool) -> tuple[FloatArray, FloatArray]:
@@ -196,9 +193,10 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
                     f"X must have one column, the input, got {X.shape[1]}: say which it is with column="
                 )
             return np.ascontiguousarray(X[:, 0])
-        if self.column >= X.shape[1]:
-            raise InvalidArgumentError(f"X has {X.shape[1]} columns, numbered from 0: there is no column {self.column}")
-        return np.ascontiguousarray(X[:, self.column])
+        column = whole("column", self.column, 0)
+        if column >= X.shape[1]:
+            raise InvalidArgumentError(f"X has {X.shape[1]} columns, numbered from 0: there is no column {column}")
+        return np.ascontiguousarray(X[:, column])
 
     def _keep(self, model: TransferFunction, parameters: FloatArray, std: FloatArray) -> None:
         self.transfer_function_, self.parameters_, self.std_ = model, parameters, std

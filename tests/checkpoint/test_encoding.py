@@ -21,7 +21,6 @@ from replant.checkpoint.encoding import (
     VERSION,
     decode,
 )
-from replant.kernels import schema as at
 from support.builders import identifier, random_plant, record
 
 
@@ -289,4 +288,4 @@ def test_the_size_stays_once_the_rings_are_full() -> None:
     size = len(ident.to_bytes())
     ident.update_many(np.ones(50_000), np.ones(50_000))
     assert abs(len(ident.to_bytes()) - size) <= 8
-    assert ident._state.ints[at.SAMPLES] == 61_003
+    assert ident._state.samples == 61_003

@@ -13,6 +13,7 @@ from replant.checkpoint.soundness import DECIDED, check_state, layout_of_state
 from replant.kernels import schema as at
 from replant.kernels.filters import bank
 from replant.kernels.monitoring import estimate_path, residual_colour
+from replant.kernels.schema import ROOM
 from support.builders import identifier
 
 
@@ -70,12 +71,12 @@ def test_a_discretisation_outside_of_its_bank_is_refused(value: float) -> None:
         check_state(ident._state, ident.settings, 0)
 
 
-@pytest.mark.parametrize("value", [-1.0, estimate_path.ROOM + 1.0, np.nan, np.inf])
+@pytest.mark.parametrize("value", [-1.0, ROOM + 1.0, np.nan, np.inf])
 def test_a_path_of_more_rows_than_there_is_room_for_is_refused(value: float) -> None:
     ident = identifier()
     assert ident.settings is not None
     state = ident._state
-    state.block(at.AT_PATH, estimate_path.size(state.entries))[estimate_path.KEPT] = value
+    state.path.kept = value
     with pytest.raises(rp.DamagedCheckpointError, match="outside"):
         check_state(state, ident.settings, 0)
 

@@ -1,64 +1,114 @@
-"""The layout: every number has a place of its own."""
+"""The schema: every number of a state has a place of its own, a meaning, and the property of its name."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+import replant as rp
+from replant.engine.dimensions import Dimensions
+from replant.engine.state import State
 from replant.kernels import schema as at
+from replant.kernels.slots import Block, Choice, Flag, Integer, Nested, Part, Real, Table
+
+TABLES = (at.StateSlots, at.ColourSlots, at.PathSlots)
+SLOTS = [(table, slot) for table in TABLES for slot in (*table.integers, *table.scalars, *table.blocks)]
+every_slot = pytest.mark.parametrize(("table", "slot"), SLOTS, ids=[f"{t.__name__}.{s.name}" for t, s in SLOTS])
+INSTRUMENTED = Dimensions(order=2, entries=6, ring=8, memory=48, settings=2, companions=True, guarded=True)
 
 
-def slots() -> tuple[dict[str, int], dict[str, int]]:
-    """Those of ``ints``, and the scalars of ``reals``; the module lists the scalars after ROWS, up to SCALARS."""
-    names = [name for name, value in vars(at).items() if name.isupper() and isinstance(value, int)]
-    cut, end = names.index("ROWS") + 1, names.index("SCALARS") + 1
-    return {name: getattr(at, name) for name in names[:cut]}, {name: getattr(at, name) for name in names[cut:end]}
+@pytest.fixture
+def state() -> State:
+    return State.lay_out(
+        rp.Structure(2), 0.1, state_filter=None, memory=np.zeros(60), numbers=np.zeros(2), recent=7, guarded=True
+    )
 
 
-def test_slots_of_ints_are_distinct_and_end_with_the_drawn_rows() -> None:
-    ints, _ = slots()
-    assert len(set(ints.values())) == len(ints)
-    assert max(ints.values()) == at.ROWS
+@every_slot
+def test_every_slot_says_what_it_is_and_who_writes_it(table: type[Table], slot: Integer) -> None:
+    assert slot.meaning
+    assert "\n" not in slot.meaning
+    assert isinstance(slot, Nested) or slot.writer
 
 
-def test_scalars_of_reals_fill_their_room() -> None:
-    _, reals = slots()
-    assert reals.pop("SCALARS") == at.SCALARS
-    assert sorted(reals.values()) == list(range(at.SCALARS))
+@every_slot
+def test_names_are_those_of_the_constants_in_the_kernels(table: type[Table], slot: Integer) -> None:
+    if table is at.StateSlots:
+        assert getattr(at, slot.constant) == slot.index
+
+
+def test_an_unknown_slot_is_named() -> None:
+    with pytest.raises(AttributeError, match="no slot of the state is called ALARMS"):
+        _ = at.ALARMS
+
+
+def test_integers_and_beginnings_of_blocks_fill_ints_before_the_drawn_rows() -> None:
+    slots = (*at.StateSlots.integers, *at.StateSlots.blocks)
+    assert [slot.index for slot in slots] == list(range(at.ROWS))
 
 
 @pytest.mark.parametrize("order", [1, 2, 10])
 @pytest.mark.parametrize("ring", [8, 40])
 @pytest.mark.parametrize("memory", [0, 7, 300])
-def test_blocks_fill_reals_without_overlap(order: int, ring: int, memory: int) -> None:
-    entries = 2 * order + 2
-    ints, reals = at.plan(
-        order=order, entries=entries, ring=ring, memory=memory, settings=3, batch=5, colour=17, path=19
-    )
-    sizes = {
-        "AT_INPUTS": ring,
-        "AT_INTERVALS": ring,
-        "AT_HELD": ring,
-        "AT_SIGMA": entries,
-        "AT_UNIT": entries,
-        "AT_PHI": entries,
-        "AT_ZETA": entries,
-        "AT_THETA": entries,
-        "AT_MEMORY": memory,
-        "AT_SETTINGS": 3,
-        "AT_BACKUP": entries + memory,
-        "AT_PAST": at.PAST * (1 + entries),
-        "AT_WORK": 4 * (order + 2) ** 2,
-        "AT_COLOUR": 17,
-        "AT_PATH": 19,
-        "AT_PRIOR": 2 * entries,
-    }
-    assert set(sizes) == {name for name in slots()[0] if name.startswith("AT_")}
-    uses = np.zeros(reals.size, int)
-    uses[: at.SCALARS] = 1
-    for name, size in sizes.items():
-        block = at.block(ints, uses, getattr(at, name), size)
-        assert block.size == size
-        block += 1
+def test_scalars_and_blocks_fill_reals_without_overlap(order: int, ring: int, memory: int) -> None:
+    sizes = Dimensions(order=order, entries=2 * order + 2, ring=ring, memory=memory, settings=3, batch=5)
+    uses = np.zeros(sizes.shapes["reals"], int)
+    for slot in at.StateSlots.scalars:
+        uses[slot.index] += 1
+    for block, begin in sizes.begins.items():
+        uses[begin : begin + block.size(sizes.numbers)] += 1
     assert (uses == 1).all()
-    assert ints.size == at.ROWS + 5
+    assert sizes.shapes["ints"] == (at.ROWS + 5,)
+
+
+def test_sizes_are_sums_of_products_of_the_dimensions() -> None:
+    numbers = {"T": 3, "M": 4, "N": 5}
+    assert Block("2, T", "", "").sizes(numbers) == (2, 3)
+    assert Block("T + M", "", "").sizes(numbers) == (7,)
+    assert Block("4 * N * N", "", "").size(numbers) == 100
+
+
+@pytest.mark.parametrize("slot", at.StateSlots.integers, ids=lambda slot: slot.name)
+def test_a_property_of_ints_reads_and_writes_its_own_number_alone(slot: Integer, state: State) -> None:
+    before = state.ints.copy()
+    value = slot.kind(1) if isinstance(slot, Choice) else not before[slot.index] if isinstance(slot, Flag) else 12345
+    setattr(state, slot.name, value)
+    assert getattr(state, slot.name) == value
+    assert np.flatnonzero(state.ints != before).tolist() == [slot.index]
+
+
+@pytest.mark.parametrize("slot", at.StateSlots.scalars, ids=lambda slot: slot.name)
+def test_a_property_of_reals_reads_and_writes_its_own_number_alone(slot: Real, state: State) -> None:
+    before = state.reals.copy()
+    setattr(state, slot.name, 0.123)
+    assert getattr(state, slot.name) == 0.123
+    assert np.flatnonzero(state.reals != before).tolist() == [slot.index]
+
+
+@pytest.mark.parametrize("block", at.StateSlots.blocks, ids=lambda block: block.name)
+def test_a_block_is_a_view_of_its_shape(block: Block, state: State) -> None:
+    if isinstance(block, Nested):
+        part = getattr(state, block.name)
+        assert isinstance(part, Part)
+        assert np.shares_memory(part.reals, state.reals)
+        return
+    view = getattr(state, block.name)
+    assert view.shape == block.sizes(state.dimensions)
+    before = state.reals.copy()
+    view[...] = 0.123
+    changed = np.flatnonzero(state.reals != before)
+    begin = state.ints[block.index]
+    assert changed.tolist() == list(range(begin, begin + view.size))
+
+
+def test_a_name_that_is_no_slot_cannot_be_set(state: State) -> None:
+    with pytest.raises(AttributeError):
+        state.allarm = 1
+
+
+def test_a_part_has_its_own_slots() -> None:
+    colour = at.ColourSlots.zeros(INSTRUMENTED.numbers)
+    colour.count, colour.squares[1, 2] = 3.0, 4.0
+    assert colour.reals[at.ColourSlots.count.index] == 3.0
+    assert colour.reals.sum() == 7.0
+    assert colour.filtered.shape == (at.LAGS, 6)

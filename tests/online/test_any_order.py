@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 import replant as rp
-from replant.kernels import schema as at
 from support.builders import state
 
 DT, STARTUP = 0.1, 40
@@ -132,7 +131,7 @@ def assert_sound(ident: rp.Identifier) -> None:
     assert np.isfinite(running.recent).all()
     if ident.settings.optimizer.keeps_covariance:
         size = running.entries
-        memory = running.block(at.AT_MEMORY, size * size + size)
+        memory = running.memory[: size * size + size]
         U, D = memory[: size * size].reshape(size, size), memory[size * size :]
         np.testing.assert_array_equal(np.tril(U), np.eye(size))
         assert np.isfinite(U).all()

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.kernels import schema as at
-from replant.kernels.monitoring import outliers
+from replant.kernels.schema import Alarm
 from replant.online import identifier
 from support.builders import DT, binary, true_parameters
 
@@ -46,9 +45,9 @@ def test_a_cable_that_floats_teaches_nothing(
         trace = ident.update_many(u[k : k + 250], y[k : k + 250])
         assert np.abs(trace.parameters / true - 1.0).max() < 0.1
         assert ident.assess().status != "trusted"
-    assert int(ident._state.ints[at.ALARM]) == outliers.FLOATS
+    assert ident._state.alarm == Alarm.FLOATS
     ident.update_many(u[6500:], y[6500:])
-    assert int(ident._state.ints[at.ALARM]) == 0
+    assert ident._state.alarm == Alarm.NONE
     assert np.abs(ident.parameters / true - 1.0).max() < 0.05
     assert ident.assess().status == "trusted"
 
@@ -60,9 +59,9 @@ def test_an_alarm_that_goes_as_it_came_costs_little() -> None:
     y[4500:4530] += 0.2 * np.random.default_rng(1).standard_normal(30)
     ident = rp.Identifier(rp.Structure(2), DT)
     ident.update_many(u, y)
-    ints = ident._state.ints
-    assert 30 < int(ints[at.RESTED]) < 125
-    assert ints[at.ALARM] == ints[at.ORIGIN] == ints[at.GAP_AT] == 0
+    state = ident._state
+    assert 30 < int(state.rested) < 125
+    assert state.alarm == state.record_began == state.gap_at == 0
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.5])
@@ -127,7 +126,7 @@ def test_what_the_user_interrupts_is_made_up_for_at_the_next_sample(what: str, m
     whole, calls = getattr(identifier, what), []
 
     def interrupted(*given: Any) -> Any:
-        calls.append(int(ident._state.ints[at.SAMPLES]))
+        calls.append(ident._state.samples)
         if len(calls) == 1:
             raise KeyboardInterrupt
         return whole(*given)

@@ -10,7 +10,6 @@ import pytest
 from scipy.stats import chi2
 
 import replant as rp
-from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.signals import prbs
 from replant.statistics.udu import compose
@@ -41,7 +40,7 @@ def relative(parameters: np.ndarray, name: str) -> np.ndarray:
 def covariance_of(ident: rp.Identifier) -> np.ndarray:
     """U D U' of the second-order optimizers, in scaled parameters."""
     size = ident._state.entries
-    memory = ident._state.block(at.AT_MEMORY, size * size + size)
+    memory = ident._state.memory[: size * size + size]
     return compose(memory[: size * size].reshape(size, size), memory[size * size :])
 
 
@@ -81,7 +80,7 @@ def test_the_recursion_alone_gets_there_too(name: str) -> None:
     state = ident._state
     wide, size, away = truth(name), state.entries, 0.002 if name == "damping 0.001" else 0.1
     state.theta[: wide.size] *= 1.0 + away * np.cos(np.arange(wide.size))
-    memory = state.block(at.AT_MEMORY, size * size + size)
+    memory = state.memory[: size * size + size]
     memory[: size * size] = np.eye(size).ravel()
     memory[size * size :] = away**2 * np.maximum(np.append(wide, np.ones(size - wide.size)) ** 2, 1e-2)
     assert relative(ident.parameters, name).max() > 0.9 * away
@@ -146,13 +145,13 @@ def test_an_estimate_that_is_not_stable_is_learned_away_behind_the_last_stable_m
     ident.update_many(u[:600], y[:600])
     state, size = ident._state, ident._state.entries
     state.theta[:2] = a
-    memory = state.block(at.AT_MEMORY, size * size + size)
+    memory = state.memory[: size * size + size]
     memory[: size * size] = np.eye(size).ravel()
     memory[size * size :] = 10.0
     for k in range(600, 6000, 50):
         ident.update_many(u[k : k + 50], y[k : k + 50])
         state = ident._state  # once an alarm was looked into it is another one
-        for which in (1, 2) if state.ints[at.WARMING] else (int(state.ints[at.ACTIVE]),):
+        for which in (1, 2) if state.warming else (int(state.serving_bank),):
             denominator = state.banks[which, bk.DENOMINATOR : bk.DENOMINATOR + 2]
             assert np.roots([1.0, *denominator]).real.max() < 0
     np.testing.assert_allclose(ident.parameters, true_parameters(plant, 1), rtol=1e-3)

@@ -61,8 +61,8 @@ def follow(members: Sequence[rp.Identifier], u: np.ndarray, y: np.ndarray) -> tu
 def state(member: rp.Identifier) -> list[bytes]:
     """All arrays to the bit, but work space: also the drawn rows and the backup, written anew before they are read."""
     arrays = member.clone()._state
-    arrays.block(at.AT_BACKUP, arrays.entries + int(arrays.ints[at.MEMORY_SIZE]))[:] = 0.0
-    arrays.block(at.AT_WORK, 4 * (member.structure.poles + 2) ** 2)[:] = 0.0
+    arrays.backup[:] = 0.0
+    arrays.work[:] = 0.0
     arrays.ints[at.ROWS :] = 0
     return [one.tobytes() for one in (arrays.ints, arrays.reals, arrays.banks, arrays.buffer, arrays.recent)]
 

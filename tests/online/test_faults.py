@@ -11,7 +11,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import replant as rp
-from replant.kernels import schema as at
 from replant.statistics.udu import compose
 from support.builders import binary, is_finite, state
 
@@ -47,7 +46,7 @@ def away(ident: rp.Identifier, true: np.ndarray = TRUE) -> float:
 
 def assert_sound(ident: rp.Identifier) -> None:
     size = ident._state.entries
-    memory = ident._state.block(at.AT_MEMORY, size * size + size)
+    memory = ident._state.memory[: size * size + size]
     assert is_finite(ident._state)
     assert (memory[size * size :] > 0.0).all()
     covariance = compose(memory[: size * size].reshape(size, size), memory[size * size :])
@@ -283,8 +282,8 @@ def test_noise_that_grows_is_no_other_plant() -> None:
     y[4000:] += 0.12 * np.random.default_rng(9).standard_normal(4000)
     ident = made()
     ident.update_many(u, y)
-    assert int(ident._state.ints[at.ORIGIN]) == 0
-    assert int(ident._state.ints[at.ALARM]) == 0
+    assert ident._state.record_began == 0
+    assert int(ident._state.alarm) == 0
     assert away(ident) < 0.03
 
 
@@ -329,8 +328,8 @@ def test_after_a_gap_learning_goes_on_at_once(plant: rp.TransferFunction, kind: 
         trace = ident.update_many(u[begin : begin + 500], y[begin : begin + 500], t[begin : begin + 500])
         assert (trace.parameters[20] != before).any()
         assert (np.abs(trace.parameters - true) < 8.0 * std).all()
-    assert int(ident._state.ints[at.GAPS]) == 5
-    assert int(ident._state.ints[at.RESTED]) == 0
+    assert ident._state.gaps == 5
+    assert ident._state.rested == 0
     assert_sound(ident)
 
 
@@ -373,7 +372,7 @@ def test_a_few_late_stamps_set_no_clock() -> None:
     ident = made()
     ident.update_many(u, y, t)
     assert ident.rejected["not later"] == 30
-    assert int(ident._state.ints[at.GAPS]) == 0
+    assert ident._state.gaps == 0
 
 
 def test_bursts_that_a_dead_time_cannot_see_through_are_refused() -> None:

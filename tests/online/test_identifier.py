@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import replant as rp
-from replant.kernels import schema as at
+from replant.engine.state import State
 from replant.optimizers import OPTIMIZERS
 from support.builders import (
     G1,
@@ -199,8 +199,8 @@ def without_past(ident: rp.Identifier) -> dict[str, bytes]:
     """The state, but for what start-up leaves out: estimates to be judged by later samples, and a model to wait for."""
     ident = ident.clone()
     ident._state.past[:] = 0.0
-    ident._state.ints[[at.PAST_KEPT, at.PAST_DUE]] = 0
-    ident._state.reals[at.READY] = 0.0
+    ident._state.past_kept = ident._state.past_due = 0
+    ident._state.ready_at = 0.0
     return state(ident)
 
 
@@ -352,7 +352,7 @@ def test_a_rejected_sample_changes_its_count_alone(u: float, y: float, many: boo
     reason = "too large" if np.isfinite([u, y]).all() else "not finite"
     assert math.isnan(error)
     assert ident.rejected == {**counts, reason: counts[reason] + 1}
-    ints[at.TOO_LARGE if reason == "too large" else at.NOT_FINITE] += 1
+    ints[(State.too_large if reason == "too large" else State.not_finite).index] += 1
     assert state(ident) == {**before, "ints": ints.tobytes()}
     np.testing.assert_array_equal(ident.parameters, estimate)
     assert ident.status == "running"
@@ -502,8 +502,8 @@ def test_a_diverging_estimate_stops_at_its_last_finite_value(name: str, replay: 
         ident.update(1e100 * u[k], 1e100 * y[k])
         assert np.isfinite(ident.parameters).all()
         assert np.isfinite(memory_of(ident)).all()
-        if ident._state.ints[at.REFUSED] > refused:
-            refused = int(ident._state.ints[at.REFUSED])
+        if ident._state.refused > refused:
+            refused = int(ident._state.refused)
             np.testing.assert_array_equal(ident.parameters, before)
             np.testing.assert_array_equal(memory_of(ident), memory)
             assert ident.status == "diverged"
@@ -519,7 +519,7 @@ def test_a_diverging_estimate_stops_at_its_last_finite_value(name: str, replay: 
 
 def memory_of(ident: rp.Identifier) -> np.ndarray:
     """The optimizer's moments."""
-    return ident._state.block(at.AT_MEMORY, int(ident._state.ints[at.MEMORY_SIZE])).copy()
+    return ident._state.memory.copy()
 
 
 def test_a_sane_gain_runs_on_after_an_update_was_refused() -> None:

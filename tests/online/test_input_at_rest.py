@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.kernels import schema as at
 from replant.statistics.udu import compose
 from support.builders import DT, identifier, is_finite, record, true_parameters, two_modes
 
@@ -25,7 +24,7 @@ OPTIMIZERS = {
 
 def factors(ident: rp.Identifier) -> tuple[np.ndarray, np.ndarray]:
     size = ident._state.entries
-    memory = ident._state.block(at.AT_MEMORY, size * size + size)
+    memory = ident._state.memory[: size * size + size]
     return memory[: size * size].reshape(size, size).copy(), memory[size * size :].copy()
 
 
@@ -71,11 +70,11 @@ def rest(name: str, samples: int) -> None:
         np.testing.assert_allclose(ident.parameters, start, rtol=1e-3)
     before, (U, D) = ident.parameters, factors(ident)
     sizes = [array.nbytes for array in (ident._state.reals, ident._state.recent)]
-    rested = int(ident._state.ints[at.RESTED])
+    rested = ident._state.rested
     u, y = np.full(CHUNK, 1.0), 1.0 + 0.02 * np.random.default_rng(3).standard_normal(CHUNK)
     for _ in range(samples // CHUNK):
         ident.update_many(u, y)
-    assert int(ident._state.ints[at.RESTED]) - rested == samples
+    assert ident._state.rested - rested == samples
     np.testing.assert_array_equal(ident.parameters, before)
     np.testing.assert_array_equal(factors(ident)[0], U)
     np.testing.assert_array_equal(factors(ident)[1], D)
@@ -97,7 +96,7 @@ def test_without_noise_idle_time_changes_nothing_from_the_first_sample_on() -> N
     trace = ident.update_many(idle_u, whole_y[12_000:])
     np.testing.assert_allclose(trace.parameters[::1000], np.tile(before, (300, 1)), rtol=1e-6)
     assert_positive_definite(ident)
-    assert int(ident._state.ints[at.RESTED]) > 150_000
+    assert ident._state.rested > 150_000
 
 
 @pytest.mark.parametrize("name", OPTIMIZERS)
@@ -115,11 +114,11 @@ def test_a_hundred_million_idle_samples_change_nothing(name: str) -> None:
 def test_when_the_input_moves_again_learning_goes_on() -> None:
     ident = converged(rp.RecursiveLeastSquares(time_constant=50.0))
     idle(ident, 500_000, 1.0)
-    rested, before = int(ident._state.ints[at.RESTED]), ident.parameters
+    rested, before = ident._state.rested, ident.parameters
     u, y = record(PLANT, seed=4, samples=20_000, dt=DT, hold=8, noise=0.02)
     u, y = u + 1.0, y + 1.0
     ident.update_many(u, y)
-    assert int(ident._state.ints[at.RESTED]) - rested < 50
+    assert ident._state.rested - rested < 50
     assert (ident.parameters != before).all()
     np.testing.assert_allclose(ident.parameters, TRUE, rtol=0.05)
 
@@ -128,10 +127,10 @@ def test_an_input_that_moves_a_little_does_not_rest() -> None:
     """A thousandth of the amplitude is a millionth of the variance: where rest begins, once the past has faded."""
     for amplitude, rests in ((0.01, False), (1e-4, True)):
         ident = converged(rp.RecursiveLeastSquares())
-        before = int(ident._state.ints[at.RESTED])
+        before = ident._state.rested
         u, y = record(PLANT, seed=5, samples=200_000, dt=DT, hold=8)
         ident.update_many(amplitude * u, amplitude * y)
-        assert (int(ident._state.ints[at.RESTED]) - before > 1000) == rests
+        assert (ident._state.rested - before > 1000) == rests
 
 
 # --- without the guard: no instruments, nothing that says whether the input rests

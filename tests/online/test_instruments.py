@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.kernels import schema as at
 from replant.optimizers import OPTIMIZERS
 from replant.signals import prbs
 from support.builders import DT, binary, true_parameters, two_modes
@@ -99,8 +98,8 @@ def test_zeta_is_free_of_the_outputs_noise(name: str) -> None:
         phis, zetas = [], []
         for k in range(600, 900):
             ident.update(float(u[k]), float(y[k]))
-            phis.append(ident._state.block(at.AT_PHI, 3).copy())
-            zetas.append(ident._state.block(at.AT_ZETA, 3).copy())
+            phis.append(ident._state.phi.copy())
+            zetas.append(ident._state.zeta.copy())
         gains.append((np.array(phis), np.array(zetas), model))
     (clean_phi, clean_zeta, _), (noisy_phi, noisy_zeta, _) = gains
     np.testing.assert_allclose(clean_phi, clean_zeta, atol=0.02 * np.abs(clean_phi).max())

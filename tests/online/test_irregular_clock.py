@@ -11,7 +11,6 @@ import pytest
 
 import replant as rp
 from replant.engine.state import GAP
-from replant.kernels import schema as at
 from support.builders import AWKWARD, DT, identifier, irregular_record, record, state, true_parameters, two_modes
 
 STRUCTURE, PLANT = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
@@ -20,7 +19,7 @@ NONE = dict.fromkeys(("not finite", "too large", "not later", "too dense", "outl
 
 
 def gaps(ident: rp.Identifier) -> int:
-    return int(ident._state.ints[at.GAPS])
+    return ident._state.gaps
 
 
 # --- jitter
@@ -150,12 +149,12 @@ def test_over_a_gap_parameters_stay_and_learning_waits(seconds: float, optimizer
         u, y, t, cut = with_gap(seconds)
     ident = rp.Identifier(STRUCTURE, DT, optimizer=optimizer)
     ident.update_many(u[:cut], y[:cut], t[:cut])
-    before, rested = ident.parameters, int(ident._state.ints[at.RESTED])
+    before, rested = ident.parameters, ident._state.rested
     trace = ident.update_many(u[cut:], y[cut:], t[cut:])
     assert gaps(ident) == 1
     waited = int((trace.parameters == before).all(axis=1).argmin())
     assert 5.0 / 1.0 <= waited * DT <= 2.5 * 5.0 / 1.0  # the poles decay by 1/s, known within a factor of two
-    assert int(ident._state.ints[at.RESTED]) - rested == waited
+    assert ident._state.rested - rested == waited
     # what is unknown has died out to e^-5, and the estimate never leaves the truth by more than that
     np.testing.assert_allclose(trace.parameters, np.tile(TRUE, (len(trace), 1)), rtol=0.02)
     np.testing.assert_allclose(ident.parameters, TRUE, rtol=1e-3)
@@ -226,7 +225,7 @@ def test_a_bad_stamp_is_rejected_counted_and_leaves_no_trace(many: bool, ready: 
         assert spoiled.rejected == expected
         assert spoiled.samples == count
     if ready:
-        spoiled._state.reals[at.EARLIER_TIME] = clean._state.reals[at.EARLIER_TIME]  # of a clock that might be set
+        spoiled._state.earlier_time = clean._state.earlier_time  # of a clock that might be set
         assert {**state(spoiled), "ints": b""} == {**before, "ints": b""}
     for ident in (spoiled, clean):
         ident.update_many(u[count:], y[count:], t[count:])

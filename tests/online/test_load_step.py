@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.kernels import schema as at
 from support.builders import DT, binary, state, true_parameters
 
 PLANTS = {
@@ -54,11 +53,11 @@ def test_a_step_of_a_disturbance_leaves_the_plant_as_it_is(
     assert np.abs(ident.parameters / true - 1.0).max() < 0.05
     for parameters in (trace.parameters, later.parameters, last.parameters):
         assert np.abs(parameters / true - 1.0).max() < (0.15 if name == "one pole" else 0.05)
-    ints = ident._state.ints
-    assert ints[at.GAPS] == ints[at.ALARM] == 0
+    state = ident._state
+    assert state.gaps == state.alarm == 0
     if name != "one pole":
-        assert ints[at.GAP_AT] >= 4500
-        assert ints[at.ORIGIN] == 0
+        assert state.gap_at >= 4500
+        assert state.record_began == 0
     assert ident.samples == 7000
 
 
@@ -68,7 +67,7 @@ def test_with_time_stamps_it_is_the_same() -> None:
     expected = plain.update_many(u, y).parameters
     found = stamped.update_many(u, y, 1e3 + DT * np.arange(6000.0)).parameters
     np.testing.assert_allclose(found, expected, rtol=1e-6)
-    assert stamped._state.reals[at.LAST_TIME] == 1e3 + DT * 5999.0
+    assert stamped._state.last_time == 1e3 + DT * 5999.0
 
 
 def test_chunks_do_not_matter_to_it() -> None:

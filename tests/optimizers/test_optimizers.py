@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.kernels import schema as at
 from replant.optimizers import OPTIMIZERS
 from support.builders import G1, identifier, random_plant, record, true_parameters, with_and_without
 from support.references import TWINS, identify, regressor
@@ -189,6 +188,6 @@ def test_powers_of_beta_never_leave_the_normal_numbers(name: str) -> None:
     """Products of smaller ones take some processors a hundred times as long, for as long as the stream runs."""
     ident = identifier(OPTIMIZERS[name](1e-3, beta1=0.5, beta2=0.5))
     ident.update_many(*np.random.default_rng(3).standard_normal((2, 2000)))
-    powers = ident._state.block(at.AT_MEMORY, int(ident._state.ints[at.MEMORY_SIZE]))[-2:]
+    powers = ident._state.memory[-2:]
     assert 0.5**2000 < np.finfo(float).tiny <= powers.min()
     assert (1.0 - powers == 1.0).all()

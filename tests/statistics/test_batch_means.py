@@ -10,8 +10,7 @@ from scipy.signal import lfilter
 
 import replant as rp
 from replant.engine.covariance import slowness
-from replant.kernels import schema as at
-from replant.kernels.monitoring import estimate_path as kept
+from replant.kernels.schema import ROOM
 from replant.paper.actuator.experiment import CREEP, NOISE
 from replant.paper.actuator.experiment import STRUCTURE as ACTUATOR
 from replant.rigs import deap_rig, deap_voltage
@@ -97,10 +96,10 @@ def test_the_path_of_a_record_is_least_squares_of_its_beginnings(samples: int) -
     target = zeta @ [1.0, 2.0, 3.0] + generator.standard_normal(samples)
     theta = np.linalg.lstsq(zeta, target, rcond=None)[0]
     path = path_of_record(zeta, target - zeta @ theta, theta, np.zeros((3, 3)), np.zeros(3))
-    step, rows = int(path[kept.STEP]), int(path[kept.KEPT])
-    assert kept.ROOM // 2 <= rows <= kept.ROOM
+    step, rows = int(path.step), int(path.kept)
+    assert ROOM // 2 <= rows <= ROOM
     assert rows == samples // step
-    assert path[kept.DUE] == (rows + 1) * step
+    assert path.due == (rows + 1) * step
     estimates, known = rows_of(path, theta, np.diag(np.linalg.inv(zeta.T @ zeta)))
     for row in range(rows):
         if (row + 1) * step < 6:  # hardly more equations than unknowns
@@ -127,9 +126,8 @@ def slow_noise(seed: int, samples: int) -> np.ndarray:
 
 
 def rows_in_use(ident: rp.Identifier) -> np.ndarray:
-    state = ident._state
-    block = state.block(at.AT_PATH, kept.size(state.entries))
-    return block[kept.ROWS :].reshape(kept.ROOM, 2, -1)[: int(block[kept.KEPT])]
+    path = ident._state.path
+    return path.rows[: int(path.kept)]
 
 
 def test_the_rows_of_an_identifier_are_where_it_was() -> None:

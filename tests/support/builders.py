@@ -10,7 +10,6 @@ import pytest
 
 import replant as rp
 from replant.engine.state import State
-from replant.kernels import schema as at
 from replant.optimizers import OPTIMIZERS
 
 #: The article's G1 and G2, (20) and (22).
@@ -109,7 +108,7 @@ def state(ident: rp.Identifier) -> dict[str, bytes]:
 
 def is_finite(arrays: State) -> bool:
     """Whether every number of a running state is finite, but for the times that may be infinite: "never"."""
-    reals = np.delete(arrays.reals, [at.READY, at.LONGEST_GAP])
+    reals = np.delete(arrays.reals, [State.ready_at.index, State.longest_gap.index])
     return all(np.isfinite(array).all() for array in (reals, arrays.banks, arrays.buffer, arrays.recent))
 
 

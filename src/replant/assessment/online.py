@@ -13,9 +13,9 @@ from replant.assessment.evidence import Evidence
 from replant.assessment.judge import RESTING, judge
 from replant.assessment.verdict import Assessment, Finding, conclude
 from replant.engine.covariance import covariance, slowness
-from replant.engine.recent_samples import cleaned, record_of, since_last_gap, unrolled
+from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import SHORTEST_STEP, State
-from replant.kernels import schema as at
+from replant.kernels.schema import PAST
 from replant.settings import Request, Settings
 
 STUCK_LATELY = 200  # samples since the sensor was stuck, within which it is not relied on
@@ -56,12 +56,11 @@ def assess_starting(request: Request, held: Sequence[tuple[float, float, float]]
 
 def evidence_of(state: State, settings: Settings) -> Evidence:
     """Return the evidence that a state holds."""
-    ints, dt, size = state.ints, settings.dt, settings.structure.size
-    origin, samples = int(ints[at.ORIGIN]), int(ints[at.SAMPLES])
-    kept = cleaned(unrolled(state))
+    dt, size, origin, samples = settings.dt, settings.structure.size, state.record_began, state.samples
+    kept = RecentSamples.of(state).cleaned()
     # the newest one at the least, where the record begins anew just now
-    kept = kept[-max(samples - max(origin, int(ints[at.GAP_AT])), 1) :]
-    record = record_of(since_last_gap(kept, dt), dt, settings.filter.input_hold)
+    kept = kept[-max(samples - max(origin, state.gap_at), 1) :]
+    record = kept.since_last_gap(dt).record(dt, settings.filter.input_hold)
     record = record if record.intervals.size == 1 else record.last(MOST_IRREGULAR)
     learned, earlier = earlier_estimate(state, size)
     known = covariance(state, settings)
@@ -69,41 +68,40 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         settings.structure,
         dt,
         record,
-        estimate=state.theta[:size] * state.unit[:size],
+        estimate=state.physical[:size],
         covariance=known if np.isfinite(known).all() else None,
         slowness=slowness(state, settings),
         earlier=earlier,
         unseen=min(samples - learned, record.u.size // 2),
         learned=learned - origin,
-        refused=bool(ints[at.REFUSED]),
-        adapts=bool(ints[at.ADAPT]),
+        refused=state.refused > 0,
+        adapts=state.adapt,
         instruments=settings.instruments,
-        follows=bool(ints[at.PAST_STEP] == SHORTEST_STEP),
-        largest_power=float(state.reals[at.LARGEST_POWER]),
-        grown=samples - int(ints[at.CHANGE_BEGAN]) if ints[at.ALARM] else 0,
+        follows=state.past_step == SHORTEST_STEP,
+        largest_power=state.largest_power,
+        grown=samples - state.change_began if state.alarm else 0,
         unsettled=_unsettled(state, settings, known),
-        stuck=bool(ints[at.IS_STUCK]) and samples - int(ints[at.STUCK_LAST]) < STUCK_LATELY,
-        usual_interval=float(np.median(kept[1:, 2])) if len(kept) > 1 else 0.0,
+        stuck=state.stuck_outputs > 0 and samples - state.stuck_last < STUCK_LATELY,
+        usual_interval=float(np.median(kept.interval[1:])) if len(kept) > 1 else 0.0,
     )
 
 
 def _unsettled(state: State, settings: Settings, known: FloatArray) -> float:
     """Return how uncertain a revised estimate is in what was known before the change, as a part of itself."""
-    ints = state.ints
-    forgotten = ints[at.PAST_STEP] == SHORTEST_STEP and ints[at.SAMPLES] - ints[at.REVISED] > ints[at.RECENT]
+    forgotten = state.past_step == SHORTEST_STEP and state.samples - state.revised_from > state.recent_size
     if not state.was_revised or forgotten:  # what forgets is at length as uncertain by right
         return 0.0
     size = settings.structure.poles + settings.structure.zeros + 1
     before, std = np.abs(state.prior[:, :size])
-    now = np.maximum(np.abs(state.theta * state.unit)[:size], before)
+    now = np.maximum(np.abs(state.physical)[:size], before)
     share = np.sqrt(np.maximum(np.diag(known)[:size], 0.0)) / np.maximum(now, np.finfo(float).tiny)
     return float(share[std < MOST_UNCERTAIN * before].max(initial=0.0))
 
 
 def earlier_estimate(state: State, size: int) -> tuple[int, FloatArray]:
     """Return the oldest past estimate (P,), or the present one if nothing was learned since, and its samples."""
-    learned, estimate = int(state.ints[at.LEARNED]), state.theta
-    kept = state.past[: min(int(state.ints[at.PAST_KEPT]), at.PAST)]
+    learned, estimate = state.learned, state.theta
+    kept = state.past[: min(state.past_kept, PAST)]
     oldest = kept[np.argmin(kept[:, 0])] if len(kept) else np.array([np.inf])
     if oldest[0] < learned:
         learned, estimate = int(oldest[0]), oldest[1:]

@@ -44,7 +44,6 @@ def check_state(state: State, settings: Settings, resolve_at: int) -> None:
     ``resolve_at`` is how many samples the next solution of the whole record waits for, 0 for none.
     """
     from replant.kernels.filters import bank
-    from replant.kernels.monitoring import estimate_path, outliers
 
     capacity = settings.replay.capacity if settings.replay else 1
     if len(state.buffer) != capacity:  # before one of that size is laid out to compare with
@@ -59,25 +58,24 @@ def check_state(state: State, settings: Settings, resolve_at: int) -> None:
             raise DamagedCheckpointError(f"its state and its settings differ in {name}")
     ints = state.ints
     limits = {
-        at.HEAD: (0, capacity - 1),
-        at.FILLED: (0, capacity),
-        at.NEWEST: (0, ints[at.RING] - 1),
-        at.ACTIVE: (1, 2),
+        at.BUFFER_HEAD: (0, capacity - 1),
+        at.BUFFER_FILLED: (0, capacity),
+        at.RING_HEAD: (0, ints[at.RING_SIZE] - 1),
+        at.SERVING_BANK: (1, 2),
         at.WARMING: (0, 1),
         at.RECENT_HEAD: (0, max(len(state.recent) - 1, 0)),
         at.PAST_KEPT: (0, ints[at.SAMPLES]),
-        at.ORIGIN: (0, ints[at.SAMPLES]),
+        at.RECORD_BEGAN: (0, ints[at.SAMPLES]),
         at.GAP_AT: (0, ints[at.SAMPLES]),
-        at.REVISED: (0, ints[at.SAMPLES]),
+        at.REVISED_FROM: (0, ints[at.SAMPLES]),
         at.CHANGE_BEGAN: (0, ints[at.SAMPLES]),
-        at.ALARM: (0, outliers.FLOATS),
+        at.ALARM: (0, at.Alarm.FLOATS),
     }
     positions = all(low <= ints[slot] <= high for slot, (low, high) in limits.items())
     passed = any(due and due <= ints[at.SAMPLES] for due in (resolve_at, ints[at.LOOK_AT]))
     if passed and ints[at.ATTENTION] == 0:  # else it was interrupted before it could do what was due
         raise DamagedCheckpointError("it waits for a sample that has passed")
     nexts = state.banks[:, bank.NEXT]
-    rows = state.block(at.AT_PATH, estimate_path.size(state.entries))[estimate_path.KEPT]
-    positions = positions and 0 <= rows <= estimate_path.ROOM
+    positions = positions and 0 <= state.path.kept <= at.ROOM
     if not positions or not ((nexts >= 0) & (nexts < bank.KEPT)).all():
         raise DamagedCheckpointError("its state points outside of its arrays")

@@ -6,7 +6,6 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.engine.state import State
-from replant.kernels import schema as at
 from replant.settings import Settings
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.batch_means import no_less_than_scattered, rows_of
@@ -48,9 +47,7 @@ def slowness(state: State, settings: Settings) -> float:
 
 def _kept(state: State) -> FloatArray:
     """Return U D U' of the optimizer's memory."""
-    size = state.entries
-    memory = state.block(at.AT_MEMORY, size * size + size)
-    return compose(memory[: size * size].reshape(size, size), memory[size * size :])
+    return compose(*state.factors)
 
 
 def _of_least_squares(state: State) -> FloatArray:
@@ -58,13 +55,10 @@ def _of_least_squares(state: State) -> FloatArray:
 
     See `replant.statistics.batch_means`.
     """
-    from replant.kernels.monitoring import estimate_path
-
     coloured = _by_colour(state)
-    if state.block(at.AT_SETTINGS, 1)[0] < 1.0:
+    if state.settings[0] < 1.0:
         return coloured
-    kept = state.block(at.AT_PATH, estimate_path.size(state.entries))
-    return no_less_than_scattered(coloured, *rows_of(kept, state.theta, np.diag(_kept(state))))
+    return no_less_than_scattered(coloured, *rows_of(state.path, state.theta, np.diag(_kept(state))))
 
 
 def _by_colour(state: State) -> FloatArray:
@@ -75,19 +69,13 @@ def _by_colour(state: State) -> FloatArray:
     With a white residual Q is sum mu^2j zeta zeta', and P the inverse of sum mu^j zeta zeta': without forgetting that
     makes sigma^2 P, with it about half as much.
     """
-    from replant.kernels.monitoring import residual_colour
-
-    size, lags = state.entries, residual_colour.LAGS
-    colour = state.block(at.AT_COLOUR, residual_colour.size(size))
-    inverse = _kept(state)
-    seen, forgetting = colour[residual_colour.COUNT], state.block(at.AT_SETTINGS, 1)[0]
-    count = max(seen - size, 1.0)
+    colour, inverse = state.colour, _kept(state)
+    seen, forgetting = colour.count, float(state.settings[0])
+    count = max(seen - state.entries, 1.0)
     share = (2.0 - seen * (1.0 - forgetting)) / (1.0 + forgetting)  # of the sums of mu^2j and mu^j
-    white = share * colour[residual_colour.POWER] / max(seen, 1.0) * inverse
-    covariances = colour[residual_colour.COVARIANCES : residual_colour.COVARIANCES + lags + 1]
-    power = Autoregression.of_covariances(covariances).power
-    squares = colour[residual_colour.FILTERED + lags * size :].reshape(size, size)
-    return larger(power / count * inverse @ squares @ inverse, white)
+    white = share * colour.power / max(seen, 1.0) * inverse
+    power = Autoregression.of_covariances(colour.covariances).power
+    return larger(power / count * inverse @ colour.squares @ inverse, white)
 
 
 def _of_buffer(state: State) -> FloatArray:
@@ -98,11 +86,11 @@ def _of_buffer(state: State) -> FloatArray:
     instrumental-variable estimate; the distance to it, by which the steps wander or have not arrived, is known, and
     its square is added.
     """
-    size, filled = state.entries, int(state.ints[at.FILLED])
+    size, filled = state.entries, state.buffer_filled
     unknown = np.full((size, size), np.nan)
     if filled <= 2 * size:
         return unknown
-    rows = np.roll(state.buffer[:filled], -int(state.ints[at.HEAD]) if filled == len(state.buffer) else 0, axis=0)
+    rows = np.roll(state.buffer[:filled], -state.buffer_head if filled == len(state.buffer) else 0, axis=0)
     phi, target = rows[:, :size], rows[:, size]
     zeta = rows[:, size + 2 :] * rows[:, size + 1 : size + 2]
     cross = zeta.T @ phi

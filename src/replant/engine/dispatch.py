@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from replant.engine.state import State
-from replant.kernels import schema as at
 from replant.regressor.preprocess import Preprocess
 
 Step = Callable[[float, float, float], float]  # takes a sample (u, y, t) and returns its error
@@ -24,12 +23,11 @@ def step_kernels(state: State, *, regular: bool) -> tuple[Callable[..., Any], Ca
     from replant.kernels.optimizers import gradient
     from replant.kernels.step import fixed_filter, shared
 
-    ints = state.ints
-    if ints[at.ALGORITHM] not in gradient.CODES:
+    if state.algorithm not in gradient.CODES:
         return shared.step, shared.steps
-    without_model = ints[at.INSTRUMENTS] == 0 and ints[at.GUARD] == 0
-    strictly_proper = ints[at.INPUT_ENTRIES] <= ints[at.ORDER]
-    if regular and without_model and strictly_proper and state.reals[at.DELAY] == 0.0:
+    without_model = not (state.instruments or state.rests_with_input)
+    strictly_proper = state.input_entries <= state.order
+    if regular and without_model and strictly_proper and state.delay == 0.0:
         return fixed_filter.step, fixed_filter.steps
     return shared.gradient_step, shared.gradient_steps
 

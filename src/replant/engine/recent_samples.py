@@ -1,61 +1,111 @@
-"""Recent samples: the newest raw samples that a state keeps, in order, outliers bridged."""
+"""Recent samples: the newest raw samples that a state keeps, in order."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.engine.state import GAP, State
-from replant.kernels import schema as at
+from replant.kernels.schema import BRIDGED, DOUBTED, INPUT, OUTPUT, STEP, Doubt
 
-STANDS = 2  # the doubt of a stuck sensor, as `replant.kernels.monitoring.outliers` numbers it
 LONELY = 5  # outliers in a row that are no more than that; what lasts longer may be the plant
-
-
-def unrolled(state: State) -> FloatArray:
-    """Return the raw samples kept (K, 3), in their order."""
-    samples, head = int(state.ints[at.SAMPLES]), int(state.ints[at.RECENT_HEAD])
-    if samples < len(state.recent):
-        return state.recent[:samples]
-    return np.roll(state.recent, -head, axis=0)
-
-
-def cleaned(kept: FloatArray) -> FloatArray:
-    """Return a copy of raw samples (K, 3 or 5) with lonely outliers bridged, as the filters saw them."""
-    kept = kept.copy()
-    if kept.shape[1] <= at.DOUBTED:
-        return kept
-    rows = np.flatnonzero(kept[:, at.DOUBTED] == 1.0)
-    for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
-        if run.size <= LONELY:
-            kept[run, at.OUTPUT] = kept[run, at.BRIDGED]
-    return kept
-
-
-def since_last_gap(recent: FloatArray, dt: float) -> FloatArray:
-    """Return the samples since the last interruption."""
-    gaps = np.flatnonzero(recent[1:, 2] > GAP * dt)
-    return recent[gaps[-1] + 1 :] if gaps.size else recent
-
-
 STUCK_RUN = 4  # ties in a row of a sensor that was stuck: what lies before is not looked at
 
 
-def since(state: State, sample: int) -> FloatArray:
-    """Return the raw samples kept since then, lonely outliers bridged."""
-    kept = cleaned(unrolled(state))
-    return kept[max(len(kept) - (int(state.ints[at.SAMPLES]) - sample), 0) :]
+@dataclass(frozen=True, eq=False)
+class RecentSamples:
+    """Raw samples, input mapped and working point taken off, oldest first.
 
+    Attributes
+    ----------
+    values : (K, 5) or (K, 3) array
+        A sample a row; three columns where the state does not examine its outputs: then only input, output and
+        interval can be asked for.
+    """
 
-def after_stuck(kept: FloatArray) -> FloatArray:
-    """Return the raw samples that came after a sensor was last stuck for a while."""
-    stuck = np.convolve(kept[:, at.DOUBTED] == STANDS, np.ones(STUCK_RUN), "valid") == STUCK_RUN
-    return kept[int(np.flatnonzero(stuck)[-1]) + STUCK_RUN :] if stuck.any() else kept
+    values: FloatArray
 
+    @classmethod
+    def of(cls, state: State) -> RecentSamples:
+        """Return those that a state keeps."""
+        if state.samples < len(state.recent):
+            return cls(state.recent[: state.samples])
+        return cls(np.roll(state.recent, -state.recent_head, axis=0))
 
-def record_of(kept: FloatArray, dt: float, input_hold: str) -> Record:
-    """Return raw samples (K, 3 or more), input, output and interval, as a record."""
-    u, y, intervals = kept[:, :3].T.copy()
-    regular = bool((intervals[1:] == dt).all())
-    return Record(u, y, np.array([dt]) if regular else intervals, input_hold)
+    @classmethod
+    def since(cls, state: State, sample: int) -> RecentSamples:
+        """Return a copy of those that came after so many accepted samples, lonely outliers bridged."""
+        kept = cls.of(state).cleaned()
+        return kept[max(len(kept) - (state.samples - sample), 0) :]
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __getitem__(self, rows: Any) -> RecentSamples:
+        return RecentSamples(self.values[rows])
+
+    @property
+    def input(self) -> FloatArray:
+        """View of the input."""
+        return self.values[:, INPUT]
+
+    @property
+    def output(self) -> FloatArray:
+        """View of the output as it was measured."""
+        return self.values[:, OUTPUT]
+
+    @property
+    def interval(self) -> FloatArray:
+        """View of the time since the sample before, in s."""
+        return self.values[:, STEP]
+
+    @property
+    def bridged(self) -> FloatArray:
+        """View of the output as the filters saw it."""
+        return self.values[:, BRIDGED]
+
+    @property
+    def doubt(self) -> FloatArray:
+        """View of the `Doubt`."""
+        return self.values[:, DOUBTED]
+
+    @property
+    def doubted(self) -> float:
+        """Share of the samples whose output was bridged."""
+        return float((self.doubt > 0).mean())
+
+    @property
+    def stuck(self) -> float:
+        """Share of the samples whose output was that of a stuck sensor."""
+        return float((self.doubt == Doubt.STUCK).mean())
+
+    def cleaned(self) -> RecentSamples:
+        """Return a copy with lonely outliers bridged, as the filters saw them."""
+        copy = RecentSamples(self.values.copy())
+        if self.values.shape[1] <= DOUBTED:
+            return copy
+        rows = np.flatnonzero(self.doubt == Doubt.OUTLIER)
+        for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+            if run.size <= LONELY:
+                copy.output[run] = self.bridged[run]
+        return copy
+
+    def since_last_gap(self, dt: float) -> RecentSamples:
+        """Return the samples since the last interruption."""
+        gaps = np.flatnonzero(self.interval[1:] > GAP * dt)
+        return self[gaps[-1] + 1 :] if gaps.size else self
+
+    def after_stuck(self) -> RecentSamples:
+        """Return the samples that came after a sensor was last stuck for a while."""
+        stuck = np.convolve(self.doubt == Doubt.STUCK, np.ones(STUCK_RUN), "valid") == STUCK_RUN
+        return self[int(np.flatnonzero(stuck)[-1]) + STUCK_RUN :] if stuck.any() else self
+
+    def record(self, dt: float, input_hold: str) -> Record:
+        """Return them as a record; regular where every interval is ``dt``."""
+        u, y, intervals = self.values[:, : STEP + 1].T.copy()
+        regular = bool((intervals[1:] == dt).all())
+        return Record(u, y, np.array([dt]) if regular else intervals, input_hold)

@@ -10,45 +10,48 @@ so the estimate is in the plant's own parameters, whatever Lambda is; the predic
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from replant.arguments import FloatArray
-from replant.kernels import schema as at
+from replant.engine.dimensions import Dimensions, entries_of, ring_of
+from replant.kernels.schema import FIXED, StateSlots
+from replant.kernels.slots import Block, Slot
 from replant.model.structure import Structure
 from replant.regressor.filters import RefinedFilter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess
 from replant.settings import Settings
 
-IntArray = np.ndarray[tuple[int], np.dtype[np.int64]]
+IntArray = npt.NDArray[np.int64]
 
 NOTHING = np.zeros(0)
 GAP = 20.0  # sampling times without a sample, after which the filters begin anew
-# Times the nominal rate at which samples may come where there is a dead time: so many past inputs are kept.
-DENSEST = 4.0
 # Samples between two past estimates kept: of the 10000 raw samples kept at most half are then held out from the oldest,
 LONGEST_STEP = 1250
 # ... a few hundred where the estimate follows a plant that changes, and is soon out of date by right.
 SHORTEST_STEP = 128
 
 
-@dataclass(frozen=True, eq=False)
-class State:
-    """The kernels' arrays; see `replant.kernels.schema` and `replant.kernels.filters.bank` for what lies where.
+@dataclass(eq=False, slots=True)
+class State(StateSlots):
+    """The kernels' arrays, with a property for each of their slots: see `replant.kernels.schema`.
 
     Attributes
     ----------
     ints : int64 array
     reals : float64 array
     banks : (3, size) array
+        The fixed filter's bank and the auxiliary model's two; see `replant.kernels.filters.bank`.
     buffer : (capacity, width) array
-        Replay: a learned sample a row.
+        Replay: a learned sample a row, its regressor, instruments if there are any, target and weight.
     recent : (R, 3) or (R, 5) array
-        Raw samples kept: input, output, interval; guarded, then also the output that the filters saw, and why (see
-        `replant.kernels.monitoring.outliers`).
+        Raw samples kept: input, output, interval; where outputs are examined, also the output that the filters saw and
+        the `Doubt`.
     """
 
     ints: IntArray
@@ -62,8 +65,38 @@ class State:
         """All of them, in the order in which the kernels take them."""
         return self.ints, self.reals, self.banks, self.buffer, self.recent
 
+    @property
+    def dimensions(self) -> Mapping[str, int]:
+        """What the shapes of the blocks are made of."""
+        order = self.order
+        own = {"n": order, "N": order + 2, "T": self.entries, "M": self.memory_size, "S": self.settings_size}
+        return FIXED | own | {"RING": self.ring_size}
+
+    def begin_of(self, block: Block) -> int:
+        """Return where in ``reals`` a block begins."""
+        return int(self.ints[block.index])
+
+    def copy(self) -> State:
+        """Return a state with arrays of its own."""
+        return State(self.ints.copy(), self.reals.copy(), self.banks.copy(), self.buffer.copy(), self.recent.copy())
+
+    def take_over(self, old: State, *slots: Slot) -> None:
+        """Take these slots' values from another state."""
+        for slot in slots:
+            setattr(self, slot.name, getattr(old, slot.name))
+
     @classmethod
     def build(
+        cls, structure: Structure, dt: float, *, state_filter: StateVariableFilter | None, **choices: Any
+    ) -> State:
+        """Lay out the arrays as `lay_out` does, and fill in what is known of a fixed filter."""
+        state = cls.lay_out(structure, dt, state_filter=state_filter, **choices)
+        if state_filter is not None:
+            state.fix_filter(structure, dt, state_filter)
+        return state
+
+    @classmethod
+    def lay_out(
         cls,
         structure: Structure,
         dt: float,
@@ -80,60 +113,64 @@ class State:
         recent: int = 0,
         guarded: bool = False,
     ) -> State:
-        """Lay out the arrays; ``state_filter`` None stands for the refined filter, which has nuisances."""
-        from replant.kernels.filters import bank as bk
-        from replant.kernels.monitoring import estimate_path, residual_colour
+        """Lay out the arrays; ``state_filter`` None stands for the refined filter, which has nuisances.
 
+        Nothing compiled runs: the numbers of a fixed filter are left to `fix_filter`.
+        """
         refined = state_filter is None
-        n = structure.poles
-        entries = n + structure.zeros + 1 + (1 + n if refined else int(structure.bias))
-        ring = math.ceil(DENSEST * structure.delay / dt) + 8
-        ints, reals = at.plan(
-            order=n,
-            entries=entries,
-            ring=ring,
-            memory=memory.size,
-            settings=numbers.size,
+        entries = entries_of(structure, refined=refined)
+        sizes = Dimensions(
+            structure.poles,
+            entries,
+            ring_of(structure, dt),
+            memory.size,
+            numbers.size,
             batch=batch,
-            colour=residual_colour.size(entries),
-            path=estimate_path.size(entries),
+            capacity=capacity,
+            recent=recent,
+            companions=instruments or refined,
+            guarded=guarded,
         )
-        ints[at.PARAMETERS] = structure.size
-        ints[at.INPUT_ENTRIES] = structure.zeros + 1
-        ints[at.STRAIGHT_INPUT] = input_hold == "foh"
-        ints[at.CONSTANT] = refined or structure.bias
-        ints[at.REFINED], ints[at.INSTRUMENTS] = refined, instruments or refined
-        ints[at.CAPACITY], ints[at.RECENT] = capacity, recent
-        ints[at.ADAPT] = ints[at.ACTIVE] = 1
-        ints[at.GUARDED] = guarded
-        reals[at.OUTPUT_SCALE], reals[at.DELAY], reals[at.INTERVAL] = output_scale, structure.delay, dt
-        reals[at.READY], reals[at.LONGEST_GAP] = math.inf, math.inf
-        state = cls(
-            ints,
-            reals,
-            np.zeros((3, bk.size(n, entries))),
-            np.zeros((capacity, (2 * entries if ints[at.INSTRUMENTS] else entries) + 2)),
-            np.zeros((recent, 5 if guarded else 3)),
-        )
+        shapes = sizes.shapes
+        ints = np.zeros(shapes["ints"], np.int64)
+        for block, begin in sizes.begins.items():
+            ints[block.index] = begin
+        state = cls(ints, *(np.zeros(shapes[name]) for name in ("reals", "banks", "buffer", "recent")))
+        state.order, state.entries, state.ring_size = sizes.order, sizes.entries, sizes.ring
+        state.memory_size, state.settings_size = sizes.memory, sizes.settings
+        state.capacity, state.batch_size, state.recent_size = capacity, batch, recent
+        state.parameter_count, state.input_entries = structure.size, structure.zeros + 1
+        state.straight_input = input_hold == "foh"
+        state.has_constant = refined or structure.bias
+        state.refined, state.instruments = refined, instruments or refined
+        state.examines_output = guarded
+        state.bilinear = state_filter is not None and state_filter.method == "gbt"
+        state.adapt, state.serving_bank = True, 1
+        state.output_scale, state.delay, state.interval = output_scale, structure.delay, dt
+        state.ready_at = state.longest_gap = math.inf
         sigma = np.ones(entries) if sigma is None else sigma
-        state.block(at.AT_SIGMA, entries)[:] = sigma
-        state.block(at.AT_UNIT, entries)[:] = output_scale / sigma
-        state.block(at.AT_MEMORY, memory.size)[:] = memory
-        state.block(at.AT_SETTINGS, numbers.size)[:] = numbers
-        if state_filter is not None:
-            state.fix_filter(structure, dt, state_filter)
+        state.sigma[:], state.unit[:] = sigma, output_scale / sigma
+        state.memory[:], state.settings[:] = memory, numbers
         return state
 
     @classmethod
     def of_settings(cls, settings: Settings, recent: int) -> State:
         """Return the arrays of an identifier with these settings, before its first sample."""
+        state = cls.laid_out(settings, recent)
+        if isinstance(settings.filter, StateVariableFilter):
+            state.fix_filter(settings.structure, settings.dt, settings.filter)
+        return state
+
+    @classmethod
+    def laid_out(cls, settings: Settings, recent: int) -> State:
+        """Return the same without the fixed filter's numbers: nothing compiled has run yet."""
         structure, replay, optimizer = settings.structure, settings.replay, settings.optimizer
         refined = isinstance(settings.filter, RefinedFilter)
-        entries = structure.size + (structure.poles + 1 - int(structure.bias) if refined else 0)
+        entries = entries_of(structure, refined=refined)
         sigma = np.ones(entries)
         sigma[: structure.size] = settings.scaling.sigmas(structure)
         unit = settings.scaling.output / sigma
-        state = cls.build(
+        state = cls.lay_out(
             structure,
             settings.dt,
             state_filter=None if isinstance(settings.filter, RefinedFilter) else settings.filter,
@@ -148,18 +185,16 @@ class State:
             recent=recent,
             guarded=optimizer.keeps_covariance,
         )
-        ints, reals = state.ints, state.reals
-        ints[at.ALGORITHM], ints[at.NORMALIZE] = optimizer.code, settings.normalize
-        ints[at.WARMUP] = min(replay.warmup, replay.capacity - 1) if replay else 0  # a full buffer is warm
-        ints[at.SEED] = replay.seed if replay else 0
-        ints[at.SQUARE_INPUT] = settings.preprocess.input_map == "square"
-        ints[at.COLOURED] = optimizer.keeps_covariance and optimizer.keeps_colour
-        remembers_all = optimizer.keeps_colour and state.block(at.AT_SETTINGS, 1)[0] == 1.0
-        follows = optimizer.keeps_covariance and not remembers_all
-        ints[at.PAST_STEP] = SHORTEST_STEP if follows else LONGEST_STEP
-        reals[at.INPUT_OFFSET] = float(settings.preprocess.input_offset)
-        reals[at.OUTPUT_OFFSET] = float(settings.preprocess.output_offset)
-        reals[at.LONGEST_GAP] = GAP * settings.dt
+        state.algorithm, state.normalize = optimizer.code, settings.normalize
+        state.warmup = min(replay.warmup, replay.capacity - 1) if replay else 0  # a full buffer is warm
+        state.seed = replay.seed if replay else 0
+        state.square_input = settings.preprocess.input_map == "square"
+        state.coloured = optimizer.keeps_covariance and optimizer.keeps_colour
+        follows = optimizer.keeps_covariance and not (optimizer.keeps_colour and state.settings[0] == 1.0)
+        state.past_step = SHORTEST_STEP if follows else LONGEST_STEP
+        state.input_offset = float(settings.preprocess.input_offset)
+        state.output_offset = float(settings.preprocess.output_offset)
+        state.longest_gap = GAP * settings.dt
         return state
 
     @classmethod
@@ -168,82 +203,59 @@ class State:
     ) -> State:
         """Return arrays that turn a raw record into unscaled regressors of a fixed filter."""
         state = cls.build(structure, dt, state_filter=state_filter, input_hold=state_filter.input_hold)
-        state.ints[at.SQUARE_INPUT] = preprocess.input_map == "square"
-        state.reals[at.INPUT_OFFSET] = float(preprocess.input_offset)
-        state.reals[at.OUTPUT_OFFSET] = float(preprocess.output_offset)
+        state.square_input = preprocess.input_map == "square"
+        state.input_offset, state.output_offset = float(preprocess.input_offset), float(preprocess.output_offset)
         return state
 
     @classmethod
-    def refined(cls, structure: Structure, dt: float, input_hold: str) -> State:
+    def for_model(cls, structure: Structure, dt: float, input_hold: str) -> State:
         """Return arrays that turn a record made ready into regressors and instruments of the refined filter."""
         return cls.build(structure, dt, state_filter=None, input_hold=input_hold)
 
     @property
-    def entries(self) -> int:
-        """How many entries the regressor has, T: the parameters and the nuisances."""
-        return int(self.ints[at.ENTRIES])
-
-    def block(self, slot: int, size: int) -> FloatArray:
-        """Return a view of one block of ``reals``."""
-        return at.block(self.ints, self.reals, slot, size)
+    def factors(self) -> tuple[FloatArray, FloatArray]:
+        """Views of U (T, T) and D (T,), the covariance U D U' that the optimizer keeps."""
+        size, memory = self.entries, self.memory
+        return memory[: size * size].reshape(size, size), memory[size * size : size * size + size]
 
     @property
-    def theta(self) -> FloatArray:
-        """View of the scaled estimate, (T,)."""
-        return self.block(at.AT_THETA, self.entries)
-
-    @property
-    def past(self) -> FloatArray:
-        """View of the past estimates (PAST, 1 + T), scaled, each behind the samples that it had taken in."""
-        size = 1 + self.entries
-        return self.block(at.AT_PAST, at.PAST * size).reshape(at.PAST, size)
-
-    @property
-    def prior(self) -> FloatArray:
-        """View of the estimate before a change, physical, and of its standard deviations, (2, T)."""
-        return self.block(at.AT_PRIOR, 2 * self.entries).reshape(2, -1)
+    def physical(self) -> FloatArray:
+        """The estimate (T,) in physical units."""
+        return np.asarray(self.theta * self.unit)
 
     @property
     def was_revised(self) -> bool:
         """Whether the estimate is one revised after a change, by a record without a gap since."""
-        return bool(self.ints[at.REVISED] > 0 and self.ints[at.REVISED] == self.ints[at.GAP_AT])
-
-    @property
-    def unit(self) -> FloatArray:
-        """View of what turns scaled into physical parameters, (T,)."""
-        return self.block(at.AT_UNIT, self.entries)
+        return self.revised_from > 0 and self.revised_from == self.gap_at
 
     def install(self, theta: FloatArray) -> None:
         """Make ``theta`` (T,), in physical units, the serving auxiliary model, its filters at rest."""
         from replant.kernels.filters.chain import install_model
 
-        self.ints[at.ACTIVE], self.ints[at.WARMING] = 1, 0
+        self.serving_bank, self.warming = 1, False
         install_model(self.ints, self.reals, self.banks, 1, theta / self.unit)
 
     @contextmanager
     def without_preprocessing(self) -> Iterator[None]:
         """Take samples as they are kept in ``recent``: mapped, working point taken off."""
-        square, offsets = self.ints[at.SQUARE_INPUT], self.reals[[at.INPUT_OFFSET, at.OUTPUT_OFFSET]]
-        self.ints[at.SQUARE_INPUT] = 0
-        self.reals[[at.INPUT_OFFSET, at.OUTPUT_OFFSET]] = 0.0
+        kept = self.square_input, self.input_offset, self.output_offset
+        self.square_input, self.input_offset, self.output_offset = False, 0.0, 0.0
         try:
             yield
         finally:
-            self.ints[at.SQUARE_INPUT] = square
-            self.reals[[at.INPUT_OFFSET, at.OUTPUT_OFFSET]] = offsets
+            self.square_input, self.input_offset, self.output_offset = kept
 
     def fix_filter(self, structure: Structure, dt: float, state_filter: StateVariableFilter) -> None:
         """Give the fixed bank its denominator; the bilinear filter also its one discretisation."""
         from replant.kernels.filters import bank as bk
 
-        n, entries, ints = structure.poles, self.entries, self.ints
+        n, entries = structure.poles, self.entries
         fixed = self.banks[0]
         bk.set_denominator(
-            fixed, n, entries, int(ints[at.INPUT_ENTRIES]), bool(ints[at.CONSTANT]), False, True,
-            state_filter.polynomial(n)[1:], self.block(at.AT_SIGMA, entries),
+            fixed, n, entries, self.input_entries, self.has_constant, False, True,
+            state_filter.polynomial(n)[1:], self.sigma,
         )  # fmt: skip
         if state_filter.method == "gbt":
-            ints[at.BILINEAR] = 1
             discrete = state_filter.discretize(n, dt)
             kept = fixed[bk.at_kept(n, entries) :]
             kept[0] = dt

@@ -9,32 +9,33 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.engine.state import IntArray, State
-from replant.kernels import schema as at
+from replant.kernels.schema import LAYOUT, LINE, StateSlots
 
 TILE = 256  # samples that a block takes at once: they, and what comes of them, stay in the cache
 #: What the members of a block have in common: everything in `ints` but the random seed and what changes.
-ALIKE = (*range(at.ORDER, at.STARTED), at.MEMORY_SIZE, at.SETTINGS_SIZE)
+ALIKE = [slot.index for slot in StateSlots.integers if slot.writer == LAYOUT and slot is not StateSlots.seed]
+ALIKE += [StateSlots.rests_with_input.index, StateSlots.adapt.index]
 #: By what members are sorted into blocks: those alike in all of it draw the same rows of their buffers.
-IN_STEP = (at.SEED, at.DRAWN, at.FILLED, at.HEAD)
+IN_STEP = [slot.index for slot in (State.seed, State.drawn, State.buffer_filled, State.buffer_head)]
 
 
 def is_under_way(state: State) -> bool:
     """Return whether the lean kernel's first sample is taken and its one discretisation made."""
     from replant.kernels.filters import bank as bk
 
-    kept = state.banks[0, bk.at_kept(int(state.ints[at.ORDER]), state.entries)]
-    interval = state.reals[at.INTERVAL]
-    return bool(state.ints[at.STARTED]) and bool(abs(kept - interval) <= 1e-9 * interval)
+    kept = state.banks[0, bk.at_kept(state.order, state.entries)]
+    interval = state.interval
+    return state.started and bool(abs(kept - interval) <= 1e-9 * interval)
 
 
 def kind(state: State) -> tuple[int, ...]:
     """Return what members of one block must have in common."""
-    return tuple(state.ints[list(ALIKE)].tolist())
+    return tuple(state.ints[ALIKE].tolist())
 
 
 def order(state: State) -> tuple[int, ...]:
     """Return by what members are sorted into blocks."""
-    return tuple(state.ints[list(IN_STEP)].tolist())
+    return tuple(state.ints[IN_STEP].tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +72,8 @@ class Block:
         lanes = [*states, *[states[0]] * (LANES - len(states))]
         rows = [*numbers, *[numbers[0]] * (LANES - len(numbers))]
         first, buffers = states[0], [state.buffer for state in lanes]
-        apart = len({int(state.ints[at.SEED]) for state in states}) > 1
-        batch, memory = int(first.ints[at.BATCH]), int(first.ints[at.MEMORY_SIZE])
+        apart = len({state.seed for state in states}) > 1
+        batch, memory = first.batch_size, first.memory_size
         work = (
             np.ones(LANES, np.int64),
             aligned((batch, first.buffer.shape[1], LANES)),
@@ -143,6 +144,6 @@ def side_by_side(arrays: Sequence[FloatArray]) -> FloatArray:
 def aligned(shape: tuple[int, ...]) -> FloatArray:
     """Return a new array of zeros that begins on a line of the cache: no vector then lies across two."""
     size = int(np.prod(shape))
-    room = np.zeros(size + at.LINE // 8)
-    skip = -room.ctypes.data % at.LINE // 8
+    room = np.zeros(size + LINE // 8)
+    skip = -room.ctypes.data % LINE // 8
     return room[skip : skip + size].reshape(shape)

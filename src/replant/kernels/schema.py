@@ -1,188 +1,252 @@
-"""Where each number lies in the arrays of an identifier: the one owner of that layout.
+"""The schema of an identifier's state: every number that the kernels keep, declared once.
 
-The slots of ``ints`` below are constants, compiled into the kernels.  The blocks of ``reals`` depend on the structure,
-so their offsets are themselves numbers in ``ints`` (the ``AT_...`` slots), filled in by `plan`.
+An identifier's state is five arrays: ``ints`` (int64), ``reals`` (float64), three filter banks, the replay buffer and
+the newest raw samples.  `StateSlots` lists what lies in the first two.  From the list come
 
-Symbols: n poles, T entries of the regressor (the P parameters, then the nuisances of the refined filter), M numbers
-of memory and S of settings of the optimizer.
+* the offsets that the kernels use, by the upper-case name: ``ints[at.ALARM]``, ``reals[at.ERROR]``, and for a block
+  ``reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]``;
+* the properties of `replant.engine.state.State`, by the lower-case name: ``state.alarm``, ``state.error``,
+  ``state.theta``;
+* the layout and the check of a checkpoint, and docs/state.md.
+
+To add a number, add a line.  Dimensions of blocks:
+
+    n               poles
+    T               entries of the regressor: the parameters, then the nuisances of the refined filter
+    M, S            numbers of the optimizer's memory and of its settings
+    RING            past inputs kept for the dead time
+    PAST            past estimates kept
+    LAGS            order of the autoregression
+    ROOM            rows of the estimate's path
 """
 
 from __future__ import annotations
 
-import numpy as np
+from enum import IntEnum
+from typing import Final
 
-# --- ints: the structure and the settings
-ORDER = 0  # n, poles
-ENTRIES = 1  # T, entries of the regressor
-PARAMETERS = 2  # P, how many of them the user asked for
-INPUT_ENTRIES = 3  # m + 1, how many of them come from the input
-ALGORITHM = 4  # which optimizer (the codes in kernels.step)
-SQUARE_INPUT = 5  # 1: the input is squared first
-NORMALIZE = 6  # 1: divide by m^2 = 1 + phi' phi (13), 0: by one
-STRAIGHT_INPUT = 7  # 1: the input runs straight between samples (first-order hold), 0: it is held
-BILINEAR = 8  # 1: the article's generalised bilinear filters, 0: exact ones
-CONSTANT = 9  # 1: the regressor has a constant
-REFINED = 10  # 1: the filter is 1/A of the estimate, with initial states as nuisances; 0: it is fixed
-INSTRUMENTS = 11  # 1: the regressor has noise-free companions
-CAPACITY = 12  # rows of the replay buffer
-BATCH = 13  # updates a sample once the buffer is warm
-WARMUP = 14  # rows that the buffer must hold more of before batches begin
-RING = 15  # past inputs kept, for the dead time
-RECENT = 16  # raw samples kept, for assessment
-GUARD = 17  # 1: updates rest while the input rests
-ADAPT = 18  # 0: the estimate is frozen by the user
-COLOURED = 19  # 1: power and colour of the residual are kept
-# --- ints: what changes
-STARTED = 20  # 1 after the first accepted sample
-SAMPLES = 21  # accepted samples
-NOT_FINITE = 22  # rejected samples: NaN or infinite
-TOO_LARGE = 23  # rejected samples: their square would leave float64
-NOT_LATER = 24  # rejected samples: their time stamp does not advance
-REFUSED = 25  # updates undone because they left float64
-RESTED = 26  # samples that were not learned because the input rested
-GAPS = 27  # interruptions after which the filters began anew
-FILLED = 28  # rows of the buffer in use
-HEAD = 29  # the row that the next sample goes to
-SEED = 30
-DRAWN = 31  # position in the random stream
-NEWEST = 32  # where in the ring of past inputs the newest one lies
-ACTIVE = 33  # which bank of the auxiliary model serves, 1 or 2
-WARMING = 34  # 1 while the other one warms up
-RECENT_HEAD = 35  # the row of the raw samples kept that the next one goes to: SAMPLES modulo RECENT
-LEARNED = 36  # accepted samples when the estimate last took one in
-PAST_KEPT = 37  # estimates kept so far
-PAST_DUE = 38  # accepted samples at which the estimate is kept next
-PAST_STEP = 39  # samples between two estimates kept, at the most
-# --- ints: where the blocks of reals begin
-AT_INPUTS = 40  # (RING,)  past inputs
-AT_PAST = 55  # (PAST, 1 + T)  past estimates, scaled, each behind the samples that it had taken in
-AT_HELD = 54  # (RING,)  what a held input was, on the mean, over that interval
-AT_INTERVALS = 41  # (RING,)  the interval that led to each of them
-AT_SIGMA = 42  # (T,)  scaling of the regressor
-AT_UNIT = 43  # (T,)  from scaled to physical parameter
-AT_PHI = 44  # (T,)  scaled regressor of the newest sample
-AT_ZETA = 45  # (T,)  its noise-free companion
-AT_THETA = 46  # (T,)  scaled estimate
-AT_MEMORY = 47  # (M,)  the optimizer's own memory
-AT_SETTINGS = 48  # (S,)  the optimizer's settings
-AT_BACKUP = 49  # (T + M,)  theta and memory before the newest sample
-AT_WORK = 50  # (4 (n + 2)^2,)  work
-AT_COLOUR = 51  # (see kernels.residuals)  power and colour of the residual
-MEMORY_SIZE = 52  # M
-SETTINGS_SIZE = 53  # S
-AT_PATH = 74  # (see kernels.path)  where the estimate was after some of the samples
-# --- ints: whether a measured output can be, and whether the plant has changed (see kernels.guard)
-GUARDED = 56  # 1: outputs are examined before they are learned
-DOUBT = 57  # of the newest sample: 0 none, 1 an outlier, 2 a stuck sensor
-OUTLIERS = 58  # samples whose output was bridged as an outlier
-STUCK = 59  # samples whose output was bridged as that of a stuck sensor
-STILL = 60  # samples in a row whose output was the same as the one before, to the bit
-IS_STUCK = 61  # how many outputs are known at which the sensor was found stuck: STUCK_AT, STUCK_ALSO
-CHANGE_BEGAN = 62  # accepted samples when the residual last was as usual
-ALARM = 63  # 1: the residual has grown for so long that it is no chance; 2: that is looked into,
-# 3: and nothing learned, 4: ... since no model explains the output, as of a cable that floats
-# --- ints: clock, rest and record
-EARLIER = 64  # stamps in a row that advance, but lie before LAST_TIME
-TOO_DENSE = 65  # rejected samples: so close to the one before that the past inputs kept would not reach back far enough
-REST_AFTER = 66  # samples of an input that stands still, after which learning rests; 0: only its variance tells
-INPUT_STILL = 67  # samples since the input last moved
-GAP_AT = 68  # accepted samples before the last interruption
-ORIGIN = 69  # accepted samples before the record that the estimate is made from
-STUCK_LAST = 70  # accepted samples when the sensor was last stuck
-LOOK_AT = 71  # accepted samples at which an alarm is looked into; 0: not planned
-DUE = 72  # accepted samples at which the identifier has something to do; 0: nothing is planned
-ATTENTION = 73  # 1: it has so now, or the residual has raised an alarm
-REVISED = 75  # accepted samples before those by which the estimate was revised after a change; 0: it was not
-AT_PRIOR = 76  # (2, T)  the estimate before that change, physical, and its standard deviations
-ROWS = 77  # from here: (BATCH,) rows drawn for the newest sample
+from replant.kernels.slots import Block, Choice, Flag, Integer, Nested, Part, Real, Table
 
-# --- reals: scalars
-INPUT_OFFSET = 0  # working point, subtracted from the mapped input
-OUTPUT_OFFSET = 1  # working point, subtracted from the output
-OUTPUT_SCALE = 2  # sigma_y
-LAST_OUTPUT = 3  # y[k-1]
-DELAY = 4  # dead time, s
-INTERVAL = 5  # nominal sampling time, s
-ELAPSED = 7  # s since the first sample
-READY = 8  # when the warming bank takes over, s since the first sample
-INPUT_NOW = 9  # the delayed input at the newest sample
-MARGIN = 10  # least distance from the imaginary axis of a filter's pole, rad/s
-WIDEST = 11  # largest bandwidth of a filter, rad/s
-INPUT_MEAN = 12  # moving mean of the input
-INPUT_POWER = 13  # moving variance of the input
-LARGEST_POWER = 14  # largest that it has been
-FORGET_INPUT = 15  # share of the newest sample in both
-LONGEST_GAP = 16  # s; a longer interval is an interruption
-LAST_TIME = 18  # time stamp of the newest sample, s
-LEARN_FROM = 17  # s since the first sample; after a gap, learning waits until then
-ERROR = 19  # a-priori error of the newest sample as it was measured, scaled
-USED = 20  # the output that the filters saw, measured or bridged
-RATIO = 21  # variance of the newest a-priori error, over that of the residual
-SEEN = 22  # residuals that the next two are made from
-SPREAD = 23  # variance of the residual lately, scaled; large ones count in part
-USUAL = 24  # variance of the residual as it usually is, scaled
-PEAK = 25  # largest square of the modelled output lately, scaled
-CUSUM = 26  # how far the residual's power is beyond the usual one, summed since it was not; in an alarm: within it
-LIMIT = 27  # of CUSUM, beyond which it is no chance
-LAST_RAW = 28  # the output of the sample before as it was measured
-EQUAL = 29  # share of the samples whose output is that of the one before, to the bit
-STILL_MODEL = 30  # the modelled output when the measured one began to stand still
-STUCK_AT = 31  # the output at which the sensor was last found stuck, or at the end of its scale
-EARLIER_TIME = 32  # the newest stamp that lay before LAST_TIME
-ANCHOR = 33  # the input when it last moved
-STUCK_ALSO = 6  # the one before that: a scale has two ends
-LEAST_STEP = 34  # the least by which two outputs in a row have lately differed: the step of a sensor's scale
-SCALARS = 35
+PAST: Final = 4  # past estimates kept; what came after the oldest is held out from it, for assessment
+LAGS: Final = 4  # order of the residual's autoregression
+ROOM: Final = 64  # rows of the estimate's path; once the record is long at least half of them are in use
 
-# Columns of the raw samples kept; only a guarded state has the last two.
+LINE: Final = 64  # bytes of a line of the processor's cache
+LARGEST: Final = 1e150  # largest magnitude accepted: its square, and sums of such, are still far inside float64
+
+# Columns of the raw samples kept; a state that does not examine its outputs has the first three.
 INPUT, OUTPUT, STEP, BRIDGED, DOUBTED = range(5)
 
-# Past estimates kept, the oldest given up for each new one: what came after the oldest is held out from it.
-PAST = 4
+FIXED: Final = {"PAST": PAST, "LAGS": LAGS, "ROOM": ROOM}
 
-# Bytes of a line of the cache.
-LINE = 64
+# Who writes a slot.
+LAYOUT = "layout"  # once, when the state is laid out from the settings
+IDENTIFIER = "identifier"  # above the kernels: start-up, solving again, the user's freeze
+CLOCK = "clock"
+FILTERS = "filters"
+BUFFER = "buffer"
+OPTIMIZER = "optimizer"
+MONITORING = "monitoring"  # outliers, interruptions, changes
+STEP_KERNEL = "step"
 
-# The largest magnitude whose square is still far inside float64: beyond it m^2 of (13) would overflow.
-LARGEST = 1e150
+
+class Alarm(IntEnum):
+    """What is known of a residual that has grown."""
+
+    NONE = 0
+    RAISED = 1  # the CUSUM test has just found it
+    LOOKED_INTO = 2  # a model of what came since is looked for; learning goes on
+    RESTS = 3  # the same, and nothing is learned meanwhile
+    FLOATS = 4  # no model explains the output, as with a cable that floats: nothing is learned until it ends
+
+
+class Doubt(IntEnum):
+    """Why the newest output was bridged by the model's."""
+
+    NONE = 0
+    OUTLIER = 1
+    STUCK = 2
+
+
+class ColourSlots(Part):
+    """Power and colour of the residual e; see `replant.kernels.monitoring.residual_colour`."""
+
+    count = Real("residuals, forgotten ones counted in part", OPTIMIZER)
+    power = Real("sum of e^2 / alpha: unbiased by the parameters' own error", OPTIMIZER)
+    position = Real("row of `filtered` that holds the newest one", OPTIMIZER)
+    model = Block("LAGS + 1", "D(q): 1, d_1 .., the autoregression D(q) e = w", FILTERS)
+    covariances = Block("LAGS + 1", "sums of e_k e_{k - lag}", OPTIMIZER)
+    errors = Block("LAGS", "the last residuals, newest first", OPTIMIZER)
+    filtered = Block("LAGS, T", "zeta / D(q) of the last samples, a ring", OPTIMIZER)
+    squares = Block("T, T", "Q, the sum of zeta_f zeta_f'", OPTIMIZER)
+
+
+class PathSlots(Part):
+    """The path of the estimate; see `replant.kernels.monitoring.estimate_path`."""
+
+    step = Real("learned samples between two rows", OPTIMIZER)
+    due = Real("learned samples at which the next row is due", OPTIMIZER)
+    kept = Real("rows in use", OPTIMIZER)
+    rows = Block("ROOM, 2, T", "the estimate and the diagonal of P, at some of the learned samples", OPTIMIZER)
+
+
+class StateSlots(Table):
+    """Every number of ``ints`` and ``reals``."""
+
+    __slots__ = ()
+
+    # --- structure and settings
+    order = Integer("n, poles", LAYOUT)
+    entries = Integer("T, entries of the regressor", LAYOUT)
+    parameter_count = Integer("P, how many of the entries the user asked for", LAYOUT)
+    input_entries = Integer("m + 1, how many of the entries come from the input", LAYOUT)
+    algorithm = Integer("code of the optimizer", LAYOUT)
+    square_input = Flag("the input is squared first", LAYOUT)
+    normalize = Flag("updates are divided by m^2 = 1 + phi' phi, (13) of the article", LAYOUT)
+    straight_input = Flag("the input runs straight between samples (first-order hold); else it is held", LAYOUT)
+    bilinear = Flag("the filters are the article's generalised bilinear ones; else exact", LAYOUT)
+    has_constant = Flag("the regressor has a constant", LAYOUT)
+    refined = Flag("the filter is 1/A of the estimate, with initial states as nuisances; else fixed", LAYOUT)
+    instruments = Flag("the regressor has a noise-free companion", LAYOUT)
+    coloured = Flag("power and colour of the residual are kept", LAYOUT)
+    examines_output = Flag("outputs are examined before they are learned", LAYOUT)
+    memory_size = Integer("M, numbers of the optimizer's memory", LAYOUT)
+    settings_size = Integer("S, numbers of the optimizer's settings", LAYOUT)
+    ring_size = Integer("past inputs kept for the dead time", LAYOUT)
+    recent_size = Integer("raw samples kept, for assessment", LAYOUT)
+    past_step = Integer("most samples between two past estimates kept", LAYOUT)
+    rests_with_input = Flag("updates rest while the input rests", IDENTIFIER)
+    rest_after = Integer(
+        "samples of an input that stands still after which learning rests; 0: its variance alone decides", IDENTIFIER
+    )
+    adapt = Flag("the estimate learns; the user's freeze clears it", IDENTIFIER)
+
+    # --- replay
+    capacity = Integer("rows of the replay buffer", LAYOUT)
+    batch_size = Integer("updates a sample once the buffer is warm", LAYOUT)
+    warmup = Integer("rows that the buffer must exceed before batches begin", LAYOUT)
+    seed = Integer("of the random stream", LAYOUT)
+    drawn = Integer("position in the random stream", BUFFER)
+    buffer_filled = Integer("rows of the buffer in use", BUFFER)
+    buffer_head = Integer("row that the next sample goes to", BUFFER)
+
+    # --- samples
+    started = Flag("the first sample has been accepted", STEP_KERNEL)
+    samples = Integer("accepted samples", STEP_KERNEL)
+    learned = Integer("accepted samples when the estimate last took one in", STEP_KERNEL)
+    rested = Integer("samples that were not learned because the input rested or the estimate was frozen", STEP_KERNEL)
+    refused = Integer("updates undone because they left float64", STEP_KERNEL)
+    not_finite = Integer("rejected samples: NaN or infinite", STEP_KERNEL)
+    too_large = Integer("rejected samples: their square would leave float64", STEP_KERNEL)
+    not_later = Integer("rejected samples: the time stamp does not advance", CLOCK)
+    too_dense = Integer("rejected samples: closer to the one before than the ring of past inputs reaches", CLOCK)
+    recent_head = Integer("row of the raw samples that the next one goes to", STEP_KERNEL)
+    past_kept = Integer("past estimates kept so far", STEP_KERNEL)
+    past_due = Integer("accepted samples at which the next past estimate is kept", STEP_KERNEL)
+    attention_at = Integer(
+        "accepted samples at which the identifier has something to do; 0: nothing planned", IDENTIFIER
+    )
+    attention = Flag("the identifier has something to do now, or the alarm was raised", STEP_KERNEL)
+
+    # --- clock
+    gaps = Integer("interruptions after which the filters began anew", CLOCK)
+    gap_at = Integer("accepted samples before the last interruption", CLOCK)
+    earlier_stamps = Integer("stamps in a row that advance but lie before the newest accepted one", CLOCK)
+    interval = Real("nominal sampling time", LAYOUT, "s")
+    longest_gap = Real("a longer interval is an interruption", LAYOUT, "s")
+    last_time = Real("time stamp of the newest sample", CLOCK, "s")
+    earlier_time = Real("newest stamp that lay before the newest accepted one", CLOCK, "s")
+    elapsed = Real("time since the first sample", CLOCK, "s")
+    learn_from = Real("elapsed time until which learning waits after a gap", CLOCK, "s")
+
+    # --- input and output
+    ring_head = Integer("where in the ring of past inputs the newest one lies", FILTERS)
+    input_still = Integer("samples since the input last moved", MONITORING)
+    input_offset = Real("working point, subtracted from the mapped input", LAYOUT, "of u")
+    output_offset = Real("working point, subtracted from the output", LAYOUT, "of y")
+    output_scale = Real("sigma_y", LAYOUT, "of y")
+    delay = Real("dead time", LAYOUT, "s")
+    input_now = Real("the delayed input at the newest sample", FILTERS, "of u")
+    last_output = Real("the output before, as the filters saw it", FILTERS, "of y")
+    input_mean = Real("moving mean of the input", MONITORING, "of u")
+    input_power = Real("moving variance of the input", MONITORING, "of u^2")
+    largest_power = Real("largest that it has been", MONITORING, "of u^2")
+    forget_input = Real("share of the newest sample in mean and variance", IDENTIFIER)
+    input_anchor = Real("the input when it last moved", MONITORING, "of u")
+
+    # --- auxiliary model
+    serving_bank = Integer("bank of the auxiliary model that serves, 1 or 2", FILTERS)
+    warming = Flag("the other bank warms up with the newest estimate", FILTERS)
+    ready_at = Real("elapsed time at which the warming bank takes over", FILTERS, "s")
+    stability_margin = Real("least distance of a filter's pole from the imaginary axis", IDENTIFIER, "rad/s")
+    largest_bandwidth = Real("largest bandwidth of a filter", IDENTIFIER, "rad/s")
+
+    # --- outliers and stuck sensors
+    doubt = Choice(Doubt, "why the newest output was bridged", MONITORING)
+    outliers = Integer("samples whose output was bridged as an outlier", MONITORING)
+    stuck = Integer("samples whose output was bridged as that of a stuck sensor", MONITORING)
+    stuck_outputs = Integer("how many outputs are known at which the sensor was found stuck, 0 to 2", MONITORING)
+    stuck_last = Integer("accepted samples when the sensor was last stuck", MONITORING)
+    ties = Integer("samples in a row whose output was that of the one before, to the bit", MONITORING)
+    error = Real("a-priori error of the newest sample as it was measured", MONITORING, "sigma_y")
+    used_output = Real("the output that the filters saw, measured or bridged", MONITORING, "of y")
+    last_raw = Real("the output of the sample before as it was measured", MONITORING, "of y")
+    tie_share = Real("share of the samples whose output is that of the one before", MONITORING)
+    tie_model = Real("the modelled output when the measured one began to stand still", MONITORING, "of y")
+    stuck_at = Real("output at which the sensor was last found stuck, or the end of its scale", MONITORING, "of y")
+    stuck_also = Real("the one before that: a scale has two ends", MONITORING, "of y")
+    sensor_step = Real(
+        "least difference of two outputs in a row lately: the step of a sensor's scale", MONITORING, "of y"
+    )
+
+    # --- residual and change
+    alarm = Choice(Alarm, "whether the residual has grown", MONITORING)
+    change_began = Integer("accepted samples when the residual last was as usual", MONITORING)
+    look_at = Integer("accepted samples at which an alarm is looked into; 0: not planned", IDENTIFIER)
+    record_began = Integer("accepted samples before the record that the estimate is made from", IDENTIFIER)
+    revised_from = Integer(
+        "accepted samples before those that revised the estimate after a change; 0: none", IDENTIFIER
+    )
+    variance_ratio = Real("variance of the newest a-priori error, over that of the residual", MONITORING)
+    residuals_seen = Real("residuals that the next two variances are made from", MONITORING)
+    late_variance = Real("variance of the residual lately; large residuals count in part", MONITORING, "sigma_y^2")
+    usual_variance = Real("variance of the residual as it usually is", MONITORING, "sigma_y^2")
+    largest_output = Real("largest square of the modelled output lately", MONITORING, "sigma_y^2")
+    cusum = Real(
+        "sum of the residual's power above the usual one; in an alarm, below it", MONITORING, "usual variances"
+    )
+    cusum_limit = Real("of the sum, beyond which the alarm is raised; 0: never", MONITORING, "usual variances")
+
+    # --- blocks
+    inputs = Block("RING", "past inputs", FILTERS, "of u")
+    intervals = Block("RING", "interval that led to each of them", FILTERS, "s")
+    held = Block("RING", "mean of a held input over that interval", FILTERS, "of u")
+    sigma = Block("T", "scaling of the regressor, (10)-(12) of the article", LAYOUT)
+    unit = Block("T", "from scaled to physical parameter", LAYOUT)
+    phi = Block("T", "scaled regressor of the newest sample", FILTERS)
+    zeta = Block("T", "its noise-free companion", FILTERS)
+    theta = Block("T", "scaled estimate", OPTIMIZER)
+    memory = Block("M", "the optimizer's own memory", OPTIMIZER)
+    settings = Block("S", "the optimizer's settings", LAYOUT)
+    backup = Block("T + M", "estimate and memory before the newest sample", STEP_KERNEL)
+    work = Block("4 * N * N", "work; N = n + 2", STEP_KERNEL)
+    past = Block("PAST, 1 + T", "past estimates, each behind the samples that it had taken in", STEP_KERNEL)
+    prior = Block("2, T", "the estimate before a change and its standard deviations, physical", IDENTIFIER)
+    colour = Nested(ColourSlots, "power and colour of the residual")
+    path = Nested(PathSlots, "the estimate at some of the samples")
+
+
+#: The rows of the buffer that were drawn for the newest sample, (batch_size,), lie in ``ints`` from here on.
+ROWS: Final = len(StateSlots.integers) + len(StateSlots.blocks)
+#: The blocks lie in ``reals`` from here on.
+SCALARS: Final = len(StateSlots.scalars)
+
+globals().update(StateSlots.constants())
+
+
+def __getattr__(name: str) -> int:
+    raise AttributeError(f"no slot of the state is called {name}: see StateSlots")
 
 
 class Attention(Exception):  # noqa: N818 - nothing went wrong
     """Raised after a sample, by kernels that return one number: ATTENTION is set, the error of the sample in ERROR."""
-
-
-def plan(
-    *, order: int, entries: int, ring: int, memory: int, settings: int, batch: int, colour: int, path: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return fresh ``ints`` and ``reals``, all zero but the sizes and offsets."""
-    ints = np.zeros(ROWS + batch, np.int64)
-    ints[ORDER], ints[ENTRIES], ints[RING], ints[BATCH] = order, entries, ring, batch
-    ints[MEMORY_SIZE], ints[SETTINGS_SIZE] = memory, settings
-    blocks = {
-        AT_INPUTS: ring,
-        AT_INTERVALS: ring,
-        AT_HELD: ring,
-        AT_SIGMA: entries,
-        AT_UNIT: entries,
-        AT_PHI: entries,
-        AT_ZETA: entries,
-        AT_THETA: entries,
-        AT_MEMORY: memory,
-        AT_SETTINGS: settings,
-        AT_BACKUP: entries + memory,
-        AT_PAST: PAST * (1 + entries),
-        AT_WORK: 4 * (order + 2) ** 2,
-        AT_COLOUR: colour,
-        AT_PATH: path,
-        AT_PRIOR: 2 * entries,
-    }
-    end = SCALARS
-    for slot, size in blocks.items():
-        ints[slot] = end
-        end += size
-    return ints, np.zeros(end)
-
-
-def block(ints: np.ndarray, reals: np.ndarray, slot: int, size: int) -> np.ndarray:
-    """Return a view of one block of ``reals``."""
-    return reals[ints[slot] : ints[slot] + size]

@@ -6,9 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.arguments import FloatArray, not_negative, whole
-from replant.errors import ArgumentTypeError, InvalidArgumentError
+from replant.arguments import (
+    FloatArray,
+    keep,
+    not_negative,
+    truth,
+    whole,
+)
+from replant.errors import InvalidArgumentError
 from replant.model.transfer_function import TransferFunction
+from replant.regressor import filters
 
 
 @dataclass(frozen=True)
@@ -52,18 +59,20 @@ class Structure:
     bias: bool = False
     feedthrough: bool = False
 
-    MOST_POLES = 10  # beyond it the regression is hopeless in float64
+    MOST_POLES = filters.MOST_POLES
 
     def __post_init__(self) -> None:
-        poles, zeros = whole("poles", self.poles, 1), whole("zeros", self.zeros, 0)
+        keep(self, "poles", whole, 1)
+        keep(self, "zeros", whole, 0)
+        keep(self, "delay", not_negative)
+        keep(self, "bias", truth)
+        keep(self, "feedthrough", truth)
+        poles, zeros = self.poles, self.zeros
         if poles > self.MOST_POLES:
             raise InvalidArgumentError(f"poles must be at most {self.MOST_POLES}, got {poles}")
         if zeros > poles or (zeros == poles and not self.feedthrough):
             hint = "; where the input acts on the output at once, say feedthrough=True" if zeros == poles else ""
             raise InvalidArgumentError(f"zeros must be fewer than poles, got {zeros} zeros and {poles} poles{hint}")
-        not_negative("delay", self.delay)
-        if not isinstance(self.bias, bool):
-            raise ArgumentTypeError(f"bias must be True or False, got {self.bias!r}")
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -88,12 +88,11 @@ class TransferFunction:
             raise InvalidArgumentError(
                 f"num must not be of higher order than den, got {numerator.size - 1} and {denominator.size - 1}"
             )
-        not_negative("delay", delay)
         numerator = numerator if numerator.size else np.zeros(1)
         # adding zero makes -0.0 to 0.0: what compares equal must hash alike
         object.__setattr__(self, "num", coefficients("num", numerator / denominator[0] + 0.0))
         object.__setattr__(self, "den", coefficients("den", denominator / denominator[0] + 0.0))
-        object.__setattr__(self, "delay", float(delay))
+        object.__setattr__(self, "delay", not_negative("delay", delay))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, TransferFunction):

@@ -9,8 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from replant.arguments import FloatArray
-from replant.errors import InvalidArgumentError
+from replant.arguments import (
+    FloatArray,
+    instance,
+    keep,
+    owned,
+)
 from replant.model.structure import Structure
 from replant.model.transfer_function import Mode, TransferFunction
 
@@ -68,9 +72,10 @@ class Uncertainty:
     covariance: FloatArray
 
     def __post_init__(self) -> None:
+        keep(self, "structure", instance, Structure)
         size = self.structure.size
-        if self.covariance.shape != (size, size):
-            raise InvalidArgumentError(f"covariance must have shape ({size}, {size}), got {self.covariance.shape}")
+        keep(self, "parameters", owned, (size,))
+        keep(self, "covariance", owned, (size, size))
 
     @property
     def std(self) -> FloatArray:

@@ -151,7 +151,7 @@ def fit(
     Bernat and Kolota (2023), section 4; Garnier and Wang (2008), "Identification of Continuous-time Models from
     Sampled Data", chapters 1 and 4.
     """
-    one_of("method", method, METHODS)
+    method = one_of("method", method, METHODS)
     dt = Request(structure, dt, filter=filter, preprocess=preprocess).dt
     u, y = record(u, y)
     stamps = _stamps(t, u.size)

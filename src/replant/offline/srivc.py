@@ -24,7 +24,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.engine.state import State
-from replant.kernels import schema as at
+from replant.kernels.schema import FIXED, LAGS, ColourSlots, PathSlots
 from replant.model.structure import Structure
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.batch_means import no_less_than_scattered, path_of_record, rows_of
@@ -83,10 +83,8 @@ class Refined:
     converged : bool
     uncertainty : float
         Largest relative uncertainty of a coefficient, see `relative_uncertainty`.
-    colour : array
-        For `replant.kernels.monitoring.residual_colour`.
-    path : array
-        For `replant.kernels.monitoring.estimate_path`.
+    colour : ColourSlots
+    path : PathSlots
     """
 
     theta: FloatArray
@@ -97,8 +95,8 @@ class Refined:
     variance: float
     converged: bool
     uncertainty: float
-    colour: FloatArray
-    path: FloatArray
+    colour: ColourSlots
+    path: PathSlots
 
     def condition(self, size: int) -> float:
         """Return the condition number of the scaled information of the first ``size`` parameters, square root taken.
@@ -123,7 +121,7 @@ class Problem:
 
     def __init__(self, structure: Structure, record: Record) -> None:
         self.structure, self.record = structure, record
-        self.state = State.refined(structure, record.dt, record.input_hold)
+        self.state = State.for_model(structure, record.dt, record.input_hold)
         self.slowest, self.fastest = SLOWEST / record.span, FASTEST / record.dt
         self.passes = 0
 
@@ -133,7 +131,7 @@ class Problem:
 
         state, size, samples = self.state, self.state.entries, self.record.u.size
         state.install(np.concatenate([denominator, weights]))
-        state.ints[at.STARTED] = 0
+        state.started = False
         phi, zeta = np.empty((samples, size)), np.empty((samples, size))
         target, output = np.empty(samples), np.empty(samples)
         regressors(
@@ -283,9 +281,9 @@ def conclude(
     before = np.diag(np.broadcast_to(known, size))
     upper, diagonal = factor_information(done.zeta.T @ done.zeta + before)
     inverse = compose(upper, diagonal)
-    colour, squares, innovation = _colour(done.zeta, error)
+    colour, innovation = _colour(done.zeta, error)
     innovation /= max(samples - size, 1)
-    covariance = innovation * inverse @ squares @ inverse
+    covariance = innovation * inverse @ colour.squares @ inverse
     covariance = larger(covariance, variance * inverse)
     # chance in the few blocks of a start-up's path must not decide when it suffices
     uncertainty = relative_uncertainty(problem.structure, model, covariance, done.phi, problem.record)
@@ -313,28 +311,20 @@ def relative_uncertainty(
     return max(worst, float((0.5 * made).max()))
 
 
-def _colour(zeta: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Return the block of `kernels.residuals` at the record's end, sum zeta_f zeta_f', and the innovation's sum."""
-    from replant.kernels.monitoring import residual_colour
-
+def _colour(zeta: FloatArray, error: FloatArray) -> tuple[ColourSlots, float]:
+    """Return power and colour of the residual at the record's end, and the sum of the innovation's squares."""
     samples, size = zeta.shape
-    colour = np.zeros(residual_colour.size(size))
-    lags = residual_colour.LAGS
-    for lag in range(lags + 1):
-        colour[residual_colour.COVARIANCES + lag] = error[lag:] @ error[: samples - lag]
-    covariances = colour[residual_colour.COVARIANCES : residual_colour.COVARIANCES + lags + 1]
-    noise = Autoregression.of_covariances(covariances)
-    colour[residual_colour.MODEL : residual_colour.MODEL + lags + 1] = noise.coefficients
+    colour = ColourSlots.zeros(FIXED | {"T": size})
+    colour.covariances[:] = [error[lag:] @ error[: samples - lag] for lag in range(LAGS + 1)]
+    noise = Autoregression.of_covariances(colour.covariances)
     filtered = noise.colour(zeta)
-    squares = filtered.T @ filtered
-    colour[residual_colour.COUNT] = samples
-    colour[residual_colour.POWER] = float(error @ error)
-    colour[residual_colour.ERRORS : residual_colour.ERRORS + lags] = error[-lags:][::-1]
-    ring = colour[residual_colour.FILTERED : residual_colour.FILTERED + lags * size].reshape(lags, size)
-    for age in range(min(lags, samples)):
-        ring[-age % lags] = filtered[-1 - age]
-    colour[residual_colour.FILTERED + lags * size :] = squares.ravel()
-    return colour, squares, noise.power
+    colour.model[:] = noise.coefficients
+    colour.count, colour.power = samples, float(error @ error)
+    colour.errors[:] = error[-LAGS:][::-1]
+    for age in range(min(LAGS, samples)):
+        colour.filtered[-age % LAGS] = filtered[-1 - age]
+    colour.squares[:] = filtered.T @ filtered
+    return colour, noise.power
 
 
 def solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:

@@ -6,12 +6,11 @@ import math
 
 import numpy as np
 
-from replant.arguments import FloatArray
 from replant.engine.covariance import covariance
-from replant.engine.recent_samples import STANDS, after_stuck, record_of, since
+from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
 from replant.engine.state import State
-from replant.kernels import schema as at
+from replant.kernels.schema import Alarm, Doubt
 from replant.offline.srivc import refine
 from replant.online.load_step import only_constant_moved, with_new_constant
 from replant.online.resolving import (
@@ -48,11 +47,9 @@ def first_look(state: State, settings: Settings) -> int:
 
     Nothing is learned so long, if the estimate is old enough to be missed.
     """
-    from replant.kernels.monitoring import outliers
-
     _note_estimate(state, settings)
-    state.ints[at.ALARM] = outliers.RESTS if is_mature(state, settings) else outliers.LOOKED_INTO
-    return max(_began(state) + _least(settings), int(state.ints[at.SAMPLES]) + 1)
+    state.alarm = Alarm.RESTS if is_mature(state, settings) else Alarm.LOOKED_INTO
+    return max(_began(state) + _least(settings), state.samples + 1)
 
 
 def _note_estimate(state: State, settings: Settings) -> None:
@@ -60,12 +57,12 @@ def _note_estimate(state: State, settings: Settings) -> None:
 
     Later it may have learned from that itself.  Just revised it stays the one before: that is still the better known.
     """
-    samples = int(state.ints[at.SAMPLES])
-    if state.was_revised and _is_brief(state, settings, samples - int(state.ints[at.REVISED])):
+    samples = state.samples
+    if state.was_revised and _is_brief(state, settings, samples - state.revised_from):
         return
-    state.prior[:] = state.theta * state.unit, np.zeros(state.entries)
+    state.prior[:] = state.physical, np.zeros(state.entries)
     state.prior[1, : settings.structure.size] = np.sqrt(np.maximum(np.diag(covariance(state, settings)), 0.0))
-    state.ints[at.REVISED] = 0
+    state.revised_from = 0
 
 
 def look(old: State, settings: Settings) -> tuple[State, int]:
@@ -75,18 +72,18 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     """
     from replant.kernels.monitoring import outliers
 
-    if old.ints[at.ALARM] == 0:  # it went as it came
+    if old.alarm == Alarm.NONE:  # it went as it came
         return old, 0
-    samples = int(old.ints[at.SAMPLES])
-    kept = after_stuck(since(old, _began(old)))
+    samples = old.samples
+    kept = RecentSamples.since(old, _began(old)).after_stuck()
     length = len(kept)
     later = samples + max(int((PATIENCE - 1.0) * length), 50)
-    if length < _least(settings) or float((kept[:, at.DOUBTED] == STANDS).mean()) > MOST_DOUBTED:
+    if length < _least(settings) or kept.stuck > MOST_DOUBTED:
         return old, later
-    if float(np.ptp(kept[-_least(settings) :, at.OUTPUT])) == 0.0:  # a gain of nought explains it, and is no plant
+    if float(np.ptp(kept.output[-_least(settings) :])) == 0.0:  # a gain of nought explains it, and is no plant
         return old, later
     mature = is_mature(old, settings)
-    share, explained = _share_left(old, settings, record_of(kept, settings.dt, settings.filter.input_hold))
+    share, explained = _share_left(old, settings, kept.record(settings.dt, settings.filter.input_hold))
     if mature:
         renewed = _hardly_changed(old, settings, kept, explained and share >= BETTER)
         if renewed is not None:
@@ -94,16 +91,16 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     if share < BETTER:
         # if what came since does not suffice, perhaps all does: the estimate and not the plant may have gone astray; a
         # model of all of it then leaves no more than usual
-        usual = outliers.GROWN * max(old.reals[at.USUAL], outliers.LEAST * old.reals[at.PEAK])
-        whole = max(int(old.ints[at.ORIGIN]), int(old.ints[at.GAP_AT]))
+        usual = outliers.GROWN * max(old.usual_variance, outliers.LEAST * old.largest_output)
+        whole = max(old.record_began, old.gap_at)
         for begin, most in ((samples - length, math.inf), (whole, usual * settings.scaling.output**2)):
             new = _revised_since(old, settings, begin) if begin > whole else None
             new = new or _solved_since(old, settings, begin, most)
             if new is not None:
                 return _on_its_own(new), 0
     rests = mature and not explained and _explained_before(old)
-    rests = rests and length < min(_began(old) - int(old.ints[at.ORIGIN]), RECENT // 2)
-    old.ints[at.ALARM] = outliers.FLOATS if rests else outliers.LOOKED_INTO
+    rests = rests and length < min(_began(old) - old.record_began, RECENT // 2)
+    old.alarm = Alarm.FLOATS if rests else Alarm.LOOKED_INTO
     if rests:
         return old, later
     settled = min(_settling(old, settings), RECENT / 2)
@@ -112,12 +109,12 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         _believe_residual(old)
         return old, 0
     if length > RECENT // 2:  # it may have changed once more
-        old.ints[at.CHANGE_BEGAN] = samples - RECENT // 4
+        old.change_began = samples - RECENT // 4
         return old, samples + RECENT // 4
     return old, later
 
 
-def _hardly_changed(old: State, settings: Settings, kept: FloatArray, explained: bool) -> State | None:
+def _hardly_changed(old: State, settings: Settings, kept: RecentSamples, explained: bool) -> State | None:
     """Return the state after learning what came since, where another constant or initial state would explain it.
 
     None where they do not.  To a record that is brief beside it a slow mode that has changed looks like either: what is
@@ -126,26 +123,26 @@ def _hardly_changed(old: State, settings: Settings, kept: FloatArray, explained:
     brief = _is_brief(old, settings, len(kept))
     rests = [kept[int(beginning * len(kept)) :] for beginning in BEGINNINGS]
     for rest in rests:
-        if only_constant_moved(old, settings, record_of(rest, settings.dt, settings.filter.input_hold)):
+        if only_constant_moved(old, settings, rest.record(settings.dt, settings.filter.input_hold)):
             revised = _revised(old, settings, rest, LIKELY) if brief else None
-            return revised or with_new_constant(old, record_of(rest, settings.dt, settings.filter.input_hold))
+            return revised or with_new_constant(old, rest.record(settings.dt, settings.filter.input_hold))
     tried = (_revised(old, settings, rest, LIKELY) for rest in rests if explained and brief)
     return next((state for state in tried if state is not None), None)
 
 
 def _revised_since(old: State, settings: Settings, begin: int) -> State | None:
     """Return the state after revising the estimate by what came since ``begin``, where that is brief; else None."""
-    kept = since(old, begin)
+    kept = RecentSamples.since(old, begin)
     if _is_guesswork(kept) or not (is_mature(old, settings) and _is_brief(old, settings, len(kept))):
         return None
     tried = (_revised(old, settings, kept[int(beginning * len(kept)) :]) for beginning in (0.0, *BEGINNINGS))
     return next((state for state in tried if state is not None), None)
 
 
-def _is_guesswork(kept: FloatArray) -> bool:
+def _is_guesswork(kept: RecentSamples) -> bool:
     """Return whether too much of a record is no output that was measured."""
-    bridged = (kept[:, at.DOUBTED] > 0) & (kept[:, at.OUTPUT] == kept[:, at.BRIDGED])
-    return float((bridged | (kept[:, at.DOUBTED] == STANDS)).mean()) > MOST_DOUBTED
+    bridged = (kept.doubt > 0) & (kept.output == kept.bridged)
+    return float((bridged | (kept.doubt == Doubt.STUCK)).mean()) > MOST_DOUBTED
 
 
 def _solved_since(old: State, settings: Settings, begin: int, most: float) -> State | None:
@@ -153,19 +150,19 @@ def _solved_since(old: State, settings: Settings, begin: int, most: float) -> St
 
     None where that leads to no model to be used, or to a residual's variance above ``most``.
     """
-    kept = since(old, begin)
+    kept = RecentSamples.since(old, begin)
     if _is_guesswork(kept):
         return None
-    record = record_of(kept, settings.dt, settings.filter.input_hold)
+    record = kept.record(settings.dt, settings.filter.input_hold)
     refined = refine(settings.structure, record)
     if refined is None or not (refined.acceptable and refined.variance <= most):
         return None
-    new = restart(old, settings, refined, record, int(old.ints[at.SAMPLES]) - len(kept))
+    new = restart(old, settings, refined, record, old.samples - len(kept))
     clear_doubt(new, kept)
     return new
 
 
-def _revised(old: State, settings: Settings, kept: FloatArray, stayed: float = 1.0) -> State | None:
+def _revised(old: State, settings: Settings, kept: RecentSamples, stayed: float = 1.0) -> State | None:
     """Return the state after revising the estimate by what came since.
 
     None where it then leaves more than usual, or is more likely than ``stayed`` not to have moved at all.
@@ -176,9 +173,9 @@ def _revised(old: State, settings: Settings, kept: FloatArray, stayed: float = 1
 
 def _on_its_own(new: State) -> State:
     """Return a state that has just begun anew, the alarm ended and the past estimates forgotten."""
-    samples = new.ints[at.SAMPLES]
-    new.ints[at.PAST_KEPT], new.ints[at.PAST_DUE] = 0, samples
-    new.ints[at.ALARM], new.ints[at.CHANGE_BEGAN] = 0, samples
+    samples = new.samples
+    new.past_kept, new.past_due = 0, samples
+    new.alarm, new.change_began = Alarm.NONE, samples
     return new
 
 
@@ -188,12 +185,12 @@ def _least(settings: Settings) -> int:
 
 
 def _began(state: State) -> int:
-    return max(int(state.ints[at.CHANGE_BEGAN]), int(state.ints[at.GAP_AT]), int(state.ints[at.ORIGIN]))
+    return max(state.change_began, state.gap_at, state.record_began)
 
 
 def _settling(state: State, settings: Settings) -> float:
     """Return how many samples the plant needs to show what it has become."""
-    denominator = np.concatenate([[1.0], (state.theta * state.unit)[: settings.structure.poles]])
+    denominator = np.concatenate([[1.0], (state.physical)[: settings.structure.poles]])
     slowest = -float(np.roots(denominator).real.max())
     return SETTLED / (slowest * settings.dt) if slowest > 0.0 else math.inf
 
@@ -205,7 +202,7 @@ def _is_brief(state: State, settings: Settings, length: int) -> bool:
 
 def _explained_before(state: State) -> bool:
     """Return whether the model usually explains enough of the output that it would be missed."""
-    return bool(state.reals[at.USUAL] < (1.0 - EXPLAINED) * state.reals[at.PEAK])
+    return bool(state.usual_variance < (1.0 - EXPLAINED) * state.largest_output)
 
 
 def _share_left(state: State, settings: Settings, record: Record) -> tuple[float, bool]:
@@ -218,7 +215,7 @@ def _share_left(state: State, settings: Settings, record: Record) -> tuple[float
     structure, seen = settings.structure, 2 * record.u.size // 3
     refined = refine(structure, record.first(seen)) if float(np.ptp(record.u[:seen])) > 0.0 else None
     left, explains, power = [math.inf, math.inf], [False, False], float(np.var(record.y[seen:]))
-    for which, parameters in enumerate((refined.theta if refined else None, state.theta * state.unit)):
+    for which, parameters in enumerate((refined.theta if refined else None, state.physical)):
         run = None if parameters is None else run_model(structure, parameters[: structure.size], record, settings.dt)
         if run is not None:
             left[which] = float(np.var(run.error[seen:]))
@@ -236,7 +233,7 @@ def _believe_residual(state: State) -> None:
     """Take the residual's present power for usual: no model explains it better; and be slower to suspect it."""
     from replant.kernels.monitoring import outliers
 
-    state.ints[at.ALARM] = 0
-    state.reals[at.USUAL] = max(state.reals[at.USUAL], state.reals[at.SPREAD])
-    state.reals[at.CUSUM] = 0.0
-    state.reals[at.LIMIT] = min(2.0 * state.reals[at.LIMIT], outliers.LARGEST_LIMIT)
+    state.alarm = Alarm.NONE
+    state.usual_variance = max(state.usual_variance, state.late_variance)
+    state.cusum = 0.0
+    state.cusum_limit = min(2.0 * state.cusum_limit, outliers.LARGEST_LIMIT)

@@ -17,7 +17,7 @@ from replant.arguments import (
 from replant.engine.dispatch import Step, bound_step, step_kernels
 from replant.engine.state import State
 from replant.errors import InvalidArgumentError
-from replant.kernels import schema as at
+from replant.kernels.schema import Alarm, Attention
 from replant.model.structure import Structure
 from replant.online.change_response import first_look, look
 from replant.online.defaults import settle
@@ -220,8 +220,8 @@ class Identifier(Estimate):
         t = NAN if t is None else self._stamp(t)
         try:
             return self._step(u, y, t)
-        except at.Attention:
-            error = float(self._state.reals[at.ERROR] * self._state.reals[at.OUTPUT_SCALE])
+        except Attention:
+            error = self._state.error * self._state.output_scale
         self._attend()
         return error
 
@@ -260,7 +260,7 @@ class Identifier(Estimate):
         """Run a chunk, up to where something is to be looked into; do so, and return how many samples were taken."""
         state = self._state
         taken: int = self._steps(*state.arrays, u, y, t, errors, parameters)
-        if state.ints[at.ATTENTION]:
+        if state.attention:
             self._attend()
             parameters[taken - 1] = self.parameters
         return taken
@@ -268,24 +268,24 @@ class Identifier(Estimate):
     def _attend(self) -> None:
         """After a sample: look into an alarm, or solve again, where either is due."""
         try:
-            self._attend_to(int(self._state.ints[at.SAMPLES]))
+            self._attend_to(self._state.samples)
         finally:  # also where the user interrupts it
             self._plan()
 
     def _attend_to(self, samples: int) -> None:
         state, settings = self._state, self._settings
         assert settings is not None
-        state.ints[at.DUE] = state.ints[at.ATTENTION] = 0  # what is learned again is not to stop for it
-        if state.ints[at.ALARM] == 1:
-            state.ints[at.LOOK_AT] = first_look(state, settings)
+        state.attention_at, state.attention = 0, False  # what is learned again is not to stop for it
+        if state.alarm == Alarm.RAISED:
+            state.look_at = first_look(state, settings)
         if samples == self._resolve_at:
             state = self._go_on_with(solve_again(state, settings) or state)
             self._resolve_at = next_solution(state, settings)
-        if samples == state.ints[at.LOOK_AT]:
+        if samples == state.look_at:
             found, look_at = look(state, settings)
             if found is not state:
                 self._resolve_at = next_solution(self._go_on_with(found), settings)
-            found.ints[at.LOOK_AT] = look_at
+            found.look_at = look_at
 
     def _go_on_with(self, state: State) -> State:
         """Take a new state in the place of the present one, if it is one."""
@@ -295,11 +295,11 @@ class Identifier(Estimate):
 
     def _plan(self) -> None:
         """Tell the kernels at which sample there is something to do next: at once, where that was interrupted."""
-        ints, now = self._state.ints, int(self._state.ints[at.SAMPLES])
-        dues = [now + 1 if 0 < due <= now else due for due in (self._resolve_at, int(ints[at.LOOK_AT]))]
-        self._resolve_at, ints[at.LOOK_AT] = dues
-        ints[at.DUE] = min((due for due in dues if due), default=0)
-        ints[at.ATTENTION] = 0
+        state, now = self._state, self._state.samples
+        dues = [now + 1 if 0 < due <= now else due for due in (self._resolve_at, state.look_at)]
+        self._resolve_at, state.look_at = dues
+        state.attention_at = min((due for due in dues if due), default=0)
+        state.attention = False
 
     def finish_startup(self) -> None:
         """Begin with the samples held so far, and learn them; without effect once begun.
@@ -320,11 +320,12 @@ class Identifier(Estimate):
     def _adapt(self, adapt: bool) -> None:
         if self._settings is None:
             raise InvalidArgumentError("the identifier is still starting: there is no estimate to freeze yet")
-        self._state.ints[at.ADAPT] = adapt
-        self._state.ints[at.CHANGE_BEGAN], self._state.reals[at.CUSUM] = self._state.ints[at.SAMPLES], 0.0
+        self._state.adapt = adapt
+        self._state.change_began, self._state.cusum = self._state.samples, 0.0
         if not adapt:
             # a later solution would learn what came in meanwhile
-            self._resolve_at = self._state.ints[at.LOOK_AT] = self._state.ints[at.ALARM] = 0
+            self._resolve_at = self._state.look_at = 0
+            self._state.alarm = Alarm.NONE
             self._plan()
 
     def _stamp(self, t: Any) -> float:
@@ -370,7 +371,8 @@ class Identifier(Estimate):
             if refined is None or not (refined.acceptable or at_any_rate or 2 * self._hold > LARGEST):
                 return self._wait_longer()
         state = State.of_settings(settings, RECENT)
-        state.ints[list(REASONS.values())] = list(self._held_rejects.values())
+        for reason, slot in REASONS.items():
+            setattr(state, slot.name, self._held_rejects[reason])
         error, t = NAN, REGULAR if np.isnan(t).any() else t
         if u.size > 0:
             if refined is not None:
@@ -379,7 +381,7 @@ class Identifier(Estimate):
                 u = settings.preprocess.call_map(u)
             learn = refined is None or not settings.optimizer.keeps_covariance
             error = float(warm_up(state, u, y, t, learn=learn)[-1])
-            state.reals[at.READY] = state.reals[at.ELAPSED]
+            state.ready_at = state.elapsed
         self._settings, self._held = settings, []
         self._work_on(state, regular=not t.size)
         if refined is not None:

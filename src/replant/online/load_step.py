@@ -6,14 +6,14 @@ import numpy as np
 
 from replant.engine.record import Record
 from replant.engine.state import State
-from replant.kernels import schema as at
+from replant.kernels.schema import Alarm
 from replant.settings import Settings
 from replant.simulation.model_run import run_model
 from replant.statistics.projections import without
 
 # Where the input hardly moves, another gain looks like another constant: a gain this part larger would have to show.
 TELLING = 0.2
-KEPT = (at.OUTLIERS, at.STUCK, at.RESTED, at.GAPS)  # counters of samples, each of which is counted once
+KEPT = (State.outliers, State.stuck, State.rested, State.gaps)  # counters of samples, each of which is counted once
 
 
 def only_constant_moved(state: State, settings: Settings, record: Record) -> bool:
@@ -22,16 +22,16 @@ def only_constant_moved(state: State, settings: Settings, record: Record) -> boo
     The initial state is fitted in either case: over a record shorter than the plant's memory it makes up for much, and
     what it explains by itself does not tell the constant.
     """
-    if not state.ints[at.COLOURED]:  # what tracks lets the constant walk by itself
+    if not state.coloured:  # what tracks lets the constant walk by itself
         return False
     from replant.kernels.monitoring import outliers
 
     size, constant = settings.structure.size, state.entries - settings.structure.poles - 1
-    physical = state.theta * state.unit
+    physical = state.physical
     run = run_model(settings.structure, physical[:size], record, settings.dt)
     if run is None:
         return False
-    usual = max(state.reals[at.USUAL], outliers.LEAST * state.reals[at.PEAK]) * settings.scaling.output**2
+    usual = max(state.usual_variance, outliers.LEAST * state.largest_output) * settings.scaling.output**2
     # before a dead time has passed the input lies before the record
     intervals = np.broadcast_to(record.intervals, record.u.size)
     known = np.cumsum(intervals) > settings.structure.delay + intervals
@@ -55,28 +55,25 @@ def with_new_constant(old: State, record: Record) -> State:
     from replant.engine.dispatch import step_kernels
     from replant.kernels.monitoring.interruptions import forget_constant, interrupt
 
-    new = State(old.ints.copy(), old.reals.copy(), old.banks.copy(), old.buffer.copy(), old.recent.copy())
-    ints, reals, count = new.ints, new.reals, record.u.size
+    new, count = old.copy(), record.u.size
     regular = record.intervals.size == 1
     span = float(record.intervals[0]) * count if regular else float(record.intervals.sum())
-    stamps = np.zeros(0) if regular else old.reals[at.LAST_TIME] - (span - np.cumsum(record.intervals))
-    ints[at.SAMPLES] -= count
-    ints[at.RECENT_HEAD] = ints[at.SAMPLES] % len(new.recent)
-    reals[at.ELAPSED] -= span
-    reals[at.LAST_TIME] -= span
-    ints[at.ALARM] = 0
-    interrupt(ints, reals, new.banks, 0.0)
-    reals[at.LEARN_FROM] = reals[at.ELAPSED] + reals[at.DELAY]  # until then the input lies before the record
-    forget_constant(ints, reals, new.banks)
+    stamps = np.zeros(0) if regular else old.last_time - (span - np.cumsum(record.intervals))
+    new.samples -= count
+    new.recent_head = new.samples % len(new.recent)
+    new.elapsed -= span
+    new.last_time -= span
+    new.alarm = Alarm.NONE
+    interrupt(new.ints, new.reals, new.banks, 0.0)
+    new.learn_from = new.elapsed + new.delay  # until then the input lies before the record
+    forget_constant(new.ints, new.reals, new.banks)
     errors, unseen = np.empty(count), np.empty((count, 0))
     _, steps = step_kernels(new, regular=regular)
-    limit, reals[at.LIMIT] = reals[at.LIMIT], 0.0  # no alarm from what has been looked into
+    limit, new.cusum_limit = new.cusum_limit, 0.0  # no alarm from what has been looked into
     with new.without_preprocessing():
-        steps(ints, reals, new.banks, new.buffer, new.recent, record.u, record.y, stamps, errors, unseen)
-    reals[at.LIMIT], reals[at.CUSUM] = limit, 0.0
-    ints[list(KEPT)] = old.ints[list(KEPT)]
-    ints[at.CHANGE_BEGAN] = ints[at.SAMPLES]
+        steps(*new.arrays, record.u, record.y, stamps, errors, unseen)
+    new.cusum_limit, new.cusum = limit, 0.0
+    new.change_began = new.samples
     new.recent[:] = old.recent
-    for slot in (at.LAST_TIME, at.LAST_RAW, at.LEAST_STEP):
-        reals[slot] = old.reals[slot]
+    new.take_over(old, *KEPT, State.last_time, State.last_raw, State.sensor_step)
     return new

@@ -7,9 +7,8 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.assessment import Assessment, assess_running, assess_starting
 from replant.engine.covariance import covariance
-from replant.engine.recent_samples import unrolled
+from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import State
-from replant.kernels import schema as at
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
@@ -17,8 +16,8 @@ from replant.settings import Request, Settings
 
 #: Why a sample is not learned, and where it is counted.  Outliers, and what comes from a stuck sensor, are bridged.
 REASONS = {
-    "not finite": at.NOT_FINITE, "too large": at.TOO_LARGE, "not later": at.NOT_LATER, "too dense": at.TOO_DENSE,
-    "outlier": at.OUTLIERS, "stuck": at.STUCK,
+    "not finite": State.not_finite, "too large": State.too_large, "not later": State.not_later,
+    "too dense": State.too_dense, "outlier": State.outliers, "stuck": State.stuck,
 }  # fmt: skip
 
 
@@ -88,19 +87,19 @@ class Estimate:
     @property
     def samples(self) -> int:
         """Accepted samples, those held back for start-up included."""
-        return len(self._held) if self._settings is None else int(self._state.ints[at.SAMPLES])
+        return len(self._held) if self._settings is None else self._state.samples
 
     @property
     def rejected(self) -> dict[str, int]:
         """Rejected samples by reason."""
         if self._settings is None:
             return dict(self._held_rejects)
-        return dict(zip(REASONS, self._state.ints[list(REASONS.values())].tolist(), strict=True))
+        return {reason: getattr(self._state, slot.name) for reason, slot in REASONS.items()}
 
     @property
     def adapting(self) -> bool:
         """Whether the estimate follows the samples, or is frozen."""
-        return self._settings is None or bool(self._state.ints[at.ADAPT])
+        return self._settings is None or self._state.adapt
 
     @property
     def recent(self) -> FloatArray:
@@ -111,7 +110,7 @@ class Estimate:
             intervals = np.full(u.size, self.dt) if regular else np.diff(t, prepend=t[:1] - self.dt)
             return np.column_stack([self._request.preprocess.map_input(u), y, intervals])
         rest = self._settings.preprocess
-        kept = unrolled(self._state)[:, : at.STEP + 1]
+        kept = RecentSamples.of(self._state).values[:, :3]
         return np.asarray(kept + np.array([float(rest.input_offset), float(rest.output_offset), 0.0]))
 
     @property
@@ -119,7 +118,7 @@ class Estimate:
         """One of "starting", "running", or "diverged": an update was undone because it would have left float64."""
         if self._settings is None:
             return "starting"
-        return "diverged" if self._state.ints[at.REFUSED] else "running"
+        return "diverged" if self._state.refused else "running"
 
     def assess(self) -> Assessment:
         """Return the verdict: whether to trust the estimate, why in plain words, and the figures behind it.

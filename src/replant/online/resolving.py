@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.arguments import FloatArray
-from replant.engine.recent_samples import record_of, since
+from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
 from replant.engine.state import State
-from replant.kernels import schema as at
+from replant.kernels.schema import Alarm, Doubt
 from replant.offline.map_srivc import revise
 from replant.offline.srivc import Refined, refine
 from replant.online.initialization import initialize
@@ -25,8 +24,8 @@ MATURE = 8  # start-ups: an estimate from fewer may itself have gone astray; the
 def next_solution(state: State, settings: Settings) -> int:
     """Return at how many accepted samples the record as a whole is solved again, twice of what it is; 0: never."""
     revised = state.was_revised
-    origin, samples = int(state.ints[at.REVISED if revised else at.ORIGIN]), int(state.ints[at.SAMPLES])
-    remembers_all = settings.optimizer.keeps_colour and state.block(at.AT_SETTINGS, 1)[0] == 1.0
+    origin, samples = state.revised_from if revised else state.record_began, state.samples
+    remembers_all = settings.optimizer.keeps_colour and state.settings[0] == 1.0
     due = 2 * (samples - origin)
     if revised and samples - origin < RECENT:  # of a slow mode each sample tells
         due = min(due, RECENT)
@@ -39,16 +38,16 @@ def solve_again(old: State, settings: Settings) -> State | None:
     None where that leads to no model that could be used, or where the record is not in one piece.
     """
     if old.was_revised:
-        return _revised_again(old, settings) if old.ints[at.ADAPT] else None
-    origin = int(old.ints[at.ORIGIN])
-    kept = since(old, origin)
-    if old.ints[at.GAP_AT] > origin or not old.ints[at.ADAPT] or int(old.ints[at.SAMPLES]) - origin > len(kept):
+        return _revised_again(old, settings) if old.adapt else None
+    origin = old.record_began
+    kept = RecentSamples.since(old, origin)
+    if old.gap_at > origin or not old.adapt or old.samples - origin > len(kept):
         return None
-    if (old.ints[at.ALARM] and is_mature(old, settings)) or float((kept[:, at.DOUBTED] > 0).mean()) > MOST_DOUBTED:
+    if (old.alarm and is_mature(old, settings)) or kept.doubted > MOST_DOUBTED:
         return None
-    kept[:, at.OUTPUT] = kept[:, at.BRIDGED]
-    record = record_of(kept, settings.dt, settings.filter.input_hold)
-    refined = refine(settings.structure, record, [old.theta * old.unit])
+    kept.output[:] = kept.bridged
+    record = kept.record(settings.dt, settings.filter.input_hold)
+    refined = refine(settings.structure, record, [old.physical])
     if refined is None or not refined.acceptable:
         return None
     return restart(old, settings, refined, record, origin)
@@ -56,44 +55,45 @@ def solve_again(old: State, settings: Settings) -> State | None:
 
 def _revised_again(old: State, settings: Settings) -> State | None:
     """Return the state after revising the estimate before a change once more, by all that came since."""
-    begin = int(old.ints[at.REVISED])
-    kept = since(old, begin)
-    if int(old.ints[at.SAMPLES]) - begin > len(kept) or float((kept[:, at.DOUBTED] > 0).mean()) > MOST_DOUBTED:
+    begin = old.revised_from
+    kept = RecentSamples.since(old, begin)
+    if old.samples - begin > len(kept) or kept.doubted > MOST_DOUBTED:
         return None
-    kept[:, at.OUTPUT] = kept[:, at.BRIDGED]
+    kept.output[:] = kept.bridged
     new = restart_from_prior(old, settings, kept)
     if new is not None:
-        new.ints[at.ALARM], new.ints[at.CHANGE_BEGAN] = 0, new.ints[at.SAMPLES]
+        new.alarm, new.change_began = Alarm.NONE, new.samples
     return new
 
 
-def restart_from_prior(old: State, settings: Settings, kept: FloatArray, stayed: float = 1.0) -> State | None:
+def restart_from_prior(old: State, settings: Settings, kept: RecentSamples, stayed: float = 1.0) -> State | None:
     """Return the state that begins at the estimate noted before a change, revised by a record.
 
     The record that the estimate is made from goes on: it is not solved again without what was known before.
     """
     from replant.kernels.monitoring import outliers
 
-    record = record_of(kept, settings.dt, settings.filter.input_hold)
-    usual = max(old.reals[at.USUAL], outliers.LEAST * old.reals[at.PEAK]) * settings.scaling.output**2
+    record = kept.record(settings.dt, settings.filter.input_hold)
+    usual = max(old.usual_variance, outliers.LEAST * old.largest_output) * settings.scaling.output**2
     before, std = old.prior
-    found = revise(settings.structure, record, before, std, usual, float(old.reals[at.MARGIN]))
+    found = revise(settings.structure, record, before, std, usual, old.stability_margin)
     if found is None or found[0].variance > outliers.GROWN * usual or found[1] > stayed:
         return None
-    new = restart(old, settings, found[0], record, int(old.ints[at.ORIGIN]))
-    new.ints[at.GAP_AT] = new.ints[at.REVISED] = int(old.ints[at.SAMPLES]) - len(kept)
-    for slot in (at.MARGIN, at.FORGET_INPUT):  # as slow as the plant was it may still be
-        new.reals[slot] = min(new.reals[slot], old.reals[slot])
+    new = restart(old, settings, found[0], record, old.record_began)
+    new.gap_at = new.revised_from = old.samples - len(kept)
+    # as slow as the plant was it may still be
+    new.stability_margin = min(new.stability_margin, old.stability_margin)
+    new.forget_input = min(new.forget_input, old.forget_input)
     clear_doubt(new, kept)
     return new
 
 
-def clear_doubt(state: State, kept: FloatArray) -> None:
+def clear_doubt(state: State, kept: RecentSamples) -> None:
     """Take doubt off the newest raw samples where the model was solved for with the output as it was measured."""
-    doubted = np.flatnonzero((kept[:, at.DOUBTED] > 0) & (kept[:, at.OUTPUT] != kept[:, at.BRIDGED]))
-    rows = (int(state.ints[at.SAMPLES]) - len(kept) + doubted) % len(state.recent)
-    state.recent[rows, at.BRIDGED] = state.recent[rows, at.OUTPUT]
-    state.recent[rows, at.DOUBTED] = 0.0
+    doubted = np.flatnonzero((kept.doubt > 0) & (kept.output != kept.bridged))
+    rows, recent = (state.samples - len(kept) + doubted) % len(state.recent), RecentSamples(state.recent)
+    recent.bridged[rows] = recent.output[rows]
+    recent.doubt[rows] = Doubt.NONE
 
 
 def is_mature(state: State, settings: Settings) -> bool:
@@ -101,7 +101,7 @@ def is_mature(state: State, settings: Settings) -> bool:
 
     What forgets is never solved again as it grows, and has nothing to wait for.
     """
-    length = int(state.ints[at.SAMPLES]) - int(state.ints[at.ORIGIN])
+    length = state.samples - state.record_began
     return length >= MATURE * settings.startup or not next_solution(state, settings)
 
 
@@ -111,10 +111,10 @@ def restart(old: State, settings: Settings, refined: Refined, record: Record, or
     initialize(new, settings, refined, record)
     stamps = REGULAR
     if record.intervals.size > 1:
-        stamps = old.reals[at.LAST_TIME] - (record.intervals.sum() - np.cumsum(record.intervals))
+        stamps = old.last_time - (record.intervals.sum() - np.cumsum(record.intervals))
     with new.without_preprocessing():
         warm_up(new, record.u, record.y, stamps, learn=False)
-    new.reals[at.READY] = new.reals[at.ELAPSED]
+    new.ready_at = new.elapsed
     carry_over(old, new)
-    new.ints[at.ORIGIN] = origin
+    new.record_began = origin
     return new

@@ -10,7 +10,6 @@ from replant.arguments import FloatArray
 from replant.engine.dispatch import step_kernels
 from replant.engine.record import Record, ready_record
 from replant.engine.state import State
-from replant.kernels import schema as at
 from replant.offline.srivc import Refined, first_model
 from replant.regressor.preprocess import Preprocess, screen
 from replant.settings import Settings
@@ -49,16 +48,16 @@ def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn:
     """
     _, steps = step_kernels(state, regular=t.size == 0)
     errors, unseen = np.empty(u.size), np.empty((u.size, 0))
-    rested = state.ints[at.RESTED]
-    state.ints[at.ADAPT] = learn
+    rested = state.rested
+    state.adapt = learn
     steps(*state.arrays, u, y, t, errors, unseen)
-    state.ints[at.ADAPT] = 1
-    if state.ints[at.GUARDED]:
-        state.ints[at.CHANGE_BEGAN] = state.ints[at.SAMPLES]
+    state.adapt = True
+    if state.examines_output:
+        state.change_began = state.samples
     if not learn:
-        state.ints[at.RESTED] = rested
-    state.ints[at.PAST_KEPT], state.ints[at.PAST_DUE] = 0, state.ints[at.SAMPLES]
-    state.ints[at.LEARNED] = state.ints[at.SAMPLES]
+        state.rested = rested
+    state.past_kept, state.past_due = 0, state.samples
+    state.learned = state.samples
     return errors
 
 
@@ -92,16 +91,16 @@ def modelled(settings: Settings, u: FloatArray, y: FloatArray, t: FloatArray) ->
 
 def carry_over(old: State, new: State) -> None:
     """Keep of a state that is replaced: counters, clock, raw samples, past estimates, the user's choice to freeze."""
-    for slot in (
-        at.NOT_FINITE, at.TOO_LARGE, at.NOT_LATER, at.TOO_DENSE, at.REFUSED, at.RESTED, at.GAPS, at.GAP_AT, at.ADAPT,
-        at.DRAWN, at.PAST_KEPT, at.PAST_DUE, at.OUTLIERS, at.STUCK, at.SAMPLES, at.RECENT_HEAD, at.ALARM, at.LOOK_AT,
-    ):  # fmt: skip
-        new.ints[slot] = old.ints[slot]
-    new.ints[at.LEARNED] = old.ints[at.SAMPLES]
-    new.ints[at.CHANGE_BEGAN] = old.ints[at.CHANGE_BEGAN if old.ints[at.ALARM] else at.SAMPLES]
+    new.take_over(
+        old,
+        *(State.not_finite, State.too_large, State.not_later, State.too_dense, State.refused, State.rested),
+        *(State.outliers, State.stuck, State.gaps, State.gap_at, State.adapt, State.drawn, State.samples),
+        *(State.past_kept, State.past_due, State.recent_head, State.alarm, State.look_at),
+    )
+    new.learned = old.samples
+    new.change_began = old.change_began if old.alarm else old.samples
     new.past[:], new.recent[:] = old.past, old.recent
     # stamps may have been as regular as none, and of a bridged output the least step is none of the sensor's
-    for slot in (at.LAST_TIME, at.LAST_RAW, at.LEAST_STEP, at.LIMIT):
-        new.reals[slot] = old.reals[slot]
+    new.take_over(old, State.last_time, State.last_raw, State.sensor_step, State.cusum_limit)
     new.prior[:] = old.prior
-    new.reals[at.LARGEST_POWER] = max(old.reals[at.LARGEST_POWER], new.reals[at.LARGEST_POWER])
+    new.largest_power = max(old.largest_power, new.largest_power)

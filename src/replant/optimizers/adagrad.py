@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from replant.arguments import FloatArray, positive
+from replant.arguments import FloatArray, keep, positive
 from replant.optimizers.optimizer import Optimizer
 
 
@@ -39,8 +39,8 @@ class AdaGrad(Optimizer):
     code: ClassVar[int] = 3
 
     def __post_init__(self) -> None:
-        positive("step_size", self.step_size)
-        positive("epsilon", self.epsilon)
+        keep(self, "step_size", positive)
+        keep(self, "epsilon", positive)
 
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:

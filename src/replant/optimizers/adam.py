@@ -7,7 +7,12 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from replant.arguments import FloatArray, between, positive
+from replant.arguments import (
+    FloatArray,
+    between,
+    keep,
+    positive,
+)
 from replant.optimizers.optimizer import Optimizer, rounded
 
 
@@ -43,10 +48,10 @@ class Adam(Optimizer):
     code: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
-        positive("step_size", self.step_size)
-        between("beta1", self.beta1, 0.0, 1.0)
-        between("beta2", self.beta2, 0.0, 1.0)
-        positive("epsilon", self.epsilon)
+        keep(self, "step_size", positive)
+        keep(self, "beta1", between, 0.0, 1.0)
+        keep(self, "beta2", between, 0.0, 1.0)
+        keep(self, "epsilon", positive)
 
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:

@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from replant.arguments import FloatArray, positive
+from replant.arguments import FloatArray, keep, positive
 from replant.optimizers.optimizer import Optimizer, rounded
 
 
@@ -36,7 +36,7 @@ class Gradient(Optimizer):
     code: ClassVar[int] = 0
 
     def __post_init__(self) -> None:
-        positive("gain", self.gain)
+        keep(self, "gain", positive)
 
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:

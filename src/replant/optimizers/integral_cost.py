@@ -7,7 +7,12 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from replant.arguments import FloatArray, not_negative, positive
+from replant.arguments import (
+    FloatArray,
+    keep,
+    not_negative,
+    positive,
+)
 from replant.optimizers.optimizer import Optimizer, rounded
 
 
@@ -40,8 +45,8 @@ class IntegralCost(Optimizer):
     code: ClassVar[int] = 7
 
     def __post_init__(self) -> None:
-        positive("gain", self.gain)
-        not_negative("forgetting_rate", self.forgetting_rate)
+        keep(self, "gain", positive)
+        keep(self, "forgetting_rate", not_negative)
 
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:

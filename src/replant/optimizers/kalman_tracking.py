@@ -8,7 +8,13 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from replant.arguments import FloatArray, coefficients, positive
+from replant.arguments import (
+    FloatArray,
+    finite,
+    keep,
+    numbers,
+    positive,
+)
 from replant.errors import InvalidArgumentError
 from replant.optimizers.optimizer import Optimizer, rounded
 
@@ -51,10 +57,9 @@ class KalmanTracking(Optimizer):
     keeps_covariance: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        if (coefficients("process_noise", self.process_noise) < 0).any():
-            raise InvalidArgumentError(f"process_noise must be at least 0, got {self.process_noise}")
-        positive("noise_time_constant", self.noise_time_constant)
-        positive("initial_covariance", self.initial_covariance)
+        keep(self, "process_noise", _process_noise)
+        keep(self, "noise_time_constant", positive)
+        keep(self, "initial_covariance", positive)
 
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:
@@ -63,16 +68,16 @@ class KalmanTracking(Optimizer):
 
     def check(self, size: int) -> None:
         """Refuse a sequence of another length than ``size``."""
-        given = np.size(self.process_noise)
-        if np.ndim(self.process_noise) and given != size:
+        if isinstance(self.process_noise, Sequence) and len(self.process_noise) != size:
+            given = len(self.process_noise)
             raise InvalidArgumentError(f"process_noise must have {size} entries, one for each parameter, got {given}")
 
     def settings(self, dt: float, unit: FloatArray) -> FloatArray:
         """Return [1 / time constant of the noise variance, q of each scaled entry]; nuisances do not walk."""
-        noise = coefficients("process_noise", self.process_noise)
+        noise = np.array(self.process_noise)
         scaled = np.zeros(unit.size)
-        if np.ndim(self.process_noise) == 0:
-            scaled[:] = noise[0]
+        if noise.ndim == 0:
+            scaled[:] = noise
         else:
             scaled[: noise.size] = noise / unit[: noise.size] ** 2
         return np.concatenate([[1.0 / self.noise_time_constant], scaled])
@@ -81,3 +86,11 @@ class KalmanTracking(Optimizer):
         """Return U, D, the variance of the residual, work and alpha."""
         diagonal = np.full(size, self.initial_covariance)
         return np.concatenate([np.eye(size).ravel(), diagonal, [1.0], np.zeros(5 * size + 2 * size * size), [1.0]])
+
+
+def _process_noise(name: str, value: float | Sequence[float]) -> float | tuple[float, ...]:
+    noise = finite(name, value) if np.ndim(value) == 0 else numbers(name, value)
+    least = noise if isinstance(noise, float) else min(noise)
+    if least < 0.0:
+        raise InvalidArgumentError(f"{name} must be at least 0, got {least:g}")
+    return noise

@@ -8,7 +8,12 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from replant.arguments import FloatArray, between, positive
+from replant.arguments import (
+    FloatArray,
+    between,
+    keep,
+    positive,
+)
 from replant.errors import InvalidArgumentError
 from replant.optimizers.optimizer import Optimizer
 
@@ -55,11 +60,11 @@ class RecursiveLeastSquares(Optimizer):
     keeps_colour: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        positive("forgetting_factor", self.forgetting_factor)
-        between("forgetting_factor", self.forgetting_factor, 0.0, 1.0, closed="both")
-        positive("initial_covariance", self.initial_covariance)
+        keep(self, "forgetting_factor", positive)
+        keep(self, "forgetting_factor", between, 0.0, 1.0, closed="both")
+        keep(self, "initial_covariance", positive)
         if self.time_constant is not None:
-            positive("time_constant", self.time_constant)
+            keep(self, "time_constant", positive)
             if self.forgetting_factor != 1.0:
                 raise InvalidArgumentError("give a forgetting_factor or a time_constant, not both")
 

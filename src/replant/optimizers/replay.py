@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from replant.arguments import whole
+from replant.arguments import keep, whole
 from replant.errors import InvalidArgumentError
+
+LARGEST_BATCH = 100_000  # updates a sample: they take some milliseconds, which nothing interrupts
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,7 @@ class Replay:
     capacity : int
         Samples kept; the newest replaces the oldest once the buffer is full.
     batch_size : int
-        Updates a sample.
+        Updates a sample, up to 100000.
     warmup : int
         Batches begin once the buffer holds more than this many samples, or is full; before that, one update a sample.
     seed : int
@@ -48,11 +50,13 @@ class Replay:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        whole("capacity", self.capacity, 1)
-        whole("batch_size", self.batch_size, 1)
-        whole("warmup", self.warmup, 0)
-        whole("seed", self.seed, 0)
+        keep(self, "capacity", whole, 1)
+        keep(self, "batch_size", whole, 1)
+        keep(self, "warmup", whole, 0)
+        keep(self, "seed", whole, 0)
         if self.capacity >= 2**31:
             raise InvalidArgumentError(f"capacity must be below 2^31, got {self.capacity}")
+        if self.batch_size > LARGEST_BATCH:
+            raise InvalidArgumentError(f"batch_size must be at most {LARGEST_BATCH}, got {self.batch_size}")
         if self.seed >= 2**63:
             raise InvalidArgumentError(f"seed must be below 2^63, got {self.seed}")

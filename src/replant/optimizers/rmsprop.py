@@ -7,7 +7,12 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from replant.arguments import FloatArray, between, positive
+from replant.arguments import (
+    FloatArray,
+    between,
+    keep,
+    positive,
+)
 from replant.optimizers.optimizer import Optimizer, rounded
 
 
@@ -42,9 +47,9 @@ class RMSProp(Optimizer):
     code: ClassVar[int] = 4
 
     def __post_init__(self) -> None:
-        positive("step_size", self.step_size)
-        between("rho", self.rho, 0.0, 1.0)
-        positive("epsilon", self.epsilon)
+        keep(self, "step_size", positive)
+        keep(self, "rho", between, 0.0, 1.0)
+        keep(self, "epsilon", positive)
 
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:

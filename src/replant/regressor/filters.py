@@ -11,8 +11,9 @@ import numpy as np
 from replant.arguments import (
     FloatArray,
     between,
-    coefficients,
+    keep,
     not_negative,
+    numbers,
     one_of,
     positive,
     whole,
@@ -20,6 +21,8 @@ from replant.arguments import (
 from replant.errors import InvalidArgumentError
 from replant.model import state_space
 from replant.model.dead_time import split_delay
+
+MOST_POLES = 10  # beyond it the regression is hopeless in float64
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,28 +94,27 @@ class StateVariableFilter:
         if (self.cutoff is None) == (self.denominator is None):
             raise InvalidArgumentError("a filter needs either a cutoff [rad/s] or a denominator, and not both")
         if self.cutoff is not None:
-            positive("cutoff", self.cutoff)
+            keep(self, "cutoff", positive)
         if self.denominator is not None:
-            polynomial = coefficients("denominator", self.denominator)
-            if polynomial.size < 2 or polynomial[0] != 1.0:
-                raise InvalidArgumentError(f"denominator must be monic, of order 1 or more, got {polynomial.tolist()}")
-            if np.roots(polynomial).real.max() >= 0:
-                raise InvalidArgumentError(f"denominator must have all roots left of the axis: {polynomial.tolist()}")
-        one_of("method", self.method, ("exact", "gbt"))
-        one_of("input_hold", self.input_hold, ("zoh", "foh"))
-        between("alpha", self.alpha, 0.0, 1.0, closed="both")
+            keep(self, "denominator", _denominator)
+        keep(self, "method", one_of, ("exact", "gbt"))
+        keep(self, "input_hold", one_of, ("zoh", "foh"))
+        keep(self, "alpha", between, 0.0, 1.0, closed="both")
 
     def polynomial(self, poles: int) -> FloatArray:
         """Return Lambda(s) for ``poles`` poles: (poles + 1,), monic, descending powers."""
         if self.denominator is not None:
-            polynomial = coefficients("denominator", self.denominator)
-            if polynomial.size != poles + 1:
+            if len(self.denominator) != poles + 1:
                 raise InvalidArgumentError(
-                    f"denominator must have {poles + 1} coefficients for {poles} poles, got {polynomial.size}"
+                    f"denominator must have {poles + 1} coefficients for {poles} poles, got {len(self.denominator)}"
                 )
-            return polynomial
+            return np.array(self.denominator)
         assert self.cutoff is not None
-        return np.asarray(np.poly(np.full(poles, -float(self.cutoff))), np.float64)
+        with np.errstate(over="ignore", invalid="ignore"):
+            polynomial = np.asarray(np.poly(np.full(poles, -self.cutoff)), np.float64)
+        if not np.isfinite(polynomial).all():
+            raise InvalidArgumentError(f"cutoff must be smaller: with {poles} poles {self.cutoff:g} leaves float64")
+        return polynomial
 
     def discretize(self, poles: int, dt: float, delay: float = 0.0) -> DiscreteFilter:
         """Return the difference equations for ``poles`` poles, sampling time ``dt`` and dead time ``delay``, in s."""
@@ -169,7 +171,7 @@ class RefinedFilter:
     input_hold: str = "zoh"
 
     def __post_init__(self) -> None:
-        one_of("input_hold", self.input_hold, ("zoh", "foh"))
+        keep(self, "input_hold", one_of, ("zoh", "foh"))
 
     def at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
         """Return the filter 1/A of a model as a fixed one; poles on or right of the axis are mirrored or moved off it.
@@ -184,3 +186,15 @@ class RefinedFilter:
         roots = np.roots(denominator)
         roots = np.minimum(-np.abs(roots.real), -1e-4 / dt) + 1j * roots.imag
         return StateVariableFilter(denominator=tuple(np.poly(roots).real.tolist()), input_hold=self.input_hold)
+
+
+def _denominator(name: str, value: Sequence[float]) -> tuple[float, ...]:
+    """Return a monic polynomial with all roots left of the axis; its order is bounded before they are looked for."""
+    polynomial = numbers(name, value)
+    if len(polynomial) < 2 or polynomial[0] != 1.0:
+        raise InvalidArgumentError(f"{name} must be monic, of order 1 or more, got {list(polynomial[:12])}")
+    if len(polynomial) > MOST_POLES + 1:
+        raise InvalidArgumentError(f"{name} must be of order {MOST_POLES} at most, got {len(polynomial) - 1}")
+    if not np.roots(polynomial).real.max() < 0.0:
+        raise InvalidArgumentError(f"{name} must have all roots left of the axis: {list(polynomial)}")
+    return polynomial

@@ -11,6 +11,7 @@ from replant.arguments import (
     FloatArray,
     array_of_reals,
     finite,
+    keep,
     one_of,
 )
 from replant.errors import InvalidArgumentError
@@ -49,13 +50,9 @@ class Preprocess:
 
     def __post_init__(self) -> None:
         if not callable(self.input_map):
-            one_of("input_map", self.input_map, ("identity", "square"))
-        for name in ("input_offset", "output_offset"):
-            value = getattr(self, name)
-            if isinstance(value, str):
-                one_of(name, value, ("first", "mean"))
-            else:
-                finite(name, value)
+            keep(self, "input_map", one_of, ("identity", "square"))
+        keep(self, "input_offset", _working_point)
+        keep(self, "output_offset", _working_point)
 
     def map_input(self, u: FloatArray) -> FloatArray:
         """Return the mapped input (K,)."""
@@ -114,6 +111,10 @@ def screen(mapped: FloatArray, y: FloatArray) -> tuple[np.ndarray[tuple[int], np
         small = (np.abs(mapped) <= LARGEST) & (np.abs(y) <= LARGEST)
     rejected = {"not finite": int((~finite).sum()), "too large": int((finite & ~small).sum())}
     return finite & small, rejected
+
+
+def _working_point(name: str, value: WorkingPoint) -> WorkingPoint:
+    return one_of(name, value, ("first", "mean")) if isinstance(value, str) else finite(name, value)
 
 
 def _level(offset: WorkingPoint, signal: FloatArray) -> float:

@@ -7,7 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.arguments import FloatArray, coefficients, positive
+from replant.arguments import (
+    FloatArray,
+    keep,
+    numbers,
+    positive,
+)
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 
@@ -41,13 +46,14 @@ class Scaling:
     regressor: Sequence[float]
 
     def __post_init__(self) -> None:
-        positive("scaling output", self.output)
-        if (coefficients("scaling regressor", self.regressor) <= 0).any():
-            raise InvalidArgumentError(f"scaling regressor must be greater than 0, got {self.regressor}")
+        keep(self, "output", positive, called="scaling output")
+        keep(self, "regressor", numbers, called="scaling regressor")
+        if min(self.regressor) <= 0.0:
+            raise InvalidArgumentError(f"scaling regressor must be greater than 0, got {min(self.regressor):g}")
 
     def sigmas(self, structure: Structure) -> FloatArray:
         """Return the regressor's sigmas (P,) for ``structure``."""
-        sigmas = coefficients("scaling regressor", self.regressor)
+        sigmas = np.array(self.regressor)
         if sigmas.size != structure.size:
             names = ", ".join(structure.names)
             raise InvalidArgumentError(

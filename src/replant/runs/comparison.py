@@ -79,7 +79,7 @@ def compare(
     """
     contenders = []
     for name in methods:
-        one_of("method", name, METHODS)
+        name = one_of("method", name, METHODS)
         with contextlib.suppress(ReplantError):  # what is loaded at a first call is not the method's time
             _identify(name, request, u[:TRIAL], y[:TRIAL], progress)
         try:

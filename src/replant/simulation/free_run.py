@@ -6,7 +6,6 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.engine.state import State
-from replant.kernels import schema as at
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 
@@ -36,12 +35,12 @@ def free_run(
 
     n, zeros = model.den.size - 1, model.num.size - 1
     structure = Structure(n, zeros, model.delay, feedthrough=zeros == n)
-    state = State.refined(structure, dt, input_hold)
+    state = State.for_model(structure, dt, input_hold)
     state.install(np.concatenate([model.den[1:], model.num, np.zeros(n + 1)]))
     size, samples = state.entries, u.size
     phi, unused = np.empty((samples, size)), np.empty((samples, size))
     target, output = np.empty(samples), np.empty(samples)
-    state.ints[at.STARTED] = 0
+    state.started = False
     regressors(
         state.ints, state.reals, state.banks, u, np.zeros(samples), intervals, phi, unused, target, output
     )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.engine.state import State
-from replant.kernels import schema as at
+from replant.kernels.schema import LARGEST
 from replant.model.structure import Structure
 from replant.statistics.projections import without
 
@@ -63,19 +63,19 @@ def run_model(structure: Structure, parameters: FloatArray, record: Record, dt: 
     n, inputs, samples = structure.poles, structure.zeros + 1, record.u.size
     states = n + structure.is_biproper
     full = Structure(n, states - 1, structure.delay, feedthrough=structure.is_biproper)
-    state = State.refined(full, dt, record.input_hold)
+    state = State.for_model(full, dt, record.input_hold)
     theta = np.zeros(state.entries)
     theta[:n] = parameters[:n]
     theta[n + states - inputs : n + states] = parameters[n : n + inputs]
     state.install(theta)
-    state.ints[at.STARTED] = 0
+    state.started = False
     phi, zeta = np.empty((samples, theta.size)), np.empty((samples, theta.size))
     target, forced = np.empty(samples), np.empty(samples)
     regressors(
         state.ints, state.reals, state.banks, record.u, record.y, record.intervals, phi, zeta, target, forced
     )  # fmt: skip
     columns = np.hstack([zeta[:, :n], phi[:, n:]])
-    if not (np.isfinite(columns).all() and np.isfinite(forced).all() and np.abs(columns).max() < at.LARGEST):
+    if not (np.isfinite(columns).all() and np.isfinite(forced).all() and np.abs(columns).max() < LARGEST):
         return None
     of_input, nuisances = phi[:, n : n + states], phi[:, n + states :]
     slopes = np.hstack([zeta[:, :n], of_input[:, states - inputs :]])

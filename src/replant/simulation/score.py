@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.kernels.schema import LAGS
 from replant.model.response import Response
 from replant.model.transfer_function import TransferFunction
 from replant.simulation.offset_fit import bridged, initial_weights, with_initial
@@ -134,8 +135,6 @@ class _ErrorSums:
     """Sums of products of the residual and its past, with the residual's mean still open."""
 
     def __init__(self) -> None:
-        from replant.kernels.monitoring.residual_colour import LAGS
-
         self._lags = LAGS
         self._past, self._known_past = np.zeros(LAGS), np.zeros(LAGS, bool)
         self._samples = 0

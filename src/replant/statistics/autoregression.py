@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.kernels.schema import LAGS
 
 WHITENESS_LAGS = 25
 
@@ -43,8 +44,6 @@ class Autoregression:
         >>> Autoregression.of(slow).coefficients[:3].round(1)
         array([ 1. , -0.9,  0. ])
         """
-        from replant.kernels.monitoring.residual_colour import LAGS
-
         return cls.of_covariances(np.array([error[lag:] @ error[: error.size - lag] for lag in range(LAGS + 1)]))
 
     @classmethod
@@ -85,8 +84,6 @@ def one_step(residual: FloatArray) -> FloatArray:
     True
     """
     from scipy.signal import lfilter
-
-    from replant.kernels.monitoring.residual_colour import LAGS
 
     if residual.size <= LAGS:
         return residual

@@ -21,6 +21,7 @@ from __future__ import annotations
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.kernels.schema import FIXED, ROOM, PathSlots
 from replant.statistics.udu import compose, factor_information
 
 LEAST_ROWS = 16  # blocks that tell a variance
@@ -99,7 +100,7 @@ def stretch(covariance: FloatArray, variances: FloatArray) -> FloatArray:
 
 def path_of_record(
     zeta: FloatArray, error: FloatArray, theta: FloatArray, known: FloatArray, pull: FloatArray
-) -> FloatArray:
+) -> PathSlots:
     """Return the path that a recursion would have taken to ``theta``, as `kernels.monitoring.estimate_path` keeps it.
 
     Parameters
@@ -113,26 +114,21 @@ def path_of_record(
     pull : (T,) array
         ... and that times how far from ``theta`` the estimate was.
     """
-    from replant.kernels.monitoring import estimate_path as kept
-
     samples, size = zeta.shape
-    step = -(-samples // kept.ROOM)
-    path = np.zeros(kept.size(size))
-    information, score = known.copy(), pull.copy()
-    rows = path[kept.ROWS :].reshape(kept.ROOM, 2, size)
+    step = -(-samples // ROOM)
+    path = PathSlots.zeros(FIXED | {"T": size})
+    information, score, rows = known.copy(), pull.copy(), path.rows
     for row in range(samples // step):
         block = slice(row * step, (row + 1) * step)
         information += zeta[block].T @ zeta[block]
         score += zeta[block].T @ error[block]
         inverse = compose(*factor_information(information))
         rows[row] = theta + inverse @ score, np.diag(inverse)
-    path[kept.STEP], path[kept.DUE], path[kept.KEPT] = step, step * (samples // step + 1), samples // step
+    path.step, path.due, path.kept = step, step * (samples // step + 1), samples // step
     return path
 
 
-def rows_of(path: FloatArray, theta: FloatArray, known: FloatArray) -> tuple[FloatArray, FloatArray]:
+def rows_of(path: PathSlots, theta: FloatArray, known: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return estimates and diagonals of P (B, T) along a path as it is kept, the present ones last."""
-    from replant.kernels.monitoring import estimate_path as kept
-
-    rows = path[kept.ROWS :].reshape(kept.ROOM, 2, theta.size)[: int(path[kept.KEPT])]
+    rows = path.rows[: int(path.kept)]
     return np.vstack([rows[:, 0], theta]), np.vstack([rows[:, 1], known])

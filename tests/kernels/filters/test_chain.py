@@ -145,22 +145,22 @@ def test_an_unstable_or_a_wild_estimate_never_serves_as_a_model() -> None:
     good = np.zeros(state.entries)
     good[:3] = 3.0, 2.0, 1.0
     state.install(good)
-    state.reals[at.MARGIN], state.reals[at.WIDEST] = 1e-3, 100.0
+    state.reals[at.STABILITY_MARGIN], state.reals[at.LARGEST_BANDWIDTH] = 1e-3, 100.0
     for bad in ([-1.0, 2.0], [3.0, -2.0], [1e9, 2.0], [1.0, 1e9], [np.nan, 1.0], [0.0, 1.0]):
-        state.reals[at.ELAPSED], state.reals[at.READY] = 10.0, 0.0
+        state.reals[at.ELAPSED], state.reals[at.READY_AT] = 10.0, 0.0
         state.theta[:2] = bad
         assert not renew_model(state.ints, state.reals, state.banks)
-        assert (state.ints[at.WARMING], state.ints[at.ACTIVE]) == (0, 1)
+        assert (state.ints[at.WARMING], state.ints[at.SERVING_BANK]) == (0, 1)
         np.testing.assert_array_equal(state.banks[1, bk.DENOMINATOR : bk.DENOMINATOR + 2], [3.0, 2.0])
-        assert state.reals[at.READY] > 10.0  # looked at again later
-    state.reals[at.READY] = 0.0
+        assert state.reals[at.READY_AT] > 10.0  # looked at again later
+    state.reals[at.READY_AT] = 0.0
     state.theta[:3] = 5.0, 6.0, 1.0
     assert not renew_model(state.ints, state.reals, state.banks)
-    assert (state.ints[at.WARMING], state.ints[at.ACTIVE]) == (1, 1)
+    assert (state.ints[at.WARMING], state.ints[at.SERVING_BANK]) == (1, 1)
     np.testing.assert_array_equal(state.banks[2, bk.DENOMINATOR : bk.DENOMINATOR + 2], [5.0, 6.0])
-    state.reals[at.ELAPSED] = state.reals[at.READY]
+    state.reals[at.ELAPSED] = state.reals[at.READY_AT]
     assert renew_model(state.ints, state.reals, state.banks)
-    assert state.ints[at.ACTIVE] == 2
+    assert state.ints[at.SERVING_BANK] == 2
 
 
 def test_installing_a_model_leaves_the_other_banks_alone() -> None:

@@ -6,28 +6,29 @@ import numpy as np
 import pytest
 
 from replant.kernels.monitoring import estimate_path
+from replant.kernels.schema import FIXED, ROOM, PathSlots
 from support.references import kept_samples
 
 
-def walk(samples: int, entries: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def walk(samples: int, entries: int = 3) -> tuple[PathSlots, np.ndarray, np.ndarray]:
     """Offer every sample of a path as the kernel of one sample does; return it, and the estimates and P along it."""
     generator = np.random.default_rng(samples)
     theta = generator.standard_normal((samples + 1, entries))
     upper = np.triu(generator.standard_normal((samples + 1, entries, entries)), 1) + np.eye(entries)
     diagonal = generator.uniform(0.1, 1.0, (samples + 1, entries))
-    kept = np.zeros(estimate_path.size(entries))
+    kept = PathSlots.zeros(FIXED | {"T": entries})
     for k in range(1, samples + 1):
-        if k >= kept[estimate_path.DUE]:
-            estimate_path.keep(kept, theta[k], upper[k].ravel(), diagonal[k], float(k))
+        if k >= kept.due:
+            estimate_path.keep(kept.reals, theta[k], upper[k].ravel(), diagonal[k], float(k))
     return kept, theta, np.einsum("kij,kj,kij->ki", upper, diagonal, upper)
 
 
 @pytest.mark.parametrize("samples", [1, 5, 31, 32, 33, 34, 48, 63, 64, 65, 66, 1000, 4096, 5000])
 def test_the_rows_are_every_stepth_estimate_and_its_variances(samples: int) -> None:
     kept, theta, variances = walk(samples)
-    counts = kept_samples(samples, estimate_path.ROOM)
-    assert kept[estimate_path.KEPT] == len(counts)
-    rows = kept[estimate_path.ROWS :].reshape(estimate_path.ROOM, 2, -1)[: len(counts)]
+    counts = kept_samples(samples, ROOM)
+    assert kept.kept == len(counts)
+    rows = kept.rows[: len(counts)]
     np.testing.assert_array_equal(rows[:, 0], theta[counts])
     np.testing.assert_allclose(rows[:, 1], variances[counts], rtol=1e-14)
 
@@ -35,7 +36,5 @@ def test_the_rows_are_every_stepth_estimate_and_its_variances(samples: int) -> N
 @pytest.mark.parametrize("samples", [32, 33, 77, 1000, 12345])
 def test_a_long_record_always_has_at_least_half_the_rows_in_steps_that_double(samples: int) -> None:
     kept = walk(samples, 1)[0]
-    assert estimate_path.ROOM / 2 <= kept[estimate_path.KEPT] <= estimate_path.ROOM
-    assert kept[estimate_path.STEP] == 2 ** np.ceil(
-        np.log2((samples + 1) / (estimate_path.ROOM + 1))
-    )  # doubled when one more is due
+    assert ROOM / 2 <= kept.kept <= ROOM
+    assert kept.step == 2 ** np.ceil(np.log2((samples + 1) / (ROOM + 1)))  # doubled when one more is due

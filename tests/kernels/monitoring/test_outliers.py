@@ -26,20 +26,20 @@ def learned(samples: int = 800) -> tuple[rp.Identifier, np.ndarray, np.ndarray]:
 def test_the_gate_is_its_naive_twin() -> None:
     ident, _, _ = learned()
     state, size = ident._state, ident._state.entries
-    memory = state.block(at.AT_MEMORY, size * size + size)
+    memory = state.memory[: size * size + size]
     covariance = compose(memory[: size * size].reshape(size, size), memory[size * size :])
     rng, found = np.random.default_rng(0), []
     for exponent in rng.uniform(-1.0, 4.0, 300):
         zeta = 10.0 ** rng.uniform(-1.0, 1.5) * rng.standard_normal(size)
-        state.block(at.AT_ZETA, size)[:] = zeta
-        names = {"spread": at.SPREAD, "usual": at.USUAL, "peak": at.PEAK}
+        state.zeta[:] = zeta
+        names = {"spread": at.LATE_VARIANCE, "usual": at.USUAL_VARIANCE, "peak": at.LARGEST_OUTPUT}
         usual = {name: state.reals[slot] for name, slot in names.items()}
         error = float(np.sqrt(usual["usual"]) * 10.0**exponent)
         expected, ratio = gate(usual, error, zeta, covariance, 1.0)
-        state.reals[at.RATIO] = 1.0
+        state.reals[at.VARIANCE_RATIO] = 1.0
         found.append(outliers.is_outlier(state.ints, state.reals, error, True))
         assert found[-1] == expected
-        assert not expected or state.reals[at.RATIO] == pytest.approx(ratio, rel=1e-9)
+        assert not expected or state.reals[at.VARIANCE_RATIO] == pytest.approx(ratio, rel=1e-9)
     assert 30 < sum(found) < 270
 
 
@@ -51,7 +51,7 @@ def test_the_bridge_is_its_naive_twin() -> None:
     for k in range(u.size):
         ident.update(u[k], y[k])
         state = ident._state
-        modelled[k] = state.banks[state.ints[at.ACTIVE], bk.MODEL_OUTPUT]
+        modelled[k] = state.banks[state.ints[at.SERVING_BANK], bk.MODEL_OUTPUT]
     kept = state.recent[before : before + u.size]
     np.testing.assert_array_equal(np.flatnonzero(kept[:, at.DOUBTED]), np.flatnonzero(y > 100.0))
     offset = state.reals[at.OUTPUT_OFFSET]

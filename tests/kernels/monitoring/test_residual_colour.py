@@ -7,8 +7,8 @@ import pytest
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
-from replant.kernels.monitoring import residual_colour
 from replant.kernels.monitoring.residual_colour import LAGS, autoregression, record
+from replant.kernels.schema import FIXED, ColourSlots
 
 
 def covariances_of(errors: np.ndarray) -> np.ndarray:
@@ -44,18 +44,16 @@ def test_the_sums_are_those_of_the_record(forgetting: float) -> None:
     T, samples = 3, 400
     generator = np.random.default_rng(1)
     errors, zeta, alphas = generator.standard_normal(samples), generator.standard_normal((samples, T)), 1.5
-    colour = np.zeros(residual_colour.size(T))
-    colour[residual_colour.MODEL : residual_colour.MODEL + LAGS + 1] = model = np.array([1.0, -0.7, 0.2, 0.1, -0.05])
+    colour = ColourSlots.zeros(FIXED | {"T": T})
+    colour.model[:] = model = np.array([1.0, -0.7, 0.2, 0.1, -0.05])
     for k in range(samples):
-        record(colour, errors[k], alphas, forgetting, zeta[k].copy())
+        record(colour.reals, errors[k], alphas, forgetting, zeta[k].copy())
     weight = forgetting ** np.arange(samples)[::-1]
-    assert colour[residual_colour.COUNT] == pytest.approx(weight.sum(), rel=1e-12)
-    assert colour[residual_colour.POWER] == pytest.approx((weight * errors**2).sum() * forgetting / alphas, rel=1e-12)
+    assert colour.count == pytest.approx(weight.sum(), rel=1e-12)
+    assert colour.power == pytest.approx((weight * errors**2).sum() * forgetting / alphas, rel=1e-12)
     lagged = [weight[lag:] * errors[lag:] @ errors[: samples - lag] for lag in range(LAGS + 1)]
-    np.testing.assert_allclose(
-        colour[residual_colour.COVARIANCES : residual_colour.ERRORS], lagged, rtol=1e-11, atol=1e-11
-    )
-    np.testing.assert_array_equal(colour[residual_colour.ERRORS : residual_colour.POSITION], errors[-LAGS:][::-1])
+    np.testing.assert_allclose(colour.covariances, lagged, rtol=1e-11, atol=1e-11)
+    np.testing.assert_array_equal(colour.errors, errors[-LAGS:][::-1])
     filtered = lfilter([1.0], model, zeta, axis=0)
     squares = (weight**2 * filtered.T) @ filtered
-    np.testing.assert_allclose(colour[residual_colour.FILTERED + LAGS * T :].reshape(T, T), squares, rtol=1e-10)
+    np.testing.assert_allclose(colour.squares, squares, rtol=1e-10)

@@ -34,7 +34,7 @@ def test_kernel_equals_its_twin(name: str, normalize: bool, instruments: bool) -
     update = TWINS[name].rule(optimizer, P, DT, normalize)
     expected = extended(np.zeros(P))
     learn = learn_with_covariance if optimizer.keeps_covariance else learn_by_gradient
-    memory = state.block(at.AT_MEMORY, int(state.ints[at.MEMORY_SIZE]))
+    memory = state.memory[: int(state.ints[at.MEMORY_SIZE])]
     for k in range(ROWS):
         along = zeta[k] if instruments else phi[k]
         row = np.concatenate([phi[k], [target[k], 1 / (1 + along @ along) if normalize else 1.0], zeta[k]])

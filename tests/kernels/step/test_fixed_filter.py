@@ -60,7 +60,7 @@ def run(state: State, one: Kernel, many: Kernel) -> tuple[np.ndarray, np.ndarray
     state.ints[at.ADAPT] = 0
     for k in range(SAMPLES - 5, SAMPLES):
         errors[k] = one(*arrays(state), u[k], y[k], np.nan)
-    state.block(at.AT_WORK, 4 * (int(state.ints[at.ORDER]) + 2) ** 2)[:] = 0.0  # no part of the state
+    state.work[:] = 0.0  # no part of the state
     return errors, parameters
 
 

@@ -37,7 +37,7 @@ def take(state: State, u: float, y: float, t: float = np.nan) -> float:
 
 def learn_number(state: State, k: float) -> int:
     """Store the number k in the place of a sample; return how many rows are drawn."""
-    state.block(at.AT_PHI, 2)[:] = k, -k
+    state.phi[:] = k, -k
     return remember(state.ints, state.reals, state.buffer, 10.0 * k)
 
 
@@ -64,7 +64,7 @@ def test_a_full_buffer_holds_exactly_the_newest_samples(count: int) -> None:
 
 def test_without_normalisation_every_weight_is_one() -> None:
     state = prepared(rp.Replay(capacity=4), normalize=False)
-    state.block(at.AT_PHI, 2)[:] = 3.0, 4.0
+    state.phi[:] = 3.0, 4.0
     remember(state.ints, state.reals, state.buffer, 1.0)
     np.testing.assert_array_equal(state.buffer[0], [3.0, 4.0, 1.0, 1.0])
 
@@ -72,8 +72,8 @@ def test_without_normalisation_every_weight_is_one() -> None:
 def test_instruments_lie_beside_the_regressor_and_carry_the_weight() -> None:
     """1/m^2 is that of zeta: the noise of phi would correlate with it."""
     state = prepared(rp.Replay(capacity=4), instruments=True)
-    state.block(at.AT_PHI, 2)[:] = 3.0, 4.0
-    state.block(at.AT_ZETA, 2)[:] = 1.0, 2.0
+    state.phi[:] = 3.0, 4.0
+    state.zeta[:] = 1.0, 2.0
     remember(state.ints, state.reals, state.buffer, 7.0)
     np.testing.assert_array_equal(state.buffer[0], [3.0, 4.0, 7.0, 1.0 / 6.0, 1.0, 2.0])
 
@@ -163,7 +163,7 @@ def test_a_rejected_stamp_changes_its_count_alone(t: float, slot: int) -> None:
     expected, others = state.ints.copy(), [array.tobytes() for array in arrays(state)[1:]]
     expected[slot] += 1
     if slot == at.NOT_LATER:  # ten in a row would be a clock that was set
-        expected[at.EARLIER] += 1
+        expected[at.EARLIER_STAMPS] += 1
     assert np.isnan(take(state, 1.0, 1.0, state.reals[at.LAST_TIME] if t == 0.6 else t))
     state.reals[at.EARLIER_TIME] = 0.0
     np.testing.assert_array_equal(state.ints, expected)

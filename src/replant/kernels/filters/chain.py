@@ -20,7 +20,7 @@ RETRY = 10.0  # samples until the estimate is looked at again when it could not 
 def begin(ints, reals, banks, u, y):
     """Take the first sample of a record, or the first after a gap: everything at rest, u as it always was."""
     n, T = ints[at.ORDER], ints[at.ENTRIES]
-    for i in range(ints[at.RING]):
+    for i in range(ints[at.RING_SIZE]):
         reals[ints[at.AT_INPUTS] + i] = u
         reals[ints[at.AT_HELD] + i] = u
         reals[ints[at.AT_INTERVALS] + i] = reals[at.INTERVAL]
@@ -28,7 +28,7 @@ def begin(ints, reals, banks, u, y):
         bk.begin(banks[b], n, T)
     reals[at.LAST_OUTPUT] = y
     reals[at.INPUT_NOW] = u
-    ints[at.NEWEST] = 0
+    ints[at.RING_HEAD] = 0
     ints[at.STARTED] = 1
 
 
@@ -41,12 +41,12 @@ def remember_input(ints, reals, u, interval):
     former case, the last value in the latter: a third of the way errs least in the worse of both.
     """
     inputs, held = pointer(reals, ints[at.AT_INPUTS]), pointer(reals, ints[at.AT_HELD])
-    intervals, last = pointer(reals, ints[at.AT_INTERVALS]), inputs[ints[at.NEWEST]]
+    intervals, last = pointer(reals, ints[at.AT_INTERVALS]), inputs[ints[at.RING_HEAD]]
     known = reals[at.INTERVAL] / interval if interval > MISSING * reals[at.INTERVAL] else 1.0
-    newest = ints[at.NEWEST] + 1
-    if newest == ints[at.RING]:
+    newest = ints[at.RING_HEAD] + 1
+    if newest == ints[at.RING_SIZE]:
         newest = 0
-    ints[at.NEWEST] = newest
+    ints[at.RING_HEAD] = newest
     inputs[newest], intervals[newest] = u, interval
     held[newest] = last + (1.0 - known) * MOVED * (u - last)
 
@@ -57,12 +57,12 @@ def advance_delayed_input(ints, reals, bank, interval, slot, work):
 
     Looks back from now: the input u_j, sampled at the age a_j, acts from the age a_j - delay down to a_{j+1} - delay.
     """
-    n, T, ring, straight = ints[at.ORDER], ints[at.ENTRIES], ints[at.RING], ints[at.STRAIGHT_INPUT] == 1
+    n, T, ring, straight = ints[at.ORDER], ints[at.ENTRIES], ints[at.RING_SIZE], ints[at.STRAIGHT_INPUT] == 1
     inputs = reals[ints[at.AT_INPUTS] : ints[at.AT_INPUTS] + ring]
     held = reals[ints[at.AT_HELD] : ints[at.AT_HELD] + ring]
     intervals = reals[ints[at.AT_INTERVALS] : ints[at.AT_INTERVALS] + ring]
     delay = reals[at.DELAY]
-    newer = ints[at.NEWEST]
+    newer = ints[at.RING_HEAD]
     older = newer - 1 if newer > 0 else ring - 1
     # go back to the piece of the input that acts when the newest interval begins
     age = 0.0  # of the sample `newer`
@@ -91,7 +91,7 @@ def advance_delayed_input(ints, reals, bank, interval, slot, work):
             bk.advance_channel(bank, n, T, bk.INPUT, part_slot, start, end, work)
             left = until
             reals[at.INPUT_NOW] = end
-        if left <= 1e-9 * interval or newer == ints[at.NEWEST]:
+        if left <= 1e-9 * interval or newer == ints[at.RING_HEAD]:
             break
         older = newer
         newer = newer + 1 if newer + 1 < ring else 0
@@ -107,7 +107,7 @@ def advance_bank(ints, reals, bank, interval, y, channels):
 
     Returns the discretisation of that interval.
     """
-    n, T, newest = ints[at.ORDER], ints[at.ENTRIES], ints[at.NEWEST]
+    n, T, newest = ints[at.ORDER], ints[at.ENTRIES], ints[at.RING_HEAD]
     work = reals[ints[at.AT_WORK] :]
     slot = bk.discretization(bank, n, T, interval, work)
     last_y = reals[at.LAST_OUTPUT]
@@ -119,7 +119,7 @@ def advance_bank(ints, reals, bank, interval, y, channels):
         now = inputs[newest]
         start = end = held[newest]
         if ints[at.STRAIGHT_INPUT] == 1:
-            start, end = inputs[newest - 1 if newest > 0 else ints[at.RING] - 1], now
+            start, end = inputs[newest - 1 if newest > 0 else ints[at.RING_SIZE] - 1], now
         bk.advance_two(bank, n, T, slot, bk.OUTPUT, last_y, y, bk.INPUT, start, end, work)
         reals[at.INPUT_NOW] = now
     if channels > bk.INPUT + 1:
@@ -136,11 +136,13 @@ def install_model(ints, reals, banks, which, theta):
     work = reals[ints[at.AT_WORK] :]
     for i in range(n):
         work[i] = theta[i] * reals[ints[at.AT_UNIT] + i]
-    bk.set_denominator(bank, n, T, inputs, ints[at.CONSTANT] == 1, ints[at.REFINED] == 1, which == 0, work[:n], sigma)
+    bk.set_denominator(
+        bank, n, T, inputs, ints[at.HAS_CONSTANT] == 1, ints[at.REFINED] == 1, which == 0, work[:n], sigma
+    )
     weights = bk.at_weights(n, T)
     for i in range(T):
         bank[weights + i] = theta[i] * reals[at.OUTPUT_SCALE]
-    if ints[at.CONSTANT] == 1 and ints[at.REFINED] == 0:
+    if ints[at.HAS_CONSTANT] == 1 and ints[at.REFINED] == 0:
         # what is one behind the fixed filter is lambda_0 in front of it
         bank[weights + n + inputs] *= banks[0, bk.DENOMINATOR + n - 1]
 
@@ -152,28 +154,28 @@ def renew_model(ints, reals, banks):
     To change the filter under its states at once would feed its transients back into the estimate, which in
     ill-conditioned problems runs away even without noise.
     """
-    if reals[at.ELAPSED] < reals[at.READY]:
+    if reals[at.ELAPSED] < reals[at.READY_AT]:
         return False
     n, T = ints[at.ORDER], ints[at.ENTRIES]
     taken_over = False
     if ints[at.WARMING] == 1:
-        ints[at.ACTIVE] = 3 - ints[at.ACTIVE]
+        ints[at.SERVING_BANK] = 3 - ints[at.SERVING_BANK]
         ints[at.WARMING] = 0
         taken_over = True
     theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]
-    other = banks[3 - ints[at.ACTIVE]]
+    other = banks[3 - ints[at.SERVING_BANK]]
     work = reals[ints[at.AT_WORK] :]
     a = work[3 * (n + 2) : 3 * (n + 2) + n]
     for i in range(n):
         a[i] = theta[i] * reals[ints[at.AT_UNIT] + i]
-    if all_left_of(a, reals[at.MARGIN], work) and bandwidth(a) < reals[at.WIDEST]:
+    if all_left_of(a, reals[at.STABILITY_MARGIN], work) and bandwidth(a) < reals[at.LARGEST_BANDWIDTH]:
         wait = WARM_TIME_CONSTANTS / slowest_decay(a, work)
-        install_model(ints, reals, banks, 3 - ints[at.ACTIVE], theta)
-        bk.take_states(other, banks[ints[at.ACTIVE]], n, T)
+        install_model(ints, reals, banks, 3 - ints[at.SERVING_BANK], theta)
+        bk.take_states(other, banks[ints[at.SERVING_BANK]], n, T)
         ints[at.WARMING] = 1
-        reals[at.READY] = reals[at.ELAPSED] + min(wait, reals[at.ELAPSED])
+        reals[at.READY_AT] = reals[at.ELAPSED] + min(wait, reals[at.ELAPSED])
     else:
-        reals[at.READY] = reals[at.ELAPSED] + RETRY * reals[at.INTERVAL]
+        reals[at.READY_AT] = reals[at.ELAPSED] + RETRY * reals[at.INTERVAL]
     return taken_over
 
 
@@ -184,7 +186,7 @@ def fill_regressor(ints, reals, bank, y, fixed):
     The linear form is (4) with lambda moved to the left: s^n/Lambda y = phi' [a, b], so that the estimate is in the
     plant's parameters whatever the filter is, and the error is that of (8).
     """
-    n, T, inputs, constant = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES], ints[at.CONSTANT] == 1
+    n, T, inputs, constant = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES], ints[at.HAS_CONSTANT] == 1
     filters, phi = pointer(bank, 0), pointer(reals, ints[at.AT_PHI])
     target = bk.fill_output_entries(filters, n, T, bk.OUTPUT, y, phi)
     bk.fill_known_entries(filters, n, T, inputs, reals[at.INPUT_NOW], constant, ints[at.REFINED] == 1, fixed, phi)
@@ -204,7 +206,7 @@ def observe(ints, reals, banks, u, y, interval):
     """
     if ints[at.SAMPLES] > 0:
         reals[at.ELAPSED] += interval
-    n, T, inputs, constant = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES], ints[at.CONSTANT] == 1
+    n, T, inputs, constant = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES], ints[at.HAS_CONSTANT] == 1
     first, refined, modelled = ints[at.STARTED] == 0, ints[at.REFINED] == 1, ints[at.INSTRUMENTS] == 1
     if first:
         begin(ints, reals, banks, u, y)
@@ -213,7 +215,7 @@ def observe(ints, reals, banks, u, y, interval):
     entries = pointer(reals, ints[at.AT_ZETA])  # work: filled last of all
     serving, slot = 0.0, 0
     for b in range(2 if modelled else 0, -1, -1):  # the models first: the fixed filter needs the serving one's output
-        idle = b == 3 - ints[at.ACTIVE] and ints[at.WARMING] == 0
+        idle = b == 3 - ints[at.SERVING_BANK] and ints[at.WARMING] == 0
         if idle or (b == 0 and refined):
             continue
         bank = banks[b]
@@ -226,7 +228,7 @@ def observe(ints, reals, banks, u, y, interval):
             output = bk.fill_known_entries(
                 pointer(bank, 0), n, T, inputs, reals[at.INPUT_NOW], constant, refined, b == 0, entries
             )
-            if b == ints[at.ACTIVE]:
+            if b == ints[at.SERVING_BANK]:
                 serving = output
         if refined or b == 0:
             if not first:
@@ -234,4 +236,4 @@ def observe(ints, reals, banks, u, y, interval):
                 bk.advance_channel(bank, n, T, bk.MODEL, slot, bank[bk.MODEL_OUTPUT], output, work)
             bank[bk.MODEL_OUTPUT] = output
     reals[at.LAST_OUTPUT] = y
-    return fill_regressor(ints, reals, banks[ints[at.ACTIVE] if refined else 0], y, not refined)
+    return fill_regressor(ints, reals, banks[ints[at.SERVING_BANK] if refined else 0], y, not refined)

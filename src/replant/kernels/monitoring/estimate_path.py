@@ -5,15 +5,10 @@ full every second row goes, and the next ones come half as often.
 """
 
 from replant.kernels.codegen.decorators import seldom
+from replant.kernels.schema import FIXED, ROOM, PathSlots
 
-ROOM = 64  # rows; once the record is long there are always at least half as many
-STEP, DUE, KEPT = 0, 1, 2  # learned samples between two rows, and at which the next is due; rows kept
-ROWS = 3  # (ROOM, 2 T)  estimate and diagonal of P after so many samples
-
-
-def size(entries: int) -> int:
-    """Return how many numbers are kept for ``entries`` entries of the regressor."""
-    return ROWS + 2 * ROOM * entries
+STEP, DUE, KEPT = PathSlots.step.index, PathSlots.due.index, PathSlots.kept.index
+ROWS = PathSlots.begins(FIXED | {"T": 0})["rows"]
 
 
 @seldom

@@ -27,7 +27,7 @@ def input_rests(ints, reals, u):
     An optimizer that forgets must not wait for the variance: it would have forgotten all by then.
     """
     if ints[at.SAMPLES] == 0:
-        reals[at.INPUT_MEAN] = reals[at.ANCHOR] = u
+        reals[at.INPUT_MEAN] = reals[at.INPUT_ANCHOR] = u
     share = reals[at.FORGET_INPUT]
     away = u - reals[at.INPUT_MEAN]
     reals[at.INPUT_MEAN] += share * away
@@ -35,10 +35,10 @@ def input_rests(ints, reals, u):
     reals[at.LARGEST_POWER] = max(reals[at.LARGEST_POWER], reals[at.INPUT_POWER])
     least = AT_REST * reals[at.LARGEST_POWER]
     if ints[at.REST_AFTER] > 0:
-        step = u - reals[at.ANCHOR]
+        step = u - reals[at.INPUT_ANCHOR]
         ints[at.INPUT_STILL] += 1
         if step * step > least:
-            reals[at.ANCHOR] = u
+            reals[at.INPUT_ANCHOR] = u
             ints[at.INPUT_STILL] = 0
         elif ints[at.INPUT_STILL] > ints[at.REST_AFTER]:
             return True
@@ -56,8 +56,8 @@ def begin_initial_state(ints, reals, banks, y):
     first, memory = T - n, ints[at.AT_MEMORY]
     theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]
     U, D = reals[memory : memory + T * T], reals[memory + T * T : memory + T * T + T]
-    variances, bank = reals[ints[at.AT_WORK] : ints[at.AT_WORK] + n], banks[ints[at.ACTIVE]]
-    size = UNKNOWN * max(reals[at.PEAK], np.finfo(np.float64).tiny) * reals[at.OUTPUT_SCALE] ** 2
+    variances, bank = reals[ints[at.AT_WORK] : ints[at.AT_WORK] + n], banks[ints[at.SERVING_BANK]]
+    size = UNKNOWN * max(reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny) * reals[at.OUTPUT_SCALE] ** 2
     if not y * y < size:
         y = 0.0
     for i in range(n):  # (s^(n-1) + a_(n-1) s^(n-2) + ..)/A of an impulse is one at first, and flat
@@ -69,7 +69,9 @@ def begin_initial_state(ints, reals, banks, y):
         for b in range(1, 3):
             banks[b, bk.at_weights(n, T) + first + i] = theta[first + i] * reals[at.OUTPUT_SCALE]
         if ints[at.ALGORITHM] == RECURSIVE_LEAST_SQUARES:
-            variances[i] /= max(reals[at.USUAL], LEAST_NOISE * reals[at.PEAK], np.finfo(np.float64).tiny)
+            variances[i] /= max(
+                reals[at.USUAL_VARIANCE], LEAST_NOISE * reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny
+            )
             cap = memory + T * T + T + first + i
             reals[cap] = max(reals[cap], variances[i])
     second.begin_last(U, D, first, variances, reals[ints[at.AT_BACKUP] : ints[at.AT_BACKUP] + T])
@@ -87,9 +89,9 @@ def forget_constant(ints, reals, banks):
     which, memory, work = T - n - 1, ints[at.AT_MEMORY], ints[at.AT_WORK]
     U, D = reals[memory : memory + T * T], reals[memory + T * T : memory + T * T + T]
     variances = reals[work : work + n + 1]
-    size = UNKNOWN * max(reals[at.PEAK], np.finfo(np.float64).tiny) * reals[at.OUTPUT_SCALE] ** 2
-    size *= banks[ints[at.ACTIVE], bk.SCALE] ** (2 * n) / reals[ints[at.AT_UNIT] + which] ** 2
-    size /= max(reals[at.USUAL], LEAST_NOISE * reals[at.PEAK], np.finfo(np.float64).tiny)
+    size = UNKNOWN * max(reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny) * reals[at.OUTPUT_SCALE] ** 2
+    size *= banks[ints[at.SERVING_BANK], bk.SCALE] ** (2 * n) / reals[ints[at.AT_UNIT] + which] ** 2
+    size /= max(reals[at.USUAL_VARIANCE], LEAST_NOISE * reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny)
     for i in range(n + 1):
         variances[i] = size
     cap = memory + T * T + T + which
@@ -107,14 +109,14 @@ def interrupt(ints, reals, banks, interval):
     ints[at.STARTED] = 0
     ints[at.WARMING] = 0
     reals[at.CUSUM] = 0.0
-    bank = banks[ints[at.ACTIVE]] if ints[at.INSTRUMENTS] == 1 else banks[0]
+    bank = banks[ints[at.SERVING_BANK]] if ints[at.INSTRUMENTS] == 1 else banks[0]
     work = reals[ints[at.AT_WORK] :]
     decay = slowest_decay(bank[bk.DENOMINATOR : bk.DENOMINATOR + n], work)
     wait = SETTLE / decay if decay > 0.0 else 0.0
     if ints[at.INSTRUMENTS] == 1:  # a model that hardly forgets is not waited for longer than it has been known
         wait = min(wait, reals[at.ELAPSED])
     now = reals[at.ELAPSED] + interval
-    reals[at.LEARN_FROM] = reals[at.READY] = now + wait
+    reals[at.LEARN_FROM] = reals[at.READY_AT] = now + wait
     # the refined filter estimates the initial state; not where the parameters may have walked meanwhile, as far as they
     # may then go with instruments that are not yet like the regressor
     if ints[at.REFINED] == 1 and ints[at.ALGORITHM] == RECURSIVE_LEAST_SQUARES:
@@ -124,9 +126,11 @@ def interrupt(ints, reals, banks, interval):
 @rare
 def clock_was_set(ints, reals, t):
     """Count a stamp that does not advance; return whether so many in a row advance that it is the clock's new time."""
-    ints[at.EARLIER] = ints[at.EARLIER] + 1 if ints[at.EARLIER] > 0 and t > reals[at.EARLIER_TIME] else 1
+    ints[at.EARLIER_STAMPS] = (
+        ints[at.EARLIER_STAMPS] + 1 if ints[at.EARLIER_STAMPS] > 0 and t > reals[at.EARLIER_TIME] else 1
+    )
     reals[at.EARLIER_TIME] = t
-    if ints[at.EARLIER] <= EARLIER_STAMPS:
+    if ints[at.EARLIER_STAMPS] <= EARLIER_STAMPS:
         ints[at.NOT_LATER] += 1
         return False
     return True
@@ -147,12 +151,12 @@ def interval_of(ints, reals, banks, t):
             if not clock_was_set(ints, reals, t):
                 return np.nan
             interval = 2.0 * reals[at.LONGEST_GAP]  # how long it was nobody knows
-        if reals[at.DELAY] > 0.0 and interval * (ints[at.RING] - 2) < reals[at.DELAY]:
+        if reals[at.DELAY] > 0.0 and interval * (ints[at.RING_SIZE] - 2) < reals[at.DELAY]:
             ints[at.TOO_DENSE] += 1
             return np.nan
         if interval > reals[at.LONGEST_GAP]:
             interval = min(interval, LONGEST * reals[at.INTERVAL])
             interrupt(ints, reals, banks, interval)
-    ints[at.EARLIER] = 0
+    ints[at.EARLIER_STAMPS] = 0
     reals[at.LAST_TIME] = t
     return interval

@@ -25,9 +25,7 @@ from replant.kernels.codegen.decorators import cut, part, rare
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain
 from replant.kernels.optimizers import covariance as second
-
-NONE, OUTLIER, STANDS = range(3)
-LOOKED_INTO, RESTS, FLOATS = 2, 3, 4  # states of an alarm, see `layout.ALARM`
+from replant.kernels.schema import Alarm, Doubt
 
 GATE = 64.0  # variances: eight standard deviations
 UNSETTLED = 1e4  # how much more power an error may have while the filters' initial state is unknown
@@ -57,7 +55,7 @@ LEAST = 1e-6  # of the modelled output's largest square: a residual below that i
 @cut
 def model_output(ints, banks):
     """Return the auxiliary model's output at the newest sample, 0 without one."""
-    return banks[ints[at.ACTIVE], bk.MODEL_OUTPUT] if ints[at.INSTRUMENTS] == 1 else 0.0
+    return banks[ints[at.SERVING_BANK], bk.MODEL_OUTPUT] if ints[at.INSTRUMENTS] == 1 else 0.0
 
 
 @part
@@ -95,10 +93,10 @@ def variance_ratio(ints, reals):
 def is_harmful(ints, reals, square):
     """Return whether an a-priori error is no chance, the parameters' uncertainty counted, and would do harm."""
     ratio = variance_ratio(ints, reals)
-    reals[at.RATIO] = ratio
+    reals[at.VARIANCE_RATIO] = ratio
     leverage = 1.0 - 1.0 / ratio  # part of the error by which learning it would move the modelled output
-    usual = max(reals[at.SPREAD], reals[at.USUAL])
-    harm = square > reals[at.PEAK] or leverage * leverage * square > HARM * reals[at.PEAK]
+    usual = max(reals[at.LATE_VARIANCE], reals[at.USUAL_VARIANCE])
+    harm = square > reals[at.LARGEST_OUTPUT] or leverage * leverage * square > HARM * reals[at.LARGEST_OUTPUT]
     return harm and square > GATE * usual * ratio
 
 
@@ -106,11 +104,11 @@ def is_harmful(ints, reals, square):
 def is_outlier(ints, reals, error, settled):
     """Return whether an a-priori error is too large to be."""
     square = error * error
-    if not square > GATE * max(reals[at.SPREAD], reals[at.USUAL]):
+    if not square > GATE * max(reals[at.LATE_VARIANCE], reals[at.USUAL_VARIANCE]):
         return False
-    if reals[at.SEEN] < ENOUGH or not reals[at.PEAK] > 0.0:
+    if reals[at.RESIDUALS_SEEN] < ENOUGH or not reals[at.LARGEST_OUTPUT] > 0.0:
         return False
-    if not settled and not square > UNSETTLED * reals[at.PEAK]:
+    if not settled and not square > UNSETTLED * reals[at.LARGEST_OUTPUT]:
         return False
     return is_harmful(ints, reals, square)
 
@@ -118,18 +116,18 @@ def is_outlier(ints, reals, error, settled):
 @rare
 def is_stuck(ints, reals, y, modelled):
     """Return whether a run of ties is no chance; if so, remember the output."""
-    share = max(reals[at.EQUAL], 1e-3)
+    share = max(reals[at.TIE_SHARE], 1e-3)
     fine = share < COARSE
-    if ints[at.STILL] < MANY if not fine else ints[at.STILL] * math.log(share) > CHANCE:
+    if ints[at.TIES] < MANY if not fine else ints[at.TIES] * math.log(share) > CHANCE:
         return False
-    moved = modelled - reals[at.STILL_MODEL]
-    if abs(moved) < STEPS * reals[at.LEAST_STEP]:
+    moved = modelled - reals[at.TIE_MODEL]
+    if abs(moved) < STEPS * reals[at.SENSOR_STEP]:
         return False
     away = moved / reals[at.OUTPUT_SCALE]
-    noise = (MOVED_RESOLVED if fine else MOVED) * reals[at.USUAL]  # lately it is that of a stuck sensor
-    if not away * away > max(noise, (PART_RESOLVED if fine else PART) * reals[at.PEAK]):
+    noise = (MOVED_RESOLVED if fine else MOVED) * reals[at.USUAL_VARIANCE]  # lately it is that of a stuck sensor
+    if not away * away > max(noise, (PART_RESOLVED if fine else PART) * reals[at.LARGEST_OUTPUT]):
         return False
-    ints[at.IS_STUCK] += 1
+    ints[at.STUCK_OUTPUTS] += 1
     ints[at.STUCK_LAST] = ints[at.SAMPLES]
     reals[at.STUCK_ALSO] = reals[at.STUCK_AT]
     reals[at.STUCK_AT] = y
@@ -143,19 +141,19 @@ def stands(ints, reals, y, modelled):
     equal = step == 0.0
     reals[at.LAST_RAW] = y
     known = False
-    if ints[at.IS_STUCK] > 0:
-        known = y == reals[at.STUCK_AT] or (ints[at.IS_STUCK] > 1 and y == reals[at.STUCK_ALSO])
+    if ints[at.STUCK_OUTPUTS] > 0:
+        known = y == reals[at.STUCK_AT] or (ints[at.STUCK_OUTPUTS] > 1 and y == reals[at.STUCK_ALSO])
         if ints[at.SAMPLES] - ints[at.STUCK_LAST] > FORGOTTEN:
-            ints[at.IS_STUCK] = 0
-    if ints[at.STILL] == 0 and not known:
-        reals[at.EQUAL] += TIE_SHARE * ((1.0 if equal else 0.0) - reals[at.EQUAL])
+            ints[at.STUCK_OUTPUTS] = 0
+    if ints[at.TIES] == 0 and not known:
+        reals[at.TIE_SHARE] += TIE_SHARE * ((1.0 if equal else 0.0) - reals[at.TIE_SHARE])
     if not equal:
-        ints[at.STILL] = 0
-        reals[at.STILL_MODEL] = modelled
-        least = COARSER * reals[at.LEAST_STEP]
-        reals[at.LEAST_STEP] = step if step < least or not least > 0.0 else least
-        return known and reals[at.EQUAL] < COARSE
-    ints[at.STILL] += 1
+        ints[at.TIES] = 0
+        reals[at.TIE_MODEL] = modelled
+        least = COARSER * reals[at.SENSOR_STEP]
+        reals[at.SENSOR_STEP] = step if step < least or not least > 0.0 else least
+        return known and reals[at.TIE_SHARE] < COARSE
+    ints[at.TIES] += 1
     if known:
         ints[at.STUCK_LAST] = ints[at.SAMPLES]
     return known or is_stuck(ints, reals, y, modelled)
@@ -164,7 +162,7 @@ def stands(ints, reals, y, modelled):
 @rare
 def advance_outputs(ints, reals, banks, y, interval, first):
     """Take ``y`` for the newest output: undo what the filters made of the measured one."""
-    n, T, last, kept = ints[at.ORDER], ints[at.ENTRIES], reals[at.USED], ints[at.AT_BACKUP]
+    n, T, last, kept = ints[at.ORDER], ints[at.ENTRIES], reals[at.USED_OUTPUT], ints[at.AT_BACKUP]
     work = reals[ints[at.AT_WORK] :]
     refined = ints[at.REFINED] == 1
     for b in range(3):
@@ -172,13 +170,13 @@ def advance_outputs(ints, reals, banks, y, interval, first):
         states = bk.at_states(n, T) + bk.OUTPUT * n
         for i in range(n):
             bank[states + i] = 0.0 if first else reals[kept + b * n + i]
-        idle = b == 3 - ints[at.ACTIVE] and ints[at.WARMING] == 0
+        idle = b == 3 - ints[at.SERVING_BANK] and ints[at.WARMING] == 0
         if first or idle or (b == 0 and refined) or (b > 0 and ints[at.INSTRUMENTS] == 0):
             continue
         slot = bk.discretization(bank, n, T, interval, work)
         bk.advance_channel(bank, n, T, bk.OUTPUT, slot, last, y, work)
     reals[at.LAST_OUTPUT] = y
-    return chain.fill_regressor(ints, reals, banks[ints[at.ACTIVE] if refined else 0], y, not refined)
+    return chain.fill_regressor(ints, reals, banks[ints[at.SERVING_BANK] if refined else 0], y, not refined)
 
 
 @cut
@@ -203,29 +201,31 @@ def observe(ints, reals, banks, u, y, interval):
     settled = not first and reals[at.ELAPSED] >= reals[at.LEARN_FROM]
     away = reals[at.LAST_OUTPUT] - model_output(ints, banks)
     keep_outputs(ints, reals, banks)
-    reals[at.USED] = reals[at.LAST_OUTPUT]
+    reals[at.USED_OUTPUT] = reals[at.LAST_OUTPUT]
     target = chain.observe(ints, reals, banks, u, y, interval)
     error = equation_error(ints, reals, target)
     modelled = model_output(ints, banks)
-    doubt = NONE
-    reals[at.RATIO] = 1.0
+    doubt = Doubt.NONE
+    reals[at.VARIANCE_RATIO] = 1.0
     if stands(ints, reals, y, modelled):
-        doubt = STANDS
+        doubt = Doubt.STUCK
         ints[at.STUCK] += 1
     if is_outlier(ints, reals, error, settled):
-        doubt = OUTLIER if doubt == NONE else doubt
-        ints[at.OUTLIERS] += doubt == OUTLIER
-    if doubt != NONE:
-        bridged = reals[at.USED]
+        doubt = Doubt.OUTLIER if doubt == Doubt.NONE else doubt
+        ints[at.OUTLIERS] += doubt == Doubt.OUTLIER
+    if doubt != Doubt.NONE:
+        bridged = reals[at.USED_OUTPUT]
         if ints[at.INSTRUMENTS] == 1:
             bridged = modelled + (0.0 if first else FADE * away)
         target = advance_outputs(ints, reals, banks, bridged, interval, first)
         y = bridged
     ints[at.DOUBT] = doubt
     reals[at.ERROR] = error
-    reals[at.USED] = y
+    reals[at.USED_OUTPUT] = y
     size = (modelled if ints[at.INSTRUMENTS] == 1 else y) / reals[at.OUTPUT_SCALE]
-    reals[at.PEAK] = max(size * size, reals[at.PEAK] - reals[at.FORGET_INPUT] * reals[at.PEAK])
+    reals[at.LARGEST_OUTPUT] = max(
+        size * size, reals[at.LARGEST_OUTPUT] - reals[at.FORGET_INPUT] * reals[at.LARGEST_OUTPUT]
+    )
     return target
 
 
@@ -242,25 +242,25 @@ def is_calm(ints, reals):
 
     On a fine scale a tie may be the first of many, and is so seldom a chance that nothing is lost by not learning it.
     """
-    if ints[at.STILL] > 0 and reals[at.EQUAL] < RESOLVED:
+    if ints[at.TIES] > 0 and reals[at.TIE_SHARE] < RESOLVED:
         return False
-    return ints[at.IS_STUCK] == 0 or ints[at.SAMPLES] - ints[at.STUCK_LAST] >= CALM
+    return ints[at.STUCK_OUTPUTS] == 0 or ints[at.SAMPLES] - ints[at.STUCK_LAST] >= CALM
 
 
 @part
 def test_power(ints, reals, power):
     """Raise the alarm, or end it, by the sum of the residual's ``power`` over the usual one."""
-    if ints[at.ALARM] != 0:
+    if ints[at.ALARM] != Alarm.NONE:
         back = max(reals[at.CUSUM] + GROWN - power, 0.0)
         reals[at.CUSUM] = back
         if back > RETURNED:
-            if ints[at.ALARM] == FLOATS:  # what came meanwhile is no part of the record
+            if ints[at.ALARM] == Alarm.FLOATS:  # what came meanwhile is no part of the record
                 ints[at.GAP_AT] = ints[at.SAMPLES]
             else:
-                reals[at.LIMIT] = min(2.0 * reals[at.LIMIT], LARGEST_LIMIT)
-            if ints[at.ALARM] == LOOKED_INTO:  # and no other plant was found: such residuals are usual
-                reals[at.USUAL] = max(reals[at.USUAL], reals[at.SPREAD])
-            ints[at.ALARM] = 0
+                reals[at.CUSUM_LIMIT] = min(2.0 * reals[at.CUSUM_LIMIT], LARGEST_LIMIT)
+            if ints[at.ALARM] == Alarm.LOOKED_INTO:  # and no other plant was found: such residuals are usual
+                reals[at.USUAL_VARIANCE] = max(reals[at.USUAL_VARIANCE], reals[at.LATE_VARIANCE])
+            ints[at.ALARM] = Alarm.NONE
             reals[at.CUSUM] = 0.0
             ints[at.CHANGE_BEGAN] = ints[at.SAMPLES]
         return
@@ -268,30 +268,32 @@ def test_power(ints, reals, power):
     reals[at.CUSUM] = max(grown, 0.0)
     if not grown > 0.0:
         ints[at.CHANGE_BEGAN] = ints[at.SAMPLES]
-    elif grown > reals[at.LIMIT]:
-        ints[at.ALARM] = 1
+    elif grown > reals[at.CUSUM_LIMIT]:
+        ints[at.ALARM] = Alarm.RAISED
         reals[at.CUSUM] = 0.0
 
 
 @part
 def watch(ints, reals, learned):
     """Follow the residual's variance, and whether it has grown; ``learned``: whether the plant can be judged by it."""
-    if ints[at.DOUBT] == STANDS:
+    if ints[at.DOUBT] == Doubt.STUCK:
         return
-    if learned and ints[at.DOUBT] == NONE and ints[at.LEARNED] == ints[at.SAMPLES]:
+    if learned and ints[at.DOUBT] == Doubt.NONE and ints[at.LEARNED] == ints[at.SAMPLES]:
         alpha = reals[ints[at.AT_MEMORY] + ints[at.MEMORY_SIZE] - 1]
-        reals[at.RATIO] = max(alpha / own_noise(ints, reals), 1.0)
-    square = reals[at.ERROR] * reals[at.ERROR] / reals[at.RATIO]
-    reals[at.SEEN] += 1.0
-    if reals[at.SEEN] > ENOUGH:
-        least = LEAST * reals[at.PEAK]
-        reals[at.SPREAD] += SHORT * (min(square, MOST * max(reals[at.SPREAD], least)) - reals[at.SPREAD])
-        usual = max(reals[at.USUAL], least)
+        reals[at.VARIANCE_RATIO] = max(alpha / own_noise(ints, reals), 1.0)
+    square = reals[at.ERROR] * reals[at.ERROR] / reals[at.VARIANCE_RATIO]
+    reals[at.RESIDUALS_SEEN] += 1.0
+    if reals[at.RESIDUALS_SEEN] > ENOUGH:
+        least = LEAST * reals[at.LARGEST_OUTPUT]
+        reals[at.LATE_VARIANCE] += SHORT * (
+            min(square, MOST * max(reals[at.LATE_VARIANCE], least)) - reals[at.LATE_VARIANCE]
+        )
+        usual = max(reals[at.USUAL_VARIANCE], least)
         square = min(square, MOST * usual)
-        if learned and reals[at.LIMIT] > 0.0:
+        if learned and reals[at.CUSUM_LIMIT] > 0.0:
             test_power(ints, reals, square / usual if usual > 0.0 else 0.0)
-        if ints[at.ALARM] == 0:
-            reals[at.USUAL] += max(1.0 / reals[at.SEEN], LONG) * (square - reals[at.USUAL])
+        if ints[at.ALARM] == Alarm.NONE:
+            reals[at.USUAL_VARIANCE] += max(1.0 / reals[at.RESIDUALS_SEEN], LONG) * (square - reals[at.USUAL_VARIANCE])
     else:
-        reals[at.USUAL] += (square - reals[at.USUAL]) / reals[at.SEEN]
-        reals[at.SPREAD] = reals[at.USUAL]
+        reals[at.USUAL_VARIANCE] += (square - reals[at.USUAL_VARIANCE]) / reals[at.RESIDUALS_SEEN]
+        reals[at.LATE_VARIANCE] = reals[at.USUAL_VARIANCE]

@@ -9,19 +9,11 @@ Source: Soderstrom and Stoica, "Instrumental Variable Methods for System Identif
 """
 
 from replant.kernels.codegen.decorators import rare, seldom
+from replant.kernels.schema import FIXED, LAGS, ColourSlots
 
-LAGS = 4  # order of the autoregression
-COUNT, POWER = 0, 1  # samples, and the sum of e^2 / alpha: unbiased by the parameters' own error
-MODEL = 2  # (LAGS + 1,)  D(q): 1, d_1 ..
-COVARIANCES = MODEL + LAGS + 1  # (LAGS + 1,)  sums of e_k e_{k-lag}
-ERRORS = COVARIANCES + LAGS + 1  # (LAGS,)  the last errors, newest first
-POSITION = ERRORS + LAGS  # where in the ring the newest filtered regressor lies
-FILTERED = POSITION + 1  # (LAGS, T)  ring of filtered regressors; then Q (T, T)
-
-
-def size(entries: int) -> int:
-    """Return how many numbers are kept for ``entries`` entries of the regressor."""
-    return FILTERED + LAGS * entries + entries * entries
+COUNT, POWER, POSITION = ColourSlots.count.index, ColourSlots.power.index, ColourSlots.position.index
+BEGINS = ColourSlots.begins(FIXED | {"T": 0})  # what depends on T comes last
+MODEL, COVARIANCES, ERRORS, FILTERED = (BEGINS[name] for name in ("model", "covariances", "errors", "filtered"))
 
 
 @seldom

@@ -48,8 +48,8 @@ AHEAD = 16  # rows that the memory is asked for before they are copied
 
 # What is the same for level members.
 LEVEL = (
-    at.SAMPLES, at.RESTED, at.LEARNED, at.FILLED, at.HEAD, at.DRAWN, at.NEWEST, at.RECENT_HEAD, at.PAST_KEPT,
-    at.PAST_DUE,
+    at.SAMPLES, at.RESTED, at.LEARNED, at.BUFFER_FILLED, at.BUFFER_HEAD, at.DRAWN, at.RING_HEAD, at.RECENT_HEAD,
+    at.PAST_KEPT, at.PAST_DUE,
 )  # fmt: skip
 
 
@@ -129,12 +129,12 @@ def mapped(ints, r, u):
 @part
 def admit(ints, reals, recent, u, y, interval):
     """Put an accepted sample among the raw samples and the past inputs: those of one member, or level ones'."""
-    if ints[at.RECENT] > 0:
+    if ints[at.RECENT_SIZE] > 0:
         keep_sample(ints, recent, u, y, interval)
-    newest = ints[at.NEWEST] + 1
-    if newest == ints[at.RING]:
+    newest = ints[at.RING_HEAD] + 1
+    if newest == ints[at.RING_SIZE]:
         newest = 0
-    ints[at.NEWEST] = newest
+    ints[at.RING_HEAD] = newest
     reals[ints[at.AT_INPUTS] + newest] = u
     reals[ints[at.AT_HELD] + newest] = reals[at.INPUT_NOW]
     reals[ints[at.AT_INTERVALS] + newest] = interval
@@ -158,8 +158,8 @@ def admit_each(ints, reals, banks, recent, live):
 @rare
 def fetch_ahead(ints, buffer):
     """Ask the memory for the rows that the next sample will draw: where a sample is, no cache can guess."""
-    filled, drawn = min(ints[at.FILLED] + 1, ints[at.CAPACITY]), ints[at.DRAWN]
-    for i in range(ints[at.BATCH] - 1):
+    filled, drawn = min(ints[at.BUFFER_FILLED] + 1, ints[at.CAPACITY]), ints[at.DRAWN]
+    for i in range(ints[at.BATCH_SIZE] - 1):
         row = draw_below(ints[at.SEED], drawn + i, filled)
         for j in range(buffer.shape[1]):
             prefetch(buffer, row, j)
@@ -174,10 +174,10 @@ def learn(ints, theta, memory, settings, buffer, rows, batch):
 @rare
 def draw_each(ints, live, buffer, newest, apart):
     """Store each member's newest sample and draw its rows; return the smallest and the largest batch."""
-    fewest, most, width = ints[0, at.BATCH], 0, newest.shape[0]
+    fewest, most, width = ints[0, at.BATCH_SIZE], 0, newest.shape[0]
     for lane in range(LANES):
         if live[lane] == 1:
-            head = ints[lane, at.HEAD]
+            head = ints[lane, at.BUFFER_HEAD]
             for i in range(width):
                 if apart:
                     buffer[lane, head, i] = newest[i, lane]
@@ -227,7 +227,7 @@ def learn_each_its_own(ints, reals, live, buffer, apart, work, estimate):
     learn(ints[0], theta, memory, settings, rows, order[last + 1 - most :], most)
     if fewest < most:
         for lane in range(LANES):
-            if ints[lane, at.FILLED] <= ints[lane, at.WARMUP]:
+            if ints[lane, at.BUFFER_FILLED] <= ints[lane, at.WARMUP]:
                 write_estimate(ints[0], reals, spare, 0, lane)
 
 
@@ -240,13 +240,13 @@ def update_estimate(ints, reals, live, shared, buffer, apart, work, estimate, ta
     theta, memory, _, _, _, unit, settings, rows = estimate
     if shared:
         stored = vectors(buffer)
-        error = fixed_filter.keep_and_write(ints[0], stored[ints[0, at.HEAD]], estimate, target)
+        error = fixed_filter.keep_and_write(ints[0], stored[ints[0, at.BUFFER_HEAD]], estimate, target)
         batch = draw_rows(ints[0], rows)
-        if ints[0, at.BATCH] > 1:
+        if ints[0, at.BATCH_SIZE] > 1:
             fetch_ahead(ints[0], stored)
         learn(ints[0], theta, memory, settings, stored, rows, batch)
     else:
-        error = fixed_filter.keep_and_write(ints[0], vectors(work[0])[ints[0, at.BATCH] - 1], estimate, target)
+        error = fixed_filter.keep_and_write(ints[0], vectors(work[0])[ints[0, at.BATCH_SIZE] - 1], estimate, target)
         learn_each_its_own(ints, reals, live, buffer, apart, work, estimate)
     finite = 0.0
     for i in range(theta.size):

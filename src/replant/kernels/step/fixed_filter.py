@@ -44,7 +44,7 @@ def cut_filters(ints, reals, banks):
     A (n n,), the responses to a constant and to a ramp (n,); the states of the output, then of the input, and room for
     the new ones (2 n,); the rings of past inputs, held inputs and intervals.
     """
-    n, T, ring, bank = ints[at.ORDER], ints[at.ENTRIES], ints[at.RING], banks[0]
+    n, T, ring, bank = ints[at.ORDER], ints[at.ENTRIES], ints[at.RING_SIZE], banks[0]
     place, states, room = place_of(bank, n, T, reals[at.INTERVAL]), bk.at_states(n, T), ints[at.AT_WORK]
     constant = place + 1 + n * n
     inputs, held, intervals = ints[at.AT_INPUTS], ints[at.AT_HELD], ints[at.AT_INTERVALS]
@@ -98,7 +98,7 @@ def cut_estimate(ints, reals):
         reals[phi : phi + T],
         reals[unit : unit + T],
         reals[settings : settings + S],
-        ints[at.ROWS : at.ROWS + ints[at.BATCH]],
+        ints[at.ROWS : at.ROWS + ints[at.BATCH_SIZE]],
     )
 
 
@@ -151,10 +151,10 @@ def advance_filters(ints, reals, filters, u, y):
     """Carry the filter states from the sample before to this one, as (6)-(7) do."""
     A, constant, ramp, states, new, inputs, held, intervals = filters
     interval, last, last_y = reals[at.INTERVAL], reals[at.INPUT_NOW], reals[at.LAST_OUTPUT]
-    newest = np.uint64(ints[at.NEWEST] + 1)  # unsigned: need not be checked when it serves as index
+    newest = np.uint64(ints[at.RING_HEAD] + 1)  # unsigned: need not be checked when it serves as index
     if newest == np.uint64(inputs.size):
         newest = np.uint64(0)
-    ints[at.NEWEST] = newest
+    ints[at.RING_HEAD] = newest
     inputs[newest], held[newest], intervals[newest] = u, last, interval
     rise = u - last if ints[at.STRAIGHT_INPUT] == 1 else 0.0
     advance_states(A, constant, ramp, states, new, last_y, y - last_y, last, rise)
@@ -209,7 +209,7 @@ def keep_and_write(ints, row, estimate, target):
 def update_estimate(ints, buffer, estimate, target):
     """Learn the newest sample and its batch; undo what leaves float64.  Returns the a-priori error, scaled."""
     theta, memory, kept_theta, kept_memory, _, unit, settings, rows = estimate
-    error = keep_and_write(ints, first.row_of(buffer, ints[at.HEAD]), estimate, target)
+    error = keep_and_write(ints, first.row_of(buffer, ints[at.BUFFER_HEAD]), estimate, target)
     batch = draw_rows(ints, rows)
     first.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, 0)
     if left_float64(theta, unit, memory):
@@ -230,7 +230,7 @@ def take(ints, reals, banks, buffer, recent, filters, regressor, estimate, u, y)
     y -= reals[at.OUTPUT_OFFSET]
     if not acceptable(ints, u, y):
         return np.nan
-    if ints[at.RECENT] > 0:
+    if ints[at.RECENT_SIZE] > 0:
         keep_sample(ints, recent, u, y, reals[at.INTERVAL])
     if ints[at.SAMPLES] > 0:
         reals[at.ELAPSED] += reals[at.INTERVAL]

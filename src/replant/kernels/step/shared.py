@@ -22,6 +22,7 @@ from replant.kernels.optimizers import covariance as second
 from replant.kernels.optimizers import gradient as first
 from replant.kernels.optimizers.covariance import KALMAN_TRACKING, RECURSIVE_LEAST_SQUARES
 from replant.kernels.optimizers.random_stream import draw_below
+from replant.kernels.schema import LAGS, Alarm, Doubt
 
 # The estimate is kept each time the samples have grown by an eighth: of the four kept the oldest lies then three to
 # four of these steps back, so that a quarter to a third of all samples, and later three to four times PAST_STEP, are
@@ -55,11 +56,11 @@ def learn_by_gradient(ints, reals, theta, memory, buffer, batch, interval):
 @part
 def draw_rows(ints, rows):
     """Draw the rows of the newest sample's batch into ``rows``, and move on in the buffer; return how many."""
-    head, capacity = ints[at.HEAD], ints[at.CAPACITY]
-    ints[at.HEAD] = head + 1 if head + 1 < capacity else 0
-    filled = min(ints[at.FILLED] + 1, capacity)
-    ints[at.FILLED] = filled
-    batch = ints[at.BATCH] if filled > ints[at.WARMUP] else 1
+    head, capacity = ints[at.BUFFER_HEAD], ints[at.CAPACITY]
+    ints[at.BUFFER_HEAD] = head + 1 if head + 1 < capacity else 0
+    filled = min(ints[at.BUFFER_FILLED] + 1, capacity)
+    ints[at.BUFFER_FILLED] = filled
+    batch = ints[at.BATCH_SIZE] if filled > ints[at.WARMUP] else 1
     seed, drawn = ints[at.SEED], ints[at.DRAWN]
     for i in range(batch - 1):
         rows[i] = draw_below(seed, drawn + i, filled)
@@ -74,7 +75,7 @@ def remember(ints, reals, buffer, target):
 
     Algorithm 3 of the article, mended: as printed it takes the buffer for empty again each time the index wraps.
     """
-    T, row = ints[at.ENTRIES], buffer[ints[at.HEAD]]
+    T, row = ints[at.ENTRIES], buffer[ints[at.BUFFER_HEAD]]
     phi = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + T]
     squares = 0.0
     for i in range(phi.size):
@@ -187,7 +188,7 @@ def keep_sample(ints, recent, u, y, interval):
     head = ints[at.RECENT_HEAD]
     row = recent[head]
     row[0], row[1], row[2] = u, y, interval
-    ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT] else 0
+    ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT_SIZE] else 0
 
 
 @part
@@ -196,8 +197,8 @@ def keep_guarded_sample(ints, reals, recent, u, y, interval):
     head = ints[at.RECENT_HEAD]
     row = recent[head]
     row[at.INPUT], row[at.OUTPUT], row[at.STEP] = u, y, interval
-    row[at.BRIDGED], row[at.DOUBTED] = reals[at.USED], ints[at.DOUBT]
-    ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT] else 0
+    row[at.BRIDGED], row[at.DOUBTED] = reals[at.USED_OUTPUT], ints[at.DOUBT]
+    ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT_SIZE] else 0
 
 
 @cut
@@ -207,13 +208,8 @@ def renew_model(ints, reals, banks):
         colour = ints[at.AT_COLOUR]
         if ints[at.COLOURED] == 1:
             residual_colour.autoregression(
-                reals[
-                    colour + residual_colour.COVARIANCES : colour
-                    + residual_colour.COVARIANCES
-                    + residual_colour.LAGS
-                    + 1
-                ],
-                reals[colour + residual_colour.MODEL : colour + residual_colour.MODEL + residual_colour.LAGS + 1],
+                reals[colour + residual_colour.COVARIANCES : colour + residual_colour.COVARIANCES + LAGS + 1],
+                reals[colour + residual_colour.MODEL : colour + residual_colour.MODEL + LAGS + 1],
                 reals[ints[at.AT_WORK] :],
             )
 
@@ -233,8 +229,8 @@ def take_by_gradient(ints, reals, banks, buffer, recent, u, y, t):
     interval = interval_of(ints, reals, banks, t)
     if math.isnan(interval):
         return np.nan
-    at_rest = ints[at.GUARD] == 1 and input_rests(ints, reals, u)
-    if ints[at.RECENT] > 0:
+    at_rest = ints[at.RESTS_WITH_INPUT] == 1 and input_rests(ints, reals, u)
+    if ints[at.RECENT_SIZE] > 0:
         keep_sample(ints, recent, u, y, interval)
     if ints[at.INSTRUMENTS] == 1:
         renew_model(ints, reals, banks)
@@ -263,19 +259,19 @@ def take_guarded(ints, reals, banks, buffer, recent, u, y, t):
     interval = interval_of(ints, reals, banks, t)
     if math.isnan(interval):
         return np.nan
-    at_rest = ints[at.GUARD] == 1 and input_rests(ints, reals, u)
+    at_rest = ints[at.RESTS_WITH_INPUT] == 1 and input_rests(ints, reals, u)
     if ints[at.INSTRUMENTS] == 1:
         renew_model(ints, reals, banks)
     if ints[at.STARTED] == 0 and ints[at.GAP_AT] > 0 and ints[at.REFINED] * ints[at.COLOURED] == 1:
         begin_initial_state(ints, reals, banks, y)
     target = outliers.observe(ints, reals, banks, u, y, interval)
-    if ints[at.RECENT] > 0:
+    if ints[at.RECENT_SIZE] > 0:
         keep_guarded_sample(ints, reals, recent, u, y, interval)
     ints[at.SAMPLES] += 1
     tells = not (at_rest or ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM])
-    if not tells or ints[at.ALARM] >= outliers.RESTS:
+    if not tells or ints[at.ALARM] >= Alarm.RESTS:
         ints[at.RESTED] += 1
-    elif ints[at.DOUBT] == outliers.NONE and outliers.is_calm(ints, reals):
+    elif ints[at.DOUBT] == Doubt.NONE and outliers.is_calm(ints, reals):
         update_estimate(ints, reals, buffer, target, interval, learn_with_covariance)
         ints[at.LEARNED] = ints[at.SAMPLES]
         if ints[at.COLOURED] == 1 and not outliers.begins_anew(ints, reals):
@@ -283,7 +279,7 @@ def take_guarded(ints, reals, banks, buffer, recent, u, y, t):
     outliers.watch(ints, reals, tells)
     if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
         keep_estimate(ints, reals)
-    if ints[at.SAMPLES] == ints[at.DUE] or ints[at.ALARM] == 1:
+    if ints[at.SAMPLES] == ints[at.ATTENTION_AT] or ints[at.ALARM] == Alarm.RAISED:
         ints[at.ATTENTION] = 1
     return reals[at.ERROR] * reals[at.OUTPUT_SCALE]
 
@@ -353,7 +349,7 @@ def regressors(ints, reals, banks, u, y, intervals, phi, zeta, target, output):
                 if ints[at.INSTRUMENTS] == 1:
                     zeta[k, i] = reals[ints[at.AT_ZETA] + i]
             if ints[at.INSTRUMENTS] == 1:
-                output[k] = banks[ints[at.ACTIVE], bk.MODEL_OUTPUT]
+                output[k] = banks[ints[at.SERVING_BANK], bk.MODEL_OUTPUT]
         else:
             target[k] = np.nan
             for i in range(T):

@@ -1,0 +1,122 @@
+"""Dimensions: how large every array of a state is, in plain whole numbers, before any of them is laid out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.arguments import keep, truth, whole
+from replant.kernels.schema import FIXED, ROWS, SCALARS, StateSlots
+from replant.kernels.slots import Block
+from replant.model.structure import Structure
+from replant.regressor.filters import RefinedFilter
+from replant.settings import Settings
+
+# Times the nominal rate at which samples may come where there is a dead time: so many past inputs are kept.
+DENSEST = 4.0
+
+
+@dataclass(frozen=True)
+class Dimensions:
+    """What the sizes of the kernels' arrays follow from.
+
+    Attributes
+    ----------
+    order : int
+        Poles, n.
+    entries : int
+        Of the regressor, T.
+    ring : int
+        Past inputs kept.
+    memory, settings : int
+        Numbers of the optimizer's memory, M, and of its settings, S.
+    batch : int
+        Updates a sample.
+    capacity : int
+        Rows of the buffer.
+    recent : int
+        Raw samples kept.
+    companions : bool
+        Whether a row of the buffer holds the regressor's noise-free companion as well.
+    guarded : bool
+        Whether outputs are examined before they are learned.
+    """
+
+    order: int
+    entries: int
+    ring: int
+    memory: int
+    settings: int
+    batch: int = 1
+    capacity: int = 1
+    recent: int = 0
+    companions: bool = False
+    guarded: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("order", "entries", "ring", "batch", "capacity"):
+            keep(self, name, whole, 1)
+        for name in ("memory", "settings", "recent"):
+            keep(self, name, whole, 0)
+        keep(self, "companions", truth)
+        keep(self, "guarded", truth)
+
+    @classmethod
+    def of_settings(cls, settings: Settings, recent: int) -> Dimensions:
+        """Return those of an identifier with these settings that keeps so many raw samples."""
+        structure, replay, optimizer = settings.structure, settings.replay, settings.optimizer
+        refined = isinstance(settings.filter, RefinedFilter)
+        entries = entries_of(structure, refined=refined)
+        return cls(
+            structure.poles,
+            entries,
+            ring_of(structure, settings.dt),
+            optimizer.memory(entries).size,
+            optimizer.settings(settings.dt, np.ones(entries)).size,
+            batch=replay.batch_size if replay else 1,
+            capacity=replay.capacity if replay else 1,  # without replay: the newest sample, which is always learned
+            recent=recent,
+            companions=settings.instruments or refined,
+            guarded=optimizer.keeps_covariance,
+        )
+
+    @property
+    def numbers(self) -> dict[str, int]:
+        """The dimensions by the names that the schema gives them."""
+        own = {"n": self.order, "N": self.order + 2, "T": self.entries, "M": self.memory, "S": self.settings}
+        return FIXED | own | {"RING": self.ring}
+
+    @property
+    def begins(self) -> dict[Block, int]:
+        """Where in ``reals`` each block begins."""
+        begins, end, numbers = {}, SCALARS, self.numbers
+        for block in StateSlots.blocks:
+            begins[block] = end
+            end += block.size(numbers)
+        return begins
+
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """The shape of each array of a state, by its name."""
+        from replant.kernels.filters import bank
+
+        return {
+            "ints": (ROWS + self.batch,),
+            "reals": (SCALARS + sum(block.size(self.numbers) for block in StateSlots.blocks),),
+            "banks": (3, bank.size(self.order, self.entries)),
+            "buffer": (self.capacity, (2 if self.companions else 1) * self.entries + 2),
+            "recent": (self.recent, 5 if self.guarded else 3),
+        }
+
+
+def entries_of(structure: Structure, *, refined: bool) -> int:
+    """Return how many entries the regressor has, T: with the refined filter a constant and an initial state as well."""
+    n = structure.poles
+    return n + structure.zeros + 1 + (1 + n if refined else int(structure.bias))
+
+
+def ring_of(structure: Structure, dt: float) -> int:
+    """Return how many past inputs are kept for the dead time."""
+    return math.ceil(DENSEST * (structure.delay / dt)) + 8

@@ -1,0 +1,257 @@
+"""Slots: how a table of named numbers in flat arrays is declared, so that each is written down once.
+
+A class lists its slots; the order of the list is the order in the arrays.  `Integer` and `Flag` lie in ``ints``,
+`Real` in ``reals``; a `Block` lies in ``reals`` behind them, and one of ``ints`` says where it begins.  On an instance
+with these two arrays each slot is a property: it reads and writes the number, or returns a view of the block.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import Any, ClassVar, Generic, Self, TypeVar, overload
+
+import numpy as np
+
+Kind = TypeVar("Kind", bound=IntEnum)
+Inner = TypeVar("Inner", bound="Part")
+Array = np.ndarray[Any, np.dtype[np.float64]]
+
+
+class Slot:
+    """One declared number, or block of numbers.
+
+    Attributes
+    ----------
+    name : str
+        Of the property.
+    index : int
+        In ``ints`` or ``reals``; of a block, where in ``ints`` its beginning is kept.
+    meaning : str
+        One line.
+    unit : str
+        Empty for a number without one.
+    writer : str
+        Who changes it: see the table's class.
+    """
+
+    def __init__(self, meaning: str, writer: str, unit: str = "") -> None:
+        self.meaning, self.writer, self.unit = meaning, writer, unit
+        self.name, self.index = "", -1
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    @property
+    def constant(self) -> str:
+        """The name of its index in the kernels."""
+        return self.name.upper()
+
+
+class Integer(Slot):
+    """An integer of ``ints``."""
+
+    @overload
+    def __get__(self, holder: None, owner: type) -> Integer: ...
+    @overload
+    def __get__(self, holder: object, owner: type) -> int: ...
+    def __get__(self, holder: Any, owner: type) -> Integer | int:
+        return self if holder is None else int(holder.ints[self.index])
+
+    def __set__(self, holder: Any, value: int) -> None:
+        holder.ints[self.index] = value
+
+
+class Flag(Slot):
+    """A truth of ``ints``, 1 or 0."""
+
+    @overload
+    def __get__(self, holder: None, owner: type) -> Flag: ...
+    @overload
+    def __get__(self, holder: object, owner: type) -> bool: ...
+    def __get__(self, holder: Any, owner: type) -> Flag | bool:
+        return self if holder is None else bool(holder.ints[self.index])
+
+    def __set__(self, holder: Any, value: bool) -> None:
+        holder.ints[self.index] = value
+
+
+class Choice(Slot, Generic[Kind]):
+    """One of a few named values, in ``ints``."""
+
+    def __init__(self, kind: type[Kind], meaning: str, writer: str) -> None:
+        super().__init__(meaning, writer)
+        self.kind = kind
+
+    @overload
+    def __get__(self, holder: None, owner: type) -> Choice[Kind]: ...
+    @overload
+    def __get__(self, holder: object, owner: type) -> Kind: ...
+    def __get__(self, holder: Any, owner: type) -> Choice[Kind] | Kind:
+        return self if holder is None else self.kind(int(holder.ints[self.index]))
+
+    def __set__(self, holder: Any, value: Kind) -> None:
+        holder.ints[self.index] = value
+
+
+class Real(Slot):
+    """A number of ``reals``."""
+
+    @overload
+    def __get__(self, holder: None, owner: type) -> Real: ...
+    @overload
+    def __get__(self, holder: object, owner: type) -> float: ...
+    def __get__(self, holder: Any, owner: type) -> Real | float:
+        return self if holder is None else float(holder.reals[self.index])
+
+    def __set__(self, holder: Any, value: float) -> None:
+        holder.reals[self.index] = value
+
+
+class Block(Slot):
+    """Several numbers of ``reals``, as an array of the given shape; ``shape`` names the dimensions, "PAST, 1 + T"."""
+
+    def __init__(self, shape: str, meaning: str, writer: str, unit: str = "") -> None:
+        super().__init__(meaning, writer, unit)
+        self.shape = shape
+
+    @property
+    def constant(self) -> str:
+        """The name of the slot of ``ints`` that says where it begins."""
+        return "AT_" + self.name.upper()
+
+    @overload
+    def __get__(self, holder: None, owner: type) -> Block: ...
+    @overload
+    def __get__(self, holder: object, owner: type) -> Array: ...
+    def __get__(self, holder: Any, owner: type) -> Block | Array:
+        if holder is None:
+            return self
+        shape, begin = self.sizes(holder.dimensions), holder.begin_of(self)
+        return np.asarray(holder.reals[begin : begin + math.prod(shape)].reshape(shape))
+
+    def sizes(self, dimensions: Mapping[str, int]) -> tuple[int, ...]:
+        """Return the shape in numbers: sums of products of the named dimensions."""
+        return tuple(_sum(part, dimensions) for part in self.shape.split(","))
+
+    def size(self, dimensions: Mapping[str, int]) -> int:
+        """Return how many numbers it has."""
+        return math.prod(self.sizes(dimensions))
+
+
+class Table:
+    """A class that lists slots: it numbers them in their order.  An instance has ``reals``, mostly ``ints``, too.
+
+    Attributes
+    ----------
+    dimensions : mapping of str to int
+        What the shapes of blocks are made of.
+    """
+
+    __slots__ = ()
+
+    integers: ClassVar[tuple[Slot, ...]] = ()
+    scalars: ClassVar[tuple[Real, ...]] = ()
+    blocks: ClassVar[tuple[Block, ...]] = ()
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        own = [slot for slot in vars(cls).values() if isinstance(slot, Slot)]
+        if not own:
+            return
+        cls.blocks = tuple(slot for slot in own if isinstance(slot, Block))
+        cls.scalars = tuple(slot for slot in own if isinstance(slot, Real))
+        cls.integers = tuple(slot for slot in own if not isinstance(slot, Block | Real))
+        for slots in (cls.scalars, (*cls.integers, *cls.blocks)):
+            for index, slot in enumerate(slots):
+                slot.index = index
+
+    @property
+    def dimensions(self) -> Mapping[str, int]:
+        """The named dimensions that the shapes of blocks are made of."""
+        raise NotImplementedError
+
+    def begin_of(self, block: Block) -> int:
+        """Return where in ``reals`` a block begins."""
+        raise NotImplementedError
+
+    @classmethod
+    def constants(cls) -> dict[str, int]:
+        """Return the index of each slot by its name in the kernels."""
+        return {slot.constant: slot.index for slot in (*cls.integers, *cls.scalars, *cls.blocks)}
+
+
+class Part(Table):
+    """A table whose numbers are themselves a block of another one: scalars first, then its blocks.
+
+    Parameters
+    ----------
+    reals : (size,) array
+        Of the block.
+    dimensions : mapping of str to int
+    """
+
+    __slots__ = ("_dimensions", "reals")
+
+    def __init__(self, reals: Array, dimensions: Mapping[str, int]) -> None:
+        self.reals, self._dimensions = reals, dimensions
+
+    @property
+    def dimensions(self) -> Mapping[str, int]:
+        """The named dimensions that the shapes of blocks are made of."""
+        return self._dimensions
+
+    def begin_of(self, block: Block) -> int:
+        """Return where in ``reals`` a block begins."""
+        return self.begins(self._dimensions)[block.name]
+
+    @classmethod
+    def zeros(cls, dimensions: Mapping[str, int]) -> Self:
+        """Return one with an array of its own, all zero."""
+        return cls(np.zeros(cls.size(dimensions)), dimensions)
+
+    @classmethod
+    def begins(cls, dimensions: Mapping[str, int]) -> dict[str, int]:
+        """Return where each block begins."""
+        begins, end = {}, len(cls.scalars)
+        for block in cls.blocks:
+            begins[block.name] = end
+            end += block.size(dimensions)
+        return begins
+
+    @classmethod
+    def size(cls, dimensions: Mapping[str, int]) -> int:
+        """Return how many numbers there are."""
+        return len(cls.scalars) + sum(block.size(dimensions) for block in cls.blocks)
+
+
+class Nested(Block, Generic[Inner]):
+    """A block that is itself a table."""
+
+    def __init__(self, table: type[Inner], meaning: str) -> None:
+        super().__init__("", meaning, "")
+        self.table = table
+
+    @overload  # type: ignore[override]
+    def __get__(self, holder: None, owner: type) -> Nested[Inner]: ...
+    @overload
+    def __get__(self, holder: object, owner: type) -> Inner: ...
+    def __get__(self, holder: Any, owner: type) -> Nested[Inner] | Inner:
+        if holder is None:
+            return self
+        begin = holder.begin_of(self)
+        return self.table(holder.reals[begin : begin + self.size(holder.dimensions)], holder.dimensions)
+
+    def sizes(self, dimensions: Mapping[str, int]) -> tuple[int, ...]:
+        """Return how many numbers the table has."""
+        return (self.table.size(dimensions),)
+
+
+def _sum(text: str, dimensions: Mapping[str, int]) -> int:
+    return sum(_product(term, dimensions) for term in text.split("+"))
+
+
+def _product(text: str, dimensions: Mapping[str, int]) -> int:
+    factors = (factor.strip() for factor in text.split("*"))
+    return math.prod(int(factor) if factor.isdigit() else dimensions[factor] for factor in factors)
