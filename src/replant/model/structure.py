@@ -15,7 +15,6 @@ from replant.arguments import (
 )
 from replant.errors import InvalidArgumentError
 from replant.model.transfer_function import TransferFunction
-from replant.regressor import filters
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ class Structure:
     bias: bool = False
     feedthrough: bool = False
 
-    MOST_POLES = filters.MOST_POLES
+    MOST_POLES = 10  # beyond it the regression is hopeless in float64
 
     def __post_init__(self) -> None:
         keep(self, "poles", whole, 1)

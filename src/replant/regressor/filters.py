@@ -21,8 +21,7 @@ from replant.arguments import (
 from replant.errors import InvalidArgumentError
 from replant.model import state_space
 from replant.model.dead_time import split_delay
-
-MOST_POLES = 10  # beyond it the regression is hopeless in float64
+from replant.model.structure import Structure
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,8 +192,8 @@ def _denominator(name: str, value: Sequence[float]) -> tuple[float, ...]:
     polynomial = numbers(name, value)
     if len(polynomial) < 2 or polynomial[0] != 1.0:
         raise InvalidArgumentError(f"{name} must be monic, of order 1 or more, got {list(polynomial[:12])}")
-    if len(polynomial) > MOST_POLES + 1:
-        raise InvalidArgumentError(f"{name} must be of order {MOST_POLES} at most, got {len(polynomial) - 1}")
+    if len(polynomial) > Structure.MOST_POLES + 1:
+        raise InvalidArgumentError(f"{name} must be of order {Structure.MOST_POLES} at most, got {len(polynomial) - 1}")
     if not np.roots(polynomial).real.max() < 0.0:
         raise InvalidArgumentError(f"{name} must have all roots left of the axis: {list(polynomial)}")
     return polynomial
