@@ -17,7 +17,7 @@ from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.optimizers import OPTIMIZERS, Optimizer
 from replant.optimizers.replay import Replay
-from replant.regressor.filters import RefinedFilter, StateVariableFilter
+from replant.regressor.filters import FILTERS, Filter
 from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
 
@@ -49,7 +49,7 @@ class Settings:
 
     structure: Structure
     dt: float
-    filter: StateVariableFilter | RefinedFilter
+    filter: Filter
     scaling: Scaling
     optimizer: Optimizer
     replay: Replay | None
@@ -61,7 +61,7 @@ class Settings:
     def __post_init__(self) -> None:
         keep(self, "structure", instance, Structure)
         keep(self, "dt", positive)
-        keep(self, "filter", instance, StateVariableFilter, RefinedFilter)
+        keep(self, "filter", instance, *FILTERS)
         keep(self, "scaling", instance, Scaling)
         keep(self, "optimizer", instance, Optimizer)
         keep(self, "replay", instance, Replay, None)
@@ -80,7 +80,7 @@ class Request:
 
     structure: Structure
     dt: float
-    filter: StateVariableFilter | RefinedFilter | str = AUTO
+    filter: Filter | str = AUTO
     scaling: Scaling | str | None = AUTO
     optimizer: Optimizer | str = AUTO
     replay: Replay | str | None = AUTO
@@ -92,7 +92,7 @@ class Request:
     def __post_init__(self) -> None:
         keep(self, "structure", instance, Structure)
         keep(self, "dt", positive)
-        keep(self, "filter", instance, StateVariableFilter, RefinedFilter, AUTO)
+        keep(self, "filter", instance, *FILTERS, AUTO)
         keep(self, "scaling", instance, Scaling, AUTO, None)
         keep(self, "optimizer", instance, Optimizer, AUTO, *OPTIMIZERS)
         keep(self, "replay", instance, Replay, AUTO, None)
@@ -101,8 +101,8 @@ class Request:
         keep(self, "preprocess", instance, Preprocess)
         keep(self, "startup", whole, 1)
         _check_together(self)
-        if isinstance(self.filter, StateVariableFilter):
-            self.filter.discretize(self.structure.poles, self.dt, self.structure.delay)  # raises what cannot work
+        if isinstance(self.filter, Filter) and self.filter.fixed:
+            self.filter.fixed.discretize(self.structure.poles, self.dt, self.structure.delay)  # raises what cannot work
 
     @property
     def wants_instruments(self) -> bool:
@@ -112,7 +112,7 @@ class Request:
         """
         if isinstance(self.instruments, bool):
             return self.instruments
-        if isinstance(self.filter, RefinedFilter):
+        if isinstance(self.filter, Filter) and self.filter.follows_estimate:
             return True
         if isinstance(self.optimizer, Optimizer):
             return self.optimizer.keeps_covariance
@@ -141,10 +141,10 @@ def _check_together(chosen: Settings | Request) -> None:
         raise InvalidArgumentError(
             f"delay must be at most {LONGEST_DELAY:,} sampling times, got {chosen.structure.delay / chosen.dt:.3g}"
         )
-    if isinstance(chosen.filter, StateVariableFilter):
-        chosen.filter.polynomial(chosen.structure.poles)
-        if chosen.filter.method == "gbt" and chosen.structure.is_biproper:
-            raise InvalidArgumentError("the gbt filter is strictly causal: as many zeros as poles need method='exact'")
+    if isinstance(chosen.filter, Filter):
+        chosen.filter.check(chosen.structure)
+        if chosen.filter.follows_estimate and chosen.instruments is False:
+            raise InvalidArgumentError("the refined filter needs instruments: instruments=False cannot go with it")
     if isinstance(chosen.scaling, Scaling):
         chosen.scaling.sigmas(chosen.structure)
     if isinstance(chosen.optimizer, Optimizer):
@@ -152,5 +152,3 @@ def _check_together(chosen: Settings | Request) -> None:
         if chosen.optimizer.keeps_covariance and isinstance(chosen.replay, Replay):
             name = type(chosen.optimizer).__name__
             raise InvalidArgumentError(f"{name} remembers every sample by itself: replay must be None, not a buffer")
-    if isinstance(chosen.filter, RefinedFilter) and chosen.instruments is False:
-        raise InvalidArgumentError("the refined filter needs instruments: instruments=False cannot go with it")

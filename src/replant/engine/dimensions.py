@@ -11,7 +11,6 @@ from replant.arguments import keep, truth, whole
 from replant.kernels.schema import FIXED, ROWS, SCALARS, StateSlots
 from replant.kernels.slots import Block
 from replant.model.structure import Structure
-from replant.regressor.filters import RefinedFilter
 from replant.settings import Settings
 
 # Times the nominal rate at which samples may come where there is a dead time: so many past inputs are kept.
@@ -67,7 +66,7 @@ class Dimensions:
     def of_settings(cls, settings: Settings, recent: int) -> Dimensions:
         """Return those of an identifier with these settings that keeps so many raw samples."""
         structure, replay, optimizer = settings.structure, settings.replay, settings.optimizer
-        refined = isinstance(settings.filter, RefinedFilter)
+        refined = settings.filter.follows_estimate
         entries = entries_of(structure, refined=refined)
         return cls(
             structure.poles,

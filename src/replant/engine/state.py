@@ -23,7 +23,7 @@ from replant.engine.dimensions import Dimensions, entries_of, ring_of
 from replant.kernels.schema import FIXED, StateSlots
 from replant.kernels.slots import Block, Slot
 from replant.model.structure import Structure
-from replant.regressor.filters import RefinedFilter, StateVariableFilter
+from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess
 from replant.settings import Settings
 
@@ -144,7 +144,7 @@ class State(StateSlots):
         state.has_constant = refined or structure.bias
         state.refined, state.instruments = refined, instruments or refined
         state.examines_output = guarded
-        state.bilinear = state_filter is not None and state_filter.method == "gbt"
+        state.bilinear = state_filter is not None and state_filter.regular_only
         state.adapt, state.serving_bank = True, 1
         state.output_scale, state.delay, state.interval = output_scale, structure.delay, dt
         state.ready_at = state.longest_gap = math.inf
@@ -157,23 +157,22 @@ class State(StateSlots):
     def of_settings(cls, settings: Settings, recent: int) -> State:
         """Return the arrays of an identifier with these settings, before its first sample."""
         state = cls.laid_out(settings, recent)
-        if isinstance(settings.filter, StateVariableFilter):
-            state.fix_filter(settings.structure, settings.dt, settings.filter)
+        if settings.filter.fixed:
+            state.fix_filter(settings.structure, settings.dt, settings.filter.fixed)
         return state
 
     @classmethod
     def laid_out(cls, settings: Settings, recent: int) -> State:
         """Return the same without the fixed filter's numbers: nothing compiled has run yet."""
         structure, replay, optimizer = settings.structure, settings.replay, settings.optimizer
-        refined = isinstance(settings.filter, RefinedFilter)
-        entries = entries_of(structure, refined=refined)
+        entries = entries_of(structure, refined=settings.filter.follows_estimate)
         sigma = np.ones(entries)
         sigma[: structure.size] = settings.scaling.sigmas(structure)
         unit = settings.scaling.output / sigma
         state = cls.lay_out(
             structure,
             settings.dt,
-            state_filter=None if isinstance(settings.filter, RefinedFilter) else settings.filter,
+            state_filter=settings.filter.fixed,
             input_hold=settings.filter.input_hold,
             instruments=settings.instruments,
             sigma=sigma,
@@ -255,7 +254,7 @@ class State(StateSlots):
             fixed, n, entries, self.input_entries, self.has_constant, False, True,
             state_filter.polynomial(n)[1:], self.sigma,
         )  # fmt: skip
-        if state_filter.method == "gbt":
+        if state_filter.regular_only:
             discrete = state_filter.discretize(n, dt)
             kept = fixed[bk.at_kept(n, entries) :]
             kept[0] = dt

@@ -24,7 +24,7 @@ from replant.model.uncertainty import Uncertainty
 from replant.offline.choose_filter import choose_filter
 from replant.offline.least_squares import least_squares
 from replant.offline.srivc import Refined, first_model
-from replant.regressor.filters import RefinedFilter, StateVariableFilter
+from replant.regressor.filters import Filter, RefinedFilter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
 from replant.settings import AUTO, Request
 from replant.statistics.autoregression import one_step
@@ -67,7 +67,7 @@ class FitResult:
     structure: Structure
     dt: float
     method: str
-    filter: StateVariableFilter | RefinedFilter
+    filter: Filter
     preprocess: Preprocess
     parameters: FloatArray
     covariance: FloatArray | None
@@ -90,9 +90,7 @@ class FitResult:
     @property
     def fixed_filter(self) -> StateVariableFilter:
         """The filter used; 1/A of the result where it was the refined one."""
-        if isinstance(self.filter, StateVariableFilter):
-            return self.filter
-        return self.filter.at(self.transfer_function.den, self.dt)
+        return self.filter.fixed_at(self.transfer_function.den, self.dt)
 
     @property
     def transfer_function(self) -> TransferFunction:

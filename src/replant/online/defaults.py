@@ -7,7 +7,7 @@ from replant.engine.regressors import regressors
 from replant.offline.choose_filter import choose_filter
 from replant.optimizers import OPTIMIZERS, Optimizer
 from replant.optimizers.replay import Replay
-from replant.regressor.filters import RefinedFilter, StateVariableFilter
+from replant.regressor.filters import RefinedFilter
 from replant.regressor.preprocess import centre
 from replant.regressor.scaling import Scaling
 from replant.settings import (
@@ -36,13 +36,13 @@ def settle(request: Request, u: FloatArray, y: FloatArray, length: int | None = 
     if isinstance(chosen, str):
         follows = instruments and optimizer.keeps_covariance
         chosen = RefinedFilter() if follows else choose_filter(structure, dt, preprocess, u, y)
-    if isinstance(chosen, RefinedFilter) and not structure.bias:
+    if chosen.follows_estimate and not structure.bias:
         preprocess = centre(preprocess, u, y)
     scaling = request.scaling
     if scaling is None or (scaling == AUTO and optimizer.keeps_colour):  # its estimate does not depend on the scaling
         scaling = Scaling.none(structure)
     elif not isinstance(scaling, Scaling):
-        assumed = chosen if isinstance(chosen, StateVariableFilter) else choose_filter(structure, dt, preprocess, u, y)
+        assumed = chosen.fixed or choose_filter(structure, dt, preprocess, u, y)
         phi, _ = regressors(structure, dt, assumed, preprocess, u, y)
         scaling = Scaling.from_record(y - float(preprocess.output_offset), phi)
     return Settings(

@@ -28,7 +28,7 @@ from replant.online.startup import LARGEST, hold_back, modelled, warm_up, withou
 from replant.online.trace import Trace
 from replant.optimizers import Optimizer
 from replant.optimizers.replay import Replay
-from replant.regressor.filters import RefinedFilter, StateVariableFilter
+from replant.regressor.filters import Filter
 from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
 from replant.settings import AUTO, Request, Settings
@@ -113,7 +113,7 @@ class Identifier(Estimate):
         structure: Structure,
         dt: float,
         *,
-        filter: StateVariableFilter | RefinedFilter | str = AUTO,  # noqa: A002 - the field's word
+        filter: Filter | str = AUTO,  # noqa: A002 - the field's word
         scaling: Scaling | str | None = AUTO,
         optimizer: Optimizer | str = AUTO,
         replay: Replay | str | None = AUTO,
@@ -331,7 +331,7 @@ class Identifier(Estimate):
     def _stamp(self, t: Any) -> float:
         """Return a time stamp for the kernel: infinite, which it rejects, where it is not finite."""
         chosen = self._request.filter
-        if isinstance(chosen, StateVariableFilter) and chosen.method == "gbt":
+        if isinstance(chosen, Filter) and chosen.regular_only:
             raise InvalidArgumentError("the gbt filter knows a regular clock only: give no t, or use method='exact'")
         t = number("t", t)
         if self._settings is not None and self._regular:

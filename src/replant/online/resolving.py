@@ -12,7 +12,6 @@ from replant.offline.map_srivc import revise
 from replant.offline.srivc import Refined, refine
 from replant.online.initialization import initialize
 from replant.online.startup import carry_over, warm_up
-from replant.regressor.filters import RefinedFilter
 from replant.settings import Settings
 
 RECENT = 10_000  # raw samples kept: for solving the start-up again as it grows, and for assessment
@@ -29,7 +28,7 @@ def next_solution(state: State, settings: Settings) -> int:
     due = 2 * (samples - origin)
     if revised and samples - origin < RECENT:  # of a slow mode each sample tells
         due = min(due, RECENT)
-    return origin + due if remembers_all and isinstance(settings.filter, RefinedFilter) and due <= RECENT else 0
+    return origin + due if remembers_all and settings.filter.follows_estimate and due <= RECENT else 0
 
 
 def solve_again(old: State, settings: Settings) -> State | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -49,8 +50,49 @@ class DiscreteFilter:
     lag: int
 
 
+class Filter:
+    """What a filter tells about itself; the rest of the package asks for nothing else.
+
+    Attributes
+    ----------
+    input_hold : {"zoh", "foh"}
+        What u does between samples.
+    follows_estimate : bool
+        Whether it is made from the estimate, and anew as that moves; it then needs instruments and a start-up.
+    """
+
+    input_hold: str
+    follows_estimate: ClassVar[bool] = False
+
+    @property
+    def regular_only(self) -> bool:
+        """Whether it is for a regular clock alone."""
+        return False
+
+    @property
+    def fixed(self) -> StateVariableFilter | None:
+        """The fixed filter that this is; None for one that follows the estimate."""
+        return None
+
+    def fixed_at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
+        """Return the fixed filter that this is where the estimate's denominator (n + 1,), monic, is this one.
+
+        Parameters
+        ----------
+        denominator : (n + 1,) array
+            A(s).
+        dt : float
+            Sampling time in s.
+        """
+        raise NotImplementedError
+
+    def check(self, structure: Structure) -> None:
+        """Raise InvalidArgumentError where this filter is not for this structure."""
+        return
+
+
 @dataclass(frozen=True)
-class StateVariableFilter:
+class StateVariableFilter(Filter):
     r"""The filter :math:`\Lambda(s)` of (2): signals pass :math:`s^i/\Lambda(s)`, so nothing is differentiated.
 
     Parameters
@@ -100,6 +142,26 @@ class StateVariableFilter:
         keep(self, "input_hold", one_of, ("zoh", "foh"))
         keep(self, "alpha", between, 0.0, 1.0, closed="both")
 
+    @property
+    def regular_only(self) -> bool:
+        """Whether it is for a regular clock alone: the article's is."""
+        return self.method == "gbt"
+
+    @property
+    def fixed(self) -> StateVariableFilter:
+        """The filter itself."""
+        return self
+
+    def fixed_at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
+        """Return this filter, wherever the estimate is."""
+        return self
+
+    def check(self, structure: Structure) -> None:
+        """Raise InvalidArgumentError where this filter is not for this structure."""
+        self.polynomial(structure.poles)
+        if self.method == "gbt" and structure.is_biproper:
+            raise InvalidArgumentError("the gbt filter is strictly causal: as many zeros as poles need method='exact'")
+
     def polynomial(self, poles: int) -> FloatArray:
         """Return Lambda(s) for ``poles`` poles: (poles + 1,), monic, descending powers."""
         if self.denominator is not None:
@@ -146,7 +208,7 @@ class StateVariableFilter:
 
 
 @dataclass(frozen=True)
-class RefinedFilter:
+class RefinedFilter(Filter):
     r"""The filter 1/A(s) of the estimate itself, which follows it while the plant runs: nothing is to be chosen.
 
     It is the filter with which the regression is optimal when the output noise is white, and with which it has no
@@ -168,11 +230,12 @@ class RefinedFilter:
     """
 
     input_hold: str = "zoh"
+    follows_estimate: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         keep(self, "input_hold", one_of, ("zoh", "foh"))
 
-    def at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
+    def fixed_at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
         """Return the filter 1/A of a model as a fixed one; poles on or right of the axis are mirrored or moved off it.
 
         Parameters
@@ -185,6 +248,10 @@ class RefinedFilter:
         roots = np.roots(denominator)
         roots = np.minimum(-np.abs(roots.real), -1e-4 / dt) + 1j * roots.imag
         return StateVariableFilter(denominator=tuple(np.poly(roots).real.tolist()), input_hold=self.input_hold)
+
+
+#: Every filter.
+FILTERS: tuple[type[Filter], ...] = (StateVariableFilter, RefinedFilter)
 
 
 def _denominator(name: str, value: Sequence[float]) -> tuple[float, ...]:

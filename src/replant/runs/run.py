@@ -20,7 +20,7 @@ from replant.online.defaults import settle
 from replant.online.identifier import Identifier
 from replant.online.startup import LARGEST
 from replant.online.trace import Trace
-from replant.regressor.filters import StateVariableFilter
+from replant.regressor.filters import Filter, StateVariableFilter
 from replant.regressor.preprocess import screen
 from replant.runs.batches import Arrays, Source, batched
 from replant.runs.overview import Overview, Recorder
@@ -106,8 +106,7 @@ class Result:
         """The filter of an online run; 1/A of the result where it was the refined one."""
         if self.settings is None:
             return None
-        used = self.settings.filter
-        return used if isinstance(used, StateVariableFilter) else used.at(self.transfer_function.den, self.settings.dt)
+        return self.settings.filter.fixed_at(self.transfer_function.den, self.settings.dt)
 
 
 def run_online(
@@ -187,8 +186,8 @@ def _needs_stamps(request: Request, source: Source) -> bool:
 
     The article's filters know a regular clock only.
     """
-    fixed = isinstance(request.filter, StateVariableFilter) and request.filter.method == "gbt"
-    return not source.complete and not fixed
+    regular_only = isinstance(request.filter, Filter) and request.filter.regular_only
+    return not source.complete and not regular_only
 
 
 def _identifier(request: Request, source: Source, startup: int | None) -> Identifier:

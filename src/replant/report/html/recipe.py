@@ -7,7 +7,6 @@ from typing import Any
 
 from replant.data.logs import Log
 from replant.offline.fit import FitResult
-from replant.regressor.filters import StateVariableFilter
 from replant.regressor.scaling import Scaling
 from replant.runs.run import Result
 from replant.settings import Settings
@@ -45,7 +44,7 @@ def run_as_python(result: Result, log: Log) -> str:
 
 def fit_as_python(fitted: FitResult, log: Log) -> str:
     """Return the Python that repeats an offline fit of ``log``."""
-    state_filter = f"    filter=rp.{_call(fitted.filter)}," if isinstance(fitted.filter, StateVariableFilter) else ""
+    state_filter = f"    filter=rp.{_call(fitted.filter.fixed)}," if fitted.filter.fixed else ""
     lines = [
         "fitted = rp.fit(",
         f"    {_signals(log)}, dt={log.dt!r}, structure=rp.{_call(fitted.structure)}, method={fitted.method!r},",
