@@ -38,7 +38,18 @@ class Time(click.ParamType[float]):
         return seconds
 
 
-@click.command(name="live")
+class SourceCommand(click.Command):
+    """A command whose SOURCE may be ``-?columns=n,t,u,y``, standard input with options, which is no option."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Take such arguments behind ``--``, where nothing is an option."""
+        end = args.index("--") if "--" in args else len(args)
+        sources = [argument for argument in args[:end] if argument.startswith("-?")]
+        others = [argument for argument in args[:end] if not argument.startswith("-?")]
+        return super().parse_args(ctx, [*others, "--", *sources, *args[end + 1 :]])
+
+
+@click.command(name="live", cls=SourceCommand)
 @click.argument("source")
 @click.option("--poles", type=int, metavar="N", help="Number of poles.")
 @click.option("--zeros", type=int, metavar="M", help="Number of zeros.  [default: 0]")

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from replant.data.logs.parquet import CHECKED, SUFFIXES
 from replant.errors import LogError, MissingDependencyError
 from replant.online.trace import Trace
 
 GROUP_ROWS = 1 << 17  # of a row group: what is held before it is written
-SUFFIXES = (".parquet", ".pq")
 
 
 class FullTrace:
@@ -59,15 +59,27 @@ class FullTrace:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        with self._errors():
-            if kind is None:
-                self._write()
-            if self._writer is not None:
-                self._writer.close()
-            if kind is None:
-                self._unfinished.replace(self.path)
-            else:
-                self._unfinished.unlink()
+        try:
+            with self._errors():
+                if kind is None:
+                    self._write()
+                    self._close()
+                    self._unfinished.replace(self.path)
+        finally:
+            self._drop()
+
+    def _close(self) -> None:
+        """Write the end of the file."""
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+
+    def _drop(self) -> None:
+        """Remove the file that is not finished, if there is one; on a full disk it cannot be closed as it should."""
+        with contextlib.suppress(OSError):
+            self._close()
+        with contextlib.suppress(OSError):
+            self._unfinished.unlink(missing_ok=True)
 
     def take(self, trace: Trace) -> None:
         """Take the trace of the next samples."""
@@ -88,7 +100,7 @@ class FullTrace:
         columns |= {name: parameters[:, i].copy() for i, name in enumerate(self._held[0].names)}
         table = pyarrow.table({**columns, "error": errors})
         if self._writer is None:
-            self._writer = parquet.ParquetWriter(self._unfinished, table.schema)
+            self._writer = parquet.ParquetWriter(self._unfinished, table.schema, **CHECKED)
         self._writer.write_table(table)
         self._rows += errors.size
         self._held = []

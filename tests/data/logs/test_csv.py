@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from replant.data.logs import csv as csv_module
+from replant.data.logs import layout as layout_module
 from replant.data.logs import read_columns, read_log
 from replant.data.logs.csv import parse_block
 from replant.data.logs.layout import Layout, sniff
@@ -206,6 +208,24 @@ BAD = {
     "one row, no header": ("0,1,2\n", "1 row of data where at least 2 are needed"),
     "binary": (b"t,u,y\n\x00\x01\x02\n", "not a text file; export the log as CSV"),
     "date": ("t,u,y\n0,2024-05-01,2\n1,2024-05-02,3\n", "'2024-05-01' is not a number; convert dates"),
+    "text after a quote": (
+        't,u,y\n0,1,2\n1,"1"0.13,3\n',
+        "line 3, column 'u': '\"1\"0.13' goes on after its closing quotation mark; correct it",
+    ),
+    "text after a quote, blanks": (
+        't u y\n0 1 2\n1 "1"0.13\n',
+        "line 3, column 'u': '\"1\"0.13' goes on after its closing quotation mark",
+    ),
+    "text after a quote in a column that is not read": (
+        't,u,y\n0,1,2\n"1"5,1,3\n',
+        "line 3, column 't': '\"1\"5' goes",
+    ),
+    "text after a quote in the header": ('t,"u"x,y\n0,1,2\n', "line 1, column 1: '\"u\"x' goes on after its closing"),
+    "quote without end": ('t,u,y\n0,1,2\n1,"2,3\n2,3,4\n', "line 3, column 'u': '\"2,3' has no closing quotation mark"),
+    "endless name": (
+        f't,"{"x" * 140_000}",y\n0,1,2\n1,2,3\n',
+        "line 1, column 1: '" + "x" * 40 + "...' is a name of 140",
+    ),
     "long text": ("t,u,y\n0,1,2\n1," + "x" * 999 + ",3\n", "'" + "x" * 40 + "...' is not a number"),
 }
 
@@ -217,6 +237,94 @@ def test_a_bad_file_is_refused_in_one_line(write: Write, content: str | bytes, m
         read_log(path, input=1, output=2, dt=0.1)
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
+
+
+def test_quotes_within_cells(write: Write) -> None:
+    table = read_columns(write('t,"the ""raw"" u",5" pipe\n0,"1","2" \n1, "2",""\n'))
+    assert table.names == ("t", 'the "raw" u', '5" pipe')
+    np.testing.assert_array_equal(table.columns([1, 2]), [[1.0, 2.0], [2.0, np.nan]])
+
+
+HEADERLESS = {
+    "rest at first": "0,1,0\n1,1,0.5\n2,0,0.7\n",
+    "two columns": "1,0\n1,0.5\n0,0.7\n",
+    "decimal comma": "0;0,5;1\n1;1,5;2\n2;2,5;3\n",
+    "blanks": "0 0.5 1\n1 1.5 2\n2 2.5 3\n",
+    "missing": "0,1,\n1,1,0.5\n2,0,0.7\n",
+    "missing, two columns": "1,\n1,0.5\n0,0.7\n",
+    "not a number": "0,1,nan\n1,1,0.5\n2,0,0.7\n",
+    "quoted": '"0","1","0"\n"1","1","0.5"\n"2","0","0.7"\n',
+    "all alike": "1,2,3,4,5\n2,3,4,5,6\n3,4,5,6,7\n",
+}
+
+
+@pytest.mark.parametrize("text", HEADERLESS.values(), ids=HEADERLESS.keys())
+@pytest.mark.parametrize("how", ["replaced", "inserted", "removed"])
+def test_a_damaged_first_row_is_never_taken_for_names(write: Write, text: str, how: str) -> None:
+    """Each character of it in turn; it is data, or the file is refused."""
+    for at in range(text.index("\n")):
+        for mark in "xqp?*'$Z~\xb0" if how != "removed" else " ":
+            path = write(text[:at] + (mark if how != "removed" else "") + text[at + (how != "inserted") :])
+            refused, layout = "", None
+            try:
+                layout = sniff(path)
+            except LogError as error:
+                refused = str(error)
+            if layout is None:
+                assert refused.startswith(f"{path}: line 1, column ")
+            else:
+                assert layout.names_line is None, path.read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("t,2,1\n0.0,1.5,2\n0.1,2.5,4\n", ("t", "2", "1")),
+        ("time,101,102,205\n0,20,21,22\n1,20,21,22\n", ("time", "101", "102", "205")),
+        ("t,u,y,2\n0,1,2,3\n1,2,3,4\n", ("t", "u", "y", "2")),
+        (",u,y\n0,1,2\n1,2,3\n", ("0", "u", "y")),
+        ("3.3V,5V,t\n1,2,3\n2,3,4\n", ("3.3V", "5V", "t")),
+        ("u,y,,\n1,2,,\n2,3,,\n", ("u", "y", "2")),
+        ("u,1\na,2\nb,3\n", ("0", "1")),
+    ],
+)
+def test_names_that_are_none_of_a_damaged_row(write: Write, text: str, names: tuple[str, ...]) -> None:
+    assert read_columns(write(text)).names == names
+
+
+def test_names_that_may_be_a_damaged_row_say_what_to_do(write: Write) -> None:
+    with pytest.raises(
+        LogError, match=r"line 1, column 1: '1\.5x' is a name or a damaged number; correct it, or put #"
+    ):
+        read_columns(write("0,1.5x,2\n0.1,2.5,4\n"))
+
+
+@pytest.mark.parametrize("header", ["{}", '"{}"', "c{}", None], ids=["numbers", "quoted", "names", "none"])
+def test_opening_takes_time_in_proportion_to_the_columns(write: Write, header: str | None) -> None:
+    """Ten times the columns take about ten times the processor's time; a hundred times where the cost is quadratic."""
+
+    def cost(columns: int) -> float:
+        names = "" if header is None else "t," + ",".join(header.format(k) for k in range(1, columns)) + "\n"
+        path = write(names + (",".join(["1.5"] * columns) + "\n") * 3)
+        spent = []
+        for _ in range(3):
+            begun = time.process_time()
+            assert len(read_columns(path).names) == columns
+            spent.append(time.process_time() - begun)
+        return min(spent)
+
+    assert cost(100_000) < 40.0 * cost(10_000)
+
+
+@block_sizes
+def test_a_line_without_end_is_refused(write: Write, monkeypatch: pytest.MonkeyPatch, size: int) -> None:
+    monkeypatch.setattr(layout_module, "LONGEST_LINE", 2000)
+    monkeypatch.setattr(csv_module, "LONGEST_LINE", 2000)
+    monkeypatch.setattr(csv_module, "BLOCK_BYTES", size)
+    for number, text in ((1, "1," * 2000), (2, "u,y\n" + "1," * 2000), (202, "u,y\n" + "1,2\n" * 200 + "1," * 2000)):
+        with pytest.raises(LogError, match=r"is longer than .* characters; write one line for each sample") as caught:
+            read_columns(write(text)).column(0)
+        assert f"log.csv: line {number} " in str(caught.value)
 
 
 def test_one_text_cell_in_row_5000(write: Write) -> None:

@@ -19,14 +19,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.data.logs.ahead import ahead
-from replant.data.logs.layout import (
-    COMMENT_MARKS,
-    Layout,
-    is_data,
+from replant.data.logs.cells import (
+    CellError,
     is_number,
     parse_number,
-    sniff,
+    shown,
     split_line,
+)
+from replant.data.logs.layout import (
+    COMMENT_MARKS,
+    LONGEST_LINE,
+    QUOTES_REMEDY,
+    Layout,
+    is_data,
+    lines_of,
+    sniff,
+    too_long,
 )
 from replant.data.logs.table import Table
 from replant.errors import LogError
@@ -38,9 +46,8 @@ _HEAD_BYTES = 1 << 16
 _WIDE = "utf-16"  # comes as utf-8 from where the file is read
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _ODD = tuple(mark.encode() for mark in ('"', *COMMENT_MARKS))  # a block with one of them is not for pyarrow
-_NULLS = ["", "NA", "na", "N/A", "n/a", "null", "NULL", "Null"]  # the usual ways to write those of layout.MISSING
+_NULLS = ["", "NA", "na", "N/A", "n/a", "null", "NULL", "Null"]  # the usual ways to write those of cells.MISSING
 
-_CELL_SHOWN = 40
 _CELL_REMEDY = "correct it, leave the cell empty, or put # before the line"
 _DATE = re.compile(r"\s*\d+[-/.:]\d+[-/.:]\d+")
 _DATE_REMEDY = "convert dates and clock times to seconds, or give the sampling time (dt, --dt)"
@@ -93,7 +100,7 @@ def parse_block(
     table = _parse_clean(layout, lines)
     if table is not None:
         return [table[:, column].copy() for column in columns]
-    rows = [(number, _split(line, layout)) for number, line in enumerate(lines, first) if is_data(line)]
+    rows = [(number, _split(path, layout, number, line)) for number, line in enumerate(lines, first) if is_data(line)]
     for number, row in rows:
         if len(row) != len(layout.names):
             _check_width(path, layout, number, row)
@@ -120,6 +127,8 @@ def _texts(path: Path, layout: Layout) -> Iterator[tuple[int, bytes]]:
             whole, newline, rest_of_block = block.rpartition(b"\n")
             if not newline:
                 rest += block
+                if len(rest) > LONGEST_LINE:
+                    raise too_long(path, first)
                 continue
             text, rest = rest + whole + newline, rest_of_block
             yield first, text
@@ -190,9 +199,8 @@ def _about(path: Path) -> int:
 
 def _place(path: Path, layout: Layout, row: int) -> str:
     """Name the line that holds a row: only for messages, so the file is read once more."""
-    with path.open(encoding=layout.encoding, errors="replace") as file:
-        numbers = (n for n, line in enumerate(file, 1) if n >= layout.data_line and is_data(line))
-        return f"line {next(islice(numbers, row, None))}"
+    numbers = (n for n, line in lines_of(path, layout.encoding) if n >= layout.data_line and is_data(line))
+    return f"line {next(islice(numbers, row, None))}"
 
 
 def _parse_clean(layout: Layout, lines: Sequence[str]) -> NDArray[np.float64] | None:
@@ -212,10 +220,14 @@ def _parse_clean(layout: Layout, lines: Sequence[str]) -> NDArray[np.float64] | 
     return table if table.shape[1] == len(layout.names) else None
 
 
-def _split(line: str, layout: Layout) -> list[str]:
-    if '"' in line:
+def _split(path: Path, layout: Layout, number: int, line: str) -> list[str]:
+    if '"' not in line:
+        return line.split(layout.delimiter)
+    try:
         return split_line(line, layout.delimiter)
-    return line.split(layout.delimiter)
+    except CellError as error:
+        name = layout.names[error.column] if error.column < len(layout.names) else str(error.column)
+        raise LogError(f"{path}: line {number}, column {name!r}: {error}; {QUOTES_REMEDY}") from None
 
 
 def _check_width(path: Path, layout: Layout, number: int, row: list[str]) -> None:
@@ -251,7 +263,7 @@ def _parse_column(
             (number, row), name = rows[index], layout.names[column]
             remedy = _DATE_REMEDY if _DATE.match(row[column]) else _CELL_REMEDY
             raise LogError(
-                f"{path}: line {number}, column {name!r}: {_shown(row[column])} is not a number; {remedy}"
+                f"{path}: line {number}, column {name!r}: {shown(row[column])} is not a number; {remedy}"
             ) from None
     return values
 
@@ -274,11 +286,6 @@ def _check_one_decimal_mark(path: Path, layout: Layout, rows: Sequence[tuple[int
     comma = next(((number, cell) for number, cell in numbers if "," in cell), None)
     if point and comma:
         raise LogError(
-            f"{path}: column {layout.names[column]!r} has a decimal point in line {point[0]} ({_shown(point[1])}) and "
-            f"a comma in line {comma[0]} ({_shown(comma[1])}); write all numbers one way, without thousands separators"
+            f"{path}: column {layout.names[column]!r} has a decimal point in line {point[0]} ({shown(point[1])}) and "
+            f"a comma in line {comma[0]} ({shown(comma[1])}); write all numbers one way, without thousands separators"
         )
-
-
-def _shown(cell: str) -> str:
-    text = cell.strip()
-    return repr(text if len(text) <= _CELL_SHOWN else text[:_CELL_SHOWN] + "...")

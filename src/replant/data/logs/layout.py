@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import csv
+import codecs
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -10,17 +10,27 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
+from replant.data.logs.cells import (
+    CellError,
+    is_number,
+    shown,
+    split_line,
+)
+from replant.data.logs.time import time_candidates
 from replant.errors import LogError
 
 COMMENT_MARKS = ("#", "%")
 DELIMITERS = (";", "\t", "|", ",", None)  # None: runs of blanks. In this order when two explain a file equally well
-MISSING = frozenset({"", "na", "n/a", "null"})  # NaN, as nan, inf and infinity are numbers that float() knows
+QUOTES_REMEDY = "correct it, or write a quotation mark within a quoted cell twice"
+LONGEST_LINE = 1 << 26  # characters: a million columns and more
+LONGEST_NAME = 1000  # characters
 
 _SAMPLE_ROWS = 100
+_SAMPLE_CHARACTERS = 1 << 18  # so that the cost of looking does not grow with the width of the rows times their number
 _HEAD_BYTES = 1 << 16
 _CONTROL_BYTES = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a"))
+_BEGUN_NUMBER = re.compile(r"[+-]?[.,]?\d")
 _EXCEL_HINT = re.compile(r"sep=.?", re.IGNORECASE)  # a first line that tells Excel the delimiter
-_WORDS = re.compile(r'"([^"]*)"|(\S+(?:\s+(?:\[[^\]]*\]|\([^)]*\)))?)')  # a unit in brackets belongs to its name
 
 
 @dataclass(frozen=True)
@@ -54,77 +64,85 @@ def is_data(line: str) -> bool:
     return bool(text) and not text.startswith(COMMENT_MARKS)
 
 
-def split_line(line: str, delimiter: str | None) -> list[str]:
-    """Split a line into stripped cells, with quotes removed.
-
-    Examples
-    --------
-    >>> split_line('t; "u; V" ;y', ";")
-    ['t', 'u; V', 'y']
-    >>> split_line("time [s]  u", None)
-    ['time [s]', 'u']
-    """
-    if delimiter is None:
-        return [quoted or plain for quoted, plain in _WORDS.findall(line)]
-    if '"' not in line:
-        return [cell.strip() for cell in line.split(delimiter)]
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))]
-
-
-def parse_number(cell: str) -> float:
-    """Read one cell with a decimal point: a number, or NaN for a missing one.
-
-    Raises
-    ------
-    ValueError
-        If the cell holds anything else.
-
-    Examples
-    --------
-    >>> parse_number("1.5e3"), parse_number("NA")
-    (1500.0, nan)
-    """
-    text = cell.strip()
-    if text.lower() in MISSING:
-        return float("nan")
-    if "_" in text or not text.isascii():  # float() takes 1_000 and the digits of every script
-        raise ValueError(cell)
-    return float(text)
-
-
 def sniff(path: Path) -> Layout:
     """Find out the layout of a text log from its first lines.
 
     Raises
     ------
     LogError
-        If the file is empty, is not text, or has no row of data.
+        If the file is empty, is not text, has no row of data, or begins with a row that may be names or data.
     """
     encoding = _encoding(path)
-    comment: str | None = None
-    rows: list[tuple[int, str]] = []
-    with path.open(encoding=encoding, errors="replace") as file:
-        for number, line in islice(_significant(file), _SAMPLE_ROWS):
-            if is_data(line):
-                rows.append((number, line))
-            elif not rows:
-                comment = line
+    comment, rows = _sample(path, encoding)
     if not rows:
         raise LogError(f"{path}: the file is empty; a log has a row of names and one row of numbers per sample")
     delimiter = _delimiter([line for _, line in rows])
-    cells = [split_line(line, delimiter) for _, line in rows]
-    if not _is_header(cells):
-        names = _commented_names(comment, delimiter, cells)
-        return Layout(names, delimiter, None, rows[0][0], encoding)
+    number, line = rows[0]
+    try:
+        first = split_line(line, delimiter)
+    except CellError as error:
+        raise LogError(f"{path}: line {number}, column {error.column}: {error}; {QUOTES_REMEDY}") from None
+    others = [cells for _, line in rows[1:] if (cells := _split_or_none(line, delimiter)) is not None]
+    if not _is_header(path, number, first, others):
+        names = _commented_names(comment, delimiter, first, others)
+        return Layout(names, delimiter, None, number, encoding)
     if len(rows) == 1:
-        raise LogError(f"{path}: only a header (line {rows[0][0]}) and no row of data; record some samples first")
-    return Layout(_names(cells[0], cells[1:]), delimiter, rows[0][0], rows[1][0], encoding)
+        raise LogError(f"{path}: only a header (line {number}) and no row of data; record some samples first")
+    names = _names(first, others)
+    for column, name in enumerate(names):
+        if len(name) > LONGEST_NAME:
+            raise LogError(
+                f"{path}: line {number}, column {column}: {shown(name)} is a name of {len(name):,} characters; "
+                f"shorten it to {LONGEST_NAME:,} or fewer"
+            )
+    return Layout(names, delimiter, number, rows[1][0], encoding)
 
 
-def _significant(lines: Iterator[str]) -> Iterator[tuple[int, str]]:
+def lines_of(path: Path, encoding: str) -> Iterator[tuple[int, str]]:
+    """Yield the lines of a text log, numbered from 1.
+
+    Raises
+    ------
+    LogError
+        If a line is longer than any log's.
+    """
+    with path.open(encoding=encoding, errors="replace") as file:
+        number = 1
+        while line := file.readline(LONGEST_LINE + 1):
+            if len(line) > LONGEST_LINE:
+                raise too_long(path, number)
+            yield number, line
+            number += 1
+
+
+def too_long(path: Path, number: int) -> LogError:
+    """Return the error for a line that is longer than any log's."""
+    return LogError(
+        f"{path}: line {number} is longer than {LONGEST_LINE >> 20} million characters; "
+        "write one line for each sample, and end it with a line feed"
+    )
+
+
+def _sample(path: Path, encoding: str) -> tuple[str | None, list[tuple[int, str]]]:
+    """Return the last comment before the first row, and the first rows: two at least, and more while they are short."""
+    comment: str | None = None
+    rows: list[tuple[int, str]] = []
+    characters = 0
+    for number, line in islice(_significant(lines_of(path, encoding)), _SAMPLE_ROWS):
+        if is_data(line):
+            rows.append((number, line))
+            characters += len(line)
+            if len(rows) > 1 and characters > _SAMPLE_CHARACTERS:
+                break
+        elif not rows:
+            comment = line
+    return comment, rows
+
+
+def _significant(lines: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
     """Yield rows, and of the comments before them the last."""
     comment: tuple[int, str] | None = None
-    for number, line in enumerate(lines, 1):
+    for number, line in lines:
         if _EXCEL_HINT.fullmatch(line.strip()):
             continue
         if is_data(line):
@@ -143,10 +161,8 @@ def _encoding(path: Path) -> str:
         return "utf-16"
     if head.translate(None, _CONTROL_BYTES) != head:
         raise LogError(f"{path}: not a text file; export the log as CSV, Parquet, .mat or .npz")
-    if len(head) == _HEAD_BYTES:
-        head = head[: head.rfind(b"\n") + 1]  # whole lines, so that no character is cut
     try:
-        head.decode("utf-8")
+        codecs.getincrementaldecoder("utf-8")().decode(head)  # a character that is cut at the end passes
     except UnicodeDecodeError:
         return "cp1252"  # what Windows tools write; it has the degree sign of a temperature
     return "utf-8-sig"
@@ -160,36 +176,54 @@ def _delimiter(lines: Sequence[str]) -> str | None:
 
 def _score(lines: Sequence[str], delimiter: str | None) -> float:
     """How well a delimiter explains the rows: the share of rows of one width times the share of numbers."""
-    rows = [split_line(line, delimiter) for line in lines]
+    rows = [cells for line in lines if (cells := _split_or_none(line, delimiter)) is not None]
     widths = Counter(len(row) for row in rows)
-    width, count = widths.most_common(1)[0]
+    width, count = widths.most_common(1)[0] if rows else (0, 0)
     if width < 2:
         return 0.0
     cells = [cell for row in rows[1:] or rows for cell in row]
     numbers = sum(is_number(cell, delimiter) for cell in cells)
-    return count / len(rows) * (numbers + 1e-3) / (len(cells) + 1e-3)  # a width alone counts a little
+    return count / len(lines) * (numbers + 1e-3) / (len(cells) + 1e-3)  # a width alone counts a little
 
 
-def is_number(cell: str, delimiter: str | None) -> bool:
-    """Tell whether a cell is a number, or missing; a comma is a decimal comma unless it is the delimiter."""
+def _split_or_none(line: str, delimiter: str | None) -> list[str] | None:
+    """Split a line, or return None where it has no such cells: under another delimiter, or because it is damaged."""
     try:
-        parse_number(cell if delimiter == "," else cell.replace(",", "."))
-    except ValueError:
-        return False
-    return not cell.endswith(",")  # "0, 1, 2" is three cells with commas, not three decimals
+        return split_line(line, delimiter)
+    except CellError:
+        return None
 
 
-def _is_header(rows: Sequence[Sequence[str]]) -> bool:
-    """Tell whether the first row holds names: some text, and no number but plain counts such as 2."""
-    first = rows[0]
-    text = [column for column, cell in enumerate(first) if not is_number(cell, None)]
-    if not text:
+def _is_header(path: Path, line: int, first: Sequence[str], others: Sequence[Sequence[str]]) -> bool:
+    """Tell whether the first row holds names: some text, and no number but plain counts such as 2.
+
+    Text above numbers may also be a damaged cell of a row of data.  It is a name for sure if it is called time, or if
+    most columns have a name that begins with a letter; otherwise nobody can tell, and the file is refused.
+    """
+    is_text = [not is_number(cell, None) for cell in first]
+    if not any(is_text):
         return False
-    values = [cell for column, cell in enumerate(first) if column not in text and any(map(str.isdigit, cell))]
-    if not values or len(rows) == 1:
-        return not values
-    names_above_numbers = any(column < len(rows[1]) and is_number(rows[1][column], None) for column in text)
-    return names_above_numbers and all(map(str.isdecimal, values))
+    numbers = [cell for cell, text in zip(first, is_text, strict=True) if cell and not text]
+    below = dict(enumerate(others[0])) if others else {}
+    names = [
+        column for column, text in enumerate(is_text) if text and column in below and is_number(below[column], None)
+    ]
+    if not names:
+        return not numbers
+    if not all(map(str.isdecimal, numbers)):
+        return False
+    texts = [first[column] for column in names]
+    unnamed = len(numbers) + sum(1 for column, cell in enumerate(first) if not cell and below.get(column))
+    if unnamed:
+        certain = len(names) > unnamed and all(text[0].isalpha() for text in texts)
+    else:
+        certain = not all(map(_BEGUN_NUMBER.match, texts))
+    if certain or time_candidates(texts):
+        return True
+    raise LogError(
+        f"{path}: line {line}, column {names[0]}: {shown(texts[0])} is a name or a damaged number; correct it, or put "
+        "# before the line; if the line holds names, give one to each column that begins with a letter"
+    )
 
 
 def _names(header: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[str, ...]:
@@ -199,10 +233,14 @@ def _names(header: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[str, .
     return tuple(name or str(number) for number, name in enumerate(header[:width]))
 
 
-def _commented_names(comment: str | None, delimiter: str | None, rows: Sequence[Sequence[str]]) -> tuple[str, ...]:
+def _commented_names(
+    comment: str | None, delimiter: str | None, first: Sequence[str], others: Sequence[Sequence[str]]
+) -> tuple[str, ...]:
     """Names from the last comment before the data if it has one name per column (as numpy.savetxt writes them)."""
-    numbered = _names([str(column) if cell else "" for column, cell in enumerate(rows[0])], rows[1:])
-    names = split_line(comment.strip().lstrip("".join(COMMENT_MARKS)).strip(), delimiter) if comment else []
-    if len(names) == len(numbered) and all(name[:1].isalpha() and not is_number(name, None) for name in names):
-        return tuple(names)
-    return numbered
+    numbered = _names([str(column) if cell else "" for column, cell in enumerate(first)], others)
+    text = comment.strip().lstrip("".join(COMMENT_MARKS)).strip() if comment else ""
+    names = _split_or_none(text, delimiter) if text else None
+    if names is None or len(names) != len(numbered):
+        return numbered
+    fit = all(name[:1].isalpha() and len(name) <= LONGEST_NAME and not is_number(name, None) for name in names)
+    return tuple(names) if fit else numbered

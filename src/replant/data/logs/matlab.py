@@ -1,22 +1,37 @@
-"""MATLAB files up to version 7 (.mat): variables, and the fields of a struct as ``data.time``, ``data.udat[:,0]``."""
+"""MATLAB files up to version 7 (.mat): variables, and the fields of a struct as ``data.time``, ``data.udat[:,0]``.
+
+SciPy's parser is compiled, and on damaged bytes it may crash: it runs in a process of its own (`matlab_process`).
+"""
 
 from __future__ import annotations
 
-import warnings
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from replant.data.logs import matlab_process
 from replant.data.logs.arrays import array_table
 from replant.data.logs.damage import damage_refused
 from replant.data.logs.table import Table
 from replant.errors import LogError
 
+# What the process may take: far more than a record does, of which compression leaves a tenth or more
+MEMORY, MEMORY_PER_BYTE = 4 << 30, 32  # bytes, and bytes for each of the file
+SECONDS, SECONDS_PER_BYTE = 120.0, 1e-6
+
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _HEADER_BYTES = 128  # text that names the version; in a v7.3 file 512 bytes of it come before the magic
+_SAVE_AGAIN = "save it again in MATLAB with save(..., '-v7')"
+_CRASHES = {"SIGSEGV", "SIGBUS", "SIGABRT", "SIGFPE", "SIGILL"}
 
 
 def read(path: Path) -> Table:
@@ -29,30 +44,56 @@ def read(path: Path) -> Table:
     """
     with path.open("rb") as file:
         head = file.read(_HEADER_BYTES)
-    if head.startswith((_HDF5_MAGIC, b"MATLAB 7.3")):
-        raise LogError(f"{path}: a MATLAB v7.3 (HDF5) file; save it again in MATLAB with save(..., '-v7')")
-    return array_table(path, _arrays(_load(path)))
+        if head.startswith((_HDF5_MAGIC, b"MATLAB 7.3")):
+            raise LogError(f"{path}: a MATLAB v7.3 (HDF5) file; {_SAVE_AGAIN}")
+        file.seek(0)
+        is_alone = not sys.executable or getattr(sys, "frozen", False)  # a program that holds Python: none to start
+        with damage_refused(path, "MATLAB file", _SAVE_AGAIN):
+            arrays = list(matlab_process.signals(file) if is_alone else _signals(answer(path, file)))
+    return array_table(path, arrays)
 
 
-def _load(path: Path) -> dict[str, Any]:
-    import scipy.io
+def answer(path: Path, file: BinaryIO) -> bytes:
+    """Have a file read by another process, which may crash, and is ended when it takes too long."""
+    size = os.fstat(file.fileno()).st_size
+    seconds = SECONDS + SECONDS_PER_BYTE * size
+    command = [sys.executable, "-P", matlab_process.__file__, str(MEMORY + MEMORY_PER_BYTE * size)]
+    paths = os.pathsep.join(entry or str(Path.cwd()) for entry in sys.path)  # it finds SciPy where we do
+    environment = os.environ | {"PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"}
+    try:
+        done = subprocess.run(
+            command, stdin=file, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            env=environment, timeout=seconds, check=False,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        raise LogError(f"{path}: the file is damaged: reading it takes over {seconds:.0f} s; {_SAVE_AGAIN}") from None
+    except OSError as error:
+        reason = error.strerror or error
+        raise LogError(
+            f"{path}: a MATLAB file is read by a second Python, and {sys.executable} did not start ({reason}); "
+            "save the signals as CSV"
+        ) from error
+    if done.returncode != 0:
+        raise ended(path, done.returncode)
+    return done.stdout
 
-    with (
-        warnings.catch_warnings(action="ignore"),  # about variables that are no signals
-        damage_refused(path, "MATLAB file", "save it again in MATLAB with save(..., '-v7')"),
-    ):
-        contents: dict[str, Any] = scipy.io.loadmat(path)
-    return contents
+
+def ended(path: Path, code: int) -> LogError:
+    """Return the error for a process that ended before it had read the file."""
+    name = signal.Signals(-code).name if -code in set(signal.Signals) else f"code {code}"
+    if name in _CRASHES or os.name == "nt":
+        return LogError(f"{path}: the file is damaged: SciPy's reader crashed on it ({name}); {_SAVE_AGAIN}")
+    return LogError(f"{path}: the process that reads it was ended ({name}); free some memory, and try again")
 
 
-def _arrays(contents: dict[str, Any]) -> Iterator[tuple[str, NDArray[Any]]]:
-    for name, value in contents.items():
-        if name.startswith("__") or not isinstance(value, np.ndarray):
-            continue
-        if value.dtype.names is None:
-            yield name, value
-        elif value.size == 1:
-            fields = value.reshape(-1)[0]
-            for field in value.dtype.names:
-                if isinstance(fields[field], np.ndarray):
-                    yield f"{name}.{field}", fields[field]
+def _signals(answer: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
+    head = answer[: answer.find(b"\n") + 1]
+    message = json.loads(head)
+    if "error" in message:
+        raise ValueError(message["error"])
+    at = len(head)
+    for name, kind, shape, order in message["arrays"]:
+        dtype = np.dtype(kind)
+        flat = np.frombuffer(answer, dtype, math.prod(shape), at)
+        yield name, flat.reshape(shape, order=order)
+        at += flat.nbytes

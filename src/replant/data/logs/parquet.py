@@ -1,4 +1,7 @@
-"""Parquet files (.parquet, .pq), or a folder of them, with pyarrow: only the columns asked for are read."""
+"""Parquet files (.parquet, .pq), or a folder of them, with pyarrow: only the columns asked for are read.
+
+Files of ours have a checksum in each page, which is verified when the page is read; files without are read as they are.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,9 @@ from replant.errors import LogError, MissingDependencyError
 BLOCK_ROWS = 1 << 16  # read at a time
 BUFFER_BYTES = 1 << 20  # of a column
 SUFFIXES = (".parquet", ".pq")
+CHECKED: dict[str, Any] = {"write_page_checksum": True}  # what pyarrow's writers are called with
 
+_REMEDY = "write it again, or move it away"
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
@@ -39,7 +44,7 @@ def read(path: Path) -> Table:
     parts = parts_of(path) if path.is_dir() else [path]
     lengths, schema = [], None
     for part in parts:
-        with _opened(part) as file:
+        with opened(part) as file:
             found = file.schema_arrow
             lengths.append(int(file.metadata.num_rows))
         if schema is not None and found.names != schema.names:
@@ -72,7 +77,8 @@ def _place(parts: Sequence[Path], lengths: Sequence[int], row: int) -> str:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def opened(path: Path) -> Iterator[Any]:
+    """Open a file as `pyarrow.parquet.ParquetFile`; what is damaged, then or when it is read, is a LogError."""
     try:
         from pyarrow import parquet
     except ImportError as error:
@@ -80,8 +86,11 @@ def _opened(path: Path) -> Iterator[Any]:
             f"{path}: reading Parquet needs pyarrow: pip install 'replant[parquet]'"
         ) from error
     # pre_buffer keeps in memory whatever has been read
-    opened = partial(parquet.ParquetFile, path, pre_buffer=False, buffer_size=BUFFER_BYTES)
-    with damage_refused(path, "Parquet file", "write it again"), opened() as file:
+    options = {"pre_buffer": False, "buffer_size": BUFFER_BYTES, "page_checksum_verification": True}
+    with (
+        damage_refused(path, "Parquet file", _REMEDY),
+        parquet.ParquetFile(path, **options) as file,
+    ):
         yield file
 
 
@@ -92,18 +101,22 @@ def _blocks(parts: Sequence[Path], columns: Sequence[int]) -> Iterator[list[NDAr
 
 
 def _blocks_of(path: Path, columns: Sequence[int], origins: Sequence[list[int]]) -> Iterator[list[NDArray[np.float64]]]:
-    with _opened(path) as file:
+    with opened(path) as file:
         schema = file.schema_arrow
         for number in columns:
             _check_type(path, schema.field(number))
         names = [schema.names[number] for number in columns]
         twins = [schema.names[:number].count(name) for number, name in zip(columns, names, strict=True)]
         batches = file.iter_batches(BLOCK_ROWS, columns=sorted(set(names)), use_threads=False)
+        rows = 0
 
         def take() -> list[NDArray[np.float64]] | None:
+            nonlocal rows
             batch = next(batches, None)
             if batch is None:
+                check_rows(path, file, rows)
                 return None
+            rows += batch.num_rows
             places = [batch.schema.get_all_field_indices(name)[twin] for name, twin in zip(names, twins, strict=True)]
             return [_as_float(batch.column(at), origin) for at, origin in zip(places, origins, strict=True)]
 
@@ -111,6 +124,13 @@ def _blocks_of(path: Path, columns: Sequence[int], origins: Sequence[list[int]])
             if block is None:
                 return
             yield block
+
+
+def check_rows(path: Path, file: Any, rows: int) -> None:
+    """Refuse a file of which fewer rows were read than it holds: a page whose header is damaged is passed over."""
+    held = file.metadata.num_rows
+    if rows != held:
+        raise LogError(f"{path}: the file is damaged: {rows:,} of its {held:,} rows can be read; {_REMEDY}")
 
 
 def _is_stamp(kind: Any) -> bool:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from replant.data.logs import parquet
 from replant.data.logs.log import Log
 from replant.data.logs.recording import MOST_HELD, Recording
-from replant.data.logs.table import Table, unreadable
+from replant.data.logs.table import Table, listed, unreadable
 from replant.data.logs.time import (
     Clock,
     check_dt,
@@ -268,7 +268,7 @@ def _find_time(table: Table, roles: dict[str, int]) -> int:
     if not candidates:
         other = "no other column" if time_candidates(table.names) else "no column"
         raise LogError(f"{table.path}: {other} is called t, time or timestamp; {_GIVE_TIME}")
-    names = ", ".join(repr(table.names[number]) for number in candidates)
+    names = listed([repr(table.names[number]) for number in candidates])
     raise LogError(f"{table.path}: several columns could be the time: {names}; {_GIVE_TIME}")
 
 

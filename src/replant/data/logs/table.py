@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from replant.errors import ArgumentTypeError, LogError
 
 NAMES_SHOWN = 12  # a wrong name lists this many, closest first: one line stays readable
+NAME_SHOWN = 60  # characters of each
 
 
 def nth_row(row: int) -> str:
@@ -118,16 +119,16 @@ class Table:
             raise ArgumentTypeError("a column is chosen by name (str) or number (int), not bool")
         if not 0 <= number < len(self.names):
             last = len(self.names) - 1
-            raise LogError(f"{self.path}: no column {number}; columns 0 to {last} are: {_listed(self.names)}")
+            raise LogError(f"{self.path}: no column {number}; columns 0 to {last} are: {listed(self.names)}")
         return number
 
     def _ambiguous(self, key: str, found: list[int]) -> str:
-        names = ", ".join(f"{number} ({self.names[number]!r})" for number in found)
+        names = listed([f"{number} ({self.names[number]!r})" for number in found])
         return f"{self.path}: column {key!r} could be any of {names}; choose it by its number"
 
     def _closest(self, key: str) -> str:
         likeness = {name: max(_likeness(key, name), _likeness(key, _core(name))) for name in self.names}
-        return _listed(sorted(self.names, key=lambda name: -likeness[name]))
+        return listed(sorted(self.names, key=lambda name: -likeness[name]))
 
 
 def unreadable(path: Path, error: OSError) -> LogError:
@@ -148,7 +149,15 @@ def _likeness(one: str, other: str) -> float:
     return SequenceMatcher(None, _folded(one), _folded(other)).ratio()
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """Return names for a message: the first of them, each no longer than can be read.
+
+    Examples
+    --------
+    >>> listed(["u [V]", "y"])
+    'u [V], y'
+    """
     more = len(names) - NAMES_SHOWN
-    shown = ", ".join(" ".join(name.split()) for name in names[:NAMES_SHOWN])
-    return shown + (f", ... ({more} more)" if more > 0 else "")
+    shown = (" ".join(name[: 2 * NAME_SHOWN].split()) for name in names[:NAMES_SHOWN])
+    cut = ", ".join(name if len(name) <= NAME_SHOWN else name[:NAME_SHOWN] + "..." for name in shown)
+    return cut + (f", ... ({more} more)" if more > 0 else "")

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.data.logs.layout import parse_number
+from replant.data.logs.cells import parse_number
 
 #: What a sample consists of: sequence number, time stamp in s, input, output.  In the order of four columns.
 FIELDS = ("n", "t", "u", "y")

@@ -7,6 +7,7 @@ pyarrow, DuckDB and `replant run` read such a folder as one table.
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import os
 import time
@@ -17,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from replant.arguments import FloatArray
+from replant.data.logs.parquet import CHECKED, check_rows, opened
 from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.live.outputs.disk_writer import Background, one_line
 from replant.live.outputs.message import Estimate
@@ -117,11 +119,13 @@ class _Parts:
     def last_number(self) -> int:
         """Return the largest number n in the newest part, or the least integer where there is none."""
         import pyarrow.compute
-        import pyarrow.parquet
 
         last = None
         if self._found:
-            last = pyarrow.compute.max(pyarrow.parquet.read_table(self._found[-1], columns=["n"]).column("n")).as_py()
+            with opened(self._found[-1]) as part:
+                numbers = part.read(columns=["n"]).column("n")
+                check_rows(self._found[-1], part, len(numbers))
+            last = pyarrow.compute.max(numbers).as_py()
         return int(np.iinfo(np.int64).min) if last is None else int(last)
 
     def next_number(self) -> int:
@@ -135,11 +139,15 @@ class _Parts:
 
         path = self._folder / PART.format(number)
         unfinished = path.with_name("." + path.name)
-        with unfinished.open("wb") as file:
-            pyarrow.parquet.write_table(table, file)
-            file.flush()
-            os.fsync(file.fileno())
-        unfinished.replace(path)
+        try:
+            with unfinished.open("wb") as file:
+                pyarrow.parquet.write_table(table, file, **CHECKED)
+                file.flush()
+                os.fsync(file.fileno())
+            unfinished.replace(path)
+        finally:
+            with contextlib.suppress(OSError):  # a full disk, say: what was begun is of no use
+                unfinished.unlink(missing_ok=True)
 
 
 def _samples_table(taken: list[tuple[npt.NDArray[np.int64] | None, FloatArray, FloatArray, FloatArray]]) -> Any:

@@ -1,0 +1,69 @@
+"""A process of its own in which SciPy parses a MATLAB file: on damaged bytes its compiled parser may crash.
+
+`matlab.py` starts it by its path, so that it imports neither replant nor the user's script.  The file comes on standard
+input.  Back go a line of JSON, with name, type, shape and order of the arrays or with an error, and the arrays' bytes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+import warnings
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+def signals(file: BinaryIO) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield the numeric arrays of a MATLAB file with their names, those in a struct as ``data.time``."""
+    import scipy.io
+
+    with warnings.catch_warnings(action="ignore"):  # about variables that are no signals
+        contents: dict[str, Any] = scipy.io.loadmat(file)
+    for name, value in _arrays(contents):
+        if value.dtype.kind in "biuf":
+            yield name, value
+
+
+def _arrays(contents: dict[str, Any]) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:
+    import numpy as np
+
+    for name, value in contents.items():
+        if name.startswith("__") or not isinstance(value, np.ndarray):
+            continue
+        if value.dtype.names is None:
+            yield name, value
+        elif value.size == 1:
+            fields = value.reshape(-1)[0]
+            for field in value.dtype.names:
+                if isinstance(fields[field], np.ndarray):
+                    yield f"{name}.{field}", fields[field]
+
+
+def main() -> None:
+    """Read standard input, write standard output; the argument is the most memory in bytes."""
+    with contextlib.suppress(ImportError, ValueError, OSError):  # Windows has no such limit
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[1]),) * 2)
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    out = sys.stdout.buffer
+    try:
+        found = dict(signals(sys.stdin.buffer))
+    except Exception as error:
+        out.write(json.dumps({"error": str(error) or type(error).__name__}).encode() + b"\n")
+        return
+    arrays = [
+        (name, array.dtype.str, array.shape, "F" if array.flags.f_contiguous else "C") for name, array in found.items()
+    ]
+    out.write(json.dumps({"arrays": arrays}).encode() + b"\n")
+    for array in found.values():
+        out.write(array.tobytes("A"))
+
+
+if __name__ == "__main__":
+    main()
