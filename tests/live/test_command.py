@@ -54,6 +54,41 @@ def test_a_pipe_ends_with_the_bits_of_run_on_what_was_recorded(tmp_path: Path, c
     assert [again["a0"]["value"], again["b0"]["value"]] == kept.parameters.tolist()
 
 
+@pytest.mark.parametrize("place", ["first", "last", "behind --"])
+def test_standard_input_may_have_options(place: str) -> None:
+    """Numbered lines, which ``-`` alone would take for ``t,u,y``; the address is no option, wherever it stands."""
+    source = "-?columns=n,u,y"
+    data = b"".join(lines(U, Y, first=0))
+    data += data.splitlines(keepends=True)[-1]  # a duplicate, by its number
+    arguments = {"first": (source, *MODEL), "last": (*MODEL, source), "behind --": (*MODEL, "--", source)}[place]
+    first, *others = ("--to", "-", *arguments)
+    with live(first, model=tuple(others)) as process:
+        code, out, err = finished(process, data)
+    assert code == 0, err
+    last = estimates(out)[-1]
+    assert last["samples"] == U.size
+    assert [last["a0"], last["b0"]] == learned(U, Y).parameters.tolist()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["-?columns=n,q"], "-?columns=n,q: columns=n,q must name u and y"),
+        (["-?colums=n,u,y"], "-?colums=n,u,y: unknown option 'colums'"),
+        (["-q"], "No such option"),
+        ([], "Missing argument 'SOURCE'"),
+        (["-?columns=u,y", "-?columns=u,y"], "Got unexpected extra argument"),
+    ],
+)
+def test_what_is_wrong_with_an_address_of_standard_input_is_said(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["live", *arguments, *MODEL])
+    assert stop.value.code == 2
+    assert message in capsys.readouterr().err
+
+
 def test_the_demo_is_trusted_and_its_record_gives_the_bits_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:

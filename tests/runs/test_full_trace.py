@@ -13,6 +13,7 @@ from replant.data.logs import read_columns
 from replant.errors import LogError, MissingDependencyError
 from replant.runs import full_trace
 from replant.runs.full_trace import FullTrace
+from support.full_disk import full_disk
 
 pytest.importorskip("pyarrow", reason="pyarrow is not installed: pip install 'replant[parquet]'")
 
@@ -49,6 +50,30 @@ def test_after_an_error_no_file_is_left(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="something else"):
         fail()
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit to a file's size")
+@pytest.mark.parametrize("room", [0, 3, 100, 2000, 4000])
+@pytest.mark.parametrize("group_rows", [100, 1000])
+def test_on_a_full_disk_no_file_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int, group_rows: int
+) -> None:
+    """Whichever write fails: of a group, of the end, or none before the end."""
+    monkeypatch.setattr(full_trace, "GROUP_ROWS", group_rows)
+
+    def write() -> None:
+        with FullTrace(tmp_path / "trace.parquet", dt=1.0) as file:
+            file.take(trace(100))
+            file.take(trace(100))
+
+    with (
+        full_disk(room),
+        pytest.raises(LogError, match=r"trace\.parquet: cannot be written \(.*\); choose another file"),
+    ):
+        write()
+    assert not list(tmp_path.iterdir())
+    write()
+    assert [entry.name for entry in tmp_path.iterdir()] == ["trace.parquet"]
 
 
 def test_a_mistake_is_said_before_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+import replant as rp
 from replant.data.logs import read_columns, read_log
 from replant.errors import LogError, MissingDependencyError
+from replant.live.outputs.disk_writer import Background
+from replant.live.outputs.notices import Notices
+from replant.live.outputs.parquet_recorder import Recorder
+from replant.runs.full_trace import FullTrace
 
 
 @pytest.fixture
@@ -106,3 +111,63 @@ def test_without_pyarrow_the_message_names_the_extra(
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(MissingDependencyError, match=r"pip install 'replant\[parquet\]'"):
         read_columns(write("x", "log.parquet"))
+
+
+def flips(content: bytes, tries: int) -> Iterator[bytes]:
+    """The content with one bit flipped, at seeded places."""
+    for bit in np.random.default_rng(0).integers(0, 8 * len(content), tries).tolist():
+        yield content[: bit // 8] + bytes([content[bit // 8] ^ (1 << bit % 8)]) + content[bit // 8 + 1 :]
+
+
+def full_trace(folder: Path) -> Path:
+    rng = np.random.default_rng(0)
+    with FullTrace(folder / "trace.parquet", dt=0.1) as file:
+        file.take(rp.Trace(("a0", "b0"), np.zeros(2), rng.standard_normal((60, 2)), rng.standard_normal(60)))
+    return folder / "trace.parquet"
+
+
+def recorded_part(folder: Path) -> Path:
+    rng, background = np.random.default_rng(0), Background(Notices(print))
+    recorder = Recorder(folder, background)
+    recorder.take(np.arange(60), np.arange(60) * 0.1, rng.standard_normal(60), rng.standard_normal(60))
+    recorder.flush()
+    background.close()
+    return folder / "samples" / "part-00000001.parquet"
+
+
+@pytest.mark.parametrize("make", [full_trace, recorded_part])
+def test_a_flipped_bit_in_what_we_write_is_noticed_or_harmless(tmp_path: Path, make: Callable[[Path], Path]) -> None:
+    pytest.importorskip("pyarrow", reason="pyarrow is not installed: pip install 'replant[parquet]'")
+    path = make(tmp_path)
+    table = read_columns(path)
+    expected, refused = table.columns(list(table.names)), 0
+    for damaged in flips(path.read_bytes(), 1500):
+        path.write_bytes(damaged)
+        try:
+            found = read_columns(path).columns(list(table.names))
+        except LogError as error:
+            refused += 1
+            message = str(error)
+        else:
+            np.testing.assert_array_equal(found, expected)
+            continue
+        assert message.startswith(f"{path}: ")
+        assert "\n" not in message
+    assert refused > 500
+
+
+def test_a_part_that_is_damaged_is_said_when_the_record_goes_on(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason="pyarrow is not installed: pip install 'replant[parquet]'")
+    path = recorded_part(tmp_path)
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(
+        LogError, match=r"part-00000001\.parquet: not a readable Parquet file .*; write it again, or move"
+    ):
+        Recorder(tmp_path, Background(Notices(print)), go_on=True)
+
+
+def test_what_has_no_checksums_is_read(save: Callable[[Any], Path]) -> None:
+    import pyarrow as pa
+
+    log = read_log(save(pa.table({"u": [1.0, 2.0], "y": [3.0, 4.0]})), input="u", output="y", dt=0.1)
+    assert log.output.tolist() == [3.0, 4.0]

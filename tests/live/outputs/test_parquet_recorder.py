@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from replant.live.outputs.disk_writer import Background
 from replant.live.outputs.message import Estimate
 from replant.live.outputs.notices import Notices
 from replant.live.outputs.parquet_recorder import Recorder
+from support.full_disk import full_disk
 from support.live_fakes import DT, record
 
 U, Y = record(1000)
@@ -64,19 +66,41 @@ def test_estimates_are_recorded_beside_them(tmp_path: Path) -> None:
     assert set(frame["verdict"]) == {"trusted"}
 
 
-def test_a_crash_while_a_part_is_written_costs_that_part_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_crash_while_a_part_is_written_costs_that_part_alone(tmp_path: Path) -> None:
     recorded(tmp_path, [slice(0, 300)])
-    with monkeypatch.context() as crash:
-        crash.setattr(os, "fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left on device")))
-        said = recorded(tmp_path, [slice(300, 600)], go_on=True)
-    assert ["No space left" in line for line in said] == [True]
-    assert any(path.name.startswith(".") for path in (tmp_path / "samples").iterdir())  # what a crash leaves
+    (tmp_path / "samples" / ".part-00000002.parquet").write_bytes(b"PAR1 and half of a page")  # what a crash leaves
     assert len(rp.read_log(tmp_path, input="u", output="y")) == 300
     assert len(pandas.read_parquet(tmp_path / "samples")) == 300
 
     recorded(tmp_path, [slice(300, 600)], go_on=True)
     assert not any(path.name.startswith(".") for path in (tmp_path / "samples").iterdir())
     assert len(rp.read_log(tmp_path, input="u", output="y")) == 600
+
+
+@pytest.mark.parametrize("call", ["open", "fsync", "replace"])
+def test_a_call_that_fails_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str) -> None:
+    recorded(tmp_path, [slice(0, 300)])
+    with monkeypatch.context() as disk:
+        disk.setattr(
+            os if call == "fsync" else Path,
+            call,
+            lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")),
+        )
+        said = recorded(tmp_path, [slice(300, 600)], go_on=True)
+    assert ["No space left" in line for line in said] == [True]
+    assert [path.name for path in (tmp_path / "samples").iterdir()] == ["part-00000001.parquet"]
+    assert len(rp.read_log(tmp_path, input="u", output="y")) == 300
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit to a file's size")
+@pytest.mark.parametrize("room", [0, 3, 500, 4000])
+def test_a_full_disk_leaves_nothing_behind(tmp_path: Path, room: int) -> None:
+    """Wherever in the part it is met; what comes after, when there is room again, is recorded."""
+    with full_disk(room):
+        assert len(recorded(tmp_path, [slice(0, 300)])) == 1
+    assert not list((tmp_path / "samples").iterdir())
+    assert recorded(tmp_path, [slice(300, 600)], go_on=True) == []
+    np.testing.assert_array_equal(rp.read_log(tmp_path, input="u", output="y").input, U[300:600])
 
 
 def test_samples_that_are_sent_again_are_recorded_once(tmp_path: Path) -> None:

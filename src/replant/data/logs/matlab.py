@@ -57,9 +57,10 @@ def answer(path: Path, file: BinaryIO) -> bytes:
     """Have a file read by another process, which may crash, and is ended when it takes too long."""
     size = os.fstat(file.fileno()).st_size
     seconds = SECONDS + SECONDS_PER_BYTE * size
-    command = [sys.executable, "-P", matlab_process.__file__, str(MEMORY + MEMORY_PER_BYTE * size)]
-    paths = os.pathsep.join(entry or str(Path.cwd()) for entry in sys.path)  # it finds SciPy where we do
-    environment = os.environ | {"PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"}
+    memory = MEMORY + MEMORY_PER_BYTE * size
+    folders = [entry for entry in sys.path if isinstance(entry, str)]
+    command = [sys.executable, "-P", matlab_process.__file__, str(memory), *folders]
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
     try:
         done = subprocess.run(
             command, stdin=file, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,

@@ -25,7 +25,7 @@ def signals(file: BinaryIO) -> Iterator[tuple[str, NDArray[Any]]]:
     with warnings.catch_warnings(action="ignore"):  # about variables that are no signals
         contents: dict[str, Any] = scipy.io.loadmat(file)
     for name, value in _arrays(contents):
-        if value.dtype.kind in "biuf":
+        if value.dtype.kind in "biuf" and value.size > 1:
             yield name, value
 
 
@@ -45,12 +45,13 @@ def _arrays(contents: dict[str, Any]) -> Iterator[tuple[str, np.ndarray[Any, Any
 
 
 def main() -> None:
-    """Read standard input, write standard output; the argument is the most memory in bytes."""
+    """Read standard input, write standard output; arguments: the most memory in bytes, folders where SciPy may be."""
     with contextlib.suppress(ImportError, ValueError, OSError):  # Windows has no such limit
         import resource
 
         resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[1]),) * 2)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    sys.path += sys.argv[2:]  # last, so that no module of the user's hides one of Python's
     out = sys.stdout.buffer
     try:
         found = dict(signals(sys.stdin.buffer))
