@@ -76,6 +76,7 @@ def test_standard_input_may_have_options(place: str) -> None:
         (["-?columns=n,q"], "-?columns=n,q: columns=n,q must name u and y"),
         (["-?colums=n,u,y"], "-?colums=n,u,y: unknown option 'colums'"),
         (["-q"], "No such option"),
+        (["-", "--record"], "Option '--record' requires an argument"),
         ([], "Missing argument 'SOURCE'"),
         (["-?columns=u,y", "-?columns=u,y"], "Got unexpected extra argument"),
     ],
@@ -84,7 +85,7 @@ def test_what_is_wrong_with_an_address_of_standard_input_is_said(
     arguments: list[str], message: str, capsys: pytest.CaptureFixture
 ) -> None:
     with pytest.raises(SystemExit) as stop:
-        main(["live", *arguments, *MODEL])
+        main(["live", *MODEL, *arguments])
     assert stop.value.code == 2
     assert message in capsys.readouterr().err
 

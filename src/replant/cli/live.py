@@ -39,14 +39,16 @@ class Time(click.ParamType[float]):
 
 
 class SourceCommand(click.Command):
-    """A command whose SOURCE may be ``-?columns=n,t,u,y``, standard input with options, which is no option."""
+    """A command whose SOURCE may be standard input with options, ``-?columns=n,t,u,y``, which click takes for one."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Take such arguments behind ``--``, where nothing is an option."""
+        """Move such an argument behind ``--``, where nothing is an option."""
         end = args.index("--") if "--" in args else len(args)
         sources = [argument for argument in args[:end] if argument.startswith("-?")]
-        others = [argument for argument in args[:end] if not argument.startswith("-?")]
-        return super().parse_args(ctx, [*others, "--", *sources, *args[end + 1 :]])
+        if sources:
+            others = [argument for argument in args[:end] if not argument.startswith("-?")]
+            args = [*others, "--", *sources, *args[end + 1 :]]
+        return super().parse_args(ctx, args)
 
 
 @click.command(name="live", cls=SourceCommand)

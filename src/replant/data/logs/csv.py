@@ -124,13 +124,14 @@ def _texts(path: Path, layout: Layout) -> Iterator[tuple[int, bytes]]:
         file: Any = codecs.EncodedFile(opened, "utf-8", "utf-16", "replace") if layout.encoding == _WIDE else opened
         first, rest = 1, file.read(len(_BYTE_ORDER_MARK)).removeprefix(_BYTE_ORDER_MARK)
         while block := file.read(BLOCK_BYTES):
-            whole, newline, rest_of_block = block.rpartition(b"\n")
-            if not newline:
+            # a return at the end of the block may be the first half of a line's end
+            end = 1 + max(block.rfind(b"\n"), block[:-1].rfind(b"\r"))
+            if end == 0:
                 rest += block
                 if len(rest) > LONGEST_LINE:
                     raise too_long(path, first)
                 continue
-            text, rest = rest + whole + newline, rest_of_block
+            text, rest = rest + block[:end], block[end:]
             yield first, text
             first += text.count(b"\n") + _lone_returns(text)
         if rest:
