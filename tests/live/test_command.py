@@ -54,20 +54,17 @@ def test_a_pipe_ends_with_the_bits_of_run_on_what_was_recorded(tmp_path: Path, c
     assert [again["a0"]["value"], again["b0"]["value"]] == kept.parameters.tolist()
 
 
-@pytest.mark.parametrize("place", ["first", "last", "behind --"])
+@pytest.mark.parametrize("place", ["first", "last"])
 def test_standard_input_may_have_options(place: str) -> None:
-    """Numbered lines, which ``-`` alone would take for ``t,u,y``; the address is no option, wherever it stands."""
-    source = "-?columns=n,u,y"
-    data = b"".join(lines(U, Y, first=0))
-    data += data.splitlines(keepends=True)[-1]  # a duplicate, by its number
-    arguments = {"first": (source, *MODEL), "last": (*MODEL, source), "behind --": (*MODEL, "--", source)}[place]
-    first, *others = ("--to", "-", *arguments)
-    with live(first, model=tuple(others)) as process:
-        code, out, err = finished(process, data)
+    """Its address is no option of the command, wherever it stands."""
+    source = "-?columns=n,t,y,u"
+    arguments = (source, *MODEL) if place == "first" else (*MODEL, source)
+    with live("--to", "-", *arguments, model=()) as process:
+        code, out, err = finished(process, b"".join(lines(Y, U, T, first=0)))
     assert code == 0, err
     last = estimates(out)[-1]
     assert last["samples"] == U.size
-    assert [last["a0"], last["b0"]] == learned(U, Y).parameters.tolist()
+    assert [last["a0"], last["b0"]] == learned(U, Y, T).parameters.tolist()
 
 
 @pytest.mark.parametrize(
