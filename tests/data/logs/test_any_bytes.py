@@ -21,6 +21,7 @@ from replant.data.logs import csv, matlab, read_log
 from replant.data.logs.read import FORMATS
 from replant.errors import LogError
 from support.damage import damaged
+from support.places import ROOT
 
 CELLS = st.sampled_from(["0", "1.5", "2,5", "-3e2", "", "nan", "x", '"', "#", "%", "'", "\ufeff", "\x1a", "°", "1.2.3"])
 MARKS = st.sampled_from([",", ";", "\t", " ", "|", "\n", "\r\n", "\r", "\x0b", "\u2028"])
@@ -93,7 +94,10 @@ TRIES = 200  # of each
 def forks(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     """MATLAB files go to a process that forks: a try costs milliseconds."""
     with subprocess.Popen(
-        [sys.executable, Path(__file__).with_name("forks.py")], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [sys.executable, ROOT / "tests" / "support" / "forks.py"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
     ) as process:
 
         def answer(path: Path, _: object) -> bytes:
