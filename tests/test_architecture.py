@@ -48,6 +48,7 @@ HEAVY |= {"paho", "serial", "starlette", "uvicorn"}
 ADAPTERS = {
     "sklearn": {"sklearn"},
     "live.dashboard.app": {"starlette"},
+    "live.dashboard.connections": {"starlette", "uvicorn"},
     "live.dashboard.security": {"starlette"},
 }
 TERMINAL = {"click", "rich"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
@@ -45,7 +46,8 @@ def test_a_pipe_ends_with_the_bits_of_run_on_what_was_recorded(tmp_path: Path, c
     kept = saving.load(tmp_path / "rig").identifier
     assert kept.to_bytes() == learned(U, Y).to_bytes()
     assert [last["a0"], last["b0"]] == kept.parameters.tolist()
-    assert (last["samples"], last["trusted"], last["verdict"]) == (U.size, 1, "trusted")
+    assert (last["samples"], last["status"], last["trusted"], last["ttl"]) == (U.size, "ended", 0, 0.0)
+    assert last["verdict"] == "trusted"  # what was found in the end
     assert last["std_a0"] == pytest.approx(kept.uncertainty.std[0], rel=1e-9)
     assert "trusted" in err  # the summary: standard output is taken
 
@@ -190,13 +192,25 @@ def test_datagrams_in_and_estimates_out(tmp_path: Path) -> None:
                 continue
             at = answers[-1]["sequence"] + 1
         assert finished(process)[0] == 0
+        answers += answers_left(controller)
     assert answers[-1]["sequence"] == 999
     assert answers[-1]["timestamp"] == T[999]
     identifier = learned(U[:1000], Y[:1000], T[:1000])
     assert [answers[-1]["a0"], answers[-1]["b0"]] == identifier.parameters.tolist()
     assert saving.load(tmp_path / "rig").identifier.to_bytes() == identifier.to_bytes()
+    assert (answers[-1]["trusted"], answers[-1]["ttl"], answers[-1]["status"]) == (0, 0.0, "ended")
     numeric = {name for name, value in answers[-1].items() if not isinstance(value, str)}
-    assert numeric == {"timestamp", "sequence", "samples", "a0", "b0", "std_a0", "std_b0", "trusted"}
+    assert numeric == {"timestamp", "sequence", "samples", "a0", "b0", "std_a0", "std_b0", "trusted", "ttl", "sent"}
+
+
+def answers_left(controller: socket.socket) -> list[dict[str, Any]]:
+    """What has come and not been read."""
+    controller.setblocking(False)
+    found = []
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            found.append(json.loads(controller.recv(2000)))
+    return found
 
 
 def bound(receiver: socket.socket) -> int:
@@ -265,7 +279,7 @@ def test_samples_and_the_model_over_a_broker(broker: int, tmp_path: Path) -> Non
     client.disconnect()
     client.loop_stop()
     assert [model["a0"], model["b0"]] == learned(U, Y, T).parameters.tolist()
-    assert model["trusted"] == 1
+    assert (model["trusted"], model["status"]) == (0, "ended")
     assert model["std_a0"] > 0
 
 

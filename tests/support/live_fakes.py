@@ -96,7 +96,7 @@ class FakeObserver:
 
 
 class FakeSink:
-    name, interval = "fake sink", 0.0
+    name, interval, behind = "fake sink", 0.0, False
 
     def __init__(self, failure: Exception | None = None) -> None:
         self.sent: list[Estimate] = []

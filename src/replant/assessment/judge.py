@@ -42,6 +42,7 @@ from replant.statistics.autoregression import whiteness
 # Simulated fit in percent below which the input explains next to nothing: at a fit of 10 the noise has four times the
 # power of the model's output, and a right model of such a plant is of little use.
 POOREST_FIT = 10.0
+WORST_FIT = -1000.0  # %; what is worse is not told apart
 # Part of the output's power that the input could still explain, up to which a model is trusted with a caveat: a
 # sixteenth of the output's amplitude.  Real plants are never quite linear, nor of finite order.  The surest of the
 # tests must stay below it with its doubt added.
@@ -171,7 +172,8 @@ def _fit(evidence: Evidence, runs: Runs, figures: Figures) -> list[Finding]:
         return [Finding("inconsistent", f"the output stands still over {evidence.span} while the input moves")]
     seen = ", in sample," if evidence.in_sample else ""
     reason = f"run from the input alone over {evidence.span}{seen} the model explains next to nothing of the output"
-    return [Finding("inconsistent", f"{reason} (fit {fit:.0f} %)")]
+    shown = f"{fit:.0f} %" if fit > WORST_FIT else f"below {WORST_FIT:.0f} %"
+    return [Finding("inconsistent", f"{reason} (fit {shown})")]
 
 
 def _unexplained(evidence: Evidence, runs: Runs, figures: Figures) -> list[Finding]:

@@ -113,10 +113,10 @@ def duration(seconds: float) -> str:
 
     Examples
     --------
-    >>> duration(28.44), duration(2451.3), duration(50_000.0)
-    ('28.4 s', '2451 s', '50,000 s')
+    >>> duration(28.44), duration(2451.3), duration(50_000.0), duration(1e300)
+    ('28.4 s', '2451 s', '50,000 s', '1e+300 s')
     """
-    if seconds < 1000.0:
+    if seconds < 1000.0 or seconds >= 1e12:
         return f"{seconds:.3g} s"
     return f"{seconds:,.0f} s" if seconds >= 1e4 else f"{seconds:.0f} s"
 

@@ -12,6 +12,7 @@ import click
 
 from replant.cli.options import BIAS, INPUT_MAP, OPTIMIZER
 from replant.errors import InvalidArgumentError
+from replant.live.outputs.disk_writer import one_line
 from replant.live.run import Plan, run
 from replant.live.session.session import Limits
 from replant.model.structure import Structure
@@ -21,6 +22,7 @@ from replant.settings import Request
 
 DASHBOARD = "127.0.0.1:8710"
 UNITS = {"ms": 1e-3, "s": 1.0, "": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+LONGEST_TOKEN = 1024  # characters
 DEMO = "demo"  # the source that needs no options: its structure is known
 
 
@@ -87,7 +89,20 @@ class SourceCommand(click.Command):
     help=f"Serve a page, at {DASHBOARD}; demo does, unless it is off.",
 )
 @click.option(
-    "--token", metavar="WORD", help="What a browser must bring; needed where not only this machine can reach it."
+    "--token",
+    envvar="REPLANT_TOKEN",
+    metavar="WORD",
+    help="What a browser must bring; needed where not only this machine can reach it.  Others on this machine can "
+    "read it in the list of processes: better set REPLANT_TOKEN, or give a file.",
+)
+@click.option(
+    "--token-file", type=click.Path(path_type=Path), metavar="FILE", help="Read the token from a file's first line."
+)
+@click.option(
+    "--ttl",
+    type=Time(),
+    metavar="TIME",
+    help="How long an estimate may be trusted without an accepted sample.  [default: 5s, or 10 sampling times]",
 )
 def command(source: str, **options: Any) -> None:
     """Identify G(s) from live samples of input u and output y.
@@ -111,8 +126,9 @@ def command(source: str, **options: Any) -> None:
         options["checkpoint"],
         options["every"],
         _address(options["dashboard"]),
-        options["token"],
+        _token(options),
         None if rig is None else rig.plant,
+        options["ttl"],
     )
     if not run(plan):
         sys.exit(1)
@@ -121,6 +137,25 @@ def command(source: str, **options: Any) -> None:
 def is_demo(source: str) -> bool:
     """Whether a source is the simulated rig."""
     return source == DEMO or source.startswith(DEMO + "?")
+
+
+def _token(options: dict[str, Any]) -> str | None:
+    """Return the token that was given, in the environment, as an option or in a file."""
+    path: Path | None = options["token_file"]
+    if path is None:
+        token: str | None = options["token"]
+        return token
+    source = click.get_current_context().get_parameter_source("token")
+    if options["token"] is not None and source is click.core.ParameterSource.COMMANDLINE:
+        raise InvalidArgumentError("--token and --token-file: give one of them")
+    try:
+        with path.open(encoding="utf-8") as file:
+            token = file.readline(LONGEST_TOKEN).strip()
+    except (OSError, ValueError) as error:
+        raise InvalidArgumentError(f"--token-file {path}: {one_line(error)}") from None
+    if not token:
+        raise InvalidArgumentError(f"--token-file {path}: its first line is empty; write the token there")
+    return token
 
 
 def _request(options: dict[str, Any]) -> Request:

@@ -14,6 +14,7 @@ from replant.live.observer.make_view import look
 from replant.live.observer.process import Address, Orders
 from replant.live.observer.terminal import print_summary
 from replant.live.outputs.disk_writer import Background
+from replant.live.outputs.message import time_to_live
 from replant.live.outputs.notices import Notices
 from replant.live.outputs.parquet_recorder import Recorder
 from replant.live.outputs.sinks import Sink, open_sink
@@ -46,6 +47,8 @@ class Plan:
     token : str or None
     truth : TransferFunction or None
         The true plant, of a simulated rig.
+    ttl : float or None
+        Seconds for which "trusted" may stand without an accepted sample; None: see `time_to_live`.
     """
 
     source: str
@@ -58,6 +61,7 @@ class Plan:
     dashboard: tuple[str, int] | None = None
     token: str | None = None
     truth: TransferFunction | None = None
+    ttl: float | None = None
 
 
 def run(plan: Plan) -> bool:
@@ -76,7 +80,8 @@ def run(plan: Plan) -> bool:
     hold_flat()
     progress, identifier, said = _begin(plan)
     source = open_source(plan.source)
-    sinks = [open_sink(address) for address in plan.sinks]
+    ttl = time_to_live(plan.request.dt) if plan.ttl is None else plan.ttl
+    sinks = [open_sink(address, ttl) for address in plan.sinks]
     address = None if plan.dashboard is None else Address(*plan.dashboard, plan.token)
     observer = Observer(Orders(address, terminal=True, truth=plan.truth))
     try:
@@ -115,6 +120,7 @@ def _session(
         keeper=None if plan.checkpoint is None else Keeper(plan.checkpoint, plan.every, background),
         limits=plan.limits,
         progress=progress,
+        ttl=plan.ttl,
     )
 
 

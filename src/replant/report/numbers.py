@@ -62,7 +62,7 @@ def duration(seconds: float) -> str:
     >>> duration(81.86), duration(50_000.0)
     ('81.86 s', '50,000 s (13.9 h)')
     """
-    text = f"{seconds:,.0f} s" if seconds >= 1e4 else f"{number(seconds)} s"
+    text = f"{seconds:,.0f} s" if 1e4 <= seconds < 1e12 else f"{number(seconds)} s"
     return text + (f" ({seconds / 3600:.3g} h)" if seconds >= 7200 else "")
 
 
@@ -92,7 +92,7 @@ def off_by(value: float, true: float) -> str:
     if true == 0.0:
         return "no figure"
     percent = 100.0 * (value / true - 1.0)
-    return f"{percent:+.2g} %" if abs(percent) < 0.1 else f"{percent:+.2f} %"
+    return f"{percent:+.2f} %" if 0.1 <= abs(percent) < 1e6 else f"{percent:+.2g} %"
 
 
 def complex_number(value: complex, digits: int = 4) -> str:

@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.live.outputs.message import ENDED, UNKNOWN
 from replant.live.session.checkpointing import resume
 from replant.live.session.progress import Progress
-from replant.live.session.session import UNKNOWN, Limits
+from replant.live.session.session import Limits
 from replant.online import saving
 from support.live_fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, make, record
 
@@ -185,12 +186,13 @@ def test_estimates_carry_the_newest_verdict_and_the_last_one_always_goes_out() -
     session.run()
     assert np.isnan(sink.sent[0].parameters).all()
     assert sink.sent[0].status == "starting"
-    last = sink.sent[-1]
+    last, farewell = sink.sent[-2:]
+    assert (farewell.samples, farewell.status, farewell.trusted) == (u.size, ENDED, False)
     assert (last.samples, last.sequence, last.timestamp) == (u.size, u.size - 1, DT * (u.size - 1))
-    assert last.verdict == "trusted"
+    assert (last.verdict, last.trusted) == ("trusted", True)
     np.testing.assert_array_equal(last.parameters, session.identifier.parameters)
     np.testing.assert_array_equal(last.std, [0.25, 0.5])
-    assert [estimate.samples for estimate in slow.sent] == [sink.sent[0].samples, u.size]
+    assert [estimate.samples for estimate in slow.sent] == [sink.sent[0].samples, u.size, u.size]
 
 
 def test_without_an_observer_no_verdict_is_claimed() -> None:

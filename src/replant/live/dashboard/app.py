@@ -20,6 +20,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from replant.errors import MissingDependencyError, ReplantError
+from replant.live.dashboard.connections import most_connections
 from replant.live.dashboard.hub import COMMANDS, Hub
 from replant.live.dashboard.security import HEADERS, Guard
 from replant.report.html.page import asset as report_asset
@@ -27,7 +28,7 @@ from replant.report.html.page import asset as report_asset
 PERIOD = 0.2  # s between two views to one browser
 HISTORY_PERIOD = 1.0  # s between two histories, which are long
 MOST_WATCHING = 256  # browsers at a time
-_TRY_LATER, _POLICY = 1013, 1008  # how a websocket is closed
+_OVER, _TRY_LATER, _POLICY = 1000, 1013, 1008  # how a websocket is closed
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _OWN = ("dashboard.js", "format.js", "plots.js", "plane.js", "model.js", "dashboard.css", "icon.svg")
 
@@ -120,16 +121,26 @@ def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
 
 
 async def _stream(hub: Hub, socket: WebSocket) -> None:
-    """Send views until the browser leaves, or speaks: it has nothing to say here."""
-    if hub.watching >= MOST_WATCHING:
+    """Send views until the last one, or until the browser leaves, or speaks: it has nothing to say here."""
+    if hub.guests >= min(MOST_WATCHING, most_connections() // 2):
         await socket.close(_TRY_LATER, "too many are watching")
         return
-    await socket.accept()
+    hub.guests += 1
+    try:
+        await socket.accept()
+        await _converse(hub, socket)
+    finally:
+        hub.guests -= 1
+
+
+async def _converse(hub: Hub, socket: WebSocket) -> None:
     views = asyncio.create_task(_send(hub, socket))
     heard = asyncio.create_task(socket.receive())
     try:
         await asyncio.wait({views, heard}, return_when=asyncio.FIRST_COMPLETED)
-        if heard.done() and heard.result()["type"] == "websocket.receive":
+        if not heard.done() and hub.ended:
+            await socket.close(_OVER, "the session has ended")
+        elif heard.done() and heard.result()["type"] == "websocket.receive":
             await socket.close(_POLICY, "nothing is read here")
     finally:
         for task in (views, heard):

@@ -46,6 +46,8 @@ class Hub:
         Called with one of ``COMMANDS``, in the server's thread; must return at once.
     report : callable
         Returns a report as HTML; called in a thread of its own, one call at a time.
+    notice : callable
+        Gets a line of text for whoever runs the identification, from the server's thread.
 
     Examples
     --------
@@ -57,9 +59,18 @@ class Hub:
     freeze
     """
 
-    def __init__(self, *, command: Callable[[str], None], report: Callable[[], bytes]) -> None:
+    def __init__(
+        self,
+        *,
+        command: Callable[[str], None],
+        report: Callable[[], bytes],
+        notice: Callable[[str], None] = lambda text: None,
+    ) -> None:
         self._command = command
         self._report = report
+        self.notice = notice
+        self.ended = False
+        self.guests = 0  # browsers that have been let in and not been seen off
         self._newest: tuple[int, dict[str, Any] | None] = (0, None)
         self._frame: Frame | None = None
         self._waiting: set[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = set()
@@ -79,12 +90,20 @@ class Hub:
             `View.to_json()`: plain JSON values, None where a figure is not known.
         """
         self._newest = (self._newest[0] + 1, view)
+        self._wake()
+
+    def end(self) -> None:
+        """Say that no view follows the newest: who has got that is told so; from any thread."""
+        self.ended = True
+        self._wake()
+
+    def _wake(self) -> None:
         for loop, event in tuple(self._waiting):
             with contextlib.suppress(RuntimeError):  # its loop has just been closed
                 loop.call_soon_threadsafe(event.set)
 
     async def subscribe(self) -> AsyncIterator[Frame]:
-        """Yield the newest frame at once and then whenever there is a newer one; those in between are skipped."""
+        """Yield the newest frame at once and then whenever there is a newer one, until the end; none twice."""
         entry = (asyncio.get_running_loop(), asyncio.Event())
         self._waiting.add(entry)
         seen = 0
@@ -93,6 +112,8 @@ class Hub:
                 entry[1].clear()
                 frame = self._written()
                 if frame is None or frame.number == seen:
+                    if self.ended:
+                        return
                     await entry[1].wait()
                     continue
                 seen = frame.number
@@ -111,7 +132,7 @@ class Hub:
 
     @property
     def watching(self) -> int:
-        """How many subscribers there are."""
+        """How many subscribers there are: guests that have been shown a view, or wait for the next."""
         return len(self._waiting)
 
     def command(self, name: str) -> None:

@@ -30,6 +30,7 @@ HEADERS = {
 }
 LONGEST_TOKEN = 1024  # characters that are compared at all
 PAUSE = 0.5  # s before a missing or wrong token is answered, one after the other: nobody tries many
+MOST_WAITING = 32  # who may wait for that answer at a time; while so many do, a token is not even looked at
 _SAFE = ("GET", "HEAD")
 
 
@@ -52,6 +53,7 @@ class Guard:
         self.token = None if token is None else token.encode()
         self.hosts = {host.lower().strip("[]") for host in hosts}
         self._turn = asyncio.Lock()
+        self._waiting = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve a request or refuse it."""
@@ -70,8 +72,12 @@ class Guard:
             await send(message)
 
         if refused is not None and refused[0] == 401:
-            async with self._turn:
-                await asyncio.sleep(PAUSE)
+            self._waiting += 1
+            try:
+                async with self._turn:
+                    await asyncio.sleep(PAUSE)
+            finally:
+                self._waiting -= 1
         if refused is None:
             await self.app(scope, receive, answer)
         elif scope["type"] == "http":
@@ -87,7 +93,11 @@ class Guard:
         acts = scope["type"] == "websocket" or scope["method"] not in _SAFE
         if acts and not _is_same_origin(headers):
             return 403, "Only the dashboard's own page may do that."
-        if self.token is not None and not self._brings_token(scope, headers):
+        if self.token is None or self._brings_cookie(scope, headers):
+            return None
+        if self._waiting >= MOST_WAITING:
+            return 503, "Too many wrong tokens are being tried: try again in a minute."
+        if not self._brings_token(scope, headers):
             return 401, "A token is needed: open the whole address that was printed, with ?token= at its end."
         return None
 
@@ -105,8 +115,9 @@ class Guard:
         brought = [bearer.strip()] if kind.lower() == "bearer" else []
         if scope["type"] == "http" and scope["method"] in _SAFE:
             brought += _query(scope).get("token", [])[:1]
-        if any(hmac.compare_digest(one[:LONGEST_TOKEN].encode(), self.token) for one in brought):
-            return True
+        return any(hmac.compare_digest(one[:LONGEST_TOKEN].encode(), self.token) for one in brought)
+
+    def _brings_cookie(self, scope: Scope, headers: Headers) -> bool:
         try:
             morsel = SimpleCookie(headers.get("cookie", "")).get(self._cookie_name(scope))
         except CookieError:

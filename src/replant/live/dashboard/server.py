@@ -30,24 +30,43 @@ class Dashboard:
     port : int
     """
 
-    def __init__(self, server: uvicorn.Server, listening: socket.socket, host: str, token: str | None) -> None:
+    def __init__(
+        self, hub: Hub, server: uvicorn.Server, listening: socket.socket, host: str, token: str | None
+    ) -> None:
         self.port: int = listening.getsockname()[1]
         name = {"0.0.0.0": socket.gethostname(), "::": socket.gethostname()}.get(host, host)
         query = "" if token is None else f"?token={quote(token, safe='')}"
         self.url = f"http://{f'[{name}]' if ':' in name else name}:{self.port}/{query}"
-        self._server = server
-        self._thread = threading.Thread(
-            target=server.run, kwargs={"sockets": [listening]}, name="replant dashboard", daemon=True
-        )
+        self._hub, self._server, self._listening = hub, server, listening
+        self._thread = threading.Thread(target=self._run, name="replant dashboard", daemon=True)
         self._thread.start()
         while not server.started and self._thread.is_alive():
             time.sleep(0.005)
         if not server.started:
-            listening.close()
             raise ReplantError("the dashboard's server did not start: the lines above say why")
 
+    def _run(self) -> None:
+        try:
+            self._server.run(sockets=[self._listening])
+        except Exception as error:
+            self._hub.notice(f"its server ended: {type(error).__name__}: {error}")
+        finally:
+            self._listening.close()
+
+    @property
+    def alive(self) -> bool:
+        """Whether it is being served."""
+        return self._thread.is_alive()
+
+    def say_goodbye(self) -> None:
+        """Tell all browsers that no view follows the newest, so that they need not come back."""
+        self._hub.end()
+        given_up = time.monotonic() + GRACE
+        while self._hub.guests and self.alive and time.monotonic() < given_up:
+            time.sleep(0.01)
+
     def stop(self) -> None:
-        """Say goodbye to all browsers and end the thread; they connect again when a server is back."""
+        """Hang up on all browsers and end the thread; who was not said goodbye to tries to connect again."""
         self._server.should_exit = True
         self._thread.join()
 
@@ -94,13 +113,18 @@ def serve(hub: Hub, host: str = "127.0.0.1", port: int = 0, token: str | None = 
         import uvicorn
 
         from replant.live.dashboard.app import create_app
+        from replant.live.dashboard.connections import Connections, most_connections
     except ModuleNotFoundError as error:
         message = f"the dashboard needs {error.name}: pip install 'replant[live]'"
         raise MissingDependencyError(message) from None
     app = create_app(hub, token=token, hosts=_names(host))
+    most = most_connections()
+    connections = Connections(app, most, hub.notice)
     listening = _listen(host, port)
     config = uvicorn.Config(
-        app,
+        connections,
+        http=connections.protocol(),
+        backlog=max(most // 4, 1),  # so many may come in at once before the first of them is looked at
         log_config=None,
         log_level="warning",
         access_log=False,
@@ -113,7 +137,7 @@ def serve(hub: Hub, host: str = "127.0.0.1", port: int = 0, token: str | None = 
         timeout_graceful_shutdown=int(GRACE),
         proxy_headers=False,
     )
-    return Dashboard(uvicorn.Server(config), listening, host, token)
+    return Dashboard(hub, uvicorn.Server(config), listening, host, token)
 
 
 def _check(host: str, port: int, token: str | None) -> None:

@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 
@@ -21,11 +22,15 @@ from replant.live.observer.process import (
     Command,
     Failed,
     Handover,
+    Notice,
+    NoView,
     Orders,
     Serving,
     observe,
 )
 from replant.live.observer.view import Pulse, View
+from replant.live.outputs.disk_writer import one_line
+from replant.live.outputs.notices import Notices
 from replant.online.identifier import Identifier
 
 INTERVAL = 0.2  # s between two handovers at the least
@@ -33,12 +38,16 @@ SHARE = 0.02  # of the session's time that handing over may take
 GOODBYE = 5.0  # s that the process gets to end by itself
 PATIENCE = 20.0  # s that the last view may take: the process may just have begun to compile
 TOO_OLD = 5.0  # s after which a view says nothing of the present any more
+PAUSES = 0.5, 30.0  # s, first and longest pause before it is started again
+LONG_LIFE = 60.0  # s after which a death is none of a row
+RESTARTS = "observer restarts"  # as it is counted
 
 
 class Observer:
     """Hand an identifier's state to a process of its own whenever that is idle, and take the views it makes.
 
-    Should the process die it is started again, once; the session goes on without it in any case.
+    Should the process die it is started again, each time after a longer pause; the session goes on without it in any
+    case.
 
     Parameters
     ----------
@@ -55,10 +64,16 @@ class Observer:
         self._view: View | None = None
         self._viewed = 0.0
         self._lines: list[str] = []
-        self._restarts = 0
+        self._notices = Notices(self.show)
+        self._restarts, self._pause = 0, PAUSES[0]
         self._commands: list[str] = []
         self.url = ""
-        self._start()
+        self._alive = self._busy = self._knows_state = False
+        self._handed = self._due = 0.0
+        self._starting: threading.Thread | None = None
+        self._life: _Life | None = None
+        self._revived: _Life | None = None
+        self._take_over(_Life(orders))
         if orders.dashboard is not None:
             try:
                 self._await_dashboard()
@@ -66,36 +81,24 @@ class Observer:
                 self.close()
                 raise
 
-    def _start(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        self._connection, theirs = context.Pipe()
-        self._process = context.Process(
-            target=observe, args=(theirs, self._orders), name="replant observer", daemon=True
-        )  # fmt: skip
-        with _out_of_reach_of_signals():
-            self._process.start()
-        atexit.register(self._process.kill)  # else an exit without `close` would ask it to end, and wait for ever
-        theirs.close()
-        self._outbox: queue.Queue[Handover | None] = queue.Queue()
-        self._sender = threading.Thread(
-            target=_send_all, args=(self._connection, self._outbox), name="replant-observer", daemon=True
-        )
-        self._sender.start()
-        self._alive, self._busy, self._knows_state = True, False, False
+    def _take_over(self, life: _Life) -> None:
+        self._life, self._alive = life, True
+        self._busy = self._knows_state = False
         self._handed = self._due = 0.0
 
     def _await_dashboard(self) -> None:
         """Wait for the process to say that the dashboard answers."""
         while self._alive and not self.url:
-            self._connection.poll(0.1)
-            self.poll()
+            assert self._life is not None
+            self._life.connection.poll(0.1)
+            self._hear(first=True)
         if not self.url:
             raise InvalidArgumentError("the dashboard's process ended: see the lines above")
 
     @property
     def view(self) -> View | None:
-        """The newest view; None before the first, and when it is too old to say anything of the present."""
-        return self._view if time.monotonic() - self._viewed < TOO_OLD else None
+        """The newest view; None before the first, and when it is too old or nobody makes one any more."""
+        return self._view if self._alive and time.monotonic() - self._viewed < TOO_OLD else None
 
     @property
     def last(self) -> View | None:
@@ -111,26 +114,47 @@ class Observer:
 
     def poll(self) -> list[str]:
         """Take what has come from the process; return what the dashboard's users ask for."""
-        try:
-            while self._alive and self._connection.poll(0):
-                self._take(self._connection.recv())
-        except (EOFError, OSError):
-            self._died()
+        if self._alive:
+            self._hear()
+        elif self._starting is None and time.monotonic() >= self._due:
+            # in a thread of its own: until the process takes its orders the start of it may block
+            self._starting = threading.Thread(target=self._revive, name="replant-observer-start", daemon=True)
+            self._starting.start()
+        elif self._starting is not None and not self._starting.is_alive():
+            self._starting = None
+            if self._revived is None:
+                self._due = time.monotonic() + self._longer_pause()
+            else:
+                self._take_over(self._revived)
         commands, self._commands = self._commands, []
         return commands
 
-    def _take(self, message: object) -> None:
+    def _hear(self, *, first: bool = False) -> None:
+        assert self._life is not None
+        try:
+            while self._life.connection.poll(0):
+                self._take(self._life.connection.recv(), first=first)
+        except (EOFError, OSError):
+            self._died()
+
+    def _take(self, message: object, *, first: bool) -> None:
         match message:
-            case View():
+            case View() | NoView():
                 now = time.monotonic()
-                self._view, self._viewed, self._busy = message, now, False
+                self._busy = False
                 self._due = max(self._due, now + (now - self._handed))  # no more than half of its time
+                if isinstance(message, View):
+                    self._view, self._viewed = message, now
             case Command(name):
                 self._commands.append(name)
             case Serving(url):
                 self.url = url
+            case Notice(line):
+                self.show(line)
             case Failed(reason):
-                raise InvalidArgumentError(reason)
+                if first:
+                    raise InvalidArgumentError(reason)
+                self._notices.say("dashboard", f"replant: {reason}; trying again")
 
     def hand(self, identifier: Identifier, pulse: Pulse, *, learned: bool) -> bool:
         """Hand over the pulse, and the identifier's state if it has learned since, unless the process is at work.
@@ -143,10 +167,13 @@ class Observer:
         now = time.monotonic()
         if not self._alive or self._busy or now < self._due:
             return False
+        assert self._life is not None
+        if self._restarts:
+            pulse = replace(pulse, counters={**pulse.counters, RESTARTS: self._restarts})
         begun = time.thread_time()
         state = identifier.to_bytes() if learned or not self._knows_state else None
         cost = time.thread_time() - begun
-        self._outbox.put(Handover(pulse, tuple(self._lines), state))
+        self._life.outbox.put(Handover(pulse, tuple(self._lines), state))
         self._lines.clear()
         self._busy = self._knows_state = True
         self._handed = now
@@ -157,42 +184,120 @@ class Observer:
         """Wait for the view of this very state, as long as a session that ends may take."""
         given_up, handed = time.monotonic() + PATIENCE, False
         while self._alive and time.monotonic() < given_up and (self._busy or not handed):
-            self._connection.poll(0.02)
-            self.poll()
+            assert self._life is not None
+            self._life.connection.poll(0.02)
+            self._hear()
             if not handed:
                 self._due = 0.0
                 handed = self.hand(identifier, pulse, learned=True)
 
     def _died(self) -> None:
+        assert self._life is not None
         self._alive = False
-        self._connection.close()
-        self._process.join(GOODBYE)
+        self._life.bury()
         lost, self._lines = self._lines, []
         for line in lost:
             self.show(line)
-        if self._restarts:
-            self.show("replant: the observer ended again: no verdict, status and dashboard from here on")
-            return
+        if time.monotonic() - self._life.begun > LONG_LIFE:
+            self._pause = PAUSES[0]
+        pause = self._longer_pause()
+        self._due = time.monotonic() + pause
         self._restarts += 1
-        self.show("replant: the observer ended unexpectedly; it is started again")
+        self._notices.say(
+            "observer",
+            f"replant: the process that makes verdict, status and dashboard ended ({self._life.end}); "
+            f"it is started again in {pause:.1f} s, and nothing is trusted until then",
+        )
         if self._view is not None:
-            self._orders = Orders(**{**vars(self._orders), "history": self._view.history})
-        self._start()
+            self._orders = replace(self._orders, history=self._view.history)
+
+    def _longer_pause(self) -> float:
+        pause, self._pause = self._pause, min(2.0 * self._pause, PAUSES[1])
+        return pause
+
+    def _revive(self) -> None:
+        """Start a new process; runs in a thread of its own."""
+        self._revived = None
+        try:
+            self._revived = _Life(self._orders)
+        except Exception as error:  # no memory, no descriptors, no processes left: perhaps there are later
+            self._notices.say("start", f"replant: the observer cannot be started: {one_line(error)}; trying again")
 
     def close(self) -> None:
         """Let the process end; lines not shown yet go to standard error."""
-        if self._alive:
-            self._outbox.put(None)
-            self._process.join(GOODBYE)
-            if self._process.is_alive():
-                self._process.kill()
-                self._process.join()
+        if self._starting is not None:
+            self._starting.join(GOODBYE)
+            if self._revived is not None:
+                self._revived.end_now(wait=0.0)
+        if self._alive and self._life is not None:
+            self._life.end_now(wait=GOODBYE)
             self._alive = False
-            self._connection.close()
-        atexit.unregister(self._process.kill)
         for line in self._lines:
             _print(line)
         self._lines.clear()
+
+
+class _Life:
+    """One process, with what leads to it.
+
+    Attributes
+    ----------
+    connection : Connection
+    outbox : Queue
+        What is put there is sent, by a thread: a pipe is too small for a state, and the session must not wait.
+    begun : float
+    """
+
+    def __init__(self, orders: Orders) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.connection, theirs = context.Pipe()
+        try:
+            self._process = context.Process(
+                target=observe, args=(theirs, orders), name="replant observer", daemon=True
+            )  # fmt: skip
+            with _out_of_reach_of_signals():
+                self._process.start()
+        except BaseException:
+            self.connection.close()
+            raise
+        finally:
+            theirs.close()
+        atexit.register(self._process.kill)  # else an exit without `close` would ask it to end, and wait for ever
+        self.begun = time.monotonic()
+        self.outbox: queue.Queue[Handover | None] = queue.Queue()
+        sender = threading.Thread(
+            target=_send_all, args=(self.connection, self.outbox), name="replant-observer", daemon=True
+        )
+        sender.start()
+
+    @property
+    def pid(self) -> int | None:
+        """The process's number."""
+        return self._process.pid
+
+    @property
+    def end(self) -> str:
+        """How it ended, in words."""
+        code = self._process.exitcode
+        if code is None:
+            return "it hung up"
+        return f"signal {-code}" if code < 0 else f"exit code {code}"
+
+    def bury(self) -> None:
+        """Let go of a process that has hung up; one that goes on all the same is killed."""
+        self.connection.close()
+        self.outbox.put(None)
+        self._process.join(0.2)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join(GOODBYE)
+        atexit.unregister(self._process.kill)
+
+    def end_now(self, *, wait: float) -> None:
+        """Ask it to end, and kill it if it has not within ``wait`` s."""
+        self.outbox.put(None)
+        self._process.join(wait)
+        self.bury()
 
 
 def _print(line: str) -> None:

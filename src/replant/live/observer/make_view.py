@@ -58,6 +58,7 @@ def look(identifier: Identifier, pulse: Pulse, history: History) -> View:
         source_state=pulse.source_state,
         rate=pulse.rate,
         lag=pulse.lag,
+        silence=pulse.silence,
         status=identifier.status,
         adapting=identifier.adapting,
         names=identifier.names,

@@ -10,11 +10,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from replant.live.observer.view import View
+from replant.live.outputs.message import UNKNOWN
 from replant.model.transfer_function import TransferFunction
 from replant.report.numbers import off_by
 from replant.report.terminal.summary import fraction, true_parameters, wrapped
 
 LINES_APART = 5.0  # s between two lines where nobody watches
+WIDEST = 1e12  # a number from there on is written with a power of ten
 REASONS_WIDTH = 71  # columns, where a terminal has 80
 #: Of each verdict: a shape and a colour, that either alone may tell.
 LOOKS = {
@@ -23,6 +25,7 @@ LOOKS = {
     "not excited": ("○", "yellow"),
     "inconsistent": ("▲", "red"),
     "diverged": ("✕", "red"),
+    UNKNOWN: ("?", "yellow"),
 }
 
 
@@ -49,8 +52,8 @@ class Status:
             self._live = Live(console=self._console, auto_refresh=False, transient=True)
             self._live.start()
 
-    def show(self, view: View, lines: Sequence[str] = ()) -> None:
-        """Show lines, for good, and the view until the next one; nothing any more once nobody reads it."""
+    def show(self, view: View | None, lines: Sequence[str] = ()) -> None:
+        """Show lines, for good, and the view, if any, until the next one; nothing any more once nobody reads it."""
         if self._gone:
             return
         try:
@@ -58,9 +61,11 @@ class Status:
         except (OSError, SystemExit):  # the window was closed, or `| head` has seen enough, where rich would exit
             self._gone = True
 
-    def _show(self, view: View, lines: Sequence[str]) -> None:
+    def _show(self, view: View | None, lines: Sequence[str]) -> None:
         for line in lines:
             self._console.print(line, markup=False, highlight=False, soft_wrap=True)
+        if view is None:
+            return
         if self._live is not None:
             self._live.update(screen(view, self._truth), refresh=True)
         elif time.monotonic() >= self._next:
@@ -88,7 +93,8 @@ def one_line(view: View) -> str:
         for name, value, std in zip(view.names, view.parameters.tolist(), view.std.tolist(), strict=True)
         if math.isfinite(value)
     )
-    parts = [f"{view.at:.1f} s", f"{view.samples:,} samples", f"{view.rate:,.0f}/s", _lost(view), view.verdict, figures]
+    traffic = [f"{plain(view.at)} s", f"{plain(view.samples, 0)} samples", f"{plain(view.rate, 0)}/s", _lost(view)]
+    parts = [*traffic, view.verdict, figures]
     if view.source_state != "connected":
         parts.insert(0, view.source_state)
     return "; ".join(part for part in parts if part)
@@ -126,16 +132,17 @@ def _head(view: View) -> Any:
 
 def _traffic(view: View, *, running: bool) -> str:
     if not running:
-        return "   ".join(part for part in (f"{view.at:,.1f} s", f"{view.samples:,} samples", _lost(view)) if part)
-    lag = f"{1e3 * view.lag:.1f} ms behind" if view.lag < 1.0 else f"{view.lag:.1f} s behind"
-    parts = [f"{view.at:,.1f} s", f"{view.samples:,} samples", f"{view.rate:,.0f}/s", lag, _lost(view)]
+        parts = [f"{plain(view.at)} s", f"{plain(view.samples, 0)} samples", _lost(view)]
+        return "   ".join(part for part in parts if part)
+    lag = f"{1e3 * view.lag:.1f} ms behind" if view.lag < 1.0 else f"{plain(view.lag)} s behind"
+    parts = [f"{plain(view.at)} s", f"{plain(view.samples, 0)} samples", f"{plain(view.rate, 0)}/s", lag, _lost(view)]
     return "   ".join(part for part in parts if part)
 
 
 def _lost(view: View) -> str:
     """Return what was not learned, by reason."""
     counts = [*view.rejected.items(), *view.counters.items()]
-    return ", ".join(f"{count:,} {reason}" for reason, count in counts if count)
+    return ", ".join(f"{plain(count, 0)} {reason}" for reason, count in counts if count)
 
 
 def _coefficients(view: View, truth: TransferFunction | None) -> Any:
@@ -161,4 +168,18 @@ def _figure(value: float, std: float) -> str:
 def _fit(view: View) -> str:
     if not math.isfinite(view.simulated):
         return ""
-    return f"Fit  {view.simulated:.1f} % from the input alone, newest samples"
+    return f"Fit  {plain(view.simulated)} % from the input alone, newest samples"
+
+
+def plain(value: float, places: int = 1) -> str:
+    """Return a number with its thousands marked, and with a power of ten where it would be longer than a line has room.
+
+    Examples
+    --------
+    >>> plain(59_857, 0), plain(1234.56), plain(-1e300), plain(10**400, 0)
+    ('59,857', '1,234.6', '-1e+300', '> 1e+308')
+    """
+    try:
+        return f"{value:,.{places}f}" if abs(value) < WIDEST else f"{float(value):.4g}"
+    except OverflowError:  # an integer beyond float64
+        return "> 1e+308"

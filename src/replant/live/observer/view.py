@@ -29,6 +29,8 @@ class Pulse:
         Samples a second, over the last second or so.
     lag : float
         Seconds from a sample's arrival until it was learned; the longest since the pulse before.
+    silence : float
+        Seconds since a sample was accepted, once nothing may be trusted any more for want of one; else 0.
     """
 
     at: float = 0.0
@@ -37,6 +39,7 @@ class Pulse:
     counters: Mapping[str, int] = field(default_factory=dict)
     rate: float = 0.0
     lag: float = 0.0
+    silence: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +108,8 @@ class View:
     source, source_state : str
     rate, lag : float
         Samples a second; seconds from a sample's arrival until it was learned.
+    silence : float
+        See `Pulse`.
     status : {"starting", "running", "diverged"}
     adapting : bool
         Whether the estimate follows the samples, or is frozen.
@@ -135,6 +140,7 @@ class View:
     source_state: str
     rate: float
     lag: float
+    silence: float
     status: str
     adapting: bool
     names: tuple[str, ...]

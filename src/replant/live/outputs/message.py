@@ -8,6 +8,25 @@ from dataclasses import dataclass
 
 from replant.arguments import FloatArray
 
+UNKNOWN = "unknown"  # the verdict while nobody gives one
+#: Least time in s for which "trusted" may stand without an accepted sample: a network takes time to send again.
+LEAST_TTL = 5.0
+#: The same in sampling times: a slow plant's samples may come ten in a message.
+INTERVALS = 10
+#: `Estimate.status` while no sample is accepted, and when the session is over.
+WAITING, ENDED = "waiting", "ended"
+
+
+def time_to_live(dt: float) -> float:
+    """Return how long "trusted" may stand without an accepted sample, in s, unless the user says otherwise.
+
+    Examples
+    --------
+    >>> time_to_live(0.001), time_to_live(2.0)
+    (5.0, 20.0)
+    """
+    return max(LEAST_TTL, INTERVALS * dt)
+
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
@@ -26,15 +45,20 @@ class Estimate:
         NaN until the first model is there.
     std : (P,) array
         Standard deviations; they and the verdict are as of a moment (tenths of a second) before the sample.
-    status : {"starting", "running", "diverged"}
+    status : {"starting", "running", "diverged", "waiting", "ended"}
+        "waiting" while no sample is accepted, "ended" when the session is over.
     verdict : str
+    ttl : float
+        Seconds, from its receipt, for which the message may be acted upon; 0 where nothing may be.
+    sent : float or None
+        Unix time in s at which it was sent; None before that.
 
     Examples
     --------
     >>> import numpy as np
     >>> known = np.array([2.128]), np.array([0.056])
-    >>> Estimate(0.5, None, 25, ("a0",), *known, "running", "trusted").as_json()
-    b'{"timestamp":0.5,"samples":25,"a0":2.128,"std_a0":0.056,"trusted":1,"status":"running","verdict":"trusted"}'
+    >>> Estimate(0.5, None, 25, ("a0",), *known, "running", "trusted", ttl=5.0, sent=1e9).as_json()
+    b'{"timestamp":0.5,"samples":25,"a0":2.128,"std_a0":0.056,"trusted":1,"ttl":5.0,...'
     """
 
     timestamp: float
@@ -45,6 +69,13 @@ class Estimate:
     std: FloatArray
     status: str
     verdict: str
+    ttl: float = 0.0
+    sent: float | None = None
+
+    @property
+    def trusted(self) -> bool:
+        """Whether a controller may act on it, for `ttl` seconds."""
+        return self.verdict == "trusted" and self.ttl > 0.0
 
     def as_json(self) -> bytes:
         """Return one line of JSON without its end: numbers under names of one level, unknown ones null."""
@@ -55,7 +86,9 @@ class Estimate:
         for prefix, values in (("", self.parameters), ("std_", self.std)):
             for name, value in zip(self.names, values.tolist(), strict=True):
                 fields[prefix + name] = value if math.isfinite(value) else None
-        fields["trusted"] = int(self.verdict == "trusted")
+        fields["trusted"] = int(self.trusted)
+        fields["ttl"] = self.ttl
         fields["status"] = self.status
         fields["verdict"] = self.verdict
+        fields["sent"] = self.sent
         return json.dumps(fields, separators=(",", ":"), allow_nan=False).encode()

@@ -52,6 +52,7 @@ class Recorder:
 
     name = "record"
     interval = 0.1  # s of real time at the least between two recorded estimates
+    behind = False  # nobody waits for a record
 
     def __init__(self, folder: Path, background: Background, *, go_on: bool = False) -> None:
         if importlib.util.find_spec("pyarrow") is None:

@@ -2,29 +2,45 @@
 
 from __future__ import annotations
 
+import json
 import os
+import select
 import socket
+import stat
+import sys
 import time
+import uuid
 from typing import Any, Protocol
 from urllib.parse import SplitResult, unquote, urlsplit
 
 from replant.data.streams.address import shown
 from replant.errors import InvalidArgumentError, MissingDependencyError
-from replant.live.outputs.message import Estimate
+from replant.live.outputs.message import (
+    ENDED,
+    LEAST_TTL,
+    UNKNOWN,
+    Estimate,
+)
 
 MQTT_PORT = 1883
 PATIENCE = 5.0  # s that a broker may be away before it is said
+KEEPALIVE = 1, 15  # s, least and most
+#: What the broker says for a session that is gone without a word.
+WILL = json.dumps({"trusted": 0, "ttl": 0.0, "status": ENDED, "verdict": UNKNOWN}, separators=(",", ":")).encode()
 
 
 class Sink(Protocol):
-    """Takes estimates; must not keep the session waiting."""
+    """Takes estimates; must not keep the session waiting.  One thread at a time sends."""
 
     name: str
     #: Least time between two estimates in s; those between are left out, the last of a batch of them never.
     interval: float
+    #: Whether the other side lacks the newest estimate, so that it is to be sent again: it was left out because the
+    #: other side is slow or away, or the other side is new.
+    behind: bool
 
     def send(self, estimate: Estimate) -> None:
-        """Send, or raise OSError with the reason."""
+        """Send, or leave it out for now and be `behind`, or raise OSError with the reason."""
 
     def close(self) -> None:
         """Send what is left, and let go of the wire."""
@@ -44,18 +60,44 @@ class Lines:
 
     def __init__(self, descriptor: int = 1) -> None:
         self._descriptor = descriptor
+        self.behind = False
+        self._is_pipe = False
+        self._poll: Any = None
+        try:
+            mode = os.fstat(descriptor).st_mode
+        except OSError:  # a closed standard output: writing says so
+            return
+        if hasattr(select, "poll") and not stat.S_ISREG(mode):
+            self._is_pipe = stat.S_ISFIFO(mode)
+            self._poll = select.poll()
+            self._poll.register(descriptor, select.POLLOUT)
 
     def send(self, estimate: Estimate) -> None:
-        """Write a line.
+        """Write a line; a trusted one only when the reader of a pipe has taken those before.
+
+        So a slow reader never finds a heap of lines of which each says that it may still be trusted.
 
         Raises
         ------
         BrokenPipeError
             When nobody reads any more.
         """
+        self.behind = not self._has_room(alone=estimate.trusted)
+        if self.behind:
+            return
         rest = estimate.as_json() + b"\n"
         while rest:
             rest = rest[os.write(self._descriptor, rest) :]
+
+    def _has_room(self, *, alone: bool) -> bool:
+        """Whether a line can be written without waiting, and with ``alone`` whether none is waiting to be read."""
+        if self._poll is None:
+            return True
+        found = self._poll.poll(0)
+        ready = found[0][1] if found else 0
+        if ready & ~select.POLLOUT:  # the reader has gone: writing says so
+            return True
+        return bool(ready) and not (alone and self._is_pipe and _unread(self._descriptor))
 
     def close(self) -> None:
         """Nothing is left to do: lines go out at once."""
@@ -80,12 +122,16 @@ class Datagrams:
         self._to: Any = to
         self._socket = socket.socket(family, kind, protocol)
         self._socket.setblocking(False)
+        self.behind = False
 
     def send(self, estimate: Estimate) -> None:
-        """Send a datagram; one that the system has no room for is lost, as datagrams are."""
+        """Send a datagram; it may get lost, as datagrams do."""
+        self.behind = False
         try:
             self._socket.sendto(estimate.as_json(), self._to)
-        except (BlockingIOError, ConnectionRefusedError):
+        except BlockingIOError:  # the system has no room for it
+            self.behind = True
+        except ConnectionRefusedError:
             return
 
     def close(self) -> None:
@@ -96,12 +142,20 @@ class Datagrams:
 class Retained:
     """MQTT: each estimate is retained by the broker, so that who comes later has the newest at once.
 
-    Connects in the background, again and again while the broker is away; meanwhile estimates are left out.
+    Connects in the background, again and again while the broker is away; meanwhile estimates are left out, and the
+    newest is sent as soon as it is back.  Should the session die, or its network, the broker publishes its last will:
+    nothing is trusted.
+
+    Parameters
+    ----------
+    address : SplitResult
+    ttl : float
+        Seconds within which the broker shall notice that the session is gone.
     """
 
     interval = 0.01
 
-    def __init__(self, address: SplitResult) -> None:
+    def __init__(self, address: SplitResult, ttl: float = LEAST_TTL) -> None:
         try:
             from paho.mqtt.client import Client
             from paho.mqtt.enums import CallbackAPIVersion
@@ -114,18 +168,25 @@ class Retained:
             raise InvalidArgumentError(
                 f"--to {self.name}: name one topic after the host, as in mqtt://host/rig/1/model"
             )
-        self._client: Any = Client(CallbackAPIVersion.VERSION2)
+        # always by one name: a connection made anew replaces the one before, whose will then comes before what we say
+        self._client: Any = Client(CallbackAPIVersion.VERSION2, f"replant-{uuid.uuid4().hex[:12]}")
+        self._client.will_set(self._topic, WILL, qos=1, retain=True)
         if address.username:
             self._client.username_pw_set(unquote(address.username), unquote(address.password or ""))
-        self._client.reconnect_delay_set(min_delay=1, max_delay=30)
+        self._client.reconnect_delay_set(min_delay=1, max_delay=5)
         self._client.on_connect = self._answered
+        self._client.on_publish = self._written
         self._trouble = "the broker does not answer"
         self._connected = time.monotonic()
-        self._client.connect_async(_host(address), port, keepalive=15)
+        self._unsent = False  # an estimate waits for the network
+        self.behind = True
+        # a broker waits one and a half times as long, and may take another second to see it
+        keepalive = min(max(KEEPALIVE[0], int(ttl / 2.0)), KEEPALIVE[1])
+        self._client.connect_async(_host(address), port, keepalive)
         self._client.loop_start()
 
     def send(self, estimate: Estimate) -> None:
-        """Publish, retained; nothing while the broker is away.
+        """Publish, retained; nothing while the broker is away, or has not taken the one before.
 
         Raises
         ------
@@ -133,16 +194,26 @@ class Retained:
             When it has been away for some seconds.
         """
         now = time.monotonic()
-        if self._client.is_connected():
+        connected = self._client.is_connected()
+        self.behind = not connected or self._unsent
+        if connected:
             self._connected = now
-            self._client.publish(self._topic, estimate.as_json(), qos=0, retain=True)
         elif now - self._connected > PATIENCE:
             raise ConnectionError(self._trouble)
+        if not self.behind:
+            self._unsent = True
+            self._client.publish(self._topic, estimate.as_json(), qos=0, retain=True)
 
     def _answered(self, *answer: Any) -> None:
         """Take the broker's answer: client, what was given along, flags, reason, properties."""
         refused = getattr(answer[3], "is_failure", False)
         self._trouble = f"the broker refuses: {answer[3]}" if refused else "the broker does not answer"
+        self._unsent = False  # it was thrown away with the connection before
+        self.behind = True  # what the broker retains is the will, or of somebody else, or nothing
+
+    def _written(self, *_: Any) -> None:
+        """Take note that the newest estimate is on its way."""
+        self._unsent = False
 
     def close(self) -> None:
         """Send what is left and disconnect."""
@@ -151,13 +222,15 @@ class Retained:
         self._client.loop_stop()
 
 
-def open_sink(address: str) -> Sink:
+def open_sink(address: str, ttl: float = LEAST_TTL) -> Sink:
     """Return the sink that an address names.
 
     Parameters
     ----------
     address : str
         ``-`` (standard output), ``udp://HOST:PORT`` or ``mqtt://[USER:PASSWORD@]HOST[:PORT]/TOPIC``.
+    ttl : float
+        Seconds within which whoever is at the other side shall notice that the session is gone.
 
     Raises
     ------
@@ -177,8 +250,19 @@ def open_sink(address: str) -> Sink:
     if parts.scheme == "udp":
         return Datagrams(parts)
     if parts.scheme == "mqtt":
-        return Retained(parts)
+        return Retained(parts, ttl)
     raise InvalidArgumentError(f"--to {address}: give -, udp://HOST:PORT or mqtt://HOST:PORT/TOPIC")
+
+
+def _unread(descriptor: int) -> int:
+    """Return how many bytes wait in a pipe; 0 where the system does not tell."""
+    try:
+        import fcntl
+        import termios
+
+        return int.from_bytes(fcntl.ioctl(descriptor, termios.FIONREAD, bytes(4)), sys.byteorder)
+    except (ImportError, OSError):
+        return 0
 
 
 def _host(address: SplitResult) -> str:

@@ -16,17 +16,16 @@ from replant.data.streams import Batch, Source
 from replant.errors import CheckpointError, InvalidArgumentError, ReplantError
 from replant.live.observer.client import Observer
 from replant.live.observer.view import Pulse
-from replant.live.outputs.disk_writer import Background, one_line
-from replant.live.outputs.message import Estimate
+from replant.live.outputs.disk_writer import Background
+from replant.live.outputs.message import UNKNOWN, Estimate, time_to_live
 from replant.live.outputs.notices import Notices
+from replant.live.outputs.outlets import Outlets
 from replant.live.outputs.parquet_recorder import Recorder
 from replant.live.outputs.sinks import Sink
 from replant.live.session.checkpointing import Keeper
 from replant.live.session.clock import Clock
 from replant.live.session.progress import Progress
 from replant.online.identifier import Identifier
-
-UNKNOWN = "unknown"  # the verdict while no observer gives one
 
 
 @dataclass(frozen=True)
@@ -66,6 +65,8 @@ class Session:
     limits : Limits
     progress : Progress
         Of the session that this one resumes.
+    ttl : float or None
+        Seconds for which "trusted" may stand without an accepted sample; None: see `time_to_live`.
     """
 
     def __init__(
@@ -81,12 +82,14 @@ class Session:
         keeper: Keeper | None = None,
         limits: Limits = Limits(),
         progress: Progress | None = None,
+        ttl: float | None = None,
     ) -> None:
         self.identifier, self.source = identifier, source
         self.progress = progress or Progress()
         self._background, self._notices, self._observer = background, notices, observer
         self._recorder, self._keeper = recorder, keeper
-        self._outlets = [_Outlet(sink) for sink in (*sinks, *([recorder] if recorder else []))]
+        ttl = time_to_live(identifier.dt) if ttl is None else ttl
+        self._outlets = Outlets(sinks, recorder, ttl, notices=notices, gone=self.stop)
         self._limits = limits
         self._meter = _Meter()
         last = self.progress.at if self.progress.taken else -np.inf
@@ -110,13 +113,17 @@ class Session:
         begun = time.monotonic()
         if self.progress.sequence is not None:
             self.source.seek(self.progress.sequence)
-        with self._stopped_by_signals():
-            try:
-                self._learn(begun)
-            except ReplantError:  # the source cannot go on: what was learned is kept
+        self._outlets.begin(self._estimate())
+        try:
+            with self._stopped_by_signals():
+                try:
+                    self._learn(begun)
+                except ReplantError:  # the source cannot go on: what was learned is kept
+                    self._finish()
+                    raise
                 self._finish()
-                raise
-            self._finish()
+        finally:  # whatever happened, nobody is left with an estimate that nobody answers for
+            self._outlets.end()
         return self._trusted or not self._limits.until_trusted
 
     def _learn(self, begun: float) -> None:
@@ -136,7 +143,8 @@ class Session:
         """What the session knows and its identifier does not."""
         rate, lag = self._meter.read()
         counters = self.progress.counted(self.source.counters)
-        return Pulse(self.progress.at, self.source.name, self.source.state, counters, rate, lag)
+        silence = self._outlets.silence
+        return Pulse(self.progress.at, self.source.name, self.source.state, counters, rate, lag, silence)
 
     def _take(self, batch: Batch) -> None:
         """Learn the samples of a batch that are still wanted."""
@@ -144,13 +152,16 @@ class Session:
         if not batch.u.size:
             return
         t = self._stamps(batch)
+        before = self.identifier.samples
         self.identifier.update_many(batch.u, batch.y, t)
+        if self.identifier.samples > before:
+            self._outlets.accepted()
         clock = self.progress.advance(batch, t, self.identifier.dt)
         if self._recorder is not None:
             self._recorder.take(batch.sequence, clock, batch.u, batch.y)
         self._learned = True
         self._meter.count(batch.u.size, batch.arrived)
-        self._mark()
+        self._outlets.mark()
 
     def _stamps(self, batch: Batch) -> FloatArray | None:
         """Return the time stamps to learn with: the device's, or those that its numbers give on a regular clock."""
@@ -179,7 +190,7 @@ class Session:
         if self.source.trouble:
             self._notices.say("source", f"replant: {self.source.name}: {self.source.trouble}; trying again")
         self._hear()
-        self._send(now)
+        self._outlets.send(self._estimate)
         if self._observer.hand(self.identifier, self.pulse, learned=self._learned):
             self._learned = False
             self._meter.forget_lag()
@@ -191,34 +202,14 @@ class Session:
         view = self._observer.view
         verdict = UNKNOWN if view is None else view.verdict
         if verdict != self._verdict and self.progress.taken:
-            self._mark()
+            self._outlets.mark()
         self._verdict, self._trusted = verdict, verdict == "trusted"
-
-    def _mark(self) -> None:
-        """Note that there is something new to send."""
-        for outlet in self._outlets:
-            outlet.pending = True
 
     def _keep(self, keeper: Keeper) -> None:
         """Keep a checkpoint; what was recorded until then is on the disk before it."""
         if self._recorder is not None:
             self._recorder.flush()
         keeper.keep(self.identifier, self.progress.with_counters(self.source.counters))
-
-    def _send(self, now: float, *, at_any_rate: bool = False) -> None:
-        """Send the newest estimate to each outlet whose turn it is."""
-        due = [outlet for outlet in self._outlets if outlet.pending and (at_any_rate or now >= outlet.due)]
-        if not due:
-            return
-        estimate = self._estimate()
-        for outlet in due:
-            outlet.pending, outlet.due = False, now + outlet.sink.interval
-            try:
-                outlet.sink.send(estimate)
-            except BrokenPipeError:  # as `| head` does: nobody wants to know any more
-                self.stop()
-            except OSError as error:
-                self._notices.say(outlet.sink.name, f"replant: {outlet.sink.name}: {one_line(error)}; going on")
 
     def _estimate(self) -> Estimate:
         view, identifier = self._observer.view, self.identifier
@@ -264,9 +255,10 @@ class Session:
                 self._observer.show(f"replant: {error}")
         self._observer.look_again(self.identifier, self.pulse)
         self._hear()
-        self._send(time.monotonic(), at_any_rate=True)
-        for outlet in self._outlets:
-            outlet.sink.close()
+        self._outlets.send(self._estimate, at_any_rate=True)
+        self._outlets.end()
+        if self._recorder is not None:
+            self._recorder.close()
         self._background.close()
 
     @contextmanager
@@ -289,15 +281,6 @@ class Session:
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
-
-
-@dataclass
-class _Outlet:
-    """A sink with what it has not been sent yet, and when its turn comes."""
-
-    sink: Sink
-    pending: bool = False
-    due: float = 0.0
 
 
 class _Meter:

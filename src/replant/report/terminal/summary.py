@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from replant.model.transfer_function import TransferFunction
-from replant.report.numbers import off_by
+from replant.report.numbers import WORST_PERCENT, off_by
 from replant.runs.run import Result
 
 REASON_INDENT = 9  # columns, below the figures
@@ -200,7 +200,9 @@ def _stds(result: Result) -> list[float]:
 
 
 def _percent(value: float) -> str:
-    return f"{value:.1f} %" if math.isfinite(value) else "no figure"
+    if not math.isfinite(value):
+        return "no figure"
+    return f"{value:.1f} %" if value > WORST_PERCENT else f"below {WORST_PERCENT:.0f} %"
 
 
 def _finite(value: float) -> float | None:

@@ -21,6 +21,13 @@ const VERDICTS = {
   "not excited": ["bad", "Not excited", "The input does not tell the parameters apart: do not use this model."],
   inconsistent: ["bad", "Inconsistent", "The model does not explain the samples: do not use it as it is."],
   diverged: ["bad", "Diverged", "What is shown is the last finite estimate: do not use it."],
+  unknown: ["warn", "Unknown", "Nobody can say what the model is worth at present: do not use it."],
+};
+// what is shown instead while nothing comes in: the verdict was one on the past
+const APART = {
+  over: ["The session has ended", "What is shown is its last estimate, and nobody judges it any more."],
+  silent: ["No word from the session", "What is shown is its last estimate, and nobody judges it at present."],
+  lost: ["Not connected", "What is shown is the last estimate that came, and nobody judges it at present."],
 };
 
 const sentence = text => (text ? text[0].toUpperCase() + text.slice(1).replace(/\.?$/, ".") : "");
@@ -30,6 +37,8 @@ function drawVerdict(view) {
   if (view.status === "starting") {
     [gravity, headline, meaning] = ["none", "Collecting the first samples", "The first model is made once there are enough of them."];
   }
+  const apart = apartFrom();
+  if (apart) [gravity, headline, meaning] = ["none", APART[apart][0], `${APART[apart][1]} The last verdict was: ${headline.toLowerCase()}.`];
   const box = document.querySelector(".verdict");
   if (box.dataset.gravity !== gravity || !box.querySelector("path")) {
     box.dataset.gravity = gravity;
@@ -104,17 +113,30 @@ function ask() {
 
 // --- the connection ---
 const LINKS = { connected: "connected", connecting: "connecting to the source", waiting: "source lost, trying again", ended: "source has ended" };
-let socket = null, wait = 250, open = false, timer = 0;
+const OVER = 1000; // the code that the server hangs up with when the session has ended
+const FIRST = 250, LONGEST = 60_000; // ms, pauses before connecting again
+const SILENT = 15_000; // ms without a view, of which five come a second, after which the session is not heard any more
+let socket = null, wait = FIRST, open = false, over = false, timer = 0, heard = 0;
+
+/** Why what is shown is of the past; empty where it is of the present. */
+function apartFrom() {
+  if (over) return "over";
+  if (!open) return "lost";
+  return performance.now() - heard > SILENT ? "silent" : "";
+}
 
 function showLink() {
-  const link = at("link"), view = page.view;
+  const link = at("link"), view = page.view, apart = apartFrom();
   let state = open ? (view?.source_state ?? "connecting") : "reconnecting";
   let text = open ? (view ? (LINKS[state] ?? state) : "connecting") : "reconnecting";
+  if (apart === "over") [state, text] = ["ended", "session has ended"];
+  if (apart === "silent") [state, text] = ["waiting", "no word from the session"];
   if (open && state === "connected" && view && !view.adapting) [state, text] = ["frozen", "connected, frozen"];
   if (page.paused) text += ", drawing paused";
   link.dataset.state = state;
   write(link.querySelector("span"), text);
-  at("main").dataset.fresh = open ? "yes" : "no";
+  at("main").dataset.fresh = apart ? "no" : "yes";
+  at("pause").hidden = at("save").hidden = over;
   at("reset").disabled = !open || !view || page.acting;
   at("adapt").disabled = at("reset").disabled || view.status === "starting"; // there is nothing to hold still yet
 }
@@ -124,18 +146,37 @@ function connect() {
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
   socket.onmessage = event => {
     const message = JSON.parse(event.data);
-    if (!open) { open = true; wait = 250; say(""); }
+    if (!open) { open = true; wait = FIRST; say(""); }
+    heard = performance.now();
     if (message.view) page.view = message.view;
     if (message.history) page.history = message.history;
     ask();
   };
-  socket.onclose = () => {
+  socket.onclose = event => {
     open = false;
+    over = event.code === OVER;
     showLink();
-    timer = setTimeout(connect, wait * (0.75 + Math.random() / 2));
-    wait = Math.min(2 * wait, 8000);
+    if (page.view) drawVerdict(page.view);
+    if (over) say("The session has ended. Load this page again when a new one has begun.");
+    else if (!document.hidden) {
+      timer = setTimeout(connect, wait * (0.75 + Math.random() / 2));
+      wait = Math.min(2 * wait, LONGEST);
+    }
   };
 }
+
+/** Connect at once where that was given up or put off: somebody looks again, or the network is back. */
+function comeBack() {
+  if (open || over || document.hidden || socket.readyState !== WebSocket.CLOSED) return;
+  wait = FIRST;
+  connect();
+}
+
+setInterval(() => {
+  if (apartFrom() !== "silent" || at("main").dataset.fresh === "no") return;
+  showLink();
+  if (page.view) drawVerdict(page.view);
+}, 1000);
 
 // --- actions ---
 function say(text) {
@@ -204,6 +245,6 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
   readColours();
   for (const chart of [...time.charts, ...bode.charts, ...parameters.charts]) chart.repaint();
 });
-document.addEventListener("visibilitychange", ask);
-addEventListener("online", () => { if (!open && socket.readyState === WebSocket.CLOSED) { wait = 250; connect(); } });
+document.addEventListener("visibilitychange", () => { ask(); comeBack(); });
+addEventListener("online", comeBack);
 connect();

@@ -51,7 +51,11 @@ export function uncertain(value, std, digits = 4) {
   return [signed(value.toFixed(after)), "± " + std.toFixed(after)];
 }
 
-export const count = value => (known(value) ? Math.round(value).toLocaleString("en") : NONE);
+/** A whole number with its thousands marked; from WIDE on with a power of ten, for a field has its width. */
+const WIDE = 1e12;
+const whole = value => (Math.abs(value) < WIDE ? Math.round(value).toLocaleString("en") : number(value));
+
+export const count = value => (known(value) ? whole(value) : NONE);
 
 export function percent(value) {
   if (!known(value)) return NONE;
@@ -68,6 +72,7 @@ export function share(part) {
 /** A clock: 12.3 s, 4:05.2, 1:02:03. */
 export function clock(seconds) {
   if (!known(seconds)) return NONE;
+  if (Math.abs(seconds) >= WIDE) return number(seconds) + " s";
   if (seconds < 60) return seconds.toFixed(1) + " s";
   const [h, m, s] = [Math.floor(seconds / 3600), Math.floor(seconds / 60) % 60, seconds % 60];
   const two = n => String(Math.floor(n)).padStart(2, "0");
@@ -77,7 +82,7 @@ export function clock(seconds) {
 
 /** Labels of a time axis as wide as span: seconds, m:ss or h:mm. */
 export function timeLabel(seconds, span) {
-  if (span <= 120) return tick(seconds) + " s";
+  if (span <= 120 || Math.abs(seconds) >= WIDE) return tick(seconds) + " s";
   const total = Math.round(seconds), two = n => String(n).padStart(2, "0");
   if (span <= 7200) return `${Math.floor(total / 60)}:${two(total % 60)}`;
   return `${Math.floor(total / 3600).toLocaleString("en")}:${two(Math.floor(total / 60) % 60)} h`;
@@ -85,7 +90,7 @@ export function timeLabel(seconds, span) {
 
 export function rate(value) {
   if (!known(value)) return NONE;
-  if (value >= 1e6) return (value / 1e6).toFixed(2) + " M/s";
+  if (value >= 1e6) return (value < WIDE ? (value / 1e6).toFixed(2) + " M/s" : number(value) + " /s");
   return (value < 10 ? +value.toPrecision(2) : Math.round(value).toLocaleString("en")) + " /s";
 }
 
@@ -93,5 +98,5 @@ export function shortly(seconds) {
   if (!known(seconds)) return NONE;
   if (seconds < 0.9995e-3) return Math.round(seconds * 1e6) + " µs";
   if (seconds < 0.9995) return (seconds * 1e3).toPrecision(seconds < 0.0995 ? 2 : 3) + " ms";
-  return seconds.toFixed(1) + " s";
+  return (seconds < 1e6 ? seconds.toFixed(1) : number(seconds)) + " s";
 }
