@@ -370,6 +370,50 @@ def test_a_mistake_is_one_line(arguments: tuple[str, ...], message: str, capsys:
     assert message in err
 
 
+# --- the token
+
+
+@pytest.mark.parametrize(
+    "way", ["environment", "file", "option", "option before environment", "file before environment"]
+)
+def test_the_token_comes_in_without_being_seen_in_the_list_of_processes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, way: str
+) -> None:
+    plans: list[Any] = []
+    monkeypatch.setattr("replant.cli.live.run", lambda plan: plans.append(plan) or True)
+    monkeypatch.delenv("REPLANT_TOKEN", raising=False)
+    path = tmp_path / "token"
+    path.write_text("secret\nand more\n")
+    if "environment" in way:
+        monkeypatch.setenv("REPLANT_TOKEN", "secret" if way == "environment" else "other")
+    options = {"file": ["--token-file", str(path)], "option": ["--token", "secret"]}.get(way.partition(" ")[0], [])
+    with pytest.raises(SystemExit) as stop:
+        main(["live", "-", *MODEL, *options])
+    assert not stop.value.code
+    assert [plan.token for plan in plans] == ["secret"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--token", "a", "--token-file", "FILE"), "--token and --token-file: give one of them"),
+        (("--token-file", "nowhere"), "--token-file nowhere: No such file or directory"),
+        (("--token-file", "FILE"), "its first line is empty; write the token there"),
+    ],
+)
+def test_a_token_that_cannot_be_had_is_one_line(
+    tmp_path: Path, options: tuple[str, ...], message: str, capsys: pytest.CaptureFixture
+) -> None:
+    (tmp_path / "token").write_text("\n")
+    given = [str(tmp_path / "token") if option == "FILE" else option for option in options]
+    with pytest.raises(SystemExit) as stop:
+        main(["live", "-", *MODEL, *given])
+    err = capsys.readouterr().err
+    assert stop.value.code == 2
+    assert err.count("\n") == 1
+    assert message in err
+
+
 def test_a_dashboard_that_cannot_listen_is_one_line() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         address = f"127.0.0.1:{taken.getsockname()[1]}"

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 import os
+import re
 import socket
 import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import replant as rp
 from replant.live.observer.history import MOST_ROWS, History
@@ -286,11 +289,42 @@ def test_the_status_says_what_matters_in_one_line() -> None:
     assert "+-" in text
 
 
+HUGE = [1e300, -1e300, 1.7e308, 1e-300, np.nan, np.inf]
+
+
+@pytest.mark.parametrize("value", HUGE)
+def test_no_number_makes_a_line_long_whatever_its_size(value: float) -> None:
+    """Each field of a view, all at once: a line of status stays a line, and the screen in its columns."""
+    found = viewed(3000)
+    many = {"stuck": 10**400, "lost": 2**64}
+    view = dataclasses.replace(
+        found, at=value, rate=value, lag=value, silence=value, simulated=value, dc_gain=value, dc_gain_std=value,
+        parameters=np.full(2, value), std=np.full(2, value), samples=10**30, rejected=many, counters=many,
+    )  # fmt: skip
+    text = one_line(view)
+    assert len(text) < 300
+    assert not re.search(r"[\d,]{25}", text)
+    for running in (True, False):
+        console = Console(width=400, record=True, file=io.StringIO())
+        console.print(screen(view, rp.TransferFunction([1e-300], [1.0, 1e-300]), running=running))
+        assert not re.search(r"[\d,]{25}", console.export_text())
+
+
+@pytest.mark.parametrize("fit", [-1e300, -1e5, -999.0])
+def test_no_reason_holds_a_number_without_end(fit: float) -> None:
+    """A model that has nothing to do with the output fits it worse than any number tells."""
+    u, y = record(3000)
+    identifier = rp.Identifier(**vars(REQUEST))
+    identifier.update_many(u, y)
+    identifier.freeze()
+    identifier.update_many(u, 7.0 + 1e-3 * (y - 7.0) / -fit)
+    for reason in identifier.assess().reasons:
+        assert not re.search(r"[\d,]{15}", reason)
+
+
 @pytest.mark.parametrize("width", [80, 120])
 @pytest.mark.parametrize("samples", [0, 3000])
 def test_the_screen_keeps_within_its_width(width: int, samples: int) -> None:
-    from rich.console import Console
-
     console = Console(width=width, record=True, file=io.StringIO())
     console.print(screen(viewed(samples), PLANT))
     text = console.export_text()

@@ -14,7 +14,13 @@ from pathlib import Path
 
 import pytest
 
-from replant.live.dashboard import Dashboard, app, serve
+from replant.live.dashboard import (
+    Dashboard,
+    Hub,
+    app,
+    serve,
+)
+from support.browsing import TEXTS, contrast
 from support.dashboard_feed import Feed
 from support.dashboard_pages import Page
 
@@ -124,6 +130,7 @@ def test_it_comes_back_after_the_server_was_restarted(browser, feed: Feed) -> No
     served.stop()
     page.until(lambda: page.text("link") == "reconnecting")
     assert page.page.locator("#reset").is_disabled()
+    assert page.text("headline") == "Not connected"
     drawn = page.drawn
     page.page.wait_for_timeout(700)  # it tries in vain
     assert page.drawn == drawn
@@ -134,6 +141,31 @@ def test_it_comes_back_after_the_server_was_restarted(browser, feed: Feed) -> No
         assert page.page.locator("#reset").is_enabled()
         page.close()
     assert {text for text in page.complaints if "WebSocket connection to" not in text} == set()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_session_that_has_ended_is_said_and_not_looked_for(browser, feed: Feed, scheme: str) -> None:
+    """The console stays empty: nothing is asked of a server that is gone."""
+    hub = Hub(command=print, report=bytes)
+    hub.publish(feed.hub.newest)
+    with serve(hub) as served:
+        page = Page(browser, served.url, color_scheme=scheme)
+        hub.publish({**feed.hub.newest, "samples": 123_456})
+        served.say_goodbye()
+    page.until(lambda: page.text("link") == "session has ended")
+    page.page.wait_for_timeout(2000)  # several of the pauses after which it would have tried again
+    assert page.complaints == []
+    assert page.text("samples") == "123,456"  # the last view came before the goodbye
+    assert page.text("headline") == "The session has ended"
+    assert "The last verdict was: " in page.text("meaning")
+    assert "Load this page again" in page.text("notice")
+    assert page.page.locator("#main").get_attribute("data-fresh") == "no"
+    assert page.page.locator("#reset").is_disabled()
+    assert not page.page.locator("#save").is_visible()
+    texts = page.page.evaluate(TEXTS)
+    assert {text: contrast(ink, paper) for text, ink, paper, _ in texts if contrast(ink, paper) < 4.5} == {}
+    page.seen(f"ended-{scheme}")
+    page.close()
 
 
 def test_with_a_token_the_page_opens_once_and_then_by_its_cookie(browser, feed: Feed) -> None:
@@ -234,6 +266,22 @@ def test_views_with_nothing_known_are_drawn(opened: Page, feed: Feed) -> None:
     assert opened.page.locator(".verdict").get_attribute("data-gravity") == "bad"
     assert opened.text("link") == "source has ended"
     assert "No model yet" in opened.text("formula")
+
+
+def test_no_figure_needs_more_room_than_it_has(opened: Page, feed: Feed) -> None:
+    huge = 1e300
+    feed.change = {
+        "at": huge,
+        "samples": huge,
+        "rate": huge,
+        "lag": huge,
+        "rejected": {"late": huge},
+        "simulated": -huge,
+    }
+    feed.advance()
+    opened.until(lambda: "×" in opened.text("clock"))
+    for name in ("clock", "samples", "rate", "lag", "rejected", "fit", "losses"):
+        assert len(opened.text(name)) < 40, name
 
 
 def test_the_page_keeps_no_past(browser, dashboard: Dashboard, feed: Feed, monkeypatch) -> None:

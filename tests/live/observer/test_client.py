@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import multiprocessing
 import os
 import signal
 import socket
@@ -14,14 +15,21 @@ import time
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import replant as rp
 from replant.live.observer import client as observing
+from replant.live.observer import process as process_module
 from replant.live.observer.client import Observer
-from replant.live.observer.process import Address, Orders
+from replant.live.observer.process import (
+    Address,
+    Failed,
+    Handover,
+    Orders,
+)
 from replant.live.observer.view import Pulse, View
 from support.live_command import wait_for
 from support.live_fakes import DT, REQUEST, record
@@ -98,28 +106,129 @@ def test_the_report_is_made_of_the_newest_estimate(observer: Observer) -> None:
     assert f"{ident.parameters[0]:.4g}"[:5] in page
 
 
-def test_it_is_started_again_once_with_its_history_and_then_given_up(
-    mortal: Observer, capfd: pytest.CaptureFixture
+def pid(observer: Observer) -> int | None:
+    """The number of the process that is at work; None while there is none."""
+    observer.poll()
+    return observer._life.pid if observer._alive and observer._life is not None else None
+
+
+def test_killed_ten_times_it_is_started_again_each_time_and_keeps_its_history(
+    mortal: Observer, capfd: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    observer = mortal
+    monkeypatch.setattr(observing, "PAUSES", (0.01, 0.02))
+    mortal._pause = 0.01
     for samples in (1000, 2000):
-        before = seen(observer, identifier(samples))
-    first = observer._process.pid
-    assert first is not None
-    os.kill(first, signal.SIGKILL)
-    wait_for(lambda: observer.poll() == [] and observer._process.pid != first)
-    after = seen(observer, identifier(3000))
+        before = seen(mortal, identifier(samples))
+    for _ in range(10):
+        killed = wait_for(lambda: pid(mortal))
+        os.kill(killed, signal.SIGKILL)
+        wait_for(lambda: pid(mortal) not in (None, killed))  # noqa: B023 - called in this round only
+    after = seen(mortal, identifier(3000))
     np.testing.assert_array_equal(after.history.t[: before.history.t.size], before.history.t)
     assert after.samples == 3000
-
-    second = observer._process.pid
-    assert second is not None
-    os.kill(second, signal.SIGKILL)
-    wait_for(lambda: observer.poll() == [] and not observer._alive)
-    assert not observer.hand(identifier(100), Pulse(), learned=True)
-    observer.look_again(identifier(100), Pulse())  # does not wait for what cannot come
+    assert after.counters[observing.RESTARTS] == 10  # seen at the terminal and on the page
     said = capfd.readouterr().err.splitlines()
-    assert ["started again" in said[0], "no verdict" in said[1]] == [True, True]
+    assert len(said) == 1  # once a minute
+    assert "(signal 9); it is started again in" in said[0]
+
+
+def test_pauses_between_two_starts_grow_up_to_a_limit_and_begin_anew_after_a_long_life(mortal: Observer) -> None:
+    assert [mortal._longer_pause() for _ in range(8)] == [0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 30.0, 30.0]
+    assert mortal._life is not None
+    mortal._life.begun -= 2.0 * observing.LONG_LIFE
+    os.kill(wait_for(lambda: pid(mortal)), signal.SIGKILL)
+    wait_for(lambda: pid(mortal) is None)
+    assert mortal._longer_pause() == 1.0
+
+
+def test_without_a_process_nothing_is_said_of_the_present_and_nothing_waits(mortal: Observer) -> None:
+    seen(mortal, identifier(1000))
+    mortal._pause = 3600.0
+    os.kill(wait_for(lambda: pid(mortal)), signal.SIGKILL)
+    wait_for(lambda: pid(mortal) is None)
+    assert mortal.view is None
+    assert mortal.last is not None
+    assert not mortal.hand(identifier(100), Pulse(), learned=True)
+    mortal.look_again(identifier(100), Pulse())  # does not wait for what cannot come
+
+
+def test_a_start_that_fails_is_tried_again(
+    mortal: Observer, capfd: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where there are no descriptors or processes left: the session goes on, and so do the tries."""
+    monkeypatch.setattr(observing, "PAUSES", (0.01, 0.02))
+    mortal._pause = 0.01
+    made, tries = observing._Life, []
+
+    def fails_twice(orders: Orders) -> object:
+        tries.append(1)
+        if len(tries) <= 2:
+            raise OSError(24, "Too many open files")
+        return made(orders)
+
+    monkeypatch.setattr(observing, "_Life", fails_twice)
+    os.kill(wait_for(lambda: pid(mortal)), signal.SIGKILL)
+    wait_for(lambda: len(tries) == 3 and pid(mortal))
+    assert seen(mortal, identifier(1000)).samples == 1000
+    assert "cannot be started: Too many open files; trying again" in capfd.readouterr().err
+
+
+def test_a_look_that_fails_is_one_notice_and_the_next_goes_on(mortal: Observer, capfd: pytest.CaptureFixture) -> None:
+    """In the process itself: a state that cannot be read, twice, between two that can."""
+    seen(mortal, identifier(1000))
+    assert mortal._life is not None
+    process, before = mortal._life.pid, mortal.last
+    for _ in range(2):
+        mortal._life.outbox.put(Handover(Pulse(at=7.0), (), b"no state at all"))
+    doubted = wait_for(lambda: mortal.poll() == [] and mortal.last is not before and mortal.last)
+    assert (doubted.verdict, doubted.at) == ("unknown", 7.0)
+    assert "the estimate could not be judged" in doubted.reasons[0]
+    again = seen(mortal, identifier(1500))
+    assert (again.samples, again.verdict) == (1500, identifier(1500).assess().status)
+    assert (mortal._life.pid, mortal._restarts) == (process, 0)
+    said = capfd.readouterr().err
+    assert said.count("the estimate could not be judged") == 1
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize("fails", ["look", "to_json"])
+def test_whatever_a_look_raises_the_pulse_alone_makes_nothing_trusted_again(
+    fails: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ours, theirs = multiprocessing.Pipe()
+    work = process_module._Observing(theirs, Orders())
+    state, pulse = identifier(3000).to_bytes(), Pulse(at=1.0)
+    assert work._look(Handover(pulse, (), state)).verdict == "trusted"
+    if fails == "to_json":
+        work._hub = SimpleNamespace(publish=lambda view: view)
+        monkeypatch.setattr(View, "to_json", lambda view: 1 / 0)
+        work._show(work._view, ())
+        assert "could not be shown" in ours.recv().line
+        return
+    with monkeypatch.context() as patched:
+        patched.setattr(process_module, "look", lambda *_: np.linalg.inv(np.zeros((2, 2))))
+        assert work._look(Handover(pulse, (), state)).verdict == "unknown"
+    assert "LinAlgError" in ours.recv().line
+    assert work._look(Handover(pulse)).verdict == "unknown"
+    assert work._look(Handover(pulse, (), state)).verdict == "trusted"
+
+
+def test_a_view_of_a_session_without_samples_claims_nothing() -> None:
+    _, theirs = multiprocessing.Pipe()
+    work = process_module._Observing(theirs, Orders())
+    assert work._look(Handover(Pulse(at=1.0), (), identifier(3000).to_bytes())).verdict == "trusted"
+    silent = work._look(Handover(Pulse(at=1.0, silence=12.0)))
+    assert (silent.verdict, silent.reasons) == ("unknown", ("no sample has been accepted for 12 s",))
+    assert work._look(Handover(Pulse(at=1.1))).verdict == "trusted"
+
+
+def test_a_dashboard_that_cannot_be_served_later_on_ends_nothing(
+    mortal: Observer, capfd: pytest.CaptureFixture
+) -> None:
+    """As when the process was killed and something else has taken its port meanwhile."""
+    mortal._take(Failed("the dashboard cannot listen on 127.0.0.1:8710"), first=False)
+    assert "cannot listen on 127.0.0.1:8710; trying again" in capfd.readouterr().err
+    seen(mortal, identifier(300))
 
 
 def test_a_crowd_at_the_page_is_none_of_the_sessions_business(observer: Observer) -> None:
@@ -145,11 +254,10 @@ def test_a_crowd_at_the_page_is_none_of_the_sessions_business(observer: Observer
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_that_end_a_session_do_not_reach_it(observer: Observer, number: signal.Signals) -> None:
     """As `timeout`, Ctrl-C and service managers send them to every process: the session takes its last view after."""
-    process = observer._process.pid
-    assert process is not None
+    process = wait_for(lambda: pid(observer))
     os.kill(process, number)
     seen(observer, identifier(1000))
-    assert observer._process.pid == process
+    assert pid(observer) == process
 
 
 def test_what_is_said_before_the_first_view_is_shown_at_once(capfd: pytest.CaptureFixture) -> None:
@@ -173,7 +281,7 @@ from replant.live.observer.client import Observer
 from replant.live.observer.process import Orders
 if __name__ == "__main__":
     observer = Observer(Orders())
-    print(observer._process.pid, flush=True)
+    print(observer._life.pid, flush=True)
     {end}
 """
     for end, code in (("raise SystemExit(3)", 3), ("import os; os._exit(4)", 4)):

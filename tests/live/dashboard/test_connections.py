@@ -1,0 +1,190 @@
+"""Who only connects keeps nobody out: connections are bounded in number and in time, descriptors are left over."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import pytest
+
+from live.dashboard.conftest import ask
+from live.dashboard.test_app import numbered, until, watch
+from replant.live.dashboard import (
+    Hub,
+    app,
+    connections,
+    security,
+    serve,
+)
+from support.live_command import PATIENCE, wait_for
+
+MOST = 12
+IDLE = {
+    "nothing": b"",
+    "half a line": b"GET / HT",
+    "half the headers": b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n",
+    "half a body": b"POST /report HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 1000\r\n\r\nabc",
+    "an upgrade to nothing": b"GET /live HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\n",
+}
+
+
+@pytest.fixture
+def said() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def hub(monkeypatch: pytest.MonkeyPatch, said: list[str]) -> Hub:
+    """A hub with one view, for servers that let few in."""
+    monkeypatch.setattr(connections, "MOST", MOST)
+    monkeypatch.setattr(app, "PERIOD", 0.0)
+    made = Hub(command=print, report=bytes, notice=said.append)
+    made.publish(numbered(0))
+    return made
+
+
+@contextlib.contextmanager
+def crowd(port: int, size: int, first: bytes = b"") -> Iterator[list[socket.socket]]:
+    """Connections that say this and then nothing."""
+    with contextlib.ExitStack() as stack:
+        found = []
+        for _ in range(size):
+            wire = stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=PATIENCE))
+            with contextlib.suppress(ConnectionError):
+                wire.sendall(first)
+            found.append(wire)
+        yield found
+
+
+def is_cut_off(wire: socket.socket) -> bool:
+    """Wait until the other side has hung up; whatever it answered before that."""
+    with contextlib.suppress(ConnectionError):
+        while wire.recv(65536):
+            pass
+    return True
+
+
+@pytest.mark.parametrize("kind", IDLE)
+def test_a_crowd_that_only_connects_keeps_nobody_out(hub: Hub, said: list[str], kind: str) -> None:
+    with serve(hub) as served, watch(served.port) as watcher:
+        until(watcher, 0)
+        with crowd(served.port, 5 * MOST, IDLE[kind]):
+            for number in range(1, 4):
+                assert ask(served.port, "GET /")[0] == 200
+                hub.publish(numbered(number))
+                until(watcher, number)
+            with watch(served.port) as another:
+                until(another, 3)
+    assert any("connections" in line for line in said)
+
+
+@pytest.mark.parametrize("kind", IDLE)
+def test_who_does_not_go_on_is_cut_off(hub: Hub, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    monkeypatch.setattr(connections, "ASKING", 0.2)
+    monkeypatch.setattr(connections, "ANSWERING", 0.2)
+    with serve(hub) as served, watch(served.port) as watcher, crowd(served.port, 3, IDLE[kind]) as wires:
+        assert all(is_cut_off(wire) for wire in wires)
+        hub.publish(numbered(1))
+        until(watcher, 1)  # who watches is not
+
+
+def test_who_asks_once_and_then_byte_for_byte_is_cut_off(hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A byte now and then puts off the time that a server gives to connections between two requests."""
+    monkeypatch.setattr(connections, "ASKING", 0.5)
+    with serve(hub) as served, crowd(served.port, 1, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n") as (wire,):
+        wire.settimeout(0.05)
+        ended = False
+        while not ended:
+            try:
+                wire.sendall(b"G")
+                ended = wire.recv(65536) == b""
+            except TimeoutError:
+                continue
+            except ConnectionError:
+                ended = True
+
+
+@pytest.mark.skipif(not hasattr(socket, "TCP_INFO"), reason="this system does not tell the state of a connection")
+def test_an_answer_that_nobody_fetches_is_given_up(hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connections, "ANSWERING", 0.2)
+    hub.publish({"num": [1.0], "den": [1.0, 2.0], "names": ["x" * 50_000_000], "delay": 0.0})
+    with serve(hub) as served, crowd(served.port, 1, b"GET /model.json HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n") as (wire,):
+        wait_for(lambda: not hub.guests and _has_hung_up(wire))
+
+
+def _has_hung_up(wire: socket.socket) -> bool:
+    """Whether the other side has reset the connection, without reading from it."""
+    return bool(struct.unpack("B", wire.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1))[0] != 1)
+
+
+def test_watchers_leave_room_for_others(hub: Hub) -> None:
+    with serve(hub) as served, contextlib.ExitStack() as stack:
+        for _ in range(MOST // 2):
+            until(stack.enter_context(watch(served.port)), 0)
+        assert ask(served.port, "GET /")[0] == 200
+        line = "GET /live"
+        key = "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="
+        handshake = ("Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13", key)
+        assert ask(served.port, line, *handshake, f"Origin: http://127.0.0.1:{served.port}")[0] == 403
+
+
+def test_wrong_tokens_do_not_heap_up(hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(security, "MOST_WAITING", 3)
+    monkeypatch.setattr(security, "PAUSE", 1.0)
+    with serve(hub, token="right") as served, ThreadPoolExecutor(16) as pool:
+        cookie = ask(served.port, "GET /?token=right")[1]["set-cookie"].partition(";")[0]
+        tries = [pool.submit(ask, served.port, "GET /?token=wrong") for _ in range(8)]
+        statuses = [one.result()[0] for one in tries]
+        assert set(statuses) == {401, 503}
+        assert ask(served.port, "GET /", f"Cookie: {cookie}")[0] == 200
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sockets are no file descriptors there")
+def test_four_hundred_idle_connections_at_a_limit_of_256_descriptors() -> None:
+    """The page answers, views go on, the observer lives, and one line says what happened."""
+    command = [sys.executable, "-W", "error", "-m", "replant", "live", "demo", "--dashboard", "127.0.0.1:0"]
+    process = subprocess.Popen(
+        ["/bin/sh", "-c", 'ulimit -n 256; exec "$@"', "sh", *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        env=dict(os.environ),
+    )  # fmt: skip
+    assert process.stderr is not None
+    try:
+        found = None
+        text = b""
+        while found is None:
+            text += (line := process.stderr.readline())
+            assert line, text
+            found = re.search(rb"http://127\.0\.0\.1:(\d+)/", text)
+        port = int(found[1])
+        before = wait_for(lambda: model(port))
+        with crowd(port, 400):
+            wait_for(lambda: model(port).get("samples", 0) > before["samples"] + 2000)
+        process.send_signal(signal.SIGTERM)
+        _, rest = process.communicate(timeout=PATIENCE)
+    finally:
+        process.kill()
+        process.wait()
+    said = (text + rest).decode()
+    assert process.returncode == 0
+    assert "Traceback" not in said
+    assert "it is started again" not in said
+    assert said.count("connections: the oldest that do not watch are cut off") == 1
+
+
+def model(port: int) -> dict[str, Any]:
+    """The model that the page offers; empty before there is one."""
+    with contextlib.suppress(OSError), urllib.request.urlopen(f"http://127.0.0.1:{port}/model.json", timeout=20) as got:
+        found: dict[str, Any] = json.load(got)
+        return found
+    return {}
