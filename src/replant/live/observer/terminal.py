@@ -134,7 +134,7 @@ def _traffic(view: View, *, running: bool) -> str:
     if not running:
         parts = [f"{plain(view.at)} s", f"{plain(view.samples, 0)} samples", _lost(view)]
         return "   ".join(part for part in parts if part)
-    lag = f"{1e3 * view.lag:.1f} ms behind" if view.lag < 1.0 else f"{plain(view.lag)} s behind"
+    lag = f"{plain(1e3 * view.lag)} ms behind" if view.lag < 1.0 else f"{plain(view.lag)} s behind"
     parts = [f"{plain(view.at)} s", f"{plain(view.samples, 0)} samples", f"{plain(view.rate, 0)}/s", lag, _lost(view)]
     return "   ".join(part for part in parts if part)
 
