@@ -31,7 +31,7 @@ from replant.live.observer.process import (
     Orders,
 )
 from replant.live.observer.view import Pulse, View
-from support.live_command import wait_for
+from support.live_command import PATIENCE, wait_for
 from support.live_fakes import DT, REQUEST, record
 
 U, Y = record()
@@ -168,7 +168,7 @@ def test_a_start_that_fails_is_tried_again(
 
     monkeypatch.setattr(observing, "_Life", fails_twice)
     os.kill(wait_for(lambda: pid(mortal)), signal.SIGKILL)
-    wait_for(lambda: len(tries) == 3 and pid(mortal))
+    wait_for(lambda: pid(mortal) and len(tries) == 3)
     assert seen(mortal, identifier(1000)).samples == 1000
     assert "cannot be started: Too many open files; trying again" in capfd.readouterr().err
 
@@ -286,7 +286,7 @@ if __name__ == "__main__":
 """
     for end, code in (("raise SystemExit(3)", 3), ("import os; os._exit(4)", 4)):
         done = subprocess.run(
-            [sys.executable, "-c", program.format(end=end)], stdout=subprocess.PIPE, timeout=60.0, check=False
+            [sys.executable, "-c", program.format(end=end)], stdout=subprocess.PIPE, timeout=PATIENCE, check=False
         )  # fmt: skip
         assert done.returncode == code
         left = Path(f"/proc/{int(done.stdout)}")
