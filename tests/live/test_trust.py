@@ -207,7 +207,7 @@ def sends_garbage(source: Paced) -> Iterator[Batch]:
 @pytest.mark.parametrize("after", [blocks, is_silent, sends_garbage])
 def test_without_accepted_samples_trust_is_taken_back(after: Callable[[Paced], Iterator[Batch]]) -> None:
     source, sink = Paced(after), FakeSink()
-    session, _ = make(source, observer=JudgingObserver(), sinks=[sink], ttl=0.3)
+    session, observer = make(source, observer=JudgingObserver(), sinks=[sink], ttl=0.3)
     running = threading.Thread(target=session.run)
     running.start()
     try:
@@ -219,6 +219,7 @@ def test_without_accepted_samples_trust_is_taken_back(after: Callable[[Paced], I
         running.join()
     assert not any(one.trusted for one in sink.sent[sink.sent.index(last) :])
     assert sink.sent[-1].status == ENDED
+    assert observer.pulses[-1].silence == 0.0  # the summary is one on all samples, however long it took to end
 
 
 def test_trust_comes_back_with_the_samples() -> None:

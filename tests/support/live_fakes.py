@@ -92,7 +92,7 @@ class FakeObserver:
         return True
 
     def look_again(self, identifier: rp.Identifier, pulse: Pulse) -> None:
-        pass
+        self.pulses.append(pulse)
 
 
 class FakeSink:

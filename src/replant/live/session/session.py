@@ -253,7 +253,8 @@ class Session:
                 self._keeper.finish(self.identifier, self.progress.with_counters(self.source.counters))
             except CheckpointError as error:
                 self._observer.show(f"replant: {error}")
-        self._observer.look_again(self.identifier, self.pulse)
+        # the last verdict is one on all samples: that none comes any more is said by the end itself
+        self._observer.look_again(self.identifier, replace(self.pulse, silence=0.0))
         self._hear()
         self._outlets.send(self._estimate, at_any_rate=True)
         self._outlets.end()
