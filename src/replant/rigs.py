@@ -6,7 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.arguments import (
+    FloatArray,
+    finite,
+    instance,
+    keep,
+    not_negative,
+    one_of,
+    positive,
+)
 from replant.model.transfer_function import TransferFunction
 from replant.regressor.preprocess import Preprocess
 from replant.signals import random_steps, white_noise
@@ -45,6 +53,14 @@ class Rig:
     output_rest: float = 0.0
     noise: float = 0.0
     creep: float = 0.0
+
+    def __post_init__(self) -> None:
+        keep(self, "plant", instance, TransferFunction)
+        keep(self, "dt", positive)
+        keep(self, "input_map", one_of, ("identity", "square"))
+        keep(self, "noise", not_negative)
+        for name in ("input_rest", "output_rest", "creep"):
+            keep(self, name, finite)
 
     @property
     def preprocess(self) -> Preprocess:

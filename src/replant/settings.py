@@ -100,7 +100,13 @@ class Request:
         keep(self, "normalize", truth)
         keep(self, "preprocess", instance, Preprocess)
         keep(self, "startup", whole, 1)
+        if self.startup >= 2**31:
+            raise InvalidArgumentError(f"startup must be below 2^31, got {self.startup}")
         _check_together(self)
+        remembers = isinstance(self.optimizer, Optimizer) and self.optimizer.keeps_covariance
+        if remembers and isinstance(self.replay, Replay):
+            name = type(self.optimizer).__name__
+            raise InvalidArgumentError(f"{name} remembers every sample by itself: replay must be None, not a buffer")
         if isinstance(self.filter, Filter) and self.filter.fixed:
             self.filter.fixed.discretize(self.structure.poles, self.dt, self.structure.delay)  # raises what cannot work
 
@@ -123,6 +129,13 @@ class Request:
     def least_startup(self) -> int:
         """How many samples a first model needs at the least."""
         return 4 * (2 * self.structure.poles + self.structure.zeros + 2) if self.wants_instruments else 1
+
+    @property
+    def first_hold(self) -> int:
+        """How many samples are held back at first; none where nothing waits for them."""
+        if self.asks_for_data:
+            return max(self.startup, self.least_startup)
+        return 0 if self.preprocess.needs == "nothing" else 1
 
     @property
     def asks_for_data(self) -> bool:
@@ -149,6 +162,3 @@ def _check_together(chosen: Settings | Request) -> None:
         chosen.scaling.sigmas(chosen.structure)
     if isinstance(chosen.optimizer, Optimizer):
         chosen.optimizer.check(chosen.structure.size)
-        if chosen.optimizer.keeps_covariance and isinstance(chosen.replay, Replay):
-            name = type(chosen.optimizer).__name__
-            raise InvalidArgumentError(f"{name} remembers every sample by itself: replay must be None, not a buffer")

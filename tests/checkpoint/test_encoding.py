@@ -190,8 +190,8 @@ BUFFER = 3  # its place in the header's list of arrays
 @pytest.mark.parametrize(
     ("act", "words"),
     [
-        (change(f"arrays/{BUFFER}/2", [2**40, 6]), "declared too large"),
-        (change(f"arrays/{BUFFER}/2", [2**31, 2**31]), "declared too large"),
+        (change(f"arrays/{BUFFER}/2", [2**40, 6]), "buffer have the shape"),
+        (change(f"arrays/{BUFFER}/2", [2**31, 2**31]), "buffer have the shape"),
         (change(f"arrays/{BUFFER}/2", [0, 2**62, 2**62]), "differ|declared|settings"),
         (change(f"arrays/{BUFFER}/2", [-1, 6]), "declared as"),
         (change(f"arrays/{BUFFER}/2", [50.0, 6]), "declared as"),
@@ -199,10 +199,10 @@ BUFFER = 3  # its place in the header's list of arrays
         (change(f"arrays/{BUFFER}/1", "|O"), "declared as"),
         (change(f"arrays/{BUFFER}/3", 51), "declared too large"),
         (change(f"arrays/{BUFFER}/3", 2), "its arrays are declared as"),
-        (change(f"arrays/{BUFFER}/2", [49, 4]), "not as long as its settings say"),
+        (change(f"arrays/{BUFFER}/2", [49, 4]), "buffer have the shape"),
         (change("arrays/1/2", [10_000]), "its reals have the shape"),
         (change("arrays/0/0", "reals"), "other arrays"),
-        (change("attributes/_settings/Settings/replay/Replay/capacity", 2**30), "not as long as its settings say"),
+        (change("attributes/_settings/Settings/replay/Replay/capacity", 2**30), "differ in replay"),
         (change("attributes/_settings/Settings/optimizer", {"Gradient": {"gain": 1.0}}), "settings"),
         (change("attributes/_settings/Settings/structure/Structure/poles", 2), "must have 3 entries"),
         (change("attributes/_settings/Settings/structure/Structure/poles", 0), "poles must be at least 1"),

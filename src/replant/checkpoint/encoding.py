@@ -22,7 +22,14 @@ from typing import Any
 
 import numpy as np
 
-from replant.checkpoint.soundness import check_state, layout_of_state
+from replant.checkpoint.soundness import (
+    check_held,
+    check_settings,
+    check_start,
+    check_state,
+    layout_of_state,
+    shapes_of,
+)
 from replant.checkpoint.values import from_plain, to_plain
 from replant.engine.state import State
 from replant.errors import ArgumentTypeError, DamagedCheckpointError, InvalidArgumentError
@@ -48,6 +55,9 @@ ATTRIBUTES: dict[str, type | tuple[type, ...]] = {
 RUNNING: dict[str, type] = {"_regular": bool}
 #: Kept as arrays.
 HELD, STATE = "_held", "_state"
+
+#: The header's entries.
+HEADER = LAYOUT, ATTRIBUTE, PROGRESS, ARRAYS = "layout", "attributes", "progress", "arrays"
 
 #: The arrays of a running identifier, in their order, and of one that is starting.
 STATE_ARRAYS = tuple(field.name for field in fields(State))
@@ -84,10 +94,10 @@ def encode(attributes: Mapping[str, Any], progress: Progress | None = None) -> b
     kept = {name: array[: _rows_in_use(array)] for name, array in arrays.items()}
     header = _header(
         {
-            "layout": layout_of_state() if running else None,
-            "attributes": {name: to_plain("", attributes[name]) for name in _names(running)},
-            "progress": {name: to_plain(f"progress[{name!r}]", value) for name, value in _checked(progress).items()},
-            "arrays": [[name, _type(name), list(arrays[name].shape), len(kept[name])] for name in arrays],
+            LAYOUT: layout_of_state() if running else None,
+            ATTRIBUTE: {name: to_plain("", attributes[name]) for name in _names(running)},
+            PROGRESS: {name: to_plain(f"progress[{name!r}]", value) for name, value in _checked(progress).items()},
+            ARRAYS: [[name, _type(name), list(arrays[name].shape), len(kept[name])] for name in arrays],
         }
     )
     if len(header) > LONGEST_HEADER or any(array.nbytes > LARGEST for array in arrays.values()):
@@ -181,7 +191,8 @@ def _parts(data: bytes) -> tuple[dict[str, Any], memoryview]:
     if length > LONGEST_HEADER or body > len(data) - DIGEST:
         raise DamagedCheckpointError("its header is longer than the file")
     try:
-        header = json.loads(view[START.size : body].tobytes().decode("ascii"))
+        text = view[START.size : body].tobytes().decode("ascii")
+        header = json.loads(text, object_pairs_hook=_once, parse_float=_finite, parse_constant=_finite)
     except (ValueError, RecursionError) as error:
         raise DamagedCheckpointError("its header is not JSON") from error
     if not isinstance(header, dict):
@@ -189,40 +200,77 @@ def _parts(data: bytes) -> tuple[dict[str, Any], memoryview]:
     return header, view[body:-DIGEST]
 
 
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    if len(dict(pairs)) != len(pairs):
+        raise ValueError("an entry that comes twice")
+    return dict(pairs)
+
+
+def _finite(text: str) -> float:
+    if not math.isfinite(value := float(text)):
+        raise ValueError(f"{text} is no number of JSON")
+    return value
+
+
 def _contents(header: dict[str, Any], body: memoryview) -> Contents:
-    attributes = {name: from_plain(plain) for name, plain in header["attributes"].items()}
-    settings: Settings | None = attributes.get("_settings")
-    running = settings is not None
+    """Return what a header and its arrays describe: first what sizes follow from, then sizes, then numbers."""
+    if set(header) != set(HEADER):
+        raise DamagedCheckpointError("its header holds other things")
+    attributes = {name: from_plain(plain) for name, plain in header[ATTRIBUTE].items()}
+    for name, value in attributes.items():
+        if isinstance(value, np.generic):  # an identifier once kept what its caller had passed
+            attributes[name] = value.item()
+    running = attributes.get("_settings") is not None
     if list(attributes) != _names(running):
         raise DamagedCheckpointError("it is of another version of replant: it holds other things")
     for name, kind in {**ATTRIBUTES, **(RUNNING if running else {})}.items():
-        if not isinstance(attributes[name], kind):
+        if type(attributes[name]) not in (kind if isinstance(kind, tuple) else (kind,)):
             raise TypeError(f"{name.lstrip('_')} is a {type(attributes[name]).__name__}")
-    if header["layout"] != (layout_of_state() if running else None):
+    if header[LAYOUT] != (layout_of_state() if running else None):
         raise DamagedCheckpointError("it is of another version of replant, which lays the state out otherwise")
-    arrays = _arrays(header["arrays"], body, STATE_ARRAYS if running else (HELD,))
-    if settings is not None:
-        state = State(**arrays)
-        check_state(state, settings, attributes["_resolve_at"])
-        attributes |= {STATE: state, HELD: [], "_mapped": False}  # a callable map is not stored
-    else:
-        attributes[HELD] = [tuple(row) for row in arrays[HELD].reshape(-1, 3).tolist()]
-        if len(attributes[HELD]) >= attributes["_hold"]:
-            raise DamagedCheckpointError("it holds back more samples than it waits for")
-    progress = {name: from_plain(plain) for name, plain in header["progress"].items()}
+    check_start(attributes["_request"], attributes["_hold"], attributes["_held_rejects"])
+    read = _running if running else _starting
+    attributes |= read(attributes, header[ARRAYS], body)
+    progress = {name: from_plain(plain) for name, plain in header[PROGRESS].items()}
     return Contents(attributes, _checked(progress))
 
 
-def _arrays(declared: list[Any], body: memoryview, names: tuple[str, ...]) -> dict[str, Any]:
-    """Return the arrays, all sizes checked before the first is allocated."""
-    if tuple(name for name, *_ in declared) != names:
+def _running(attributes: dict[str, Any], declared: list[Any], body: memoryview) -> dict[str, Any]:
+    """Return the attributes of a running identifier that are kept as arrays."""
+    settings: Settings = attributes["_settings"]
+    check_settings(settings, attributes["_request"], attributes["_hold"])
+    state = State(**_arrays(declared, body, shapes_of(settings)))
+    check_state(state, settings, attributes["_resolve_at"])
+    return {STATE: state, HELD: [], "_mapped": False}  # a callable map is not stored
+
+
+def _starting(attributes: dict[str, Any], declared: list[Any], body: memoryview) -> dict[str, Any]:
+    """Return the same of one that is starting."""
+    if attributes["_resolve_at"] != 0:
+        raise DamagedCheckpointError("it has no record yet that could be solved again")
+    # the samples are those in the file, and perhaps one more whose bits are all zero: as many as the file is large
+    ((*_, (samples, _), _),) = declared
+    if type(samples) is not int or not 0 <= samples <= len(body) // 24 + 1:
+        raise DamagedCheckpointError("its samples are declared too many")
+    held = [tuple(row) for row in _arrays(declared, body, {HELD: (samples, 3)})[HELD].tolist()]
+    check_held(held, attributes["_request"], attributes["_hold"])
+    return {HELD: held}
+
+
+def _arrays(declared: list[Any], body: memoryview, shapes: dict[str, tuple[int, ...]]) -> dict[str, Any]:
+    """Return arrays of these shapes, all that is declared compared before the first is allocated."""
+    if [name for name, *_ in declared] != list(shapes):
         raise ValueError("other arrays")
+    if sum(8 * math.prod(shape) for shape in shapes.values()) > LARGEST:
+        raise DamagedCheckpointError("its settings need arrays that are too large")
     sizes = []
     for name, kind, shape, rows in declared:
         whole = [*shape, rows]
         if kind != _type(name) or not shape or any(type(size) is not int or size < 0 for size in whole):
             raise ValueError(f"{name} is declared as {kind} {shape}")
-        if rows > shape[0] or 8 * math.prod(shape) > LARGEST:
+        if tuple(shape) != shapes[name]:
+            raise DamagedCheckpointError(f"its {name} have the shape {shape}, its settings need {list(shapes[name])}")
+        if rows > shape[0]:
             raise ValueError(f"{name} is declared too large")
         sizes.append(rows * math.prod(shape[1:]))
     if 8 * sum(sizes) != len(body):

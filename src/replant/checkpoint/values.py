@@ -34,6 +34,11 @@ KINDS: dict[str, type] = {
     )
 }
 
+#: The floats that JSON has no word for.
+UNUSUAL = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}
+#: NumPy's kinds of number that are stored.
+NUMBERS = ("|b1", "|i1", "|u1", "<i2", "<u2", "<i4", "<u4", "<i8", "<u8", "<f2", "<f4", "<f8")
+
 
 def to_plain(name: str, value: Any) -> Any:
     """Return ``value`` as what JSON can hold; what JSON has no word for becomes an object of one tag.
@@ -100,7 +105,9 @@ def from_plain(plain: Any) -> Any:
         return plain
     ((tag, inner),) = plain.items()
     if tag == "float":
-        return float(inner)
+        return UNUSUAL[inner]
+    if tag in ("tuple", "dict") and not isinstance(inner, list):
+        raise TypeError(f"a {tag} is no {type(inner).__name__}")
     if tag == "tuple":
         return tuple(from_plain(entry) for entry in inner)
     if tag == "dict":
@@ -115,12 +122,16 @@ def from_plain(plain: Any) -> Any:
         raise ValueError(f"{tag} has other settings here")
     with warnings.catch_warnings():  # whoever chose these settings has been warned already
         warnings.simplefilter("ignore")
-        return kind(**fields)
+        built = kind(**fields)
+    for key, entry in fields.items():
+        if isinstance(entry, bool) and not isinstance(getattr(built, key), bool):
+            raise TypeError(f"{key} is a truth value")
+    return built
 
 
 def _numbers(dtype: str, shape: list[int], digits: str) -> Any:
-    kind = np.dtype(dtype)
-    if kind.kind not in "fiub":
+    if dtype not in NUMBERS:
         raise ValueError(f"{dtype} is no kind of number")
+    kind = np.dtype(dtype)
     values = np.frombuffer(bytes.fromhex(digits), kind).reshape(shape)
     return values.astype(kind.newbyteorder("="))[()]  # [()]: a number stays a number

@@ -135,12 +135,9 @@ class Identifier(Estimate):
         self._resolve_at = 0  # accepted samples at which to solve the record again; 0: not planned
         self._state: State
         self._step: Step = self._hold_back_one  # what takes the next sample
-        if self._request.asks_for_data:
-            self._hold = max(self._request.startup, self._request.least_startup)
-        else:
-            self._hold = 0 if self._request.preprocess.needs == "nothing" else 1
-            if self._hold == 0:
-                self._begin()
+        self._hold = self._request.first_hold
+        if self._hold == 0:
+            self._begin()
 
     def clone(self) -> Identifier:
         """Return an independent copy in the same state."""

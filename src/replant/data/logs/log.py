@@ -9,6 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from replant.arguments import (
+    keep,
+    number,
+    vector,
+    whole,
+)
 from replant.interop import frames
 
 
@@ -48,6 +54,14 @@ class Log:
     output_name: str
     path: Path
     earlier: int = 0
+
+    def __post_init__(self) -> None:
+        keep(self, "input", vector)
+        keep(self, "output", vector)
+        keep(self, "dt", number)
+        if self.time is not None:
+            keep(self, "time", vector)
+        keep(self, "earlier", whole, 0)
 
     def __len__(self) -> int:
         return self.earlier + int(self.input.shape[0])

@@ -1,0 +1,126 @@
+"""The long run: `make fuzz`; SECONDS= or ARGS="--seconds 600 --first 0 --plainly" say how long and what.
+
+Each trial is a number, from which it follows; a worker takes one after the other in a process of its own, so that one
+that crashes or hangs is found and counted, and the next one goes on behind it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import faulthandler
+import os
+import selectors
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+STILL = 120.0  # s without a word from a worker: it hangs
+PORTION = 500  # trials of a worker: what one leaves behind in memory goes with it
+
+
+def main() -> int:
+    """Run trials for so many seconds; print tries, time and findings, and return how many kinds of these there are."""
+    parser = argparse.ArgumentParser(prog="make fuzz", description=__doc__)
+    parser.add_argument("--seconds", type=float, default=600.0)
+    parser.add_argument("--first", type=int, default=1_000_000)
+    parser.add_argument("--what", choices=["checkpoints", "plainly", "narrow", "all"], default="all")
+    parser.add_argument("--worker", type=int, nargs=2, metavar=("FIRST", "LAST"), help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.worker:
+        return work(options.what, *options.worker)
+    shares = {"checkpoints": 0.8, "plainly": 0.1, "narrow": 0.1} if options.what == "all" else {options.what: 1.0}
+    found = 0
+    for what, share in shares.items():
+        found += run(what, options.first, share * options.seconds)
+    return min(found, 1)
+
+
+def run(what: str, number: int, seconds: float) -> int:
+    """Let workers take trials; print what came of them."""
+    begun, outcomes, findings = time.monotonic(), Counter[str](), {}
+    while time.monotonic() - begun < seconds:
+        left = seconds - (time.monotonic() - begun)
+        number = _portion(what, number, left, outcomes, findings)
+    elapsed = time.monotonic() - begun
+    told = ", ".join(f"{count:,} {outcome}" for outcome, count in sorted(outcomes.items()))
+    print(f"{what}: {sum(outcomes.values()):,} tries in {elapsed:,.0f} s: {told}; {len(findings)} kinds of findings")
+    for words, numbers in findings.items():
+        print(f"  {len(numbers)} times, first in {numbers[0]}: {words}")
+    return len(findings)
+
+
+def _portion(what: str, number: int, seconds: float, outcomes: Counter[str], findings: dict[str, list[int]]) -> int:
+    """Let one worker take trials from ``number`` on; return the number of the next one."""
+    command = [sys.executable, "-m", "fuzz", "--what", what, "--worker", str(number), str(number + PORTION)]
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"} if what == "plainly" else None
+    begun = time.monotonic()
+    with (
+        subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environment,
+            cwd=Path(__file__).parents[1],
+        ) as worker,
+        selectors.DefaultSelector() as waiting,
+    ):
+        assert worker.stdout is not None
+        assert worker.stderr is not None
+        waiting.register(worker.stdout, selectors.EVENT_READ)
+        while True:
+            if not waiting.select(STILL):
+                worker.kill()
+                outcomes["finding"] += 1
+                findings.setdefault("it hangs", []).append(number)
+                return number + 1
+            line = worker.stdout.readline()
+            if not line:
+                break
+            outcome, _, words = line.rstrip("\n").partition("\t")
+            outcomes[outcome] += 1
+            if words:
+                findings.setdefault(words, []).append(number)
+                print(f"{what} {number}: {words}", flush=True)
+            number += 1
+            if time.monotonic() - begun > seconds:
+                worker.kill()
+                return number
+        if worker.wait():
+            outcomes["finding"] += 1
+            words = f"it crashed ({worker.returncode}): {' | '.join(worker.stderr.read().split(chr(10))[:12])}"
+            findings.setdefault(words[:600], []).append(number)
+            print(f"{what} {number}: {words[:600]}", flush=True)
+            return number + 1
+    return number
+
+
+def work(what: str, first: int, last: int) -> int:
+    """Take trials, a line each."""
+    faulthandler.enable()
+    if what == "plainly":
+        from fuzz.plainly import make_plain
+
+        make_plain()
+    from fuzz.trial import FindingError, narrow_trial, trial
+
+    for number in range(first, last):
+        try:
+            outcome = narrow_trial(number) if what == "narrow" else trial(number, plainly=what == "plainly")
+        except FindingError as error:
+            cause = error.__cause__
+            place = ""
+            if cause is not None and cause.__traceback__ is not None:
+                trace = cause.__traceback__
+                while trace.tb_next is not None:
+                    trace = trace.tb_next
+                place = f" at {Path(trace.tb_frame.f_code.co_filename).name}:{trace.tb_lineno}"
+            outcome = f"finding\t{' '.join(str(error).split())[:200]}{place}"
+        print(outcome, flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

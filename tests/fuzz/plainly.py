@@ -1,0 +1,82 @@
+"""The kernels as plain Python, in a process with NUMBA_DISABLE_JIT: an index outside of an array is an error there.
+
+Compiled, an index is not checked; and of one that is negative NumPy makes one that counts from the end.  Here both are
+refused.  A thousand times as slow.
+"""
+
+from __future__ import annotations
+
+import importlib
+import operator
+import pkgutil
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+
+class Checked(np.ndarray):
+    """An array whose single indices must lie inside of it."""
+
+    def __getitem__(self, index: Any) -> Any:
+        _check(self, index)
+        return super().__getitem__(index)
+
+    def __setitem__(self, index: Any, value: Any) -> None:
+        _check(self, index)
+        super().__setitem__(index, value)
+
+
+def _check(array: np.ndarray, index: Any) -> None:
+    places = index if isinstance(index, tuple) else (index,)
+    for place, size in zip(places, array.shape, strict=False):
+        if isinstance(place, slice):
+            bad = any(end is not None and not 0 <= end <= size for end in (place.start, place.stop))
+        elif isinstance(place, int | np.integer):
+            bad = not 0 <= operator.index(place) < size
+        else:
+            continue
+        if bad:
+            raise IndexError(f"{place} in an array of {size}")
+
+
+class Pointer:
+    """What `replant.kernels.codegen.pointer` makes of an array: it must stay inside of the one that it points into."""
+
+    def __init__(self, array: Any, start: int) -> None:
+        flat, before = (array.flat_, array.start) if isinstance(array, Pointer) else (array.reshape(-1), 0)
+        self.flat_, self.start = flat, before + int(start)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.flat_[self.start + int(index)]
+
+    def __setitem__(self, index: Any, value: Any) -> None:
+        self.flat_[self.start + int(index)] = value
+
+
+def make_plain() -> None:
+    """Put the checked pointer and arrays in the place of those of the kernels."""
+    import replant.kernels
+    from replant.engine import state
+    from replant.online import identifier, startup
+
+    # a row of a matrix that a pointer leaves belongs to the whole matrix
+    for info in pkgutil.iter_modules(replant.kernels.__path__):
+        if info.name in ("vector", "lanes", "direct", "pointer"):
+            continue
+        module: Any = importlib.import_module(f"replant.kernels.{info.name}")
+        if hasattr(module, "pointer"):
+            module.pointer = Pointer
+        if hasattr(module, "prefetch"):
+            module.prefetch = lambda *_: None
+    from replant.kernels.optimizers import gradient
+
+    gradient.row_of = lambda buffer, k: Pointer(buffer, k * buffer.shape[1])  # type: ignore[assignment]
+    work_on = identifier.Identifier._work_on
+
+    def checked(self: Any, kept: state.State, *, regular: bool) -> None:
+        arrays = [getattr(kept, field.name).view(Checked) for field in fields(state.State)]
+        work_on(self, state.State(*arrays), regular=regular)
+
+    identifier.Identifier._work_on = checked  # type: ignore[method-assign]
+    assert startup

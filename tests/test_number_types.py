@@ -1,0 +1,243 @@
+"""Numbers of any type: what takes them keeps plain ones, equal to those of the plain type, or refuses them by name."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import inspect
+import pkgutil
+from collections.abc import Callable, Iterator
+from decimal import Decimal
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant import signals
+from replant.checkpoint.values import KINDS
+from replant.engine.dimensions import Dimensions
+from replant.rigs import Rig
+from replant.settings import Request, Settings
+from support.builders import identifier, record, state
+
+WHOLE = [np.int8, np.uint8, np.int16, np.uint16, np.int32, np.uint32, np.int64, np.uint64]
+REAL = [np.float16, np.float32, np.float64, np.longdouble, Decimal, Fraction]
+
+
+class Count(int):
+    """A whole number of the user's own kind."""
+
+
+TRUTHS: dict[str, Callable[[Any], Any]] = {
+    "bool": bool,
+    "numpy bool": np.bool_,
+    "0-d bool": lambda value: np.array(bool(value)),
+}
+TYPES: dict[str, Callable[[Any], Any]] = {
+    **{kind.__name__: kind for kind in [*WHOLE, *REAL]},
+    **{f"0-d {kind.__name__}": (lambda value, kind=kind: np.array(value, kind)) for kind in (*WHOLE, np.float64)},
+    "int": int,
+    "float": float,
+    "own int": Count,
+    **TRUTHS,
+    "text": str,
+    "complex": complex,
+    "vector": lambda value: np.array([value]),
+    "0-d text": lambda value: np.array(str(value)),
+    "time": lambda value: np.timedelta64(int(value), "s"),
+    "nothing": lambda value: None,
+}
+
+STRUCTURE = rp.Structure(5, 2)
+CUTOFF = rp.StateVariableFilter(2.0)
+#: How each class is built of plain numbers, each small and whole, so that every type can hold it.
+EXAMPLES: dict[type, dict[str, Any]] = {
+    rp.Structure: {"poles": 5, "zeros": 2, "delay": 2.0, "bias": True, "feedthrough": False},
+    rp.Replay: {"capacity": 100, "batch_size": 7, "warmup": 3, "seed": 5},
+    rp.Scaling: {"output": 2.0, "regressor": (1.0, 2.0, 3.0)},
+    rp.Preprocess: {"input_offset": 2.0, "output_offset": 3.0},
+    rp.StateVariableFilter: {"cutoff": 2.0, "alpha": 1.0},
+    rp.RefinedFilter: {"input_hold": "foh"},
+    rp.Gradient: {"gain": 2.0},
+    rp.IntegralCost: {"gain": 2.0, "forgetting_rate": 1.0},
+    **{kind: {"step_size": 2.0, "epsilon": 1.0} for kind in (rp.Adam, rp.AMSGrad, rp.NAdam, rp.AdaGrad, rp.RMSProp)},
+    rp.AdaDelta: {"epsilon": 1.0},
+    rp.RecursiveLeastSquares: {"time_constant": 20.0, "initial_covariance": 100.0},
+    rp.KalmanTracking: {"process_noise": (1.0, 2.0), "noise_time_constant": 20.0, "initial_covariance": 100.0},
+    rp.TransferFunction: {"num": [2.0], "den": [1.0, 3.0], "delay": 2.0},
+    rp.Uncertainty: {"structure": rp.Structure(1), "parameters": [1.0, 2.0], "covariance": [[1.0, 0.0], [0.0, 1.0]]},
+    rp.Identifier: {"structure": STRUCTURE, "dt": 2.0, "startup": 100},
+    rp.Ensemble: {"identifiers": identifier(), "members": 2, "n_jobs": 1},
+    rp.Log: {
+        "input": [1.0, 2.0], "output": [3.0, 4.0], "dt": 2.0, "time": [0.0, 2.0], "input_name": "u",
+        "output_name": "y", "path": Path("log.csv"), "earlier": 3,
+    },
+    Request: {"structure": STRUCTURE, "dt": 2.0, "startup": 100},
+    Settings: {
+        "structure": rp.Structure(1), "dt": 2.0, "filter": CUTOFF, "scaling": rp.Scaling(1.0, (1.0, 1.0)),
+        "optimizer": rp.Gradient(1.0), "replay": None, "instruments": False, "normalize": True,
+        "preprocess": rp.Preprocess(), "startup": 3,
+    },
+    Rig: {
+        "plant": rp.TransferFunction([1.0], [1.0, 1.0]), "dt": 2.0, "input_rest": 1.0, "output_rest": 1.0,
+        "noise": 1.0, "creep": 1.0,
+    },
+    Dimensions: {"order": 2, "entries": 4, "ring": 8, "memory": 3, "settings": 3, "batch": 2, "capacity": 3},
+}  # fmt: skip
+#: Functions that take numbers, not records.
+FUNCTIONS: dict[Callable[..., Any], dict[str, Any]] = {
+    signals.square: {"samples": 100, "period": 4.0, "dt": 1.0, "amplitude": 2.0},
+    signals.prbs: {"samples": 100, "bits": 10, "hold": 3, "amplitude": 2.0, "seed": 5},
+    signals.random_steps: {"samples": 100, "shortest": 2, "longest": 20, "low": 1.0, "high": 2.0, "seed": 5},
+    signals.multisine: {"samples": 100, "dt": 1.0, "frequencies": [0.1, 0.2], "amplitude": 2.0},
+    signals.chirp: {"samples": 100, "dt": 1.0, "first": 1.0, "last": 2.0, "amplitude": 2.0},
+    signals.white_noise: {"samples": 100, "rms": 2.0, "seed": 5},
+}
+#: Made by the package and never by a caller: their numbers are our own.
+RESULTS = {
+    "Assessment", "Verdict", "Simulation", "FitResult", "Trace", "Loaded", "Recording", "Table", "Batch", "Actuator",
+    "Cell", "Experiment", "Improvement", "Plant", "Row", "RowResult", "TableResult", "Replication", "Stretch",
+    "Optimizer", "Dashboard", "Hub", "Source",
+}  # fmt: skip
+
+
+def public() -> Iterator[type]:
+    """Every class of a public name, and every class that checks its fields."""
+    modules = [rp, *(importlib.import_module(info.name) for info in pkgutil.walk_packages(rp.__path__, "replant."))]
+    for module in modules:
+        for name, thing in vars(module).items():
+            if not inspect.isclass(thing) or issubclass(thing, Exception) or not thing.__module__.startswith("replant"):
+                continue
+            checks = thing.__module__ == module.__name__ and "__post_init__" in vars(thing)
+            if checks or name in getattr(module, "__all__", ()):
+                yield thing
+
+
+def converted(example: Any, convert: Callable[[Any], Any]) -> Any:
+    """An example, or each number in it, in another type."""
+    return [converted(one, convert) for one in example] if type(example) in (list, tuple) else convert(example)
+
+
+def made(build: Callable[..., Any], arguments: dict[str, Any], named: str) -> Any:
+    """What comes of these arguments, in comparable form; None where they are refused, one of them by its name."""
+    built = of(lambda: build(**arguments), named)
+    if isinstance(built, rp.Identifier):
+        built = built.request
+    if isinstance(built, rp.Ensemble):
+        return len(built), len(built._rooms)
+    return None if built is None else plain(built)
+
+
+def of(act: Callable[[], Any], named: str) -> Any:
+    """What an act returns; None where it is refused by one line that names the argument."""
+    try:
+        return act()
+    except rp.ReplantError as error:
+        problem = error
+    assert isinstance(problem, rp.ArgumentTypeError | rp.InvalidArgumentError)
+    assert named in str(problem)
+    assert "\n" not in str(problem)
+    return None
+
+
+def plain(value: Any) -> Any:
+    """The value as a tree of plain numbers; anything else in it is a failure."""
+    if type(value) in (int, float, bool, str, type(None)) or isinstance(value, Path):
+        return type(value).__name__, value
+    if type(value) is tuple:
+        return tuple(map(plain, value))
+    if isinstance(value, np.ndarray):
+        assert value.dtype == np.float64
+        return value.shape, value.tolist()
+    assert dataclasses.is_dataclass(value), f"a {type(value).__name__} was kept"
+    return type(value).__name__, {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+
+
+def test_every_public_class_has_an_example() -> None:
+    missing = {kind.__name__ for kind in public() if kind not in EXAMPLES} - RESULTS
+    assert not missing, "give an example of plain numbers in EXAMPLES"
+    assert set(KINDS.values()) <= set(EXAMPLES), "what a checkpoint builds"
+
+
+CASES = [
+    pytest.param(build, arguments, name, convert, id=f"{build.__name__}-{name}-{kind}")
+    for build, arguments in [*EXAMPLES.items(), *FUNCTIONS.items()]
+    for name, example in arguments.items()
+    if type(example) in (int, float, list, tuple)
+    for kind, convert in TYPES.items()
+]
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize(("build", "arguments", "name", "convert"), CASES)
+def test_a_number_of_any_type_is_kept_as_a_plain_one(
+    build: Any, arguments: dict[str, Any], name: str, convert: Callable[[Any], Any]
+) -> None:
+    example = arguments[name]
+    given = converted(example, convert)
+    # a truth value counts as one or zero, where it counts
+    expected = converted(example, lambda x: type(x)(bool(x))) if convert in TRUTHS.values() else example
+    got = made(build, {**arguments, name: given}, name)
+    if got is not None:
+        assert got == made(build, {**arguments, name: expected}, name)
+    if convert in (*WHOLE, int) and type(example) in (int, float):
+        assert got is not None, "a whole number of NumPy's is one"
+
+
+def test_narrow_numbers_of_a_structure_do_not_wrap() -> None:
+    """Its sizes came out modulo 256, and kernels wrote beyond the end of arrays."""
+    changes: dict[str, Any] = {"optimizer": rp.Gradient(1.0), "replay": None}
+    narrow = identifier(structure=rp.Structure(np.uint8(5), np.uint8(0)), **changes)
+    wide = identifier(structure=rp.Structure(5), **changes)
+    assert [array.shape for array in narrow._state.arrays] == [array.shape for array in wide._state.arrays]
+    u, y = np.ones(100), np.arange(100.0)
+    for one in (narrow, wide):
+        one.update_many(u, y)
+    assert narrow.to_bytes() == wide.to_bytes()
+
+
+@pytest.mark.parametrize("kind", TYPES)
+@pytest.mark.parametrize("name", ["u", "y", "t"])
+def test_one_sample(kind: str, name: str) -> None:
+    sample = {"u": 1.0, "y": 2.0, "t": 3.0}
+    one, other = identifier(), identifier()
+    before = state(one)
+    given = TYPES[kind](sample[name])
+    if of(lambda: one.update(**{**sample, name: given}), name) is None:
+        assert state(one) == before
+        return
+    if name == "t" and given is None:
+        del sample["t"]
+    other.update(**{**sample, **({name: 1.0} if "bool" in kind else {})})
+    assert state(one) == state(other)
+
+
+@pytest.mark.parametrize("kind", TYPES)
+@pytest.mark.parametrize("name", ["u", "y", "t"])
+def test_many_samples(kind: str, name: str) -> None:
+    samples = {"u": [1.0, 0.0, 1.0, 1.0], "y": [0.0, 1.0, 2.0, 3.0], "t": [1.0, 2.0, 3.0, 4.0]}
+    one, other = identifier(), identifier()
+    before = state(one)
+    given = [TYPES[kind](value) for value in samples[name]]
+    if of(lambda: one.update_many(**{**samples, name: given}), name) is None:
+        assert state(one) == before
+        return
+    truths = {name: [float(bool(value)) for value in samples[name]]} if "bool" in kind else {}
+    other.update_many(**{**samples, **truths})
+    assert state(one) == state(other)
+
+
+@pytest.mark.parametrize("kind", [*WHOLE, np.float32, np.float16, object, bool])
+def test_a_record_of_any_type(kind: Any) -> None:
+    u, y = record(rp.TransferFunction([2.0], [1.0, 1.0]), 1, 200, 0.5)
+    u, y = np.abs(u).round(), np.abs(y * 10).round()
+    found = of(lambda: rp.fit(u.astype(kind), y.astype(kind), np.float32(0.5), rp.Structure(np.uint8(1))), "u")
+    if found is None:
+        assert kind is object
+        return
+    expected = rp.fit(u.astype(kind).astype(float), y.astype(kind).astype(float), 0.5, rp.Structure(1))
+    assert found.parameters.tolist() == expected.parameters.tolist()
+    assert type(found.dt) is float
