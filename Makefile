@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: demo test slow lint types check bench bench-live regression soak accuracy clean help
+.PHONY: demo test slow lint types check bench bench-live regression soak fuzz accuracy clean help
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -50,6 +50,9 @@ bench-live: $(READY)  ## live: throughput over TCP and MQTT, latency over UDP, m
 
 soak: $(READY)   ## a day of rig time in fast replay: memory, estimate, checkpoint
 	$(BIN)/python benchmarks/soak.py
+
+fuzz: $(READY)   ## mutants of checkpoints, structures of narrow numbers: ten minutes, or SECONDS=; ARGS="--first 5000"
+	cd tests && ../$(BIN)/python -m fuzz --seconds $(or $(SECONDS),600) $(ARGS)
 
 accuracy: $(READY)  ## accuracy, Monte Carlo beside what is promised; writes docs/accuracy.md and out/accuracy
 	$(BIN)/python benchmarks/accuracy $(ARGS)

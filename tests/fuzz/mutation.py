@@ -7,6 +7,7 @@ fitted to it, so that more than the first comparison is tried.
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import hashlib
 import json
@@ -102,7 +103,9 @@ def mutant(data: bytes, chance: random.Random) -> bytes:
         if act is _twice:
             twice = True
         else:
-            header, numbers = act(header, numbers, chance)
+            with contextlib.suppress(LookupError, ValueError, TypeError, AttributeError, ArithmeticError):
+                # a change before may have left nothing to change
+                header, numbers = act(header, numbers, chance)
     return assembled(header, bytes(numbers), twice=twice)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import operator
 import pkgutil
-from dataclasses import fields
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -54,13 +54,19 @@ class Pointer:
         self.flat_[self.start + int(index)] = value
 
 
+def into_matrix(array: Any, start: int) -> Pointer:
+    """Return a pointer into the whole matrix that an array is the first row of."""
+    whole = getattr(array, "base", None)
+    first = isinstance(whole, np.ndarray) and whole.ndim == 2 and whole.ctypes.data == array.ctypes.data
+    return Pointer(np.asarray(whole).view(Checked) if first else array, start)
+
+
 def make_plain() -> None:
     """Put the checked pointer and arrays in the place of those of the kernels."""
     import replant.kernels
-    from replant.engine import state
+    from replant.kernels.optimizers import gradient
     from replant.online import identifier, startup
 
-    # a row of a matrix that a pointer leaves belongs to the whole matrix
     for info in pkgutil.iter_modules(replant.kernels.__path__):
         if info.name in ("vector", "lanes", "direct", "pointer"):
             continue
@@ -69,14 +75,17 @@ def make_plain() -> None:
             module.pointer = Pointer
         if hasattr(module, "prefetch"):
             module.prefetch = lambda *_: None
-    from replant.kernels.optimizers import gradient
-
+    # there a pointer to the first row of the buffer reaches the others
+    gradient.pointer = into_matrix  # type: ignore[assignment]
     gradient.row_of = lambda buffer, k: Pointer(buffer, k * buffer.shape[1])  # type: ignore[assignment]
-    work_on = identifier.Identifier._work_on
+    kernels_for = startup.kernels_for
 
-    def checked(self: Any, kept: state.State, *, regular: bool) -> None:
-        arrays = [getattr(kept, field.name).view(Checked) for field in fields(state.State)]
-        work_on(self, state.State(*arrays), regular=regular)
+    def checked_kernels_for(*args: Any, **how: Any) -> Any:
+        return tuple(map(checked, kernels_for(*args, **how)))
 
-    identifier.Identifier._work_on = checked  # type: ignore[method-assign]
-    assert startup
+    startup.kernels_for = identifier.kernels_for = checked_kernels_for  # type: ignore[attr-defined]
+
+
+def checked(kernel: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a kernel that gets checked arrays."""
+    return lambda *args: kernel(*(arg.view(Checked) if isinstance(arg, np.ndarray) else arg for arg in args))

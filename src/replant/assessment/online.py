@@ -20,10 +20,13 @@ from replant.settings import Request, Settings
 
 STUCK_LATELY = 200  # samples since the sensor was stuck, within which it is not relied on
 MOST_IRREGULAR = 5000  # samples looked at where each interval costs a discretisation of its own
+NO_SAMPLE = Assessment("converging", ("no sample yet",))
 
 
 def assess_running(state: State, settings: Settings) -> Assessment:
     """Return the verdict on an estimate in use."""
+    if state.samples == 0:
+        return NO_SAMPLE
     return judge(evidence_of(state, settings))
 
 
@@ -39,7 +42,7 @@ def assess_starting(request: Request, held: Sequence[tuple[float, float, float]]
         How many there are to be by now.
     """
     if not held:
-        return Assessment("converging", ("no sample yet",))
+        return NO_SAMPLE
     u, y, t = np.array(held).T
     u = request.preprocess.map_input(u)
     reason = f"starting: {u.size} of the {wanted} samples that the first model is made from"

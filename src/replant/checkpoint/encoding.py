@@ -267,9 +267,11 @@ def _arrays(declared: list[Any], body: memoryview, shapes: dict[str, tuple[int, 
     for name, kind, shape, rows in declared:
         whole = [*shape, rows]
         if kind != _type(name) or not shape or any(type(size) is not int or size < 0 for size in whole):
-            raise ValueError(f"{name} is declared as {kind} {shape}")
+            raise ValueError(f"{name} is declared as {kind!r:.40} {shape!r:.60}")
         if tuple(shape) != shapes[name]:
-            raise DamagedCheckpointError(f"its {name} have the shape {shape}, its settings need {list(shapes[name])}")
+            raise DamagedCheckpointError(
+                f"its {name} have the shape {str(shape)[:60]}, its settings need {list(shapes[name])}"
+            )
         if rows > shape[0]:
             raise ValueError(f"{name} is declared too large")
         sizes.append(rows * math.prod(shape[1:]))

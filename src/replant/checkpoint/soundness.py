@@ -32,7 +32,7 @@ from replant.settings import (
     Settings,
 )
 
-NEVER = 2**62  # samples: no stream is as long, and the sum of two is inside int64
+NEVER = 2**53  # samples: no stream is as long, a float64 tells them apart, and sums of many are inside int64
 
 #: What the settings alone decide, beside the offsets of the blocks.
 DECIDED = (
@@ -49,10 +49,10 @@ COUNTS = (
 #: Slots that say at which sample something was, and how many estimates were kept.
 PASSED = ("LEARNED", "PAST_KEPT", "CHANGE_BEGAN", "GAP_AT", "ORIGIN", "STUCK_LAST", "REVISED")
 FLAGS = ("GUARD", "ADAPT", "STARTED", "WARMING", "ATTENTION")
-#: Scalars that may be infinite or no number: never, not known yet.
-UNBOUNDED = ("READY", "LONGEST_GAP", "LEAST_STEP", "LAST_RAW")
-#: Blocks that may hold anything: room for work, and what was known before a change, of which nothing may be known.
-ANYTHING = ("AT_WORK", "AT_PRIOR")
+#: Scalars that may be infinite or no number: never; not known yet; squares of samples near the end of float64.
+UNBOUNDED = ("READY", "LONGEST_GAP", "LEAST_STEP", "LAST_RAW", "ERROR", "RATIO", "SPREAD", "USUAL", "PEAK", "CUSUM")
+#: Blocks that may hold anything: room for work, statistics that are made of squares, and what was known before a change.
+ANYTHING = ("AT_WORK", "AT_PHI", "AT_ZETA", "AT_COLOUR", "AT_PATH", "AT_PRIOR")
 
 
 @cache

@@ -150,8 +150,8 @@ class Uncertainty:
             mode,
             covariance,
             _std(np.array([x, y]) / (math.tau * size), covariance),
-            _std(np.array([-(y**2), x * y]) / size**3, covariance),
-            _std(np.array([1.0 / x**2, 0.0]), covariance) if x else math.inf,
+            _std(np.array([-((y / size) ** 2), x / size * (y / size)]) / size, covariance),  # no power leaves float64
+            _std(np.array([1.0 / x / x, 0.0]), covariance) if x else math.inf,
         )
 
     def _pole_slope(self, pole: complex) -> npt.NDArray[np.complex128]:
