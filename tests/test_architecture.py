@@ -161,6 +161,17 @@ def test_the_middle_does_not_touch_the_outside(module: str) -> None:
     assert not attributes & {"tofile", "fromfile", "memmap", "savetxt", "loadtxt", "savez", "read_text", "write_text"}
 
 
+CHECKS = {node.name for node in TREES["validation"].body if isinstance(node, ast.FunctionDef)} - {"keep"}
+
+
+@every_module
+def test_what_a_check_returns_is_used(module: str) -> None:
+    """A check that is called for nothing but its exception leaves what the caller passed where it was."""
+    for node in ast.walk(TREES[module]):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call) and isinstance(node.value.func, ast.Name):
+            assert node.value.func.id not in CHECKS, f"line {node.lineno}: keep() what {node.value.func.id}() returns"
+
+
 @every_module
 def test_only_declared_packages_are_imported(module: str) -> None:
     allowed = set(sys.stdlib_module_names) | LIGHT | HEAVY | TERMINAL

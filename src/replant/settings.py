@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -144,8 +145,9 @@ class Request:
         return waits or self.wants_instruments
 
 
-def _switch(name: str, value: bool | str) -> bool | str:
-    return bool(value) if isinstance(value, np.bool_) else instance(name, value, bool, AUTO)
+def _switch(name: str, value: Any) -> bool | str:
+    chosen: bool | str = bool(value) if isinstance(value, np.bool_) else instance(name, value, bool, AUTO)
+    return chosen
 
 
 def _check_together(chosen: Settings | Request) -> None:

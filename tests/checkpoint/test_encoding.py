@@ -237,6 +237,95 @@ def test_a_header_that_is_none_is_refused(header: bytes) -> None:
     assert reason(assembled(header, b""))
 
 
+def peak_of_refusal(data: bytes, words: str) -> int:
+    """Bytes that were allocated at the most before these were refused."""
+    tracemalloc.start()
+    try:
+        with pytest.raises(rp.DamagedCheckpointError, match=words):
+            decode(data)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("samples", [3, 30_000_000, 2**60, 4.0, True, -1, "4", None])
+def test_samples_that_are_not_in_the_file_are_not_held_back(samples: Any) -> None:
+    """Seven hundred bytes that said so took gigabytes."""
+    header, body = parts(SMALL["starting"])
+    for startup in (500, 2**31 - 1):
+        header["attributes"]["_request"]["Request"]["startup"] = header["attributes"]["_hold"] = startup
+        for rows in (0, 4, samples):
+            header["arrays"] = [["_held", "<f8", [samples, 3], rows]]
+            assert peak_of_refusal(assembled(header, body), ".") < 2**20
+
+
+@pytest.mark.parametrize("order", [11, 4_000, 40_000])
+def test_the_order_of_a_filter_is_bounded_before_its_roots_are_looked_for(order: int) -> None:
+    header, body = parts(SMALL["starting"])
+    header["attributes"]["_request"]["Request"]["filter"] = {
+        "StateVariableFilter": {
+            "cutoff": None, "denominator": [1.0] * (order + 1), "method": "exact", "input_hold": "zoh", "alpha": 0.5,
+        }
+    }  # fmt: skip
+    assert peak_of_refusal(assembled(header, body), "order 10 at most") < 2**23
+
+
+@pytest.mark.parametrize("where", ["_request/Request", "_settings/Settings"])
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("structure/Structure/poles", 1.0),
+        ("structure/Structure/poles", True),
+        ("structure/Structure/poles", {"numpy": ["|u1", [], "05"]}),
+        ("structure/Structure/zeros", 2**70),
+        ("structure/Structure/delay", 1e300),
+        ("structure/Structure/delay", True),
+        ("replay/Replay/batch_size", 10**9),
+        ("replay/Replay/capacity", 50.0),
+        ("replay/Replay/seed", -1),
+        ("dt", 0.0),
+        ("dt", 1e-320),
+        ("normalize", 1),
+        ("startup", 10**400),
+        ("startup", -1),
+    ],
+    ids=lambda part: str(part)[:30],
+)
+def test_a_setting_that_cannot_be_or_stands_alone_is_refused(where: str, path: str, value: Any) -> None:
+    header, body = parts(SMALL["running"])
+    change(f"attributes/{where}/{path}", value)(header)
+    assert peak_of_refusal(assembled(header, body), ".") < 2**20
+
+
+@pytest.mark.parametrize("name", ["_hold", "_resolve_at"])
+@pytest.mark.parametrize("value", [-1, 0.0, True, 2**64, 10**400, None, [0]], ids=lambda value: str(value)[:30])
+def test_a_count_that_cannot_be_is_refused(name: str, value: Any) -> None:
+    for data in SMALL.values():
+        header, body = parts(data)
+        header["attributes"][name] = value
+        assert reason(assembled(header, body))
+
+
+@pytest.mark.parametrize("rejects", [{}, {"not finite": 0}, {"x": 1}, [], None, {"not finite": -1}])
+def test_rejections_that_were_not_counted_are_refused(rejects: Any) -> None:
+    header, body = parts(SMALL["starting"])
+    header["attributes"]["_held_rejects"] = {"dict": [list(pair) for pair in rejects.items()]} if rejects else rejects
+    assert reason(assembled(header, body))
+
+
+def test_an_entry_that_comes_twice_is_refused() -> None:
+    _, body = parts(SMALL["running"])
+    _, _, length = START.unpack_from(SMALL["running"])
+    header = SMALL["running"][START.size : START.size + length].rstrip()
+    assert "JSON" in reason(assembled(header[:-1] + b',"progress":{}}', body))
+
+
+@pytest.mark.parametrize("sample", [(np.nan, 0.0, 0.5), (0.0, np.inf, 0.5), (0.0, 1e200, 0.5), (0.0, 0.0, np.inf)])
+def test_samples_that_no_identifier_accepts_are_not_held_back(sample: tuple[float, float, float]) -> None:
+    header, body = parts(SMALL["starting"])
+    assert "not accepted" in reason(assembled(header, np.array(sample).tobytes() + body[24:]))
+
+
 def test_a_header_longer_than_the_file_is_refused() -> None:
     assert "longer" in reason(sealed(START.pack(MAGIC, VERSION, 2**32 - 1) + b"{}"))
     assert "longer" in reason(sealed(START.pack(MAGIC, VERSION, 3) + b"{}"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from types import ModuleType
 
@@ -9,7 +10,16 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.checkpoint.soundness import DECIDED, check_state, layout_of_state
+from fuzz.seeds import KINDS, LENGTHS, seed
+from replant.checkpoint.soundness import (
+    COUNTS,
+    DECIDED,
+    FLAGS,
+    PASSED,
+    check_state,
+    layout_of_state,
+    shapes_of,
+)
 from replant.kernels import schema as at
 from replant.kernels.filters import bank
 from replant.kernels.monitoring import estimate_path, residual_colour
@@ -48,6 +58,65 @@ def test_a_checkpoint_of_another_layout_is_refused(monkeypatch: pytest.MonkeyPat
 
 def test_every_slot_that_the_settings_decide_has_its_name() -> None:
     assert all(isinstance(getattr(at, name), int) for name in DECIDED)
+
+
+def test_every_whole_number_of_a_state_has_a_range() -> None:
+    """A new slot belongs in one of the lists of `replant.checkpoint.soundness`, or in its table of limits."""
+    names = [name for name, value in vars(at).items() if name.isupper() and isinstance(value, int)]
+    slots = {name for name in names[: names.index("ROWS")] if not name.startswith("AT_")}
+    limits = {"HEAD", "FILLED", "NEWEST", "ACTIVE", "RECENT_HEAD", "PAST_DUE", "DOUBT", "ALARM"}
+    listed = [*DECIDED, *COUNTS, *PASSED, *FLAGS, *limits]
+    assert len(listed) == len(set(listed))
+    assert set(listed) == slots
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_shapes_are_known_from_the_settings_alone(kind: str) -> None:
+    for samples in LENGTHS:
+        ident = rp.Identifier.from_bytes(seed(kind, samples, False))
+        if ident.settings is not None:
+            assert shapes_of(ident.settings) == {
+                field.name: getattr(ident._state, field.name).shape for field in dataclasses.fields(ident._state)
+            }
+
+
+@pytest.mark.parametrize("name", [*COUNTS, *FLAGS, *PASSED])
+@pytest.mark.parametrize("value", [-1, 2**62, -(2**63)])
+def test_a_whole_number_outside_of_its_range_is_refused(name: str, value: int) -> None:
+    ident = identifier()
+    ident.update_many(np.ones(20), np.ones(20))
+    assert ident.settings is not None
+    ident._state.ints[getattr(at, name)] = value
+    with pytest.raises(rp.DamagedCheckpointError):
+        check_state(ident._state, ident.settings, 0)
+
+
+@pytest.mark.parametrize("array", ["reals", "banks", "buffer", "recent"])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_number_that_must_be_finite_is_refused_where_it_is_not(array: str, value: float) -> None:
+    ident = identifier()
+    ident.update_many(np.ones(20), np.ones(20))
+    assert ident.settings is not None
+    place = (at.INPUT_NOW,) if array == "reals" else (0, 0)
+    getattr(ident._state, array)[place] = value
+    with pytest.raises(rp.DamagedCheckpointError, match="cannot be"):
+        check_state(ident._state, ident.settings, 0)
+
+
+def test_nothing_compiled_runs_before_a_state_is_found_sound(monkeypatch: pytest.MonkeyPatch) -> None:
+    ident = identifier(structure=rp.Structure(3, 1))
+    ident.update_many(np.ones(20), np.ones(20))
+    assert ident.settings is not None
+
+    def called(*_: object) -> None:
+        raise AssertionError("a kernel ran")
+
+    monkeypatch.setattr(bank, "set_denominator", called)
+    check_state(ident._state, ident.settings, 0)
+
+
+def test_an_identifier_without_a_sample_is_assessed() -> None:
+    assert identifier().assess().status == "converging"
 
 
 @pytest.mark.parametrize("slot", ["HEAD", "FILLED", "NEWEST", "ACTIVE", "WARMING", "RECENT_HEAD", "PAST_KEPT"])

@@ -51,7 +51,9 @@ PASSED = ("LEARNED", "PAST_KEPT", "CHANGE_BEGAN", "GAP_AT", "ORIGIN", "STUCK_LAS
 FLAGS = ("GUARD", "ADAPT", "STARTED", "WARMING", "ATTENTION")
 #: Scalars that may be infinite or no number: never; not known yet; squares of samples near the end of float64.
 UNBOUNDED = ("READY", "LONGEST_GAP", "LEAST_STEP", "LAST_RAW", "ERROR", "RATIO", "SPREAD", "USUAL", "PEAK", "CUSUM")
-#: Blocks that may hold anything: room for work, statistics that are made of squares, and what was known before a change.
+SHARES = ("FORGET_INPUT", "EQUAL")  # from 0 to 1
+NOT_NEGATIVE = ("ELAPSED", "MARGIN", "WIDEST", "SEEN", "LIMIT", "INPUT_POWER", "LARGEST_POWER")
+#: Blocks that may hold anything: room for work, statistics made of squares, and what was known before a change.
 ANYTHING = ("AT_WORK", "AT_PHI", "AT_ZETA", "AT_COLOUR", "AT_PATH", "AT_PRIOR")
 
 
@@ -220,7 +222,7 @@ def _times_are_sound(state: State) -> bool:
     began = state.started == 0 or bool(((intervals > 0.0) & (intervals >= least)).all())
     past = state.past[: min(state.past_kept, at.PAST), 0]
     known = bool(((past >= 0.0) & (past <= state.samples)).all())
-    never = bool(reals[at.READY_AT] >= 0.0) and not reals[at.SENSOR_STEP] < 0.0 and reals[at.ELAPSED] >= 0.0
+    never = bool(reals[at.READY_AT] >= 0.0) and not reals[at.SENSOR_STEP] < 0.0
     return began and known and never
 
 
@@ -232,6 +234,9 @@ def _numbers_are_sound(state: State, settings: Settings) -> bool:
     blocks = [state.block(slot, size) for slot, size in sizes.items() if slot not in map(_slot, ANYTHING)]
     arrays: list[FloatArray] = [reals, *blocks, state.banks, state.buffer[: state.buffer_filled], state.recent]
     if not all(np.isfinite(array).all() for array in arrays):
+        return False
+    shares, others = reals[[*map(_slot, SHARES)]], reals[[*map(_slot, NOT_NEGATIVE)]]
+    if not (((shares >= 0.0) & (shares <= 1.0)).all() and (others >= 0.0).all()):
         return False
     with np.errstate(over="ignore"):
         physical = np.isfinite(state.theta * state.unit).all() and np.isfinite(state.past[:, 1:] * state.unit).all()

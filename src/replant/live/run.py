@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from replant.data.streams import Source, open_source
-from replant.errors import InvalidArgumentError
+from replant.errors import DamagedCheckpointError, InvalidArgumentError
 from replant.live.observer.client import Observer
 from replant.live.observer.history import History
 from replant.live.observer.make_view import look
@@ -134,7 +134,10 @@ def _begin(plan: Plan) -> tuple[Progress, Identifier | None, list[str]]:
     loaded = resume(path, plan.request)
     if loaded is None:
         return Progress(), None, []
-    progress = Progress.of(loaded.progress)
+    try:
+        progress = Progress.of(loaded.progress)
+    except DamagedCheckpointError as error:
+        raise DamagedCheckpointError(f"{path}: {error}") from error
     said = [f"replant: {path}: going on after {progress.taken:,} samples"]
     if loaded.used_previous:
         said.insert(0, f"replant: {loaded.used_previous}; the previous checkpoint is used instead")

@@ -9,8 +9,10 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.data.streams import Batch
+from replant.errors import DamagedCheckpointError
 
 COUNTER = "counter "  # before a counter's name in a checkpoint
+LATEST = 1e300  # s; what is no number is not within it either
 
 
 @dataclass
@@ -69,16 +71,34 @@ class Progress:
     def of(cls, kept: Mapping[str, int | float | str]) -> Progress:
         """Return the progress that a checkpoint holds.
 
+        Raises
+        ------
+        DamagedCheckpointError
+            If an entry is not of the kind that a session writes.
+
         Examples
         --------
         >>> Progress.of(Progress(3, 0.5, 7).with_counters({"lost": 1}))
         Progress(taken=3, at=0.5, sequence=7, offset=0.0, earlier={'lost': 1})
         """
-        sequence = kept.get("sequence")
         return cls(
-            int(kept.get("taken", 0)),
-            float(kept.get("at", 0.0)),
-            None if sequence is None else int(sequence),
-            float(kept.get("offset", 0.0)),
-            {name.removeprefix(COUNTER): int(count) for name, count in kept.items() if name.startswith(COUNTER)},
+            _whole(kept, "taken"),
+            _number(kept, "at"),
+            _whole(kept, "sequence", -(2**63)) if "sequence" in kept else None,
+            _number(kept, "offset"),
+            {name.removeprefix(COUNTER): _whole(kept, name) for name in kept if name.startswith(COUNTER)},
         )
+
+
+def _whole(kept: Mapping[str, int | float | str], name: str, least: int = 0) -> int:
+    value = kept.get(name, 0)
+    if not isinstance(value, int) or not least <= value < 2**63:
+        raise DamagedCheckpointError(f"its {name!r} is no count: {value!r:.30}")
+    return value
+
+
+def _number(kept: Mapping[str, int | float | str], name: str) -> float:
+    value = kept.get(name, 0.0)
+    if isinstance(value, str) or not -LATEST <= value <= LATEST:
+        raise DamagedCheckpointError(f"its {name!r} is no time: {value!r:.30}")
+    return float(value)
