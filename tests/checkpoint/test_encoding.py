@@ -21,6 +21,7 @@ from replant.checkpoint.encoding import (
     VERSION,
     decode,
 )
+from replant.kernels import schema as at
 from support.builders import identifier, random_plant, record
 
 
@@ -324,6 +325,20 @@ def test_an_entry_that_comes_twice_is_refused() -> None:
 def test_samples_that_no_identifier_accepts_are_not_held_back(sample: tuple[float, float, float]) -> None:
     header, body = parts(SMALL["starting"])
     assert "not accepted" in reason(assembled(header, np.array(sample).tobytes() + body[24:]))
+
+
+def test_a_buffer_that_says_it_is_full_and_is_not_in_the_file_is_refused() -> None:
+    """What is all zero need not be stored, but for samples that were written it is not looked through in vain."""
+    header, body = parts(SMALL["running"])
+    capacity = 2**27
+    for name, kind in (("_request", "Request"), ("_settings", "Settings")):
+        header["attributes"][name][kind]["replay"]["Replay"]["capacity"] = capacity
+    header["arrays"][BUFFER][2][0] = capacity
+    ints = np.frombuffer(body[: 8 * header["arrays"][0][3]], "<i8").copy()
+    ints[at.CAPACITY], ints[at.WARMUP] = capacity, min(4, capacity - 1)
+    assert decode(assembled(header, ints.tobytes() + body[ints.nbytes :])).attributes
+    ints[at.BUFFER_FILLED] = capacity
+    assert "fewer samples" in reason(assembled(header, ints.tobytes() + body[ints.nbytes :]))
 
 
 def test_a_header_longer_than_the_file_is_refused() -> None:

@@ -33,6 +33,7 @@ from replant.checkpoint.soundness import (
 from replant.checkpoint.values import from_plain, to_plain
 from replant.engine.state import State
 from replant.errors import ArgumentTypeError, DamagedCheckpointError, InvalidArgumentError
+from replant.kernels import schema as at
 from replant.settings import Request, Settings
 
 Progress = Mapping[str, int | float | str]
@@ -91,7 +92,10 @@ def encode(attributes: Mapping[str, Any], progress: Progress | None = None) -> b
     """
     running = attributes["_settings"] is not None
     arrays = _arrays_of(attributes, running)
-    kept = {name: array[: _rows_in_use(array)] for name, array in arrays.items()}
+    written = {name: len(array) for name, array in arrays.items()}
+    if running:
+        written["buffer"] = int(attributes[STATE].ints[at.BUFFER_FILLED])  # a wide one is not looked through for it
+    kept = {name: array[: _rows_in_use(array[: written[name]])] for name, array in arrays.items()}
     header = _header(
         {
             LAYOUT: layout_of_state() if running else None,
@@ -240,6 +244,9 @@ def _running(attributes: dict[str, Any], declared: list[Any], body: memoryview) 
     settings: Settings = attributes["_settings"]
     check_settings(settings, attributes["_request"], attributes["_hold"])
     state = State(**_arrays(declared, body, shapes_of(settings)))
+    *_, (_, _, _, rows), _ = declared  # of the buffer; no row that a sample was written to is all zero
+    if not 0 <= state.buffer_filled <= rows:
+        raise DamagedCheckpointError("its buffer holds fewer samples than its state says")
     check_state(state, settings, attributes["_resolve_at"])
     return {STATE: state, HELD: [], "_mapped": False}  # a callable map is not stored
 
