@@ -104,7 +104,7 @@ def encode(attributes: Mapping[str, Any], progress: Progress | None = None) -> b
             ARRAYS: [[name, _type(name), list(arrays[name].shape), len(kept[name])] for name in arrays],
         }
     )
-    if len(header) > LONGEST_HEADER or any(array.nbytes > LARGEST for array in arrays.values()):
+    if len(header) > LONGEST_HEADER or sum(array.nbytes for array in arrays.values()) > LARGEST:
         raise InvalidArgumentError("this is too large for a checkpoint: use a smaller buffer, or less progress")
     parts = [START.pack(MAGIC, VERSION, len(header)), header]
     parts += [np.asarray(array, _type(name)).tobytes() for name, array in kept.items()]

@@ -228,6 +228,8 @@ def _times_are_sound(state: State) -> bool:
 
 def _numbers_are_sound(state: State, settings: Settings) -> bool:
     """Every number is finite but for those that tell "never", the estimate in physical units too; variances are."""
+    from replant.kernels.filters import bank
+
     reals = state.reals[: at.SCALARS].copy()
     reals[[getattr(at, name) for name in UNBOUNDED]] = 0.0
     sizes = Dimensions.of_settings(settings, len(state.recent)).blocks
@@ -237,6 +239,8 @@ def _numbers_are_sound(state: State, settings: Settings) -> bool:
         return False
     shares, others = reals[[*map(_slot, SHARES)]], reals[[*map(_slot, NOT_NEGATIVE)]]
     if not (((shares >= 0.0) & (shares <= 1.0)).all() and (others >= 0.0).all()):
+        return False
+    if not (state.banks[:, bank.SCALE] >= 0.0).all():
         return False
     with np.errstate(over="ignore"):
         physical = np.isfinite(state.theta * state.unit).all() and np.isfinite(state.past[:, 1:] * state.unit).all()
