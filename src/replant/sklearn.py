@@ -106,7 +106,7 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         InvalidArgumentError
             If the record is too short, or a parameter of the constructor cannot be used.
         """
-        structure, method = self._structure(), one_of("method", self.method, METHODS)
+        structure, method = self._chosen()
         u, y = self._record(X, y, structure.size + 1, reset=True)
         found = fit(u, y, self.dt, structure, method=method, preprocess=Preprocess("identity", "mean", "mean"))
         std = np.full(structure.size, np.nan) if found.uncertainty is None else found.uncertainty.std
@@ -128,7 +128,7 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         y : (K,) array
             Output.
         """
-        structure = self._structure()
+        structure, _ = self._chosen()
         ident: Identifier | None = getattr(self, "_identifier", None)
         if ident is None or (ident.structure, ident.dt) != (structure, self.dt):
             u, y = self._record(X, y, 1, reset=True)
@@ -176,8 +176,8 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         tags.regressor_tags.poor_score = True  # of rows that are no record of a dynamic system
         return tags
 
-    def _structure(self) -> Structure:
-        return Structure(self.poles, self.zeros, self.delay)
+    def _chosen(self) -> tuple[Structure, str]:
+        return Structure(self.poles, self.zeros, self.delay), one_of("method", self.method, METHODS)
 
     def _record(self, X: Any, y: Any, least: int, *, reset: bool) -> tuple[FloatArray, FloatArray]:
         """Return input and output, checked as scikit-learn checks them."""
