@@ -125,10 +125,10 @@ def test_a_position_outside_of_its_array_is_refused(slot: str, value: int) -> No
     ident = identifier()
     ident.update_many(np.ones(20), np.ones(20))
     assert ident.settings is not None
-    check_state(ident._state, ident.settings, 21)
+    check_state(ident._state, ident.settings, 0)
     ident._state.ints[getattr(at, slot)] = value
     with pytest.raises(rp.DamagedCheckpointError, match="outside"):
-        check_state(ident._state, ident.settings, 21)
+        check_state(ident._state, ident.settings, 0)
 
 
 @pytest.mark.parametrize("value", [-1.0, bank.KEPT, np.nan, np.inf])

@@ -196,9 +196,13 @@ def _check_whole_numbers(state: State) -> None:
 def _check_due(ints: Any, resolve_at: int) -> None:
     if type(resolve_at) is not int or not 0 <= resolve_at < NEVER:
         raise DamagedCheckpointError("it does not say when its record is solved again")
-    passed = any(due and due <= ints[at.SAMPLES] for due in (resolve_at, ints[at.LOOK_AT]))
-    if passed and ints[at.ATTENTION] == 0:  # else it was interrupted before it could do what was due
+    if ints[at.ATTENTION] == 1:  # it was interrupted before it could do what was due
+        return
+    dues = [due for due in (resolve_at, int(ints[at.LOOK_AT])) if due]
+    if any(due <= ints[at.SAMPLES] for due in dues):
         raise DamagedCheckpointError("it waits for a sample that has passed")
+    if ints[at.ATTENTION_AT] != min(dues, default=0) or (dues and not ints[at.EXAMINES_OUTPUT]):
+        raise DamagedCheckpointError("it does not wait for the sample at which something is due")
 
 
 def _check_positions_in_reals(state: State) -> None:
