@@ -164,3 +164,6 @@ def _check_together(chosen: Settings | Request) -> None:
         chosen.scaling.sigmas(chosen.structure)
     if isinstance(chosen.optimizer, Optimizer):
         chosen.optimizer.check(chosen.structure.size)
+
+
+LONGEST_STARTUP = 20_000  # samples held back at the most, before a start-up that does not suffice is taken as it is

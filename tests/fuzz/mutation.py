@@ -139,7 +139,7 @@ def _fitted(header: Any, body: bytearray) -> tuple[Any, bytearray]:
     from replant.checkpoint.soundness import DECIDED, shapes_of
     from replant.checkpoint.values import from_plain
     from replant.engine.state import State
-    from replant.kernels import schema as at
+    from replant.kernels.schema import StateSlots
 
     try:
         with warnings.catch_warnings():
@@ -163,9 +163,9 @@ def _fitted(header: Any, body: bytearray) -> tuple[Any, bytearray]:
         if name == "ints":
             new = np.zeros(new_shape, kind)
             new[: min(rows, new_shape[0])] = old[: new_shape[0]]
-            for slot, place in vars(at).items():
-                if slot in DECIDED or slot.startswith("AT_"):
-                    new[place] = fresh.ints[place]
+            places = [slot.index for slot in StateSlots.integers if slot in DECIDED]
+            places += [block.index for block in StateSlots.blocks]
+            new[places] = fresh.ints[places]
         if name == "reals":
             new = fresh.reals.astype(kind)
         parts.append(new.tobytes())

@@ -119,3 +119,6 @@ def entries_of(structure: Structure, *, refined: bool) -> int:
 def ring_of(structure: Structure, dt: float) -> int:
     """Return how many past inputs are kept for the dead time."""
     return math.ceil(DENSEST * (structure.delay / dt)) + 8
+
+
+RECENT = 10_000  # raw samples kept: for solving the start-up again as it grows, and for assessment

@@ -261,3 +261,10 @@ class State(StateSlots):
             kept[1 : 1 + n * n] = discrete.transition.ravel()
             kept[1 + n * n : 1 + n * n + n] = discrete.output_taps[0]
             fixed[bk.NEXT] = 1.0
+
+
+#: Why a sample is not learned, and where it is counted.  Outliers, and what comes from a stuck sensor, are bridged.
+REASONS = {
+    "not finite": State.not_finite, "too large": State.too_large, "not later": State.not_later,
+    "too dense": State.too_dense, "outlier": State.outliers, "stuck": State.stuck,
+}  # fmt: skip

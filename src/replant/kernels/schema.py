@@ -71,23 +71,25 @@ class Doubt(IntEnum):
 class ColourSlots(Part):
     """Power and colour of the residual e; see `replant.kernels.monitoring.residual_colour`."""
 
-    count = Real("residuals, forgotten ones counted in part", OPTIMIZER)
-    power = Real("sum of e^2 / alpha: unbiased by the parameters' own error", OPTIMIZER)
-    position = Real("row of `filtered` that holds the newest one", OPTIMIZER)
-    model = Block("LAGS + 1", "D(q): 1, d_1 .., the autoregression D(q) e = w", FILTERS)
-    covariances = Block("LAGS + 1", "sums of e_k e_{k - lag}", OPTIMIZER)
-    errors = Block("LAGS", "the last residuals, newest first", OPTIMIZER)
-    filtered = Block("LAGS, T", "zeta / D(q) of the last samples, a ring", OPTIMIZER)
-    squares = Block("T, T", "Q, the sum of zeta_f zeta_f'", OPTIMIZER)
+    count = Real("residuals, forgotten ones counted in part", OPTIMIZER, finite=False)
+    power = Real("sum of e^2 / alpha: unbiased by the parameters' own error", OPTIMIZER, finite=False)
+    position = Real("row of `filtered` that holds the newest one", OPTIMIZER, least=0.0, most=LAGS - 1.0)
+    model = Block("LAGS + 1", "D(q): 1, d_1 .., the autoregression D(q) e = w", FILTERS, finite=False)
+    covariances = Block("LAGS + 1", "sums of e_k e_{k - lag}", OPTIMIZER, finite=False)
+    errors = Block("LAGS", "the last residuals, newest first", OPTIMIZER, finite=False)
+    filtered = Block("LAGS, T", "zeta / D(q) of the last samples, a ring", OPTIMIZER, finite=False)
+    squares = Block("T, T", "Q, the sum of zeta_f zeta_f'", OPTIMIZER, finite=False)
 
 
 class PathSlots(Part):
     """The path of the estimate; see `replant.kernels.monitoring.estimate_path`."""
 
-    step = Real("learned samples between two rows", OPTIMIZER)
-    due = Real("learned samples at which the next row is due", OPTIMIZER)
-    kept = Real("rows in use", OPTIMIZER)
-    rows = Block("ROOM, 2, T", "the estimate and the diagonal of P, at some of the learned samples", OPTIMIZER)
+    step = Real("learned samples between two rows", OPTIMIZER, finite=False)
+    due = Real("learned samples at which the next row is due", OPTIMIZER, finite=False)
+    kept = Real("rows in use", OPTIMIZER, least=0.0, most=float(ROOM))
+    rows = Block(
+        "ROOM, 2, T", "the estimate and the diagonal of P, at some of the learned samples", OPTIMIZER, finite=False
+    )
 
 
 class StateSlots(Table):
@@ -127,13 +129,13 @@ class StateSlots(Table):
     warmup = Integer("rows that the buffer must exceed before batches begin", LAYOUT)
     seed = Integer("of the random stream", LAYOUT)
     drawn = Integer("position in the random stream", BUFFER)
-    buffer_filled = Integer("rows of the buffer in use", BUFFER)
-    buffer_head = Integer("row that the next sample goes to", BUFFER)
+    buffer_filled = Integer("rows of the buffer in use", BUFFER, below="capacity + 1")
+    buffer_head = Integer("row that the next sample goes to", BUFFER, below="capacity")
 
     # --- samples
     started = Flag("the first sample has been accepted", STEP_KERNEL)
     samples = Integer("accepted samples", STEP_KERNEL)
-    learned = Integer("accepted samples when the estimate last took one in", STEP_KERNEL)
+    learned = Integer("accepted samples when the estimate last took one in", STEP_KERNEL, below="samples + 1")
     rested = Integer("samples that were not learned because the input rested or the estimate was frozen", STEP_KERNEL)
     refused = Integer("updates undone because they left float64", STEP_KERNEL)
     not_finite = Integer("rejected samples: NaN or infinite", STEP_KERNEL)
@@ -141,8 +143,10 @@ class StateSlots(Table):
     not_later = Integer("rejected samples: the time stamp does not advance", CLOCK)
     too_dense = Integer("rejected samples: closer to the one before than the ring of past inputs reaches", CLOCK)
     recent_head = Integer("row of the raw samples that the next one goes to", STEP_KERNEL)
-    past_kept = Integer("past estimates kept so far", STEP_KERNEL)
-    past_due = Integer("accepted samples at which the next past estimate is kept", STEP_KERNEL)
+    past_kept = Integer("past estimates kept so far", STEP_KERNEL, below="samples + 1")
+    past_due = Integer(
+        "accepted samples at which the next past estimate is kept", STEP_KERNEL, below="samples + past_step + 1"
+    )
     attention_at = Integer(
         "accepted samples at which the identifier has something to do; 0: nothing planned", IDENTIFIER
     )
@@ -150,17 +154,17 @@ class StateSlots(Table):
 
     # --- clock
     gaps = Integer("interruptions after which the filters began anew", CLOCK)
-    gap_at = Integer("accepted samples before the last interruption", CLOCK)
+    gap_at = Integer("accepted samples before the last interruption", CLOCK, below="samples + 1")
     earlier_stamps = Integer("stamps in a row that advance but lie before the newest accepted one", CLOCK)
     interval = Real("nominal sampling time", LAYOUT, "s")
-    longest_gap = Real("a longer interval is an interruption", LAYOUT, "s")
+    longest_gap = Real("a longer interval is an interruption", LAYOUT, "s", finite=False)
     last_time = Real("time stamp of the newest sample", CLOCK, "s")
     earlier_time = Real("newest stamp that lay before the newest accepted one", CLOCK, "s")
-    elapsed = Real("time since the first sample", CLOCK, "s")
+    elapsed = Real("time since the first sample", CLOCK, "s", least=0.0)
     learn_from = Real("elapsed time until which learning waits after a gap", CLOCK, "s")
 
     # --- input and output
-    ring_head = Integer("where in the ring of past inputs the newest one lies", FILTERS)
+    ring_head = Integer("where in the ring of past inputs the newest one lies", FILTERS, below="ring_size")
     input_still = Integer("samples since the input last moved", MONITORING)
     input_offset = Real("working point, subtracted from the mapped input", LAYOUT, "of u")
     output_offset = Real("working point, subtracted from the output", LAYOUT, "of y")
@@ -169,53 +173,68 @@ class StateSlots(Table):
     input_now = Real("the delayed input at the newest sample", FILTERS, "of u")
     last_output = Real("the output before, as the filters saw it", FILTERS, "of y")
     input_mean = Real("moving mean of the input", MONITORING, "of u")
-    input_power = Real("moving variance of the input", MONITORING, "of u^2")
-    largest_power = Real("largest that it has been", MONITORING, "of u^2")
-    forget_input = Real("share of the newest sample in mean and variance", IDENTIFIER)
+    input_power = Real("moving variance of the input", MONITORING, "of u^2", least=0.0)
+    largest_power = Real("largest that it has been", MONITORING, "of u^2", least=0.0)
+    forget_input = Real("share of the newest sample in mean and variance", IDENTIFIER, least=0.0, most=1.0)
     input_anchor = Real("the input when it last moved", MONITORING, "of u")
 
     # --- auxiliary model
-    serving_bank = Integer("bank of the auxiliary model that serves, 1 or 2", FILTERS)
+    serving_bank = Integer("bank of the auxiliary model that serves, 1 or 2", FILTERS, least=1, below="3")
     warming = Flag("the other bank warms up with the newest estimate", FILTERS)
-    ready_at = Real("elapsed time at which the warming bank takes over", FILTERS, "s")
-    stability_margin = Real("least distance of a filter's pole from the imaginary axis", IDENTIFIER, "rad/s")
-    largest_bandwidth = Real("largest bandwidth of a filter", IDENTIFIER, "rad/s")
+    ready_at = Real("elapsed time at which the warming bank takes over", FILTERS, "s", least=0.0, finite=False)
+    stability_margin = Real("least distance of a filter's pole from the imaginary axis", IDENTIFIER, "rad/s", least=0.0)
+    largest_bandwidth = Real("largest bandwidth of a filter", IDENTIFIER, "rad/s", least=0.0)
 
     # --- outliers and stuck sensors
     doubt = Choice(Doubt, "why the newest output was bridged", MONITORING)
     outliers = Integer("samples whose output was bridged as an outlier", MONITORING)
     stuck = Integer("samples whose output was bridged as that of a stuck sensor", MONITORING)
     stuck_outputs = Integer("how many outputs are known at which the sensor was found stuck, 0 to 2", MONITORING)
-    stuck_last = Integer("accepted samples when the sensor was last stuck", MONITORING)
+    stuck_last = Integer("accepted samples when the sensor was last stuck", MONITORING, below="samples + 1")
     ties = Integer("samples in a row whose output was that of the one before, to the bit", MONITORING)
-    error = Real("a-priori error of the newest sample as it was measured", MONITORING, "sigma_y")
+    error = Real("a-priori error of the newest sample as it was measured", MONITORING, "sigma_y", finite=False)
     used_output = Real("the output that the filters saw, measured or bridged", MONITORING, "of y")
-    last_raw = Real("the output of the sample before as it was measured", MONITORING, "of y")
-    tie_share = Real("share of the samples whose output is that of the one before", MONITORING)
+    last_raw = Real("the output of the sample before as it was measured", MONITORING, "of y", finite=False)
+    tie_share = Real("share of the samples whose output is that of the one before", MONITORING, least=0.0, most=1.0)
     tie_model = Real("the modelled output when the measured one began to stand still", MONITORING, "of y")
     stuck_at = Real("output at which the sensor was last found stuck, or the end of its scale", MONITORING, "of y")
     stuck_also = Real("the one before that: a scale has two ends", MONITORING, "of y")
     sensor_step = Real(
-        "least difference of two outputs in a row lately: the step of a sensor's scale", MONITORING, "of y"
+        "least difference of two outputs in a row lately: the step of a sensor's scale",
+        MONITORING,
+        "of y",
+        least=0.0,
+        finite=False,
     )
 
     # --- residual and change
     alarm = Choice(Alarm, "whether the residual has grown", MONITORING)
-    change_began = Integer("accepted samples when the residual last was as usual", MONITORING)
+    change_began = Integer("accepted samples when the residual last was as usual", MONITORING, below="samples + 1")
     look_at = Integer("accepted samples at which an alarm is looked into; 0: not planned", IDENTIFIER)
-    record_began = Integer("accepted samples before the record that the estimate is made from", IDENTIFIER)
+    record_began = Integer(
+        "accepted samples before the record that the estimate is made from", IDENTIFIER, below="samples + 1"
+    )
     revised_from = Integer(
-        "accepted samples before those that revised the estimate after a change; 0: none", IDENTIFIER
+        "accepted samples before those that revised the estimate after a change; 0: none",
+        IDENTIFIER,
+        below="samples + 1",
     )
-    variance_ratio = Real("variance of the newest a-priori error, over that of the residual", MONITORING)
-    residuals_seen = Real("residuals that the next two variances are made from", MONITORING)
-    late_variance = Real("variance of the residual lately; large residuals count in part", MONITORING, "sigma_y^2")
-    usual_variance = Real("variance of the residual as it usually is", MONITORING, "sigma_y^2")
-    largest_output = Real("largest square of the modelled output lately", MONITORING, "sigma_y^2")
+    variance_ratio = Real("variance of the newest a-priori error, over that of the residual", MONITORING, finite=False)
+    residuals_seen = Real("residuals that the next two variances are made from", MONITORING, least=0.0)
+    late_variance = Real(
+        "variance of the residual lately; large residuals count in part", MONITORING, "sigma_y^2", finite=False
+    )
+    usual_variance = Real("variance of the residual as it usually is", MONITORING, "sigma_y^2", finite=False)
+    largest_output = Real("largest square of the modelled output lately", MONITORING, "sigma_y^2", finite=False)
     cusum = Real(
-        "sum of the residual's power above the usual one; in an alarm, below it", MONITORING, "usual variances"
+        "sum of the residual's power above the usual one; in an alarm, below it",
+        MONITORING,
+        "usual variances",
+        finite=False,
     )
-    cusum_limit = Real("of the sum, beyond which the alarm is raised; 0: never", MONITORING, "usual variances")
+    cusum_limit = Real(
+        "of the sum, beyond which the alarm is raised; 0: never", MONITORING, "usual variances", least=0.0
+    )
 
     # --- blocks
     inputs = Block("RING", "past inputs", FILTERS, "of u")
@@ -223,15 +242,17 @@ class StateSlots(Table):
     held = Block("RING", "mean of a held input over that interval", FILTERS, "of u")
     sigma = Block("T", "scaling of the regressor, (10)-(12) of the article", LAYOUT)
     unit = Block("T", "from scaled to physical parameter", LAYOUT)
-    phi = Block("T", "scaled regressor of the newest sample", FILTERS)
-    zeta = Block("T", "its noise-free companion", FILTERS)
+    phi = Block("T", "scaled regressor of the newest sample", FILTERS, finite=False)
+    zeta = Block("T", "its noise-free companion", FILTERS, finite=False)
     theta = Block("T", "scaled estimate", OPTIMIZER)
     memory = Block("M", "the optimizer's own memory", OPTIMIZER)
     settings = Block("S", "the optimizer's settings", LAYOUT)
     backup = Block("T + M", "estimate and memory before the newest sample", STEP_KERNEL)
-    work = Block("4 * N * N", "work; N = n + 2", STEP_KERNEL)
+    work = Block("4 * N * N", "work; N = n + 2", STEP_KERNEL, finite=False)
     past = Block("PAST, 1 + T", "past estimates, each behind the samples that it had taken in", STEP_KERNEL)
-    prior = Block("2, T", "the estimate before a change and its standard deviations, physical", IDENTIFIER)
+    prior = Block(
+        "2, T", "the estimate before a change and its standard deviations, physical", IDENTIFIER, finite=False
+    )
     colour = Nested(ColourSlots, "power and colour of the residual")
     path = Nested(PathSlots, "the estimate at some of the samples")
 

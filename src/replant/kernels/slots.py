@@ -14,6 +14,8 @@ from typing import Any, ClassVar, Generic, Self, TypeVar, overload
 
 import numpy as np
 
+NEVER = 2**53  # samples: no stream is as long, a float64 tells them apart, and sums of many are inside int64
+
 Kind = TypeVar("Kind", bound=IntEnum)
 Inner = TypeVar("Inner", bound="Part")
 Array = np.ndarray[Any, np.dtype[np.float64]]
@@ -48,9 +50,23 @@ class Slot:
         """The name of its index in the kernels."""
         return self.name.upper()
 
+    def is_sound(self, holder: Any) -> bool:
+        """Whether the number is one that the program may have written."""
+        raise NotImplementedError
+
 
 class Integer(Slot):
-    """An integer of ``ints``."""
+    """An integer of ``ints``, from ``least`` on and below a sum of slots and numbers, "samples + 1"; else a count."""
+
+    def __init__(self, meaning: str, writer: str, unit: str = "", *, least: int = 0, below: str = "") -> None:
+        super().__init__(meaning, writer, unit)
+        self.least, self.below = least, below
+
+    def is_sound(self, holder: Any) -> bool:
+        """Whether the number is in its range."""
+        terms = [term.strip() for term in self.below.split("+")] if self.below else [str(NEVER)]
+        below = sum(int(term) if term.isdigit() else getattr(holder, term) for term in terms)
+        return bool(self.least <= holder.ints[self.index] < below)
 
     @overload
     def __get__(self, holder: None, owner: type) -> Integer: ...
@@ -65,6 +81,10 @@ class Integer(Slot):
 
 class Flag(Slot):
     """A truth of ``ints``, 1 or 0."""
+
+    def is_sound(self, holder: Any) -> bool:
+        """Whether the number is a truth."""
+        return int(holder.ints[self.index]) in (0, 1)
 
     @overload
     def __get__(self, holder: None, owner: type) -> Flag: ...
@@ -84,6 +104,10 @@ class Choice(Slot, Generic[Kind]):
         super().__init__(meaning, writer)
         self.kind = kind
 
+    def is_sound(self, holder: Any) -> bool:
+        """Whether the number is one of the values."""
+        return int(holder.ints[self.index]) in set(self.kind)
+
     @overload
     def __get__(self, holder: None, owner: type) -> Choice[Kind]: ...
     @overload
@@ -96,7 +120,25 @@ class Choice(Slot, Generic[Kind]):
 
 
 class Real(Slot):
-    """A number of ``reals``."""
+    """A number of ``reals``, from ``least`` to ``most``; ``finite`` False: it may be infinite, or no number, too."""
+
+    def __init__(
+        self,
+        meaning: str,
+        writer: str,
+        unit: str = "",
+        *,
+        least: float = -math.inf,
+        most: float = math.inf,
+        finite: bool = True,
+    ) -> None:
+        super().__init__(meaning, writer, unit)
+        self.least, self.most, self.finite = least, most, finite
+
+    def is_sound(self, holder: Any) -> bool:
+        """Whether the number is in its range."""
+        value = float(holder.reals[self.index])
+        return not (value < self.least or value > self.most) and (math.isfinite(value) or not self.finite)
 
     @overload
     def __get__(self, holder: None, owner: type) -> Real: ...
@@ -112,9 +154,13 @@ class Real(Slot):
 class Block(Slot):
     """Several numbers of ``reals``, as an array of the given shape; ``shape`` names the dimensions, "PAST, 1 + T"."""
 
-    def __init__(self, shape: str, meaning: str, writer: str, unit: str = "") -> None:
+    def __init__(self, shape: str, meaning: str, writer: str, unit: str = "", *, finite: bool = True) -> None:
         super().__init__(meaning, writer, unit)
-        self.shape = shape
+        self.shape, self.finite = shape, finite
+
+    def is_sound(self, holder: Any) -> bool:
+        """Whether every number is finite, where they must be."""
+        return not self.finite or bool(np.isfinite(getattr(holder, self.name)).all())
 
     @property
     def constant(self) -> str:
@@ -232,6 +278,11 @@ class Nested(Block, Generic[Inner]):
     def __init__(self, table: type[Inner], meaning: str) -> None:
         super().__init__("", meaning, "")
         self.table = table
+
+    def is_sound(self, holder: Any) -> bool:
+        """Whether every number of the table is."""
+        part = getattr(holder, self.name)
+        return all(slot.is_sound(part) for slot in (*self.table.scalars, *self.table.blocks))
 
     @overload  # type: ignore[override]
     def __get__(self, holder: None, owner: type) -> Nested[Inner]: ...

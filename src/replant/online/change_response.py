@@ -7,20 +7,14 @@ import math
 import numpy as np
 
 from replant.engine.covariance import covariance
+from replant.engine.dimensions import RECENT
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels.schema import Alarm, Doubt
 from replant.offline.srivc import refine
 from replant.online.load_step import only_constant_moved, with_new_constant
-from replant.online.resolving import (
-    MOST_DOUBTED,
-    RECENT,
-    clear_doubt,
-    is_mature,
-    restart,
-    restart_from_prior,
-)
+from replant.online.resolving import MOST_DOUBTED, clear_doubt, is_mature, restart, restart_from_prior
 from replant.settings import Settings
 from replant.simulation.model_run import run_model
 from replant.statistics.projections import without

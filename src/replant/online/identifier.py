@@ -14,24 +14,25 @@ from replant.arguments import (
     record,
     stamps_of,
 )
+from replant.engine.dimensions import RECENT
 from replant.engine.dispatch import Step, bound_step, step_kernels
-from replant.engine.state import State
+from replant.engine.state import REASONS, State
 from replant.errors import InvalidArgumentError
 from replant.kernels.schema import Alarm, Attention
 from replant.model.structure import Structure
 from replant.online.change_response import first_look, look
 from replant.online.defaults import settle
 from replant.online.initialization import initialize
-from replant.online.readout import REASONS, Estimate
-from replant.online.resolving import RECENT, REGULAR, next_solution, solve_again
-from replant.online.startup import LARGEST, hold_back, modelled, warm_up, without_spikes
+from replant.online.readout import Estimate
+from replant.online.resolving import REGULAR, next_solution, solve_again
+from replant.online.startup import hold_back, modelled, warm_up, without_spikes
 from replant.online.trace import Trace
 from replant.optimizers import Optimizer
 from replant.optimizers.replay import Replay
 from replant.regressor.filters import Filter
 from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
-from replant.settings import AUTO, Request, Settings
+from replant.settings import AUTO, LONGEST_STARTUP, Request, Settings
 
 NAN = math.nan  # looked up at every sample
 DERIVED = {"_kernel", "_mapped", "_step", "_steps"}  # attributes that follow from the others
@@ -365,7 +366,7 @@ class Identifier(Estimate):
         refined = None
         if settings.instruments:
             ready, refined = modelled(settings, u, clean, t)
-            if refined is None or not (refined.acceptable or at_any_rate or 2 * self._hold > LARGEST):
+            if refined is None or not (refined.acceptable or at_any_rate or 2 * self._hold > LONGEST_STARTUP):
                 return self._wait_longer()
         state = State.of_settings(settings, RECENT)
         for reason, slot in REASONS.items():
@@ -400,7 +401,7 @@ class Identifier(Estimate):
 
     def _wait_longer(self) -> float:
         """Hold twice as much for start-up; at the limit, let the older half go: a rig may idle before it moves."""
-        if 2 * self._hold <= LARGEST:
+        if 2 * self._hold <= LONGEST_STARTUP:
             self._hold *= 2
         else:
             self._held = self._held[len(self._held) // 2 :]

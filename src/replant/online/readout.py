@@ -8,17 +8,11 @@ from replant.arguments import FloatArray
 from replant.assessment import Assessment, assess_running, assess_starting
 from replant.engine.covariance import covariance
 from replant.engine.recent_samples import RecentSamples
-from replant.engine.state import State
+from replant.engine.state import REASONS, State
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.settings import Request, Settings
-
-#: Why a sample is not learned, and where it is counted.  Outliers, and what comes from a stuck sensor, are bridged.
-REASONS = {
-    "not finite": State.not_finite, "too large": State.too_large, "not later": State.not_later,
-    "too dense": State.too_dense, "outlier": State.outliers, "stuck": State.stuck,
-}  # fmt: skip
 
 
 class Estimate:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from replant.engine.dimensions import RECENT
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
 from replant.engine.state import State
@@ -14,7 +15,6 @@ from replant.online.initialization import initialize
 from replant.online.startup import carry_over, warm_up
 from replant.settings import Settings
 
-RECENT = 10_000  # raw samples kept: for solving the start-up again as it grows, and for assessment
 REGULAR = np.zeros(0)  # the time stamps of a regular clock
 MOST_DOUBTED = 0.05  # share of bridged samples up to which a record is one
 MATURE = 8  # start-ups: an estimate from fewer may itself have gone astray; the record goes on to be solved again

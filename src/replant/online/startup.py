@@ -14,7 +14,6 @@ from replant.offline.srivc import Refined, first_model
 from replant.regressor.preprocess import Preprocess, screen
 from replant.settings import Settings
 
-LARGEST = 20_000  # samples held back at the most, before a start-up that does not suffice is taken as it is
 SPIKE_NEIGHBOURS = 5  # samples that tell what an output is without its spikes
 
 

@@ -18,13 +18,12 @@ from replant.model.uncertainty import Uncertainty
 from replant.offline.fit import FitResult
 from replant.online.defaults import settle
 from replant.online.identifier import Identifier
-from replant.online.startup import LARGEST
 from replant.online.trace import Trace
 from replant.regressor.filters import Filter, StateVariableFilter
 from replant.regressor.preprocess import screen
 from replant.runs.batches import Arrays, Source, batched
 from replant.runs.overview import Overview, Recorder
-from replant.settings import Request, Settings
+from replant.settings import LONGEST_STARTUP, Request, Settings
 from replant.simulation.score import FITTED, Score
 
 CHUNK = 1 << 14  # samples between two reports of progress
@@ -194,7 +193,7 @@ def _identifier(request: Request, source: Source, startup: int | None) -> Identi
     if startup is not None:
         return Identifier(**vars(dataclasses.replace(request, startup=startup)))
     if request.wants_instruments:
-        startup = min(max(source.samples // 10, 1), LARGEST)
+        startup = min(max(source.samples // 10, 1), LONGEST_STARTUP)
         return Identifier(**vars(dataclasses.replace(request, startup=startup)))
     u, y = next(batched(source.batches(), SETTLED), (np.empty(0), np.empty(0)))
     return Identifier(**vars(settle(request, u, y, source.samples)))
