@@ -64,13 +64,14 @@ def into_matrix(array: Any, start: int) -> Pointer:
 def make_plain() -> None:
     """Put the checked pointer and arrays in the place of those of the kernels."""
     import replant.kernels
+    from replant.engine import dispatch
     from replant.kernels.optimizers import gradient
-    from replant.online import identifier, startup
+    from replant.online import identifier, load_step, startup
 
-    for info in pkgutil.iter_modules(replant.kernels.__path__):
-        if info.name in ("vector", "lanes", "direct", "pointer"):
+    for info in pkgutil.walk_packages(replant.kernels.__path__, "replant.kernels."):
+        if info.name.rpartition(".")[2] in ("simd", "ensemble", "by_address", "pointer"):
             continue
-        module: Any = importlib.import_module(f"replant.kernels.{info.name}")
+        module: Any = importlib.import_module(info.name)
         if hasattr(module, "pointer"):
             module.pointer = Pointer
         if hasattr(module, "prefetch"):
@@ -78,12 +79,13 @@ def make_plain() -> None:
     # there a pointer to the first row of the buffer reaches the others
     gradient.pointer = into_matrix  # type: ignore[assignment]
     gradient.row_of = lambda buffer, k: Pointer(buffer, k * buffer.shape[1])  # type: ignore[assignment]
-    kernels_for = startup.kernels_for
+    step_kernels = dispatch.step_kernels
 
-    def checked_kernels_for(*args: Any, **how: Any) -> Any:
-        return tuple(map(checked, kernels_for(*args, **how)))
+    def checked_step_kernels(*args: Any, **how: Any) -> Any:
+        return tuple(map(checked, step_kernels(*args, **how)))
 
-    startup.kernels_for = identifier.kernels_for = checked_kernels_for  # type: ignore[attr-defined]
+    for user in (dispatch, startup, identifier, load_step):
+        user.step_kernels = checked_step_kernels  # type: ignore[attr-defined]
 
 
 def checked(kernel: Callable[..., Any]) -> Callable[..., Any]:

@@ -1,5 +1,5 @@
 """One pass over a record: progress, thinned history, comparison of methods."""
 
-from replant.runs.run import Result, run_online
+from replant.runs.run import run_online
 
-__all__ = ["Result", "run_online"]
+__all__ = ["run_online"]
