@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import replant as rp
-from replant.engine.state import State
+from replant.engine.state import REASONS, State
 from replant.optimizers import OPTIMIZERS
 from support.builders import (
     G1,
@@ -60,7 +60,7 @@ CONFIGURATIONS: dict[str, dict[str, Any]] = {
 REPLAY = rp.Replay(capacity=30, batch_size=4, warmup=5, seed=3)
 #: The article's method, filter and scaling from the data: what "auto" was made for before there were instruments.
 ARTICLE: dict[str, Any] = {"optimizer": "amsgrad", "instruments": False}
-NONE = dict.fromkeys(("not finite", "too large", "not later", "too dense", "outlier", "stuck"), 0)
+NONE = dict.fromkeys(REASONS, 0)
 NO_SAMPLE = [(np.nan, 1.0), (1.0, np.nan), (np.inf, 1.0), (1.0, -np.inf), (1e308, 1e308), (1.0, -1e151)]
 
 

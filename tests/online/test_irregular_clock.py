@@ -11,11 +11,12 @@ import pytest
 
 import replant as rp
 from replant.engine.state import GAP
+from replant.online.readout import REASONS
 from support.builders import AWKWARD, DT, identifier, irregular_record, record, state, true_parameters, two_modes
 
 STRUCTURE, PLANT = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
 TRUE = true_parameters(PLANT, 1)
-NONE = dict.fromkeys(("not finite", "too large", "not later", "too dense", "outlier", "stuck"), 0)
+NONE = dict.fromkeys(REASONS, 0)
 
 
 def gaps(ident: rp.Identifier) -> int:
@@ -247,7 +248,7 @@ def test_start_up_takes_a_chunk_as_it_takes_sample_by_sample() -> None:
     np.testing.assert_array_equal(trace.errors, errors)
     np.testing.assert_array_equal(trace.errors, np.concatenate([part.errors for part in several]))
     np.testing.assert_array_equal(trace.parameters, np.concatenate([part.parameters for part in several]))
-    assert whole.rejected == {**NONE, "not finite": 5, "too large": 1, "not later": 5}
+    assert whole.rejected == {**NONE, "not finite": 4, "too large": 1, "not later": 5, "no output": 1}
     assert whole.status != "starting"
     assert state(whole) == state(parts) == state(one_by_one)
 

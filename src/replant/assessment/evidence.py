@@ -55,6 +55,8 @@ class Evidence:
         Samples since the residual began to be larger than usual, if that is no chance; else 0.
     unsettled : float
         After a change, the largest uncertainty of a coefficient that was known before, as a part of itself; else 0.
+    missing : int
+        Newest samples in a row that came without an output.
     stuck : bool
         Whether the sensor was found stuck, or at an end of its scale, just now.
     slowness : float
@@ -80,6 +82,7 @@ class Evidence:
     usual_interval: float = 0.0
     grown: int = 0
     unsettled: float = 0.0
+    missing: int = 0
     stuck: int = 0
     slowness: float = 1.0
     output_unit: float = 1.0

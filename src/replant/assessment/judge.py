@@ -49,6 +49,7 @@ WORST_FIT = -1000.0  # %; what is worse is not told apart
 LARGEST_PART = (1.0 / 16.0) ** 2
 # ... and below which it is not worth a word: a hundredth of the amplitude.
 NEGLIGIBLE = 1e-4
+MOST_MISSING = 20  # samples in a row without an output, beyond which nothing says that the model still holds
 RESTING = 1e-12  # relative movement of the input that is rounding
 
 Figures = dict[str, Any]
@@ -116,7 +117,10 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
 def _of_guard(evidence: Evidence) -> list[Finding]:
     """Return what was noticed as the samples came in."""
     findings = []
-    if evidence.stuck:
+    if evidence.missing > MOST_MISSING:
+        reason = f"no output has come for {duration(evidence.seconds(evidence.missing))}, the input alone"
+        findings.append(Finding("inconsistent", f"{reason}: sensor, or its cable"))
+    elif evidence.stuck:
         reason = "the output stands, or just stood, still to the bit: a stuck or saturated sensor, or a cable off"
         findings.append(Finding("inconsistent", reason))
     elif evidence.grown:

@@ -15,7 +15,7 @@ from replant.assessment.verdict import Assessment, Finding, conclude
 from replant.engine.covariance import covariance, slowness
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import SHORTEST_STEP, State
-from replant.kernels.schema import PAST
+from replant.kernels.schema import PAST, Doubt
 from replant.settings import Request, Settings
 
 STUCK_LATELY = 200  # samples since the sensor was stuck, within which it is not relied on
@@ -84,9 +84,18 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         largest_power=state.largest_power,
         grown=samples - state.change_began if state.alarm else 0,
         unsettled=_unsettled(state, settings, known),
+        missing=_missing(kept),
         stuck=state.stuck_outputs > 0 and samples - state.stuck_last < STUCK_LATELY,
         usual_interval=float(np.median(kept.interval[1:])) if len(kept) > 1 else 0.0,
     )
+
+
+def _missing(kept: RecentSamples) -> int:
+    """Return how many of the newest raw samples in a row came without an output."""
+    if not kept.are_examined:
+        return 0
+    there = np.flatnonzero(kept.doubt != Doubt.MISSING)
+    return len(kept) - 1 - int(there[-1]) if there.size else len(kept)
 
 
 def _unsettled(state: State, settings: Settings, known: FloatArray) -> float:

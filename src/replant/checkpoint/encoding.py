@@ -33,7 +33,6 @@ from replant.checkpoint.soundness import (
 from replant.checkpoint.values import from_plain, to_plain
 from replant.engine.state import State
 from replant.errors import ArgumentTypeError, DamagedCheckpointError, InvalidArgumentError
-from replant.kernels import schema as at
 from replant.settings import Request, Settings
 
 Progress = Mapping[str, int | float | str]
@@ -50,6 +49,7 @@ ATTRIBUTES: dict[str, type | tuple[type, ...]] = {
     "_request": Request,
     "_settings": (Settings, type(None)),
     "_held_rejects": dict,
+    "_strays": list,
     "_hold": int,
     "_resolve_at": int,
 }
@@ -94,7 +94,7 @@ def encode(attributes: Mapping[str, Any], progress: Progress | None = None) -> b
     arrays = _arrays_of(attributes, running)
     written = {name: len(array) for name, array in arrays.items()}
     if running:
-        written["buffer"] = int(attributes[STATE].ints[at.BUFFER_FILLED])  # a wide one is not looked through for it
+        written["buffer"] = attributes[STATE].buffer_filled  # a wide one is not looked through for it
     kept = {name: array[: _rows_in_use(array[: written[name]])] for name, array in arrays.items()}
     header = _header(
         {
@@ -232,7 +232,7 @@ def _contents(header: dict[str, Any], body: memoryview) -> Contents:
             raise TypeError(f"{name.lstrip('_')} is a {type(attributes[name]).__name__}")
     if header[LAYOUT] != (layout_of_state() if running else None):
         raise DamagedCheckpointError("it is of another version of replant, which lays the state out otherwise")
-    check_start(attributes["_request"], attributes["_hold"], attributes["_held_rejects"])
+    check_start(attributes["_request"], attributes["_hold"], attributes["_held_rejects"], attributes["_strays"])
     read = _running if running else _starting
     attributes |= read(attributes, header[ARRAYS], body)
     progress = {name: from_plain(plain) for name, plain in header[PROGRESS].items()}

@@ -17,8 +17,20 @@ from replant.engine.dimensions import RECENT, Dimensions
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import REASONS, State
 from replant.errors import DamagedCheckpointError
-from replant.kernels import schema as at
-from replant.kernels.schema import FIXED, LAGS, LAYOUT, PAST, ROOM, ROWS, ColourSlots, Doubt, PathSlots, StateSlots
+from replant.kernels.schema import (
+    FIXED,
+    LAGS,
+    LARGEST,
+    LAYOUT,
+    MOST_EARLIER,
+    PAST,
+    ROOM,
+    ROWS,
+    ColourSlots,
+    Doubt,
+    PathSlots,
+    StateSlots,
+)
 from replant.kernels.slots import NEVER
 from replant.optimizers import OPTIMIZERS, Optimizer
 from replant.optimizers.replay import Replay
@@ -55,7 +67,7 @@ def shapes_of(settings: Settings) -> dict[str, tuple[int, ...]]:
     return Dimensions.of_settings(settings, RECENT).shapes
 
 
-def check_start(request: Request, hold: int, rejects: dict[Any, Any]) -> None:
+def check_start(request: Request, hold: int, rejects: dict[Any, Any], strays: list[Any]) -> None:
     """Raise DamagedCheckpointError unless so many samples are held back for this request, and rejections counted."""
     holds = [request.first_hold]
     while request.wants_instruments and 2 * holds[-1] <= LONGEST_STARTUP:
@@ -64,13 +76,15 @@ def check_start(request: Request, hold: int, rejects: dict[Any, Any]) -> None:
         raise DamagedCheckpointError("it holds back other samples for its start-up than its settings say")
     if list(rejects) != list(REASONS) or any(type(n) is not int or not 0 <= n < NEVER for n in rejects.values()):
         raise DamagedCheckpointError("it does not say how many samples were rejected for which reason")
+    if len(strays) > MOST_EARLIER or not all(type(stamp) is float and math.isfinite(stamp) for stamp in strays):
+        raise DamagedCheckpointError("its stray time stamps are none")
 
 
 def check_held(held: list[tuple[float, float, float]], request: Request, hold: int) -> None:
     """Raise DamagedCheckpointError unless samples held back are such as an identifier accepts."""
     from replant.regressor.preprocess import screen
 
-    if len(held) >= hold:
+    if len(held) > hold:  # as many where the newest awaits its successor
         raise DamagedCheckpointError("it holds back more samples than it waits for")
     u, y, t = np.array(held, np.float64).reshape(-1, 3).T
     if not screen(request.preprocess.map_input(u), y)[0].all() or np.isinf(t).any() or (t[1:] <= t[:-1]).any():
@@ -194,7 +208,7 @@ def _raw_samples_are_sound(state: State) -> bool:
     from replant.kernels.monitoring import interruptions
 
     kept = RecentSamples(state.recent[: state.samples])
-    known = (np.abs(kept.input) <= at.LARGEST) & (np.abs(kept.output) <= at.LARGEST)
+    known = (np.abs(kept.input) <= LARGEST) & (np.abs(kept.output) <= LARGEST)
     known &= (kept.interval > 0.0) & (kept.interval <= interruptions.LONGEST * state.interval)
     if state.examines_output:
         known &= np.isin(kept.doubt, list(Doubt))

@@ -74,6 +74,11 @@ class RecentSamples:
         return self.values[:, DOUBTED]
 
     @property
+    def are_examined(self) -> bool:
+        """Whether the state examines its outputs."""
+        return bool(self.values.shape[1] > DOUBTED)
+
+    @property
     def doubted(self) -> float:
         """Share of the samples whose output was bridged."""
         return float((self.doubt > 0).mean())
@@ -86,7 +91,7 @@ class RecentSamples:
     def cleaned(self) -> RecentSamples:
         """Return a copy with lonely outliers bridged, as the filters saw them."""
         copy = RecentSamples(self.values.copy())
-        if self.values.shape[1] <= DOUBTED:
+        if not self.are_examined:
             return copy
         rows = np.flatnonzero(self.doubt == Doubt.OUTLIER)
         for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):

@@ -263,8 +263,10 @@ class State(StateSlots):
             fixed[bk.NEXT] = 1.0
 
 
-#: Why a sample is not learned, and where it is counted.  Outliers, and what comes from a stuck sensor, are bridged.
+#: Why a sample is not learned, and where it is counted.  The output of an outlier, of a stuck sensor, and one that is
+#: missing are bridged.
 REASONS = {
     "not finite": State.not_finite, "too large": State.too_large, "not later": State.not_later,
-    "too dense": State.too_dense, "outlier": State.outliers, "stuck": State.stuck,
+    "too dense": State.too_dense, "time leap": State.time_leaps, "time too coarse": State.too_coarse,
+    "input leap": State.input_leaps, "outlier": State.outliers, "stuck": State.stuck, "no output": State.no_output,
 }  # fmt: skip

@@ -37,6 +37,18 @@ LARGEST: Final = 1e150  # largest magnitude accepted: its square, and sums of su
 # Columns of the raw samples kept; a state that does not examine its outputs has the first three.
 INPUT, OUTPUT, STEP, BRIDGED, DOUBTED = range(5)
 
+# HELD_AT while the identifier takes a sample that was held back, or a record that it has judged already.
+BELIEVED: Final = -1
+# A stamp that lies so many sampling times ahead leaps: its successor must confirm it.  More than the 40 that a clock
+# that was set counts as: at half as many its every first sample would leap.  A misread stamp that is less ahead costs
+# the samples up to it: twice as many are more than learning may stand still for.
+LEAP: Final = 50.0
+# Sampling times from zero beyond which float64 tells stamps apart by no better than a hundredth of one.  Seconds since
+# 1970 reach it at 26 kHz; a tenth of it would refuse them at 3 kHz, and ten times it would let jitter of a tenth in.
+FARTHEST: Final = 0.01 * 2.0**52
+# Stamps in a row that advance, but lie before the newest accepted one; the next one shows that the clock was set.
+MOST_EARLIER: Final = 10
+
 FIXED: Final = {"PAST": PAST, "LAGS": LAGS, "ROOM": ROOM}
 
 # Who writes a slot.
@@ -66,6 +78,7 @@ class Doubt(IntEnum):
     NONE = 0
     OUTLIER = 1
     STUCK = 2
+    MISSING = 3  # no output came
 
 
 class ColourSlots(Part):
@@ -142,6 +155,10 @@ class StateSlots(Table):
     too_large = Integer("rejected samples: their square would leave float64", STEP_KERNEL)
     not_later = Integer("rejected samples: the time stamp does not advance", CLOCK)
     too_dense = Integer("rejected samples: closer to the one before than the ring of past inputs reaches", CLOCK)
+    time_leaps = Integer("rejected samples, or held back: the time stamp leaps ahead", CLOCK)
+    too_coarse = Integer("rejected samples: stamps as far from zero do not tell sampling times apart", CLOCK)
+    input_leaps = Integer("rejected samples, or held back: the input is far beyond all before", MONITORING)
+    no_output = Integer("samples without an output, of which the input alone was used", MONITORING)
     recent_head = Integer("row of the raw samples that the next one goes to", STEP_KERNEL)
     past_kept = Integer("past estimates kept so far", STEP_KERNEL, below="samples + 1")
     past_due = Integer(
@@ -151,6 +168,17 @@ class StateSlots(Table):
         "accepted samples at which the identifier has something to do; 0: nothing planned", IDENTIFIER
     )
     attention = Flag("the identifier has something to do now, or the alarm was raised", STEP_KERNEL)
+
+    # --- a sample that leaps, held back until its successor confirms it
+    held_at = Integer(
+        "accepted samples and one more when it came; another number: none is held, -1: it is being taken",
+        STEP_KERNEL,
+        least=-1,
+        below="samples + 2",
+    )
+    held_input = Real("its input, preprocessed", STEP_KERNEL, "of u", finite=False)
+    held_output = Real("its output, preprocessed", STEP_KERNEL, "of y", finite=False)
+    held_time = Real("its time stamp", STEP_KERNEL, "s", finite=False)
 
     # --- clock
     gaps = Integer("interruptions after which the filters began anew", CLOCK)

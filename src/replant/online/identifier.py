@@ -18,14 +18,22 @@ from replant.engine.dimensions import RECENT
 from replant.engine.dispatch import Step, bound_step, step_kernels
 from replant.engine.state import REASONS, State
 from replant.errors import InvalidArgumentError
-from replant.kernels.schema import Alarm, Attention
+from replant.kernels.schema import BELIEVED, Alarm, Attention
 from replant.model.structure import Structure
 from replant.online.change_response import first_look, look
 from replant.online.defaults import settle
 from replant.online.initialization import initialize
 from replant.online.readout import Estimate
 from replant.online.resolving import REGULAR, next_solution, solve_again
-from replant.online.startup import hold_back, modelled, warm_up, without_spikes
+from replant.online.startup import (
+    Held,
+    awaits_successor,
+    hold_back,
+    lone_inputs,
+    modelled,
+    warm_up,
+    without_spikes,
+)
 from replant.online.trace import Trace
 from replant.optimizers import Optimizer
 from replant.optimizers.replay import Replay
@@ -86,6 +94,9 @@ class Identifier(Estimate):
 
     An optimizer that keeps a covariance learns from no output that cannot be: an outlier, or a sensor that is stuck
     or at its limit.  The filters see the model's output instead; `rejected` counts such samples, `samples` as well.
+    The same becomes of a sample whose output alone is missing, NaN; in the start-up it is rejected.  A single input
+    beyond a thousand times what it was so far, as its moving variance says, was misread: the sample is held back,
+    and taken only if the next one is as far away.  A sample that is held back counts as rejected so long.
     Where the residual grows and stays so, `assess` says that something has changed; a model of what came since then
     takes over as soon as it can be used and predicts what it has not seen much better than the present one.
 
@@ -131,7 +142,8 @@ class Identifier(Estimate):
     def reset(self) -> None:
         """Forget every sample and begin again, choices left to "auto" included."""
         self._settings: Settings | None = None
-        self._held: list[tuple[float, float, float]] = []
+        self._held: list[Held] = []
+        self._strays: list[float] = []
         self._held_rejects = dict.fromkeys(REASONS, 0)
         self._resolve_at = 0  # accepted samples at which to solve the record again; 0: not planned
         self._state: State
@@ -196,15 +208,20 @@ class Identifier(Estimate):
     def update(self, u: float, y: float, t: float | None = None) -> float:
         """Take one sample; return its a-priori output error y - theta' phi, in the unit of y.
 
-        NaN stands for "no prediction": the sample was rejected, or is held back for start-up.
+        NaN stands for "no prediction": the sample was rejected, has no output, or is held back.
 
         Parameters
         ----------
         u, y : float
         t : float, optional
             Time stamp in s, for a clock that is not regular: given with every sample, or with none.  Filters and model
-            are exact for the interval that really passed.  A stamp that does not advance is rejected; after a gap of
-            20 dt the filters begin anew.  Without stamps a rejected sample takes no time: give them where some may be.
+            are exact for the interval that really passed.  A stamp that does not advance is rejected; after ten in a
+            row that advance among themselves the clock has been set, and the next one is believed.  After a gap of
+            20 dt the filters begin anew.  A sample whose stamp leaps by more than 50 dt is held back until the next
+            one tells: if that comes within 50 dt of it, or at most twice as far on as it had leapt, both are taken;
+            else it was misread.  A stamp beyond 4.5e13 dt from zero, where float64 resolves no hundredth of dt, is
+            rejected.
+            Without stamps a rejected sample takes no time: give them where some may be.
 
         Raises
         ------
@@ -220,6 +237,9 @@ class Identifier(Estimate):
             return self._step(u, y, t)
         except Attention:
             error = self._state.error * self._state.output_scale
+        if self._state.held_at == BELIEVED:
+            self._take_held()
+            return self.update(u, y, None if math.isnan(t) else t)
         self._attend()
         return error
 
@@ -243,7 +263,7 @@ class Identifier(Estimate):
         trace = Trace(self.names, self.parameters, np.empty((u.size, self.structure.size)), np.full(u.size, np.nan))
         taken = 0
         while self._settings is None and taken < u.size:
-            some = slice(taken, taken + self._hold - len(self._held))
+            some = slice(taken, taken + max(self._hold - len(self._held), 1))
             trace.parameters[some] = self.parameters
             taken += u[some].size
             trace.errors[taken - 1] = self._hold_back(u[some], y[some], t[some])
@@ -258,10 +278,26 @@ class Identifier(Estimate):
         """Run a chunk, up to where something is to be looked into; do so, and return how many samples were taken."""
         state = self._state
         taken: int = self._steps(*state.arrays, u, y, t, errors, parameters)
+        if state.held_at == BELIEVED:
+            self._take_held()
+            return taken - 1  # the one that confirms it goes behind it
         if state.attention:
             self._attend()
             parameters[taken - 1] = self.parameters
         return taken
+
+    def _take_held(self) -> None:
+        """Take the sample that was held back, which the next one has confirmed."""
+        state = self._state
+        u, y, t = np.array([[state.held_input], [state.held_output], [state.held_time]])
+        state.attention = False
+        try:
+            with state.without_preprocessing():
+                self._steps(*state.arrays, u, y, t, np.empty(1), np.empty((1, 0)))
+        finally:
+            state.held_at = 0
+        if state.attention:
+            self._attend()
 
     def _attend(self) -> None:
         """After a sample: look into an alarm, or solve again, where either is due."""
@@ -349,14 +385,23 @@ class Identifier(Estimate):
 
     def _hold_back(self, u: FloatArray, y: FloatArray, t: FloatArray) -> float:
         """Keep samples for start-up, no more than it lacks; with the last one, begin.  Returns the error of that."""
-        hold_back(self._held, self._held_rejects, self._request.preprocess, u, y, t)
-        if len(self._held) < self._hold:
+        hold_back(self._held, self._strays, self._held_rejects, self._request, u, y, t)
+        if len(self._held) < self._hold or awaits_successor(self._held, self._request.dt) or self._drop_lone_inputs():
             return NAN
         try:
             return self._begin()
         except BaseException:  # the user's interruption too: begin with the next sample, then
             self._held.pop()
             raise
+
+    def _drop_lone_inputs(self) -> bool:
+        """Reject held samples whose input was misread; return whether there were any."""
+        inputs = np.array([sample[0] for sample in self._held])
+        lone = lone_inputs(self._request.preprocess.map_input(inputs))
+        for k in reversed(lone):
+            del self._held[k]
+        self._held_rejects["input leap"] += len(lone)
+        return bool(lone)
 
     def _begin(self, *, at_any_rate: bool = False) -> float:
         """Make every setting definite, lay out the state and learn the held samples; return the last one's error."""
@@ -380,7 +425,7 @@ class Identifier(Estimate):
             learn = refined is None or not settings.optimizer.keeps_covariance
             error = float(warm_up(state, u, y, t, learn=learn)[-1])
             state.ready_at = state.elapsed
-        self._settings, self._held = settings, []
+        self._settings, self._held, self._strays = settings, [], []
         self._work_on(state, regular=not t.size)
         if refined is not None:
             self._resolve_at = next_solution(state, settings)

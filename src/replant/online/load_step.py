@@ -6,7 +6,7 @@ import numpy as np
 
 from replant.engine.record import Record
 from replant.engine.state import State
-from replant.kernels.schema import Alarm
+from replant.kernels.schema import BELIEVED, Alarm
 from replant.settings import Settings
 from replant.simulation.model_run import run_model
 from replant.statistics.projections import without
@@ -70,9 +70,10 @@ def with_new_constant(old: State, record: Record) -> State:
     errors, unseen = np.empty(count), np.empty((count, 0))
     _, steps = step_kernels(new, regular=regular)
     limit, new.cusum_limit = new.cusum_limit, 0.0  # no alarm from what has been looked into
+    new.held_at = BELIEVED  # all of it was taken before
     with new.without_preprocessing():
         steps(*new.arrays, record.u, record.y, stamps, errors, unseen)
-    new.cusum_limit, new.cusum = limit, 0.0
+    new.cusum_limit, new.cusum, new.held_at = limit, 0.0, 0
     new.change_began = new.samples
     new.recent[:] = old.recent
     new.take_over(old, *KEPT, State.last_time, State.last_raw, State.sensor_step)

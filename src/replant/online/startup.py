@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -10,33 +11,88 @@ from replant.arguments import FloatArray
 from replant.engine.dispatch import step_kernels
 from replant.engine.record import Record, ready_record
 from replant.engine.state import State
+from replant.kernels.schema import BELIEVED, FARTHEST, LEAP, MOST_EARLIER
 from replant.offline.srivc import Refined, first_model
-from replant.regressor.preprocess import Preprocess, screen
-from replant.settings import Settings
+from replant.regressor.preprocess import screen
+from replant.settings import Request, Settings
+
+Held = tuple[float, float, float]  # a sample (u, y, t) held for start-up
 
 SPIKE_NEIGHBOURS = 5  # samples that tell what an output is without its spikes
+FAR, MOST_LONE = 1e3, 2  # times the largest other input that one must be to be misread; more than two are pulses
 
 
 def hold_back(
-    held: list[tuple[float, float, float]], rejects: dict[str, int], preprocess: Preprocess,
+    held: list[Held], strays: list[float], rejects: dict[str, int], request: Request,
     u: FloatArray, y: FloatArray, t: FloatArray,
 ) -> None:  # fmt: skip
-    """Add samples (u, y, t) to those held for start-up; count the ones that are rejected, by the reason.
+    """Add samples to those held for start-up; count the ones that are rejected, by the reason.
 
-    ``t`` is empty, or NaN, where there are no stamps, and infinite where a stamp is not finite.
+    ``t`` is empty, or NaN, where there are no stamps, and infinite where a stamp is not finite.  ``strays`` are the
+    newest stamps in a row, each later than the one before, that lie before the newest one held.
     """
-    accepted, rejected = screen(preprocess.map_input(u), y)
+    accepted, rejected = screen(request.preprocess.map_input(u), y)
     for reason, count in rejected.items():
         rejects[reason] += count
-    stamps, last = t.tolist() if t.size else [math.nan] * u.size, held[-1][2] if held else math.nan
+    stamps = t.tolist() if t.size else [math.nan] * u.size
     for k in np.flatnonzero(accepted).tolist():
         if math.isinf(stamps[k]):
             rejects["not finite"] += 1
-        elif stamps[k] <= last:
-            rejects["not later"] += 1
+        elif abs(stamps[k]) > FARTHEST * request.dt:
+            rejects["time too coarse"] += 1
         else:
-            last = stamps[k]
-            held.append((float(u[k]), float(y[k]), last))
+            _admit(held, strays, rejects, request.dt, (float(u[k]), float(y[k]), stamps[k]))
+
+
+def _admit(held: list[Held], strays: list[float], rejects: dict[str, int], dt: float, sample: Held) -> None:
+    """Hold one sample, as far as its stamp allows, by the rules of `kernels.monitoring.interruptions`.
+
+    The newest one held may have leapt ahead: unless this one confirms it, it was misread.
+    """
+    stamp = sample[2]
+    last = held[-1][2] if held else math.nan
+    if awaits_successor(held, dt):
+        before = held[-2][2]
+        if stamp > before and not 0.0 < stamp - last <= max(LEAP * dt, 2.0 * (last - before)):
+            held.pop()
+            rejects["time leap"] += 1
+            last = before
+    if stamp <= last:
+        if not (strays and stamp > strays[-1]):
+            strays.clear()
+        strays.append(stamp)
+        if len(strays) <= MOST_EARLIER:
+            rejects["not later"] += 1
+            return
+        kept = [one for one in held if one[2] < strays[0]]  # the clock was set, or what lies ahead was misread
+        rejects["time leap"] += len(held) - len(kept)
+        held[:] = kept
+    strays.clear()
+    held.append(sample)
+
+
+def awaits_successor(held: list[Held], dt: float) -> bool:
+    """Return whether the stamp of the newest sample held leaps ahead, so that the next one must confirm it."""
+    return len(held) > 1 and held[-1][2] - held[-2][2] > LEAP * dt
+
+
+def lone_inputs(u: FloatArray) -> list[int]:
+    """Return where a mapped input (K,) is, for one sample, far beyond what it is otherwise; at two samples at the most.
+
+    Examples
+    --------
+    >>> u = np.tile([1.0, -1.0], 10)
+    >>> u[7] = 4294967296.0
+    >>> lone_inputs(u)
+    [7]
+    """
+    away = np.abs(u - np.median(u))
+    order = np.argsort(away)[::-1][: MOST_LONE + 1]
+    for count in range(min(MOST_LONE, order.size - 1), 0, -1):
+        far, next_one = sorted(order[:count].tolist()), away[order[count]]
+        if away[order[count - 1]] > FAR * next_one > 0.0 and all(b - a > 1 for a, b in itertools.pairwise(far)):
+            return far
+    return []
 
 
 def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn: bool) -> FloatArray:
@@ -48,9 +104,9 @@ def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn:
     _, steps = step_kernels(state, regular=t.size == 0)
     errors, unseen = np.empty(u.size), np.empty((u.size, 0))
     rested = state.rested
-    state.adapt = learn
+    state.adapt, state.held_at = learn, BELIEVED  # what leapt has been judged
     steps(*state.arrays, u, y, t, errors, unseen)
-    state.adapt = True
+    state.adapt, state.held_at = True, 0
     if state.examines_output:
         state.change_began = state.samples
     if not learn:
@@ -93,6 +149,7 @@ def carry_over(old: State, new: State) -> None:
     new.take_over(
         old,
         *(State.not_finite, State.too_large, State.not_later, State.too_dense, State.refused, State.rested),
+        *(State.time_leaps, State.too_coarse, State.input_leaps, State.no_output),
         *(State.outliers, State.stuck, State.gaps, State.gap_at, State.adapt, State.drawn, State.samples),
         *(State.past_kept, State.past_due, State.recent_head, State.alarm, State.look_at),
     )

@@ -71,11 +71,75 @@ def test_a_device_that_was_reset_is_believed_after_two_samples() -> None:
     assert counters == {"duplicate": 1, "restarts": 1, "lost": 1}
 
 
-def test_a_misread_number_far_ahead_does_not_end_the_stream() -> None:
+@pytest.mark.parametrize("replays", [True, False])
+@pytest.mark.parametrize("parts", [1, 2, 8])
+@pytest.mark.parametrize("misread", [900_000, 2**32, 2**53 - 1])
+def test_a_misread_number_far_ahead_costs_its_sample_alone(replays: bool, parts: int, misread: int) -> None:
+    numbers = [1, 2, misread, 4, 5, 6, 7, 8]
     counters: Counter[str] = Counter()
-    numbering = Numbering(counters, replays=False)
-    assert screen(numbering, [1, 2, 900_000, 4, 5, 6]) == [1, 2, 900_000, 5, 6]
-    assert counters["restarts"] == 1
+    numbering = Numbering(counters, replays=replays)
+    assert screen(numbering, *(part.tolist() for part in np.array_split(numbers, parts))) == [1, 2, 4, 5, 6, 7, 8]
+    assert +counters == {"number leap": 1, "lost": 1}
+
+
+@pytest.mark.parametrize("replays", [True, False])
+@pytest.mark.parametrize("parts", [1, 3, 9])
+def test_a_leap_that_its_successor_confirms_costs_no_sample(replays: bool, parts: int) -> None:
+    """A cable that was out for hours, where nobody keeps what was meanwhile."""
+    numbers = [1, 2, 3, 500_000, 500_001, 500_003, 900_000, 900_001, 900_002]
+    counters: Counter[str] = Counter()
+    numbering = Numbering(counters, replays=replays)
+    assert screen(numbering, *(part.tolist() for part in np.array_split(numbers, parts))) == numbers
+    assert +counters == {"lost": 900_002 - len(numbers)}
+
+
+@pytest.mark.parametrize("replays", [True, False])
+def test_a_device_that_counts_in_steps_is_followed(replays: bool) -> None:
+    """As one that counts milliseconds, and sends ten samples a second."""
+    numbering = Numbering(Counter(), replays=replays)
+    assert screen(numbering, *([number] for number in range(0, 10_000, 100))) == list(range(0, 9_900, 100))
+
+
+@pytest.mark.parametrize("replays", [True, False])
+@pytest.mark.parametrize(
+    "misread", [[2**32, 2**32], [2**40, 2**32], [2**32, 2**32 + 1, 2**32 + 2], [2**32, 2**33 - 20]]
+)
+def test_several_misread_numbers_in_a_row_cost_one_more_sample(replays: bool, misread: list[int]) -> None:
+    """Even where they seem to confirm each other: none of the numbers between has been used."""
+    counters: Counter[str] = Counter()
+    numbering = Numbering(counters, replays=replays)
+    kept = screen(numbering, list(range(10)), misread, [number + 10 for number in range(20)])
+    assert kept[-18:] == list(range(12, 30))
+    assert counters["lost"] <= 2
+
+
+@pytest.mark.parametrize("replays", [True, False])
+@pytest.mark.parametrize("misread", [5_000, 2**32, 2**53 - 1])
+def test_a_first_number_that_is_misread_does_not_end_the_stream(replays: bool, misread: int) -> None:
+    counters: Counter[str] = Counter()
+    numbering = Numbering(counters, replays=replays)
+    assert screen(numbering, [misread], [1], [2, 3], [4]) == [misread, 2, 3, 4]
+    assert +counters == {"duplicate": 1, "restarts": 1}
+
+
+@pytest.mark.parametrize("bits", [16, 32])
+@pytest.mark.parametrize("replays", [True, False])
+def test_a_counter_that_wraps_is_followed(replays: bool, bits: int) -> None:
+    numbers = (np.arange(2**bits - 300, 2**bits + 200) % 2**bits).tolist()
+    counters: Counter[str] = Counter()
+    numbering = Numbering(counters, replays=replays)
+    assert screen(numbering, *([number] for number in numbers)) == [n for n in numbers if n != 0]
+    assert +counters == {"duplicate": 1, "restarts": 1}
+
+
+@pytest.mark.parametrize("last", [2**16 - 1, 70_000])
+def test_what_a_new_connection_sends_again_is_no_counter_that_wrapped(last: int) -> None:
+    """A peer that does not listen to ``after N`` sends all from its beginning."""
+    numbering = Numbering(Counter(), replays=True)
+    numbering.connect()
+    assert screen(numbering, [last - 1, last]) == [last - 1, last]
+    numbering.connect()
+    assert screen(numbering, *([k, k + 1] for k in range(0, last + 3, 2)))[0] == last + 1
 
 
 def test_a_few_late_packets_in_order_are_no_restart() -> None:

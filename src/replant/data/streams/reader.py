@@ -114,6 +114,7 @@ class Reader(ABC):
                 self._counts["dropped"] += dropped
 
     def _connected(self, *, again: bool) -> None:
+        self._numbering.connect()
         self._state, self.trouble, self._backoff = "connected", "", BACKOFF[0]
         if again:
             self._counts["reconnects"] += 1

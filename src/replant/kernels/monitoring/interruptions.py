@@ -5,15 +5,17 @@ import math
 import numpy as np
 
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import rare
+from replant.kernels.codegen.decorators import part, rare
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters.routh import slowest_decay
 from replant.kernels.monitoring import residual_colour
 from replant.kernels.optimizers import covariance as second
 from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
 
+# Largest moving standard deviations that the input so far had, beyond which it leaps.  At ten times as many one such
+# sample would pass for the largest input ever, beside which all later ones rest; at a tenth a single pulse may be one.
+INPUT_LEAP = 1e3
 AT_REST = 1e-6  # moving variance of the input, relative to its largest, below which the input rests
-EARLIER_STAMPS = 10  # that advance, but lie before the newest one: after these the clock has been set
 LONGEST = 1e9  # sampling times that a gap counts as at the most
 UNKNOWN = 100.0  # variance of an initial state, over the largest square of the modelled output
 LEAST_NOISE = 1e-12  # of that square, as which the residual's variance counts there at the least
@@ -130,15 +132,78 @@ def clock_was_set(ints, reals, t):
         ints[at.EARLIER_STAMPS] + 1 if ints[at.EARLIER_STAMPS] > 0 and t > reals[at.EARLIER_TIME] else 1
     )
     reals[at.EARLIER_TIME] = t
-    if ints[at.EARLIER_STAMPS] <= EARLIER_STAMPS:
+    if ints[at.EARLIER_STAMPS] <= at.MOST_EARLIER:
         ints[at.NOT_LATER] += 1
         return False
     return True
 
 
 @rare
-def interval_of(ints, reals, banks, t):
-    """Return the time since the sample before; NaN, and count it, where a time stamp cannot be used."""
+def hold(ints, reals, u, y, t, reason):
+    """Hold a sample back until the next one tells whether it was misread; it counts as rejected so long."""
+    ints[at.HELD_AT] = ints[at.SAMPLES] + 1
+    reals[at.HELD_INPUT], reals[at.HELD_OUTPUT], reals[at.HELD_TIME] = u, y, t
+    ints[reason] += 1
+
+
+@rare
+def believe(ints, reason):
+    """Tell the identifier to take the sample that is held back, and the present one once more."""
+    ints[reason] -= 1
+    ints[at.HELD_AT] = at.BELIEVED
+    ints[at.ATTENTION] = 1
+
+
+@part
+def is_far(reals, u):
+    """Return whether an input is far beyond all before, where these are known."""
+    away = u - reals[at.INPUT_MEAN]
+    return away * away > INPUT_LEAP * INPUT_LEAP * reals[at.LARGEST_POWER] > 0.0
+
+
+@rare
+def input_leaps(ints, reals, u, y, t):
+    """Return whether a sample whose input is far away is to be left: alone it was misread, two in a row are a move."""
+    if ints[at.HELD_AT] == at.BELIEVED:
+        return False
+    if math.isinf(t):
+        ints[at.NOT_FINITE] += 1
+    elif ints[at.HELD_AT] == ints[at.SAMPLES] + 1 and is_far(reals, reals[at.HELD_INPUT]):
+        believe(ints, at.INPUT_LEAPS)
+    else:
+        hold(ints, reals, u, y, t, at.INPUT_LEAPS)
+    return True
+
+
+@rare
+def time_leaps(ints, reals, u, y, t):
+    """Return whether a sample whose stamp leaps ahead is to be left: the next one shows whether it was misread.
+
+    It was not where that comes soon after it, or hardly further ahead than it had leapt: there are slow rigs.
+    """
+    leap, held = at.LEAP * reals[at.INTERVAL], reals[at.HELD_TIME]
+    if ints[at.HELD_AT] == at.BELIEVED:
+        return False
+    ahead = held - reals[at.LAST_TIME]
+    if ints[at.HELD_AT] == ints[at.SAMPLES] + 1 and ahead > leap and 0.0 < t - held <= max(leap, 2.0 * ahead):
+        believe(ints, at.TIME_LEAPS)
+    else:
+        hold(ints, reals, u, y, t, at.TIME_LEAPS)
+    return True
+
+
+@rare
+def is_too_coarse(ints, reals, t):
+    """Return whether stamps as far from zero cannot tell sampling times apart; count it."""
+    if abs(t) <= at.FARTHEST * reals[at.INTERVAL]:
+        return False
+    ints[at.TOO_COARSE] += 1
+    return True
+
+
+@rare
+def interval_of(ints, reals, banks, u, y, t):
+    """Return the time since the sample before; NaN, and count it, where a time stamp cannot be used, or not yet."""
     if math.isnan(t):
         return reals[at.INTERVAL]
     if math.isinf(t):
@@ -148,15 +213,21 @@ def interval_of(ints, reals, banks, t):
     if ints[at.SAMPLES] > 0:
         interval = t - reals[at.LAST_TIME]
         if not interval > 0.0:
-            if not clock_was_set(ints, reals, t):
+            if is_too_coarse(ints, reals, t) or not clock_was_set(ints, reals, t):
                 return np.nan
             interval = 2.0 * reals[at.LONGEST_GAP]  # how long it was nobody knows
         if reals[at.DELAY] > 0.0 and interval * (ints[at.RING_SIZE] - 2) < reals[at.DELAY]:
             ints[at.TOO_DENSE] += 1
             return np.nan
         if interval > reals[at.LONGEST_GAP]:
+            if interval > at.LEAP * reals[at.INTERVAL] and (
+                is_too_coarse(ints, reals, t) or time_leaps(ints, reals, u, y, t)
+            ):
+                return np.nan
             interval = min(interval, LONGEST * reals[at.INTERVAL])
             interrupt(ints, reals, banks, interval)
+    elif is_too_coarse(ints, reals, t):
+        return np.nan
     ints[at.EARLIER_STAMPS] = 0
     reals[at.LAST_TIME] = t
     return interval

@@ -102,15 +102,29 @@ def is_harmful(ints, reals, square):
 
 @part
 def is_outlier(ints, reals, error, settled):
-    """Return whether an a-priori error is too large to be."""
+    """Return whether an a-priori error is too large to be, or is none."""
     square = error * error
-    if not square > GATE * max(reals[at.LATE_VARIANCE], reals[at.USUAL_VARIANCE]):
+    if square <= GATE * max(reals[at.LATE_VARIANCE], reals[at.USUAL_VARIANCE]):
         return False
+    if math.isnan(square):  # of an output that is missing
+        return True
     if reals[at.RESIDUALS_SEEN] < ENOUGH or not reals[at.LARGEST_OUTPUT] > 0.0:
         return False
     if not settled and not square > UNSETTLED * reals[at.LARGEST_OUTPUT]:
         return False
     return is_harmful(ints, reals, square)
+
+
+@rare
+def reason_of(ints, y, doubt):
+    """Return the doubt in an output whose error is too large to be, ``doubt`` where there was one before; count it."""
+    if math.isnan(y):
+        ints[at.NO_OUTPUT] += 1
+        return Doubt.MISSING
+    if doubt != Doubt.NONE:
+        return doubt
+    ints[at.OUTLIERS] += 1
+    return Doubt.OUTLIER
 
 
 @rare
@@ -211,8 +225,7 @@ def observe(ints, reals, banks, u, y, interval):
         doubt = Doubt.STUCK
         ints[at.STUCK] += 1
     if is_outlier(ints, reals, error, settled):
-        doubt = Doubt.OUTLIER if doubt == Doubt.NONE else doubt
-        ints[at.OUTLIERS] += doubt == Doubt.OUTLIER
+        doubt = reason_of(ints, y, doubt)
     if doubt != Doubt.NONE:
         bridged = reals[at.USED_OUTPUT]
         if ints[at.INSTRUMENTS] == 1:
@@ -276,7 +289,7 @@ def test_power(ints, reals, power):
 @part
 def watch(ints, reals, learned):
     """Follow the residual's variance, and whether it has grown; ``learned``: whether the plant can be judged by it."""
-    if ints[at.DOUBT] == Doubt.STUCK:
+    if ints[at.DOUBT] >= Doubt.STUCK:
         return
     if learned and ints[at.DOUBT] == Doubt.NONE and ints[at.LEARNED] == ints[at.SAMPLES]:
         alpha = reals[ints[at.AT_MEMORY] + ints[at.MEMORY_SIZE] - 1]

@@ -84,9 +84,12 @@ def step_at(address, u, y, t):
 
 @direct
 def gradient_step_at(address, u, y, t):
-    """Take one sample as `step.gradient_step` does."""
+    """Take one sample as `step.gradient_step` does; raise Attention where the next one confirms one held back."""
     ints, reals, banks, buffer, recent = arrays_at(address)
-    return shared.gradient_step(ints, reals, banks, buffer, recent, u, y, t)
+    error = shared.gradient_step(ints, reals, banks, buffer, recent, u, y, t)
+    if ints[at.ATTENTION] == 1:
+        raise at.Attention
+    return error
 
 
 @direct

@@ -17,7 +17,13 @@ from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain
 from replant.kernels.monitoring import estimate_path as trail
 from replant.kernels.monitoring import outliers, residual_colour
-from replant.kernels.monitoring.interruptions import begin_initial_state, input_rests, interval_of
+from replant.kernels.monitoring.interruptions import (
+    begin_initial_state,
+    input_leaps,
+    input_rests,
+    interval_of,
+    is_far,
+)
 from replant.kernels.optimizers import covariance as second
 from replant.kernels.optimizers import gradient as first
 from replant.kernels.optimizers.covariance import KALMAN_TRACKING, RECURSIVE_LEAST_SQUARES
@@ -102,6 +108,15 @@ def acceptable(ints, u, y):
     else:
         ints[at.NOT_FINITE] += 1
     return False
+
+
+@rare
+def lacks_output_alone(ints, u, y):
+    """Return whether a sample that was turned away has an input that can be used, and no output."""
+    if not (math.isnan(y) and abs(u) <= at.LARGEST):
+        return False
+    ints[at.NOT_FINITE] -= 1
+    return True
 
 
 @rare
@@ -193,10 +208,14 @@ def keep_sample(ints, recent, u, y, interval):
 
 @part
 def keep_guarded_sample(ints, reals, recent, u, y, interval):
-    """Keep the raw sample, over the oldest one, with the output that the filters saw and why."""
+    """Keep the raw sample, over the oldest one, with the output that the filters saw and why.
+
+    Where there is no output, what the filters saw stands for it.
+    """
     head = ints[at.RECENT_HEAD]
     row = recent[head]
-    row[at.INPUT], row[at.OUTPUT], row[at.STEP] = u, y, interval
+    row[at.INPUT], row[at.STEP] = u, interval
+    row[at.OUTPUT] = reals[at.USED_OUTPUT] if ints[at.DOUBT] == Doubt.MISSING else y
     row[at.BRIDGED], row[at.DOUBTED] = reals[at.USED_OUTPUT], ints[at.DOUBT]
     ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT_SIZE] else 0
 
@@ -226,7 +245,7 @@ def take_by_gradient(ints, reals, banks, buffer, recent, u, y, t):
     y -= reals[at.OUTPUT_OFFSET]
     if not acceptable(ints, u, y):
         return np.nan
-    interval = interval_of(ints, reals, banks, t)
+    interval = interval_of(ints, reals, banks, u, y, t)
     if math.isnan(interval):
         return np.nan
     at_rest = ints[at.RESTS_WITH_INPUT] == 1 and input_rests(ints, reals, u)
@@ -249,14 +268,19 @@ def take_by_gradient(ints, reals, banks, buffer, recent, u, y, t):
 
 @cut
 def take_guarded(ints, reals, banks, buffer, recent, u, y, t):
-    """Take one sample as `take_by_gradient` does, with an optimizer that keeps a covariance, its output examined."""
+    """Take one sample as `take_by_gradient` does, with an optimizer that keeps a covariance.
+
+    Its output is examined; of a sample whose output alone is missing, NaN, the input is used.
+    """
     if ints[at.SQUARE_INPUT] == 1:
         u = u * u
     u -= reals[at.INPUT_OFFSET]
     y -= reals[at.OUTPUT_OFFSET]
-    if not acceptable(ints, u, y):
+    if not (acceptable(ints, u, y) or lacks_output_alone(ints, u, y)):
         return np.nan
-    interval = interval_of(ints, reals, banks, t)
+    if is_far(reals, u) and input_leaps(ints, reals, u, y, t):
+        return np.nan
+    interval = interval_of(ints, reals, banks, u, y, t)
     if math.isnan(interval):
         return np.nan
     at_rest = ints[at.RESTS_WITH_INPUT] == 1 and input_rests(ints, reals, u)

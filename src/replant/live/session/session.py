@@ -23,7 +23,6 @@ from replant.live.outputs.outlets import Outlets
 from replant.live.outputs.parquet_recorder import Recorder
 from replant.live.outputs.sinks import Sink
 from replant.live.session.checkpointing import Keeper
-from replant.live.session.clock import Clock
 from replant.live.session.progress import Progress
 from replant.online.identifier import Identifier
 
@@ -92,8 +91,7 @@ class Session:
         self._outlets = Outlets(sinks, recorder, ttl, notices=notices, gone=self.stop)
         self._limits = limits
         self._meter = _Meter()
-        last = self.progress.at if self.progress.taken else -np.inf
-        self._clock = Clock(identifier.dt, last, self.progress.offset)
+        self._clock = self.progress.clock(identifier.dt)
         self._learned = self._trusted = False
         self._verdict = UNKNOWN
 
@@ -170,11 +168,10 @@ class Session:
             if batch.sequence is None:
                 return None
             stamps = np.asarray(batch.sequence * self.identifier.dt)
-        before = self._clock.offset
         t = self._clock.follow(stamps)
-        if self._clock.offset != before:
+        if self._clock.offset != self.progress.offset:
             self._observer.show("replant: the device's clock went back: its filters begin anew, the estimate goes on")
-            self.progress.offset = self._clock.offset
+        self.progress.follow(self._clock)
         return t
 
     def _cut(self, batch: Batch) -> Batch:
