@@ -135,7 +135,8 @@ def assert_chunks_equal(
         np.testing.assert_array_equal(other_errors, errors)
         np.testing.assert_array_equal(other_parameters, parameters)
         assert state(ident) == state(loop)
-        assert ident.samples == loop.samples == SAMPLES - len({k for k, _ in bad})
+        taken = [count for reason, count in ident.rejected.items() if reason in ("outlier", "stuck", "no output")]
+        assert ident.samples == loop.samples == SAMPLES - sum(ident.rejected.values()) + sum(taken)
         assert ident.rejected == loop.rejected
         assert ident.settings == loop.settings
 

@@ -171,9 +171,8 @@ class StateSlots(Table):
 
     # --- a sample that leaps, held back until its successor confirms it
     held_at = Integer(
-        "accepted samples and one more when it came; another number: none is held, -1: it is being taken",
+        "accepted samples and one more when it came; any other number: none is held",
         STEP_KERNEL,
-        least=-1,
         below="samples + 2",
     )
     held_input = Real("its input, preprocessed", STEP_KERNEL, "of u", finite=False)
