@@ -48,8 +48,8 @@ regression: $(READY)  ## speed beside C with a wide margin, a few seconds
 bench-live: $(READY)  ## live: throughput over TCP and MQTT, latency over UDP, memory
 	$(BIN)/python benchmarks/live.py
 
-soak: $(READY)   ## a day of rig time in fast replay: memory, estimate, checkpoint
-	$(BIN)/python benchmarks/soak.py
+soak: $(READY)   ## 1,000 hours of rig time with random faults; a day through a session: memory, estimate, checkpoint
+	$(BIN)/python benchmarks/soak $(ARGS)
 
 fuzz: $(READY)   ## mutants of checkpoints, structures of narrow numbers: ten minutes, or SECONDS=; ARGS="--first 5000"
 	cd tests && ../$(BIN)/python -m fuzz --seconds $(or $(SECONDS),600) $(ARGS)

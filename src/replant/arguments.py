@@ -13,6 +13,7 @@ import numpy.typing as npt
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 
 FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
 
 
 def keep(instance: object, name: str, check: Callable[..., Any], *limits: Any, called: str = "", **how: Any) -> None:

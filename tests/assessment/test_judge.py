@@ -138,7 +138,7 @@ def test_a_part_of_an_output_that_stands_still_is_everything(monkeypatch: pytest
     found = SimpleNamespace(power=np.float64(10.0), doubt=np.float64(1.0), statistic=2.0)
     monkeypatch.setattr(judge_module, "unexplained", lambda *_: found)
     run: Any = SimpleNamespace(error=np.array([-9.0, 9.0]))
-    evidence: Any = SimpleNamespace(record=SimpleNamespace(y=np.zeros(2)), dt=1.0)
+    evidence: Any = SimpleNamespace(record=SimpleNamespace(y=np.zeros(2)), used=np.ones(2, bool), dt=1.0)
     part = judge_module.Part.of(evidence, run, slice(0, 2), 0.0)
     assert part.is_sure
     assert part.is_large

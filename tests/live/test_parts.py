@@ -16,6 +16,7 @@ import pytest
 from rich.console import Console
 
 import replant as rp
+from replant.assessment import simulate
 from replant.live.observer.history import MOST_ROWS, History
 from replant.live.observer.make_view import POINTS, look
 from replant.live.observer.terminal import Status, one_line, screen
@@ -70,6 +71,43 @@ def test_the_window_shows_the_newest_samples_in_their_own_units() -> None:
     assert np.std(window.model - y) < 0.05  # the model runs through the measured output, working point included
 
 
+def after_a_stuck_sensor(samples: int) -> tuple[rp.Identifier, View]:
+    """Seen after so many samples, of which 1500 to 2000 stood still and 2600 was an outlier."""
+    u, y = record(4000)
+    y[1500:2000] = y[1500]
+    y[2600] += 50.0
+    identifier = rp.Identifier(**vars(REQUEST))
+    identifier.update_many(u[:samples], y[:samples])
+    return identifier, look(identifier, Pulse(at=samples * DT), History(2))
+
+
+@pytest.mark.parametrize("samples", [1900, 2050, 2500, 3000, 4000])
+def test_samples_that_were_bridged_take_no_part_in_the_fit_that_is_shown(samples: int) -> None:
+    identifier, view = after_a_stuck_sensor(samples)
+    u, y, _ = identifier.recent.T
+    bridged = identifier.bridged
+    assert bridged[1500:2000][: samples - 1500].mean() > 0.9
+    assert view.simulated > 95.0  # with them it is below 80, and below 0 while they last
+    run = simulate(identifier.transfer_function, u - 3.0, np.where(identifier.judged, y, np.nan), DT)
+    assert view.simulated == pytest.approx(run.fit)
+
+
+def test_what_is_left_out_is_told_by_when_it_came() -> None:
+    samples = 3000
+    identifier, view = after_a_stuck_sensor(samples)
+    told = np.zeros(samples, bool)
+    for begin, end in view.window.left_out:
+        told[round(begin / DT) : round(end / DT)] = True
+    np.testing.assert_array_equal(told, ~identifier.judged)
+    assert view.to_json()["window"]["left_out"][0][1] == pytest.approx(2000 * DT)
+    assert after_a_stuck_sensor(1400)[1].window.left_out.size == 0
+
+
+def test_verdict_and_fit_agree_once_the_sensor_is_free() -> None:
+    verdicts = [after_a_stuck_sensor(samples)[1].verdict for samples in (1400, 1900, 4000)]
+    assert verdicts == ["trusted", "inconsistent", "trusted"]
+
+
 def test_a_long_window_is_thinned_and_loses_no_peak() -> None:
     u, y = record(5000)
     y[3210] += 20.0
@@ -108,7 +146,7 @@ def test_a_view_is_json_under_its_own_names(samples: int) -> None:
     found = viewed(samples, rp.Structure(3, 1))
     plain = json.loads(json.dumps(found.to_json(), allow_nan=False))
     assert set(plain) == set(vars(found))
-    assert set(plain["window"]) == {"t", "u", "y", "model"}
+    assert set(plain["window"]) == {"t", "u", "y", "model", "left_out"}
     assert set(plain["history"]) == {"t", "parameters", "std"}
     assert len(plain["parameters"]) == found.parameters.size
     if found.poles.size:

@@ -58,6 +58,19 @@ def test_fit_shows_record_model_and_residual(plain) -> None:
         draw_fit(result, u[:2000], y[:2000], dt)
 
 
+def test_what_is_left_out_is_shaded_and_has_no_residual(plain) -> None:
+    result, u, y, dt = record(plain)
+    left_out = np.array([[100, 300], [2000, 2001]])
+    axes = draw_fit(dataclasses.replace(result, left_out=left_out), u, y, dt)
+    for axis in axes:
+        (shade,) = (patch for patch in axis.collections if patch.get_label() == "left out")
+        spans = [(path.vertices[:, 0].min(), path.vertices[:, 0].max()) for path in shade.get_paths()]
+        np.testing.assert_allclose(spans, dt * (left_out - [1, 0]))
+    assert np.isnan(axes[-1].lines[0].get_ydata()).any()
+    whole = draw_fit(dataclasses.replace(result, left_out=left_out[:0]), u, y, dt)
+    assert all(patch.get_label() != "left out" for axis in whole for patch in axis.collections)
+
+
 def test_fit_is_thinned_without_losing_a_peak(long_case) -> None:
     result, u, y, dt = record(long_case)
     _, middle, _ = draw_fit(result, u, y, dt)

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.assessment import fit_percent
 from replant.runs import run
 from replant.runs.run import Result, run_online, run_source
 from replant.settings import Request
 from replant.signals import prbs
+from replant.simulation.stretches import flags_of
 
 DT = 0.05
 PLANT = rp.TransferFunction([3.0, 6.0], [1.0, 1.6, 4.0])
@@ -147,3 +149,35 @@ def test_samples_that_are_missing_take_their_time() -> None:
     result = run_online(Request(structure, 0.1), u, y)
     np.testing.assert_allclose(result.parameters, [0.5, 2.0], rtol=0.02)  # 7 % were a gap closed up
     assert result.rejected["not finite"] == int(np.isnan(y).sum())
+
+
+@pytest.mark.parametrize("startup", [None, 500])
+def test_bridged_and_missing_samples_take_no_part_in_the_fits(startup: int | None) -> None:
+    u, y = record()
+    whole = run_online(Request(STRUCTURE, DT), u, y, startup=startup)
+    stuck = y.copy()
+    stuck[4000:4600] = stuck[4000]
+    stuck[3000] += 100.0
+    found = run_online(Request(STRUCTURE, DT), u, stuck, startup=startup)
+    left_out = flags_of(found.left_out, 0, u.size)
+    assert left_out[2000:2010].all()  # no output
+    assert left_out[3000]
+    assert left_out[4000:4600].mean() > 0.9
+    assert left_out.sum() < 630
+    assert found.simulation.fit == pytest.approx(whole.simulation.fit, abs=0.5)
+    assert found.simulation.offset == pytest.approx(whole.simulation.offset, abs=0.01)
+    assert found.one_step == pytest.approx(whole.one_step, abs=0.5)
+    np.testing.assert_array_equal(np.isnan(found.residual(stuck)), left_out)
+    known = np.where(left_out, np.nan, stuck)
+    assert found.simulation.fit == pytest.approx(fit_percent(known, found.simulation.output), abs=1e-6)
+
+
+def test_what_is_left_out_does_not_depend_on_how_the_record_comes() -> None:
+    u, y = record()
+    y[4000:4600] = y[4000]
+    one, other = (
+        run_online(Request(STRUCTURE, DT), u, y),
+        run_source(Request(STRUCTURE, DT), Parts(u, y, 77), newest=500),
+    )
+    np.testing.assert_array_equal(flags_of(one.left_out, 0, u.size), flags_of(other.left_out, 0, u.size))
+    assert one.left_out_over_time(DT)[-1, 1] == pytest.approx(4600 * DT)

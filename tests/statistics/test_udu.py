@@ -104,3 +104,40 @@ def test_a_covariance_that_vanishes_yields_to_the_other(nothing: float) -> None:
     np.testing.assert_array_equal(larger(nothing * np.eye(3), white), white)
     vanishing = np.diag([1.0, nothing, 1.0])
     np.testing.assert_array_equal(larger(vanishing, white), white)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_information_of_any_rank_has_factors(seed: int) -> None:
+    """Directions that are told by rounding alone, entries beside a floored pivot that are not zero."""
+    generator = np.random.default_rng(seed)
+    size = int(generator.integers(2, 14))
+    rank = int(generator.integers(1, size + 1))
+    columns = generator.standard_normal((40, rank)) @ generator.standard_normal((rank, size))
+    columns *= 10.0 ** generator.uniform(-6.0, 6.0, size)
+    information = columns.T @ columns
+    information += 1e-9 * np.sqrt(np.outer(np.diag(information), np.diag(information))) * generator.standard_normal()
+    upper, diagonal = factor_information(information)
+    assert_factors(upper, diagonal)
+    assert np.isfinite(upper).all()
+    assert np.isfinite(diagonal).all()
+
+
+def test_a_direction_that_is_not_told_leaves_the_others_alone() -> None:
+    """What stands below a floored pivot is rounding: divided by the floor it was 1e4 and more, and ran away."""
+    information = np.eye(4)
+    information[1, 1] = 1.0
+    information[0, 1] = information[1, 0] = 1.0  # entries alike: the second pivot is zero,
+    information[1, 2] = information[2, 1] = 1e-6  # ... and this is left below it
+    upper, diagonal = factor_information(information)
+    covariance = compose(upper, diagonal)
+    assert covariance[2, 2] == pytest.approx(1.0, rel=1e-3)
+    assert covariance[3, 3] == pytest.approx(1.0)
+    assert covariance[1, 1] >= 0.9 / LEAST_PIVOT
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_information_that_is_no_number_gives_factors_that_are_none(value: float) -> None:
+    information = np.eye(3)
+    information[2, 2] = value
+    upper, diagonal = factor_information(information)
+    assert not (np.isfinite(upper).all() and np.isfinite(1.0 / diagonal).all() and (1.0 / diagonal > 0.0).all())

@@ -108,7 +108,7 @@ class Feed:
         run = np.full(y.size, np.nan) if starting else simulate(model, u, y, DT).output
         fit = np.nan if starting else fit_percent(y, run)
         t = DT * np.arange(first, self.taken)
-        return {"simulated": fit, "window": {"t": t, "u": u, "y": y, "model": run}}
+        return {"simulated": fit, "window": {"t": t, "u": u, "y": y, "model": run, "left_out": []}}
 
 
 _BODE = ("omega", "magnitude_db", "phase_deg", "magnitude_low", "magnitude_high")

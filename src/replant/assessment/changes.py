@@ -32,7 +32,8 @@ def growth_finding(evidence: Evidence, runs: Runs, figures: dict[str, Any]) -> l
     if evidence.follows:
         return []
     count = evidence.held_out or evidence.samples // 4
-    before, after = runs.old.error[: evidence.samples - count], runs.old.error[evidence.samples - count :]
+    begin, used = evidence.samples - count, evidence.used
+    before, after = runs.old.error[:begin][used[:begin]], runs.old.error[begin:][used[begin:]]
     if min(before.size, after.size) < FEWEST:
         return []
     figures["growth"], sigmas = growth(before, after)

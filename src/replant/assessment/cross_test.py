@@ -21,6 +21,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.simulation.model_run import ModelRun
 from replant.statistics.autoregression import Autoregression
+from replant.statistics.linear_algebra import roots
 from replant.statistics.projections import lengths_of, orthogonal, products
 
 FALSE_ALARM = 1e-4  # chance that the test finds something where there is nothing
@@ -133,6 +134,6 @@ def _columns(run: ModelRun, rows: slice, dt: float) -> tuple[FloatArray, int]:
 
 def _time_constants(a: FloatArray, longest: float) -> tuple[float, float]:
     """Return the slowest and the fastest time constant of a denominator, in s, at most ``longest``."""
-    poles = np.roots(np.concatenate([[1.0], a]))
+    poles = roots(np.concatenate([[1.0], a]))
     slowest, fastest = float(np.abs(poles.real).min()), float(np.abs(poles).max())
     return 1.0 / max(slowest, 1.0 / longest), 1.0 / max(fastest, 1.0 / longest)

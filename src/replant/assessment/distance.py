@@ -9,6 +9,7 @@ Source: Soderstrom and Stoica (1983), "Instrumental Variable Methods for System 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.simulation.model_run import ModelRun
 from replant.statistics.autoregression import Autoregression
+from replant.statistics.linear_algebra import pseudo_inverse
 from replant.statistics.projections import (
     lengths_of,
     orthogonal,
@@ -62,6 +64,6 @@ def distance(run: ModelRun, rows: slice, false_alarm: float) -> Distance:
     variance = float(innovation @ innovation) / max(innovation.size - len(step), 1)
     covariance = variance * inverse @ products(coloured, coloured) @ inverse
     covariance = larger(covariance, float(np.mean(left**2)) * inverse)
-    known = np.linalg.pinv(covariance, rcond=1e-14, hermitian=True)
-    statistic = float(step @ known @ step) / float(chi2.ppf(1.0 - false_alarm, len(step)))
+    square = float(step @ pseudo_inverse(covariance, 1e-14) @ step)
+    statistic = math.inf if math.isnan(square) else square / float(chi2.ppf(1.0 - false_alarm, len(step)))
     return Distance(step / lengths, statistic, covariance / np.outer(lengths, lengths))

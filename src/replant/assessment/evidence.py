@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.arguments import BoolArray, FloatArray
 from replant.assessment.verdict import duration
 from replant.engine.record import Record
 from replant.model.structure import Structure
 from replant.simulation.model_run import ModelRun, run_model
+from replant.statistics.linear_algebra import roots
 
 FEWEST = 100  # samples held out, below which they say nothing for a model
 PER_COEFFICIENT = 10  # ... and for each coefficient
@@ -63,6 +64,10 @@ class Evidence:
         How many times wider the estimate scatters than the residual's power and colour make it; 1 where that tells all.
     output_unit : float
         What the output of the record counts in, in the user's unit.
+    measured : (W,) array or None
+        The output as the sensor gave it, where that of the record is bridged; None: as in the record.
+    bridged : (W,) array of bool or None
+        Where it is, because the sensor was stuck: such samples take no part in the tests of the model.
     """
 
     structure: Structure
@@ -86,6 +91,8 @@ class Evidence:
     stuck: int = 0
     slowness: float = 1.0
     output_unit: float = 1.0
+    measured: FloatArray | None = None
+    bridged: BoolArray | None = None
 
     def in_own_units(self) -> Evidence:
         """Return the same with input and output about one: no square of theirs leaves float64.
@@ -107,7 +114,18 @@ class Evidence:
             covariance=None if self.covariance is None else self.covariance * factors * factors[:, None],
             largest_power=self.largest_power / of_input / of_input,
             output_unit=self.output_unit * of_output,
+            measured=None if self.measured is None else self.measured / of_output,
         )
+
+    @property
+    def raw(self) -> FloatArray:
+        """The output (W,) as the sensor gave it."""
+        return self.record.y if self.measured is None else self.measured
+
+    @property
+    def used(self) -> BoolArray:
+        """Which samples (W,) take part in the tests of the model."""
+        return np.ones(self.samples, bool) if self.bridged is None else ~self.bridged
 
     @property
     def coefficients(self) -> int:
@@ -195,7 +213,7 @@ class Runs:
         of b_j makes of the output, over the output.
         """
         n = self.now.structure.poles
-        poles = np.abs(np.roots(np.concatenate([[1.0], self.now.parameters[:n]])))
+        poles = np.abs(roots(np.concatenate([[1.0], self.now.parameters[:n]])))
         sizes = np.poly(-np.maximum(poles, 1.0 / span))[1:]
         largest = float((np.abs(step[:n]) / sizes).max())
         output = float(self.now.forced.std())

@@ -16,6 +16,7 @@ import numpy as np
 
 from replant.assessment.verdict import Finding, percent
 from replant.simulation.model_run import ModelRun
+from replant.statistics.linear_algebra import eigenvalues
 from replant.statistics.projections import products, without
 
 #: Condition number of the scaled regressors beyond which float64 does not tell the parameters apart.
@@ -56,11 +57,11 @@ def excitation(run: ModelRun, newest: slice) -> Excitation:
     if not (lengths > 1e-9 * np.linalg.norm(run.zeta, axis=0)).all():
         return Excitation(math.inf, 0.0)
     scaled = zeta / lengths * math.sqrt(len(zeta))
-    values = np.linalg.eigvalsh(products(scaled, scaled) / len(zeta))
+    values = eigenvalues(products(scaled, scaled) / len(zeta))
     condition = math.sqrt(values[-1] / values[0]) if values[0] > 0.0 else math.inf
     if not condition < WORST_CONDITION:
         return Excitation(condition, 0.0)
     recent = run.zeta[newest] / lengths * math.sqrt(len(zeta))
     recent = recent - recent.mean(axis=0)
-    least = float(np.linalg.eigvalsh(products(recent, recent) / len(recent))[0])
+    least = float(eigenvalues(products(recent, recent) / len(recent))[0])
     return Excitation(condition, least / float(values[0]))

@@ -38,6 +38,7 @@ from replant.assessment.verdict import (
 from replant.simulation.model_run import ModelRun
 from replant.simulation.offset_fit import fit_percent
 from replant.statistics.autoregression import whiteness
+from replant.statistics.linear_algebra import quiet, roots
 
 # Simulated fit in percent below which the input explains next to nothing: at a fit of 10 the noise has four times the
 # power of the model's output, and a right model of such a plant is of little use.
@@ -55,6 +56,7 @@ RESTING = 1e-12  # relative movement of the input that is rounding
 Figures = dict[str, Any]
 
 
+@quiet
 def judge(evidence: Evidence) -> Assessment:
     """Return the verdict on an estimate from the evidence."""
     evidence = evidence.in_own_units()
@@ -63,7 +65,7 @@ def judge(evidence: Evidence) -> Assessment:
     stop = any(finding.status != "converging" for finding in findings) or evidence.samples < evidence.enough
     runs = None if stop else Runs.of(evidence)
     if not stop and runs is None:
-        pole = np.roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])).real.max()
+        pole = roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])).real.max()
         reason = f"run from the input alone the model leaves all bounds (a pole at {pole:+.3g} rad/s)"
         findings.append(Finding("inconsistent", reason))
     if runs is not None:
@@ -95,7 +97,7 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
         findings.append(Finding("diverged", reason))
     if evidence.usual_interval:
         findings += sensor.clock_finding(evidence.usual_interval, evidence.dt)
-    u, y = evidence.record.u, evidence.record.y
+    u = evidence.record.u
     if _rests(evidence):
         findings.append(Finding("not excited", "the input stands still: move it"))
         return findings
@@ -111,7 +113,7 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
         unseen = f"{evidence.unseen} samples that the estimate has not seen are too few"
         reason = f"{unseen if evidence.unseen else 'every sample was learned from: none is left'} to judge it by"
         findings.append(Finding("converging", reason))
-    return findings + sensor.level_finding(u, y)
+    return findings + sensor.level_finding(u, evidence.raw)
 
 
 def _of_guard(evidence: Evidence) -> list[Finding]:
@@ -134,9 +136,10 @@ def _of_guard(evidence: Evidence) -> list[Finding]:
 
 def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
     """Return what the sensor does wrong, beside the model's output."""
-    y, newest = evidence.record.y, evidence.newest
-    modelled = y - runs.old.error
-    noise = 1.4826 * float(np.median(np.abs(runs.old.error)))  # of a normal one; stretches of failure do not count
+    y, newest = evidence.raw, evidence.newest
+    modelled = evidence.record.y - runs.old.error
+    error = runs.old.error[evidence.used] if evidence.used.any() else runs.old.error
+    noise = 1.4826 * float(np.median(np.abs(error)))  # of a normal one; stretches of failure do not count
     count = len(y[newest])
     intervals = evidence.record.intervals
     steps = np.full(count, intervals[0]) if intervals.size == 1 else intervals[newest]
@@ -168,7 +171,8 @@ def _gravity(status: str) -> int:
 
 def _fit(evidence: Evidence, runs: Runs, figures: Figures) -> list[Finding]:
     y = evidence.record.y[evidence.newest]
-    figures["fit"] = fit = fit_percent(y, y - runs.error)
+    used = evidence.used[evidence.newest]
+    figures["fit"] = fit = fit_percent(np.where(used, y, np.nan), y - runs.error)
     figures["whiteness"] = whiteness(runs.error)
     if fit >= POOREST_FIT:
         return []
@@ -213,10 +217,14 @@ class Part:
     def of(cls, evidence: Evidence, run: ModelRun, rows: slice, surplus: float) -> Part:
         """Test a run over ``rows``."""
         found = unexplained(run, rows, evidence.dt, surplus)
-        output, error = float(np.var(evidence.record.y[rows])), float(np.var(run.error[rows]))
+        used = evidence.used[rows]
+        if not used.any():
+            return cls(0.0, 0.0, 0.0)
+        output, error = float(np.var(evidence.record.y[rows][used])), float(np.var(run.error[rows][used]))
         power = max(output, float(np.finfo(float).tiny))
         # as Python's numbers, which become infinite without a warning where the output stands still
-        return cls(min(float(found.power), error) / power, float(found.doubt) / power, found.statistic)
+        share = float(used.mean())  # samples that were bridged leave nothing, and are counted by neither side
+        return cls(min(float(found.power) / share, error) / power, float(found.doubt) / share / power, found.statistic)
 
     @property
     def is_sure(self) -> bool:

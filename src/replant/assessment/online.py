@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.arguments import BoolArray, FloatArray
 from replant.assessment import sensor
 from replant.assessment.estimate import MOST_UNCERTAIN
 from replant.assessment.evidence import Evidence
@@ -17,6 +17,7 @@ from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import SHORTEST_STEP, State
 from replant.kernels.schema import PAST, Doubt
 from replant.settings import Request, Settings
+from replant.statistics.linear_algebra import quiet
 
 STUCK_LATELY = 200  # samples since the sensor was stuck, within which it is not relied on
 MOST_IRREGULAR = 5000  # samples looked at where each interval costs a discretisation of its own
@@ -57,14 +58,15 @@ def assess_starting(request: Request, held: Sequence[tuple[float, float, float]]
     return Assessment(*conclude(findings, ""), samples=u.size)
 
 
+@quiet
 def evidence_of(state: State, settings: Settings) -> Evidence:
     """Return the evidence that a state holds."""
     dt, size, origin, samples = settings.dt, settings.structure.size, state.record_began, state.samples
-    kept = RecentSamples.of(state).cleaned()
-    # the newest one at the least, where the record begins anew just now
-    kept = kept[-max(samples - max(origin, state.gap_at), 1) :]
-    record = kept.since_last_gap(dt).record(dt, settings.filter.input_hold)
+    in_use = _in_use(RecentSamples.of(state).cleaned(), state)
+    kept = in_use.since_last_gap(dt)
+    record = kept.without_stuck().record(dt, settings.filter.input_hold)
     record = record if record.intervals.size == 1 else record.last(MOST_IRREGULAR)
+    newest = kept[len(kept) - record.u.size :]
     learned, earlier = earlier_estimate(state, size)
     known = covariance(state, settings)
     return Evidence(
@@ -84,10 +86,24 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         largest_power=state.largest_power,
         grown=samples - state.change_began if state.alarm else 0,
         unsettled=_unsettled(state, settings, known),
-        missing=_missing(kept),
+        missing=_missing(in_use),
         stuck=state.stuck_outputs > 0 and samples - state.stuck_last < STUCK_LATELY,
-        usual_interval=float(np.median(kept.interval[1:])) if len(kept) > 1 else 0.0,
+        usual_interval=float(np.median(in_use.interval[1:])) if len(in_use) > 1 else 0.0,
+        measured=newest.output.copy(),
+        bridged=newest.is_stuck,
     )
+
+
+def judged(state: State, dt: float) -> BoolArray:
+    """Return which of the raw samples kept (K,) the verdict stands on: since the last interruption, and not bridged."""
+    kept = RecentSamples.of(state)
+    used = _in_use(kept, state).since_last_gap(dt)
+    return np.asarray((np.arange(len(kept)) >= len(kept) - len(used)) & ~kept.is_bridged)
+
+
+def _in_use(kept: RecentSamples, state: State) -> RecentSamples:
+    """Return the raw samples since the record began anew: the newest one at the least."""
+    return kept[-max(state.samples - max(state.record_began, state.gap_at), 1) :]
 
 
 def _missing(kept: RecentSamples) -> int:

@@ -9,9 +9,11 @@ from replant.engine.state import State
 from replant.settings import Settings
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.batch_means import no_less_than_scattered, rows_of
+from replant.statistics.linear_algebra import quiet
 from replant.statistics.udu import compose, larger
 
 
+@quiet
 def covariance(state: State, settings: Settings) -> FloatArray:
     """Return the covariance (P, P) of the estimate in physical units; NaN where no honest one is known.
 
@@ -30,6 +32,7 @@ def covariance(state: State, settings: Settings) -> FloatArray:
     return np.asarray(physical[:size, :size])
 
 
+@quiet
 def slowness(state: State, settings: Settings) -> float:
     """Return how many times wider the estimate scatters than the residual's power and colour make it.
 
@@ -94,7 +97,7 @@ def _of_buffer(state: State) -> FloatArray:
     phi, target = rows[:, :size], rows[:, size]
     zeta = rows[:, size + 2 :] * rows[:, size + 1 : size + 2]
     cross = zeta.T @ phi
-    if not np.linalg.cond(cross) < 1.0 / np.finfo(float).eps:
+    if not (np.isfinite(cross).all() and np.linalg.cond(cross) < 1.0 / np.finfo(float).eps):
         return unknown
     inverse = np.linalg.inv(cross)
     solution = inverse @ (zeta.T @ target)

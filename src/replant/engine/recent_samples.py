@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.arguments import BoolArray, FloatArray
 from replant.engine.record import Record
 from replant.engine.state import GAP, State
 from replant.kernels.schema import BRIDGED, DOUBTED, INPUT, OUTPUT, STEP, Doubt
@@ -79,6 +79,16 @@ class RecentSamples:
         return bool(self.values.shape[1] > DOUBTED)
 
     @property
+    def is_bridged(self) -> BoolArray:
+        """Whether the output of each sample was bridged."""
+        return self.doubt > Doubt.NONE if self.are_examined else np.zeros(len(self), bool)
+
+    @property
+    def is_stuck(self) -> BoolArray:
+        """Whether the output of each sample is that of a stuck sensor."""
+        return self.doubt == Doubt.STUCK if self.are_examined else np.zeros(len(self), bool)
+
+    @property
     def doubted(self) -> float:
         """Share of the samples whose output was bridged."""
         return float((self.doubt > 0).mean())
@@ -97,6 +107,14 @@ class RecentSamples:
         for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
             if run.size <= LONELY:
                 copy.output[run] = self.bridged[run]
+        return copy
+
+    def without_stuck(self) -> RecentSamples:
+        """Return them with the output of a stuck sensor as the filters saw it: it says nothing of a model."""
+        if not self.is_stuck.any():
+            return self
+        copy = RecentSamples(self.values.copy())
+        copy.output[self.is_stuck] = self.bridged[self.is_stuck]
         return copy
 
     def since_last_gap(self, dt: float) -> RecentSamples:

@@ -9,6 +9,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.model.structure import Structure
 from replant.regressor.preprocess import Preprocess, centre, screen
+from replant.statistics.linear_algebra import quiet
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +52,7 @@ class Record:
         return self.span / (self.u.size - 1)
 
 
+@quiet
 def ready_record(
     structure: Structure,
     dt: float,

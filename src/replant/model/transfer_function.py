@@ -24,6 +24,7 @@ from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.interop import systems
 from replant.model import state_space
 from replant.model.dead_time import split_delay
+from replant.statistics.linear_algebra import quiet, roots
 
 
 @dataclass(frozen=True)
@@ -110,12 +111,12 @@ class TransferFunction:
     @property
     def poles(self) -> npt.NDArray[np.complex128]:
         """Roots of ``den``, in rad/s."""
-        return np.roots(self.den).astype(np.complex128)
+        return roots(self.den)
 
     @property
     def zeros(self) -> npt.NDArray[np.complex128]:
         """Roots of ``num``, in rad/s."""
-        return np.roots(self.num).astype(np.complex128)
+        return roots(self.num)
 
     @property
     def dc_gain(self) -> float:
@@ -135,6 +136,7 @@ class TransferFunction:
         upper = [pole for pole in self.poles.tolist() if pole.imag >= 0]
         return tuple(_mode(pole) for pole in sorted(upper, key=abs))
 
+    @quiet
     def response(self, frequency: Sequence[float] | FloatArray) -> npt.NDArray[np.complex128]:
         """Return G(i omega) at each ``frequency`` omega in rad/s, shape as given; not finite at a pole.
 
@@ -144,10 +146,10 @@ class TransferFunction:
         array([1.    , 0.7071])
         """
         s = 1j * array_of_reals("frequency", frequency)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            result = np.polyval(self.num, s) / np.polyval(self.den, s) * np.exp(-s * self.delay)
+        result = np.polyval(self.num, s) / np.polyval(self.den, s) * np.exp(-s * self.delay)
         return np.asarray(result, np.complex128)
 
+    @quiet
     def simulate(self, u: Sequence[float] | FloatArray, dt: float, *, input_hold: str = "zoh") -> FloatArray:
         """Return the output (K,) for the sampled input ``u`` (K,), exact for the hold, from rest.
 
@@ -189,6 +191,7 @@ class TransferFunction:
             output += self.feedthrough * _delayed(u, lag, fraction, input_hold)
         return np.asarray(output)
 
+    @quiet
     def free_responses(self, samples: int, dt: float) -> FloatArray:
         """Return the responses (K, n) to one unit of each state alone: what an initial state adds to the output."""
         dt, samples = positive("dt", dt), whole("samples", samples, 0)

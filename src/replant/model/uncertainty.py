@@ -17,6 +17,7 @@ from replant.arguments import (
 )
 from replant.model.structure import Structure
 from replant.model.transfer_function import Mode, TransferFunction
+from replant.statistics.linear_algebra import quiet
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,16 +79,19 @@ class Uncertainty:
         keep(self, "covariance", owned, (size, size))
 
     @property
+    @quiet
     def std(self) -> FloatArray:
         """Standard deviation of each parameter, (P,)."""
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0) + 0.0 * np.diag(self.covariance)))
 
     @property
+    @quiet
     def modes(self) -> tuple[UncertainMode, ...]:
         """The poles of `TransferFunction.modes`, in the same order, with their standard deviations."""
         return tuple(self._uncertain_mode(mode) for mode in self._model.modes)
 
     @property
+    @quiet
     def dc_gain_std(self) -> float:
         """Standard deviation of G(0)."""
         a0, b0 = self._model.den[-1], self._model.num[-1]
@@ -98,6 +102,7 @@ class Uncertainty:
         slope[self._last_b] = 1.0 / a0
         return _std(slope, self.covariance)
 
+    @quiet
     def response(self, frequency: Sequence[float] | FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the standard deviations of ln abs G (about: relative) and of the phase in rad, at omega in rad/s.
 

@@ -12,11 +12,13 @@ from replant.offline.least_squares import least_squares
 from replant.optimizers.optimizer import rounded
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
+from replant.statistics.linear_algebra import quiet
 
 CANDIDATES = 16  # cutoffs tried, evenly spaced in the logarithm
 MOST_SAMPLES = 20_000  # looked at for the choice
 
 
+@quiet
 def choose_filter(
     structure: Structure, dt: float, preprocess: Preprocess, u: FloatArray, y: FloatArray
 ) -> StateVariableFilter:

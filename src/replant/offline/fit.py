@@ -28,6 +28,7 @@ from replant.regressor.filters import Filter, RefinedFilter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
 from replant.settings import AUTO, Request
 from replant.statistics.autoregression import one_step
+from replant.statistics.linear_algebra import quiet
 
 METHODS = (AUTO, "srivc", "least_squares")
 
@@ -98,6 +99,7 @@ class FitResult:
         return self.structure.transfer_function(self.parameters)
 
 
+@quiet
 def fit(
     u: Any,
     y: Any,

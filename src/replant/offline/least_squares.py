@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.statistics.linear_algebra import least_norm, quiet
 
 RANK_TOLERANCE = 1e-10  # singular values of the scaled regressor below this, relative to the largest, count as zero
 
@@ -30,6 +31,7 @@ class Solution:
     condition: float
 
 
+@quiet
 def least_squares(phi: FloatArray, target: FloatArray) -> Solution:
     """Minimise ||target - phi theta|| over the rows that are finite; phi (K, P), target (K,).
 
@@ -46,6 +48,6 @@ def least_squares(phi: FloatArray, target: FloatArray) -> Solution:
     lengths[lengths == 0.0] = 1.0
     lengths *= np.linalg.norm(phi / lengths, axis=0)
     lengths[lengths == 0.0] = 1.0
-    scaled, _, rank, singular = np.linalg.lstsq(phi / lengths, target, rcond=RANK_TOLERANCE)
+    scaled, rank, singular = least_norm(phi / lengths, target, RANK_TOLERANCE)
     condition = float(singular[0] / singular[-1]) if singular.size == phi.shape[1] and singular[-1] > 0 else np.inf
-    return Solution(scaled / lengths, int(rank), condition)
+    return Solution(scaled / lengths, rank, condition)

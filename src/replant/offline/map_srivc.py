@@ -28,7 +28,8 @@ import numpy.typing as npt
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
-from replant.offline.srivc import POLISH, Pass, Problem, Refined, conclude, solve
+from replant.offline.srivc import POLISH, Pass, Problem, Refined, conclude
+from replant.statistics.linear_algebra import quiet, roots, solve
 
 STAYS, MOVES = 0.01, 1.0  # parts of its size by which a coefficient is held to be off that has stayed, or moved
 FLOOR = 0.03  # part of what its neighbours make it, as which a coefficient counts at the least
@@ -74,6 +75,7 @@ class Prior:
         return self.cost(model, done) / self.variance + logarithm + 2.0 * float(np.log(self.spread[known]).sum())
 
 
+@quiet
 def revise(
     structure: Structure, record: Record, old: FloatArray, std: FloatArray, variance: float, slowest: float
 ) -> tuple[Refined, float] | None:
@@ -119,7 +121,7 @@ def revise(
     if not converged:
         return None
     revised = conclude(problem, model, done, True, mixed.weight, mixed.weight * (mean - model))
-    return revised, float(likelihood[NONE] / likelihood.sum())
+    return None if revised is None else (revised, float(likelihood[NONE] / likelihood.sum()))
 
 
 def _suppositions(structure: Structure) -> Iterator[npt.NDArray[np.bool_]]:
@@ -143,7 +145,7 @@ def _sizes(structure: Structure, model: FloatArray) -> FloatArray:
     the poles.
     """
     n, inputs = structure.poles, structure.zeros + 1
-    poles = np.abs(np.roots(np.concatenate([[1.0], model[:n]])))
+    poles = np.abs(roots(np.concatenate([[1.0], model[:n]])))
     powers = math.exp(float(np.log(poles).mean())) ** np.arange(inputs - 1, -1, -1)
     numerator = np.abs(model[n : n + inputs])
     numerator = np.maximum(numerator, FLOOR * float((numerator * powers).max()) / powers)

@@ -28,6 +28,12 @@ from replant.kernels.schema import FIXED, LAGS, ColourSlots, PathSlots
 from replant.model.structure import Structure
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.batch_means import no_less_than_scattered, path_of_record, rows_of
+from replant.statistics.linear_algebra import (
+    eigenvalues,
+    quiet,
+    roots,
+    solve,
+)
 from replant.statistics.udu import compose, factor_information, larger
 
 CUTOFFS = 8  # of state-variable filters tried for a start, evenly spaced in the logarithm
@@ -107,8 +113,14 @@ class Refined:
         scale = np.sqrt(np.diag(covariance))
         if not (np.isfinite(scale).all() and (scale > 0).all()):
             return math.inf
-        eigenvalues = np.linalg.eigvalsh(covariance / np.outer(scale, scale))
-        return float(np.sqrt(eigenvalues[-1] / eigenvalues[0])) if eigenvalues[0] > 0 else math.inf
+        values = eigenvalues(covariance / np.outer(scale, scale))
+        return float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else math.inf
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether float64 holds the estimate and its factors; a covariance beyond it is one that is not known."""
+        parts = self.theta, self.model, self.upper, self.diagonal, self.variance
+        return all(bool(np.isfinite(part).all()) for part in parts)
 
     @property
     def acceptable(self) -> bool:
@@ -148,18 +160,18 @@ class Problem:
         magnitudes = np.abs(a) ** (1.0 / np.arange(1, a.size + 1))
         if magnitudes.max() >= a.size * self.fastest:
             return False
-        return bool(np.roots(np.concatenate([[1.0], a])).real.max() < -self.slowest)
+        return bool(roots(np.concatenate([[1.0], a])).real.max() < -self.slowest)
 
     def project(self, a: FloatArray) -> FloatArray:
         """Return ``a`` with unstable poles reflected, and each pole within the margins."""
         if self.is_usable(a):
             return a
-        if not np.isfinite(a).all():
+        poles = roots(np.concatenate([[1.0], a]))
+        if not np.isfinite(poles).all():
             return np.asarray(np.poly(np.full(a.size, -math.sqrt(self.slowest * self.fastest)))[1:], np.float64)
-        roots = np.roots(np.concatenate([[1.0], a]))
-        roots = np.minimum(-np.abs(roots.real), -self.slowest) + 1j * roots.imag
-        roots *= np.minimum(1.0, self.fastest / np.abs(roots))
-        return np.asarray(np.poly(roots).real[1:], np.float64)
+        poles = np.minimum(-np.abs(poles.real), -self.slowest) + 1j * poles.imag
+        poles *= np.minimum(1.0, self.fastest / np.abs(poles))
+        return np.asarray(np.poly(poles).real[1:], np.float64)
 
     def from_cutoff(self, cutoff: float) -> FloatArray | None:
         """Return the least-squares estimate behind (s + cutoff)^n, projected."""
@@ -228,6 +240,7 @@ class Problem:
         return np.concatenate([self.project(theta[:n]), theta[n:]])
 
 
+@quiet
 def refine(structure: Structure, record: Record, given: Sequence[FloatArray] = ()) -> Refined | None:
     """Return the refined instrumental-variable estimate of a record; None where no start leads anywhere.
 
@@ -257,6 +270,7 @@ def refine(structure: Structure, record: Record, given: Sequence[FloatArray] = (
     return conclude(problem, *problem.polish(model))
 
 
+@quiet
 def conclude(
     problem: Problem,
     model: FloatArray,
@@ -264,14 +278,14 @@ def conclude(
     converged: bool,
     known: FloatArray | float = 0.0,
     pull: FloatArray | float = 0.0,
-) -> Refined:
-    """Turn the last pass into an estimate with its covariance.
+) -> Refined | None:
+    """Turn the last pass into an estimate with its covariance; None where that has left float64.
 
     ``known`` is what was known before on the diagonal of sum zeta zeta', and ``pull`` that times how far it was away.
     """
     n, samples, size = problem.structure.poles, problem.record.u.size, model.size
     theta, error = model, done.error
-    if not np.any(known) and np.roots(np.concatenate([[1.0], model[:n]])).real.max() > -4.0 * problem.slowest:
+    if not np.any(known) and roots(np.concatenate([[1.0], model[:n]])).real.max() > -4.0 * problem.slowest:
         # the margin binds, as with an integrator: one free step from the projected filter is the estimate
         step = solve(done.zeta.T @ done.phi, done.zeta.T @ done.error)
         if step is not None:
@@ -289,7 +303,8 @@ def conclude(
     uncertainty = relative_uncertainty(problem.structure, model, covariance, done.phi, problem.record)
     path = path_of_record(done.zeta, error, theta, before, np.broadcast_to(pull, size))
     covariance = no_less_than_scattered(covariance, *rows_of(path, theta, np.diag(inverse)))
-    return Refined(theta, model, upper, diagonal, covariance, variance, converged, uncertainty, colour, path)
+    refined = Refined(theta, model, upper, diagonal, covariance, variance, converged, uncertainty, colour, path)
+    return refined if refined.is_finite else None
 
 
 def relative_uncertainty(
@@ -303,7 +318,7 @@ def relative_uncertainty(
     """
     n = structure.poles
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    magnitudes = np.abs(np.roots(np.concatenate([[1.0], model[:n]])))
+    magnitudes = np.abs(roots(np.concatenate([[1.0], model[:n]])))
     sizes = np.poly(-np.maximum(magnitudes, 1.0 / record.span))[1:]
     worst = float((std[:n] / np.maximum(sizes, 1e-300)).max())
     of_input = slice(n, n + structure.zeros + 1)
@@ -325,21 +340,6 @@ def _colour(zeta: FloatArray, error: FloatArray) -> tuple[ColourSlots, float]:
         colour.filtered[-age % LAGS] = filtered[-1 - age]
     colour.squares[:] = filtered.T @ filtered
     return colour, noise.power
-
-
-def solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
-    """Solve after equilibrating rows and columns; None where the matrix is singular or not finite."""
-    size = np.sqrt(np.abs(np.diag(matrix)))
-    size[~(size > 0.0)] = 1.0
-    scaled = matrix / np.outer(size, size)
-    if not (np.isfinite(scaled).all() and np.isfinite(right).all()):
-        return None
-    try:
-        solution = np.linalg.solve(scaled, right / size)
-    except np.linalg.LinAlgError:
-        return None
-    result = np.asarray(solution / size)
-    return result if np.isfinite(result).all() else None
 
 
 def first_model(structure: Structure, record: Record) -> Refined | None:

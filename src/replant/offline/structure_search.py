@@ -15,6 +15,7 @@ from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.offline.fit import FitResult, fit
 from replant.regressor.preprocess import Preprocess
+from replant.statistics.linear_algebra import quiet
 
 TRAINED = 0.7  # of the record; the rest is held out
 ENOUGH = 0.5  # points of held-out fit that more parameters must bring to be worth having
@@ -128,6 +129,7 @@ def _grid(poles: Iterable[int], zeros: Iterable[int] | None, delays: Iterable[fl
     return grid
 
 
+@quiet
 def _try(
     structure: Structure, u: FloatArray, y: FloatArray, dt: float, split: int, preprocess: Preprocess
 ) -> Candidate:

@@ -17,6 +17,7 @@ from replant.online.load_step import only_constant_moved, with_new_constant
 from replant.online.resolving import MOST_DOUBTED, clear_doubt, is_mature, restart, restart_from_prior
 from replant.settings import Settings
 from replant.simulation.model_run import run_model
+from replant.statistics.linear_algebra import quiet, roots
 from replant.statistics.projections import without
 
 # A change is believed where a model of the first two thirds of what came since leaves, of the last, at most this part
@@ -36,6 +37,7 @@ SETTLED = 10.0  # slowest time constants: an input that moves seldom must have m
 PATIENCE = 1.5  # each look takes so many times the samples of the one before
 
 
+@quiet
 def first_look(state: State, settings: Settings) -> int:
     """Return at how many accepted samples what came since an alarm is to be looked into.
 
@@ -59,6 +61,7 @@ def _note_estimate(state: State, settings: Settings) -> None:
     state.revised_from = 0
 
 
+@quiet
 def look(old: State, settings: Settings) -> tuple[State, int]:
     """Look for a model of what came since the residual has grown.
 
@@ -184,8 +187,8 @@ def _began(state: State) -> int:
 
 def _settling(state: State, settings: Settings) -> float:
     """Return how many samples the plant needs to show what it has become."""
-    denominator = np.concatenate([[1.0], (state.physical)[: settings.structure.poles]])
-    slowest = -float(np.roots(denominator).real.max())
+    denominator = np.concatenate([[1.0], state.physical[: settings.structure.poles]])
+    slowest = -float(roots(denominator).real.max())
     return SETTLED / (slowest * settings.dt) if slowest > 0.0 else math.inf
 
 

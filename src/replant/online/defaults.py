@@ -16,10 +16,12 @@ from replant.settings import (
     Request,
     Settings,
 )
+from replant.statistics.linear_algebra import quiet
 
 UNKNOWN_LENGTH = 2_000  # samples to come that an optimizer is tuned for where nobody knows better
 
 
+@quiet
 def settle(request: Request, u: FloatArray, y: FloatArray, length: int | None = None) -> Settings:
     """Return definite settings, what is "auto" chosen from a record of raw input and output (K,).
 

@@ -11,6 +11,7 @@ from replant.engine.record import Record
 from replant.engine.state import State
 from replant.offline.srivc import FASTEST, SLOWEST, Refined
 from replant.settings import Settings
+from replant.statistics.linear_algebra import quiet
 from replant.statistics.udu import compose, factor_covariance
 
 LIMIT = 50.0  # usual variances by which the residual must have exceeded what is no growth, summed, to be looked into
@@ -18,6 +19,7 @@ SHORTEST_MEMORY = 100  # samples of an input that stands still, before which it 
 ROOM = 1e6  # how far forgetting may let the variances grow beyond those of the start-up
 
 
+@quiet
 def initialize(state: State, settings: Settings, refined: Refined, record: Record) -> None:
     """Begin at a refined estimate: it makes the instruments, and its parameters and covariance are the start."""
     entries, rate = state.entries, _rates(state, settings)

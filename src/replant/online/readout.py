@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.arguments import BoolArray, FloatArray
 from replant.assessment import Assessment, assess_running, assess_starting
+from replant.assessment.online import judged
 from replant.engine.covariance import covariance
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import REASONS, State
@@ -106,6 +107,20 @@ class Estimate:
         rest = self._settings.preprocess
         kept = RecentSamples.of(self._state).values[:, :3]
         return np.asarray(kept + np.array([float(rest.input_offset), float(rest.output_offset), 0.0]))
+
+    @property
+    def judged(self) -> BoolArray:
+        """Which samples of `recent` (K,) the verdict stands on: since the last interruption, and not bridged."""
+        if self._settings is None:
+            return np.ones(len(self._held), bool)
+        return judged(self._state, self.dt)
+
+    @property
+    def bridged(self) -> BoolArray:
+        """Which samples of `recent` (K,) were bridged: outliers, and outputs of a sensor that was stuck."""
+        if self._settings is None:
+            return np.zeros(len(self._held), bool)
+        return RecentSamples.of(self._state).is_bridged
 
     @property
     def status(self) -> str:

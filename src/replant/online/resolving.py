@@ -14,6 +14,7 @@ from replant.offline.srivc import Refined, refine
 from replant.online.initialization import initialize
 from replant.online.startup import carry_over, warm_up
 from replant.settings import Settings
+from replant.statistics.linear_algebra import quiet
 
 REGULAR = np.zeros(0)  # the time stamps of a regular clock
 MOST_DOUBTED = 0.05  # share of bridged samples up to which a record is one
@@ -31,6 +32,7 @@ def next_solution(state: State, settings: Settings) -> int:
     return origin + due if remembers_all and settings.filter.follows_estimate and due <= RECENT else 0
 
 
+@quiet
 def solve_again(old: State, settings: Settings) -> State | None:
     """Return the state after solving the record so far as a whole, from the present estimate.
 

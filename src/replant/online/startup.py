@@ -15,6 +15,7 @@ from replant.kernels.schema import BELIEVED, FARTHEST, LEAP, MOST_EARLIER
 from replant.offline.srivc import Refined, first_model
 from replant.regressor.preprocess import screen
 from replant.settings import Request, Settings
+from replant.statistics.linear_algebra import quiet
 
 Held = tuple[float, float, float]  # a sample (u, y, t) held for start-up
 
@@ -137,6 +138,7 @@ def without_spikes(y: FloatArray) -> FloatArray:
     return np.where(gross, median, y) if gross.any() else y
 
 
+@quiet
 def modelled(settings: Settings, u: FloatArray, y: FloatArray, t: FloatArray) -> tuple[Record, Refined | None]:
     """Return held samples made ready, and their `first_model`; ``t`` is NaN where there is no stamp."""
     stamps, hold = None if np.isnan(t).any() else t, settings.filter.input_hold

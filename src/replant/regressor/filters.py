@@ -23,6 +23,7 @@ from replant.errors import InvalidArgumentError
 from replant.model import state_space
 from replant.model.dead_time import split_delay
 from replant.model.structure import Structure
+from replant.statistics.linear_algebra import roots
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +196,7 @@ class StateVariableFilter(Filter):
 
     def _check_poles(self, dt: float) -> None:
         # mapped from the continuous ones: eigenvalues of a tenfold pole would scatter by a few percent
-        s = dt * np.roots(self.polynomial(1) if self.denominator is None else self.denominator)
+        s = dt * roots(np.asarray(self.polynomial(1) if self.denominator is None else self.denominator))
         poles = (1 + (1 - self.alpha) * s) / (1 - self.alpha * s)
         if np.abs(poles).max() >= 1.0:
             limit = "" if self.alpha >= 0.5 else f"; with alpha {self.alpha:g} keep cutoff * dt below 2/(1 - 2 alpha)"
@@ -245,9 +246,9 @@ class RefinedFilter(Filter):
         dt : float
             Sampling time in s; a pole is kept at least 1e-4 / dt away from the axis.
         """
-        roots = np.roots(denominator)
-        roots = np.minimum(-np.abs(roots.real), -1e-4 / dt) + 1j * roots.imag
-        return StateVariableFilter(denominator=tuple(np.poly(roots).real.tolist()), input_hold=self.input_hold)
+        poles = roots(denominator)
+        poles = np.minimum(-np.abs(poles.real), -1e-4 / dt) + 1j * poles.imag
+        return StateVariableFilter(denominator=tuple(np.poly(poles).real.tolist()), input_hold=self.input_hold)
 
 
 #: Every filter.
@@ -261,6 +262,6 @@ def _denominator(name: str, value: Sequence[float]) -> tuple[float, ...]:
         raise InvalidArgumentError(f"{name} must be monic, of order 1 or more, got {list(polynomial[:12])}")
     if len(polynomial) > Structure.MOST_POLES + 1:
         raise InvalidArgumentError(f"{name} must be of order {Structure.MOST_POLES} at most, got {len(polynomial) - 1}")
-    if not np.roots(polynomial).real.max() < 0.0:
+    if not roots(np.array(polynomial)).real.max() < 0.0:
         raise InvalidArgumentError(f"{name} must have all roots left of the axis: {list(polynomial)}")
     return polynomial

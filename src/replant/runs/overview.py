@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.arguments import BoolArray, FloatArray
 from replant.runs.thinning import Thinned, Thinner
 
 POINTS = 36_000  # of each signal at most: a screen is 2,000 columns wide, so nine-fold zoom loses nothing
@@ -52,15 +52,15 @@ class Recorder:
         self._kept: list[tuple[FloatArray, FloatArray, FloatArray]] = []
         self._thinners = [Thinner(length, POINTS) for _ in range(4)] if self._newest < length else []
 
-    def take(self, u: FloatArray, y: FloatArray, modelled: FloatArray) -> None:
-        """Take the next samples (K,): input, measured and modelled output."""
+    def take(self, u: FloatArray, y: FloatArray, modelled: FloatArray, used: BoolArray | np.bool_ = np.True_) -> None:
+        """Take the next samples (K,): input, measured and modelled output, and of which the residual is known."""
         self._kept.append((u, y, modelled))
         self.samples += u.size
         while sum(part[0].size for part in self._kept[1:]) >= max(self._newest, 1):
             del self._kept[0]
         if self._thinners:
             with np.errstate(over="ignore", invalid="ignore"):
-                signals = (u, y, modelled, y - modelled)
+                signals = (u, y, modelled, np.where(used, y - modelled, np.nan))
             for thinner, signal in zip(self._thinners, signals, strict=True):
                 thinner.take(signal)
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.arguments import BoolArray, FloatArray
 from replant.assessment import Simulation, Verdict, assess_record
 from replant.engine.record import ready_record
 from replant.model.structure import Structure
@@ -25,12 +25,21 @@ from replant.runs.batches import Arrays, Source, batched
 from replant.runs.overview import Overview, Recorder
 from replant.settings import LONGEST_STARTUP, Request, Settings
 from replant.simulation.score import FITTED, Score
+from replant.simulation.stretches import (
+    NONE,
+    IntArray,
+    flags_of,
+    joined,
+    stretches_of,
+)
+from replant.statistics.linear_algebra import quiet
 
-CHUNK = 1 << 14  # samples between two reports of progress
+CHUNK = 1 << 13  # samples between two reports of progress: fewer than an identifier keeps
 PIECE = 1 << 15  # samples of the second pass that are looked at together
 MOST_ROWS = 10_000  # of history kept: more than a plot can show
 SETTLED = 1_000_000  # samples looked at where choices are made from the record beforehand
 IDENTIFYING, TESTING = "identifying", "testing"  # the stages of a run
+MOST_SHADES = 1000  # stretches left out that a plot tells apart
 BANDS = 200  # times that standard deviations are taken along the way
 
 
@@ -79,6 +88,9 @@ class Result:
         Of the parameters, in their units squared, where the estimator tells it.
     overview : Overview or None
         Of a record too long to be held; the simulation then holds its newest samples alone.
+    left_out : (R, 2) array of int
+        Samples that take no part in the fits, as rows [begin, end) of the record: bridged, rejected, or without an
+        output.
     """
 
     structure: Structure
@@ -94,6 +106,19 @@ class Result:
     history: History | None = None
     covariance: FloatArray | None = None
     overview: Overview | None = None
+    left_out: IntArray = field(default_factory=NONE.copy)
+
+    def left_out_over_time(self, dt: float) -> FloatArray:
+        """Return from when to when samples take no part (L, 2), in s; those that no plot could part are joined."""
+        samples = self.overview.samples if self.overview else self.simulation.output.size
+        rows = joined(self.left_out, max(1, samples // MOST_SHADES)) - np.array([1.0, 0.0])
+        return np.asarray(dt * np.maximum(rows, 0.0))
+
+    def residual(self, y: FloatArray) -> FloatArray:
+        """Return measured output (K,), the newest of the record, less the simulated one; NaN where it takes no part."""
+        first = (self.overview.samples if self.overview else y.size) - y.size
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.where(flags_of(self.left_out, first, y.size), np.nan, y - self.simulation.output)
 
     @property
     def uncertainty(self) -> Uncertainty | None:
@@ -164,7 +189,7 @@ def run_source(
     """
     begun = time.perf_counter()
     identifier = _identifier(request, source, startup)
-    history = _History(source.samples, request.structure.size)
+    history, bridged = _History(source.samples, request.structure.size), _Bridged(identifier)
     chunk = min(CHUNK, max(1, source.samples // BANDS))
     done, stamped = 0, _needs_stamps(request, source)
     for u, y in batched(source.batches(), FITTED):
@@ -172,12 +197,14 @@ def run_source(
             piece = slice(start, start + chunk)
             t = identifier.dt * np.arange(done, done + u[piece].size) if stamped else None
             trace = identifier.update_many(u[piece], y[piece], t)
+            bridged.take(u[piece], y[piece])
             history.take(trace, identifier.uncertainty.std)
             sink(trace)
             done += len(trace)
             progress(IDENTIFYING, done)
     identifier.finish_startup()
-    return _result(identifier, request, history.history, source, begun, progress, newest)
+    bridged.note()
+    return _result(identifier, request, history.history, source, begun, progress, newest, bridged.stretches)
 
 
 def _needs_stamps(request: Request, source: Source) -> bool:
@@ -218,6 +245,39 @@ class _History:
         return History(samples, parameters, np.concatenate(self._bands))
 
 
+class _Bridged:
+    """Which samples of the record an identifier bridged, told from those that it keeps after each chunk."""
+
+    def __init__(self, identifier: Identifier) -> None:
+        self._identifier = identifier
+        self._samples = 0  # of the record, up to the last note
+        self._accepted: list[BoolArray] = []  # since then: the identifier may hold samples back
+        self._found = [NONE]
+
+    def take(self, u: FloatArray, y: FloatArray) -> None:
+        """Take the samples (K,) that the identifier has just been given."""
+        self._accepted.append(screen(self._identifier.request.preprocess.map_input(u), y)[0])
+        if self._identifier.settings is not None:
+            self.note()
+
+    def note(self) -> None:
+        """Note which of the samples since the last note were bridged; of a long start-up, the newest that are kept."""
+        accepted = np.concatenate([np.empty(0, bool), *self._accepted])
+        places, doubted = np.flatnonzero(accepted), self._identifier.bridged
+        count = min(places.size, doubted.size)
+        flags = np.zeros(accepted.size, bool)
+        flags[places[places.size - count :]] = doubted[doubted.size - count :]
+        self._found.append(stretches_of(flags, self._samples))
+        self._samples += accepted.size
+        self._accepted = []
+
+    @property
+    def stretches(self) -> IntArray:
+        """Of the whole record, (R, 2)."""
+        return np.concatenate(self._found)
+
+
+@quiet
 def _result(
     identifier: Identifier,
     request: Request,
@@ -226,21 +286,24 @@ def _result(
     begun: float,
     progress: Callable[[str, int], None],
     newest: int | None,
+    bridged: IntArray,
 ) -> Result:
     """Return the result of an online run over a record; ``begun`` is the clock at its start."""
     settings = identifier.settings
     hold = settings.filter.input_hold if settings else "zoh"
     score = Score(identifier.transfer_function, identifier.dt, hold)
     preprocess = settings.preprocess if settings else None
-    kept = Recorder(source.samples, newest)
+    kept, left_out = Recorder(source.samples, newest), [NONE]
     for u, y in _pieces(source):
         if preprocess is None:  # not one sample could be used
             preprocess = request.preprocess.resolve(u, y)
         mapped = preprocess.map_input(u)
         accepted, _ = screen(mapped, y)
-        measured = np.where(accepted, y, np.nan)
+        used = accepted & ~flags_of(bridged, kept.samples, u.size)
+        left_out.append(stretches_of(~used, kept.samples))
+        measured = np.where(used, y, np.nan)
         modelled = score.take(np.where(accepted, mapped - float(preprocess.input_offset), np.nan), measured)
-        kept.take(u, y, modelled)
+        kept.take(u, y, modelled, used)
         progress(TESTING, kept.samples)
     covariance = identifier.covariance
     return Result(
@@ -257,6 +320,7 @@ def _result(
         history,
         covariance if np.isfinite(covariance).all() else None,
         kept.overview(score.shift),
+        np.concatenate(left_out),
     )
 
 
@@ -269,6 +333,7 @@ def _pieces(source: Source) -> Iterator[tuple[FloatArray, FloatArray]]:
         yield from ((u[start : start + size], y[start : start + size]) for start in range(0, max(u.size, 1), size))
 
 
+@quiet
 def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float) -> Result:
     """Return the result of an offline fit to the record u, y; ``begun`` is the clock at its start."""
     hold = fitted.filter.input_hold
@@ -291,4 +356,5 @@ def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float)
         ),
         time.perf_counter() - begun,
         covariance=fitted.covariance,
+        left_out=stretches_of(~screen(fitted.preprocess.map_input(u), y)[0]),
     )

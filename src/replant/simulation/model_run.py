@@ -11,6 +11,7 @@ from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels.schema import LARGEST
 from replant.model.structure import Structure
+from replant.statistics.linear_algebra import quiet
 from replant.statistics.projections import without
 
 
@@ -46,6 +47,7 @@ class ModelRun:
     nuisances: FloatArray
 
 
+@quiet
 def run_model(structure: Structure, parameters: FloatArray, record: Record, dt: float) -> ModelRun | None:
     """Run a model over a record; None where it leaves float64.
 

@@ -11,6 +11,7 @@ from replant.arguments import FloatArray, vector
 from replant.errors import InvalidArgumentError
 from replant.model.transfer_function import TransferFunction
 from replant.simulation.free_run import free_run
+from replant.statistics.linear_algebra import least_norm, quiet
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,7 @@ def simulate(
     return Simulation(output, float(weights[0]), fit_percent(y, output))
 
 
+@quiet
 def initial_weights(forced: FloatArray, free: FloatArray, y: FloatArray) -> FloatArray | None:
     """Return the offset and the initial state (n + 1,) with which a run from rest fits ``y`` best; None if none does.
 
@@ -112,7 +114,9 @@ def initial_weights(forced: FloatArray, free: FloatArray, y: FloatArray) -> Floa
     lengths = np.linalg.norm(basis, axis=0)
     lengths[lengths == 0.0] = 1.0
     # a response that has died out, or that grows beyond reason, must not spoil the others: scaled columns
-    found, *_ = np.linalg.lstsq(basis / lengths, y[kept] - forced[kept], rcond=1e-12)
+    found, rank, _ = least_norm(basis / lengths, y[kept] - forced[kept], 1e-12)
+    if rank == 0:
+        return None
     weights = np.zeros(usable.size)
     weights[usable] = found / lengths
     return weights

@@ -14,6 +14,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.kernels.schema import LAGS
+from replant.statistics.linear_algebra import quiet
 
 WHITENESS_LAGS = 25
 
@@ -71,6 +72,7 @@ class Autoregression:
         return np.asarray(lfilter([1.0], self.coefficients, signals, axis=0))
 
 
+@quiet
 def one_step(residual: FloatArray) -> FloatArray:
     """Return what is left of a free run's residual (K,) once its own past has been used to predict it.
 

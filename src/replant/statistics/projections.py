@@ -41,7 +41,10 @@ def orthogonal(matrix: FloatArray) -> FloatArray:
     """Return T (P, R) with T' M T = 1 for a symmetric M of rank R; what is not there is left out."""
     if not np.isfinite(matrix).all():
         return np.zeros((len(matrix), 0))
-    values, vectors = np.linalg.eigh(matrix)
+    try:
+        values, vectors = np.linalg.eigh(matrix)
+    except np.linalg.LinAlgError:
+        return np.zeros((len(matrix), 0))
     kept = values > WEAKEST * max(float(values[-1]), np.finfo(float).tiny)
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
 

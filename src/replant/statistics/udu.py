@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.statistics.linear_algebra import quiet
 
 LEAST_PIVOT = 1e-13  # of the equilibrated information: what the data do not tell gets a large variance, not an infinite
 
 
+@quiet
 def factor_information(information: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return U (T, T), unit upper triangular, and D (T,) with U D U' = information^-1.
 
-    By Cholesky's L D L' of the equilibrated matrix, so that the units of the parameters do not matter.
+    By Cholesky's L D L' of the equilibrated matrix, so that the units of the parameters do not matter.  A direction
+    that the data do not tell has a pivot of rounding alone: it is floored, and what stands below it is taken for zero,
+    rounding as well.  Not finite where the information is not.
 
     Examples
     --------
@@ -26,15 +32,34 @@ def factor_information(information: FloatArray) -> tuple[FloatArray, FloatArray]
     rest = information / np.outer(scale, scale)
     lower, pivots = np.eye(size), np.empty(size)
     for j in range(size):
-        pivots[j] = max(rest[j, j], LEAST_PIVOT)
+        pivots[j] = np.maximum(rest[j, j], LEAST_PIVOT)
+        if rest[j, j] <= LEAST_PIVOT:
+            continue
         lower[j + 1 :, j] = rest[j + 1 :, j] / pivots[j]
         rest = rest - pivots[j] * np.outer(lower[:, j], lower[:, j]) * (np.arange(size) > j)[:, None]
     # S = C L V L' C  =>  S^-1 = C^-1 L'^-1 V^-1 L^-1 C^-1 = U D U' with U = C^-1 L'^-1 C
-    upper = np.triu(np.linalg.inv(lower).T / scale[:, None] * scale[None, :])
+    inverse = _inverse(lower, told=bool((pivots > LEAST_PIVOT).all()))
+    upper = np.triu(inverse.T / scale[:, None] * scale[None, :])
     np.fill_diagonal(upper, 1.0)
     return upper, 1.0 / (pivots * scale**2)
 
 
+def _inverse(lower: FloatArray, *, told: bool) -> FloatArray:
+    """Return the inverse of a unit lower triangular matrix (T, T).
+
+    Solved row by row it always has one.  Where the data tell every direction the general solver, which pivots, has no
+    trouble either, and its bits are those that estimates have had so far.
+    """
+    if told:
+        with contextlib.suppress(np.linalg.LinAlgError):
+            return np.asarray(np.linalg.inv(lower), np.float64)
+    inverse = np.eye(len(lower))
+    for i in range(1, len(lower)):
+        inverse[i, :i] = -lower[i, :i] @ inverse[:i, :i]
+    return inverse
+
+
+@quiet
 def compose(upper: FloatArray, diagonal: FloatArray) -> FloatArray:
     """Return U D U'.
 
@@ -47,6 +72,7 @@ def compose(upper: FloatArray, diagonal: FloatArray) -> FloatArray:
     return np.asarray((upper * diagonal) @ upper.T)
 
 
+@quiet
 def factor_covariance(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return U and D with U D U' = covariance (T, T).
 
@@ -61,12 +87,15 @@ def factor_covariance(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     rest = covariance / np.outer(scale, scale)
     upper, diagonal = np.eye(size), np.empty(size)
     for j in reversed(range(size)):
-        diagonal[j] = max(rest[j, j], LEAST_PIVOT)
+        diagonal[j] = np.maximum(rest[j, j], LEAST_PIVOT)
+        if rest[j, j] <= LEAST_PIVOT:
+            continue
         upper[:j, j] = rest[:j, j] / diagonal[j]
         rest = rest - diagonal[j] * np.outer(upper[:, j], upper[:, j]) * (np.arange(size) < j)[:, None]
     return upper * scale[:, None] / scale[None, :], diagonal * scale**2
 
 
+@quiet
 def larger(coloured: FloatArray, white: FloatArray) -> FloatArray:
     """Return the first covariance, stretched where its variances are below the second's.
 

@@ -258,7 +258,12 @@ def test_views_with_nothing_known_are_drawn(opened: Page, feed: Feed) -> None:
     feed.change = {
         **{"parameters": unknown, "std": unknown, "num": [None], "den": [None, None], "poles": [], "zeros": []},
         **{"pole_covariance": [], "dc_gain": None, "dc_gain_std": None, "simulated": None, "rate": None, "lag": None},
-        **{"window": {"t": [], "u": [], "y": [], "model": []}, "bode": nothing, "reasons": [], "verdict": "diverged"},
+        **{
+            "window": {"t": [], "u": [], "y": [], "model": [], "left_out": []},
+            "bode": nothing,
+            "reasons": [],
+            "verdict": "diverged",
+        },
         **{"history": {"t": [], "parameters": [], "std": []}, "status": "diverged", "source_state": "ended"},
     }
     feed.advance()

@@ -308,3 +308,14 @@ def test_without_uplot_it_says_what_to_install(plain, tmp_path, monkeypatch) -> 
     monkeypatch.setattr(module.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(MissingDependencyError, match=r"replant\[report\]"):
         write_report(tmp_path / "report.html", plain.result, plain.log)
+
+
+def test_plots_over_time_know_what_is_left_out(uncertain) -> None:
+    from replant.report.html.material import Material
+    from replant.report.html.plot_data import charts
+
+    result = dataclasses.replace(uncertain.result, left_out=np.array([[10, 30]]))
+    found = charts(Material(result, uncertain.log, result.settings.filter, rp.Preprocess()))
+    dt = uncertain.log.dt
+    for chart in found["fit"]:
+        assert chart["left_out"] == [[pytest.approx(9 * dt), pytest.approx(30 * dt)]]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.arguments import BoolArray, FloatArray
 from replant.assessment import simulate
 from replant.live.observer.history import History
 from replant.live.observer.view import (
@@ -20,6 +20,7 @@ from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.online.identifier import Identifier
 from replant.runs.thinning import thin
+from replant.simulation.stretches import joined, stretches_of
 
 POINTS = 1000  # of the window: more than its picture has columns
 FREQUENCIES = 200
@@ -108,23 +109,33 @@ def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str
 def _window(identifier: Identifier, model: TransferFunction | None, at: float) -> tuple[Window, float]:
     """Return the newest samples with the model's output, and the fit between them in percent."""
     u, y, intervals = identifier.recent.T
+    judged = identifier.judged
     regular = bool((np.abs(intervals[1:] - identifier.dt) <= 1e-6 * identifier.dt).all())
     if not regular:
         u, y, intervals = (signal[-LONGEST_IRREGULAR:] for signal in (u, y, intervals))
+        judged = judged[-LONGEST_IRREGULAR:]
     t = at - (intervals.sum() - np.cumsum(intervals))
     output, fit = np.full(u.size, np.nan), math.nan
-    if model is not None and u.size > 1:
+    if model is not None and judged.any():
         settings = identifier.settings
         assert settings is not None
         stamps = None if regular else t
+        known = np.where(judged, y, np.nan)
         with np.errstate(all="ignore"):
-            run = simulate(model, u, y, identifier.dt, input_hold=settings.filter.input_hold, t=stamps)
+            run = simulate(model, u, known, identifier.dt, input_hold=settings.filter.input_hold, t=stamps)
         output, fit = run.output, run.fit
+    left_out = _left_out(t, judged)
     if u.size > POINTS:
         width = -(-u.size // (POINTS // 2))
         places = np.minimum(np.arange(0, 2 * -(-u.size // width)) * width // 2 + width // 4, u.size - 1)
         t, u, y, output = t[places], *(thin(signal, POINTS).values for signal in (u, y, output))
-    return Window(t, u, y, output), fit
+    return Window(t, u, y, output, left_out), fit
+
+
+def _left_out(t: FloatArray, judged: BoolArray) -> FloatArray:
+    """Return from when to when samples are left out (L, 2): each from the sample before it."""
+    rows = joined(stretches_of(~judged), max(1, t.size // POINTS))
+    return np.column_stack([t[np.maximum(rows[:, 0] - 1, 0)], t[np.minimum(rows[:, 1], t.size) - 1]])
 
 
 def _bode(model: TransferFunction | None, uncertainty: Uncertainty, dt: float) -> Bode:

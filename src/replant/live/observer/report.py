@@ -14,6 +14,7 @@ from replant.errors import ReplantError
 from replant.live.observer.view import View
 from replant.online.identifier import Identifier
 from replant.runs.run import History, Result
+from replant.simulation.stretches import stretches_of
 from replant.statistics.autoregression import one_step
 
 
@@ -46,6 +47,8 @@ def _result(identifier: Identifier, view: View) -> Result:
     settings = identifier.settings
     assert settings is not None
     u, y, _ = identifier.recent.T.copy()
+    judged = identifier.judged
+    y = np.where(judged, y, np.nan)
     seen = dataclasses.replace(settings, preprocess=dataclasses.replace(settings.preprocess, input_map="identity"))
     simulation = simulate(
         identifier.transfer_function, u - float(settings.preprocess.input_offset), y, identifier.dt,
@@ -70,4 +73,5 @@ def _result(identifier: Identifier, view: View) -> Result:
         seen,
         History(samples[known], rows.parameters[known], rows.std[known]),
         covariance if np.isfinite(covariance).all() else None,
+        left_out=stretches_of(~judged),
     )

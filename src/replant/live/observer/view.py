@@ -50,12 +50,16 @@ class Window:
     ----------
     t, u, y, model : (V,) arrays
         Rig time in s; input behind its map, measured and modelled output, in their units; NaN where unknown.
+    left_out : (L, 2) array
+        From when to when, in rig time, samples take no part in verdict, fit and offset: bridged, or before the last
+        interruption.
     """
 
     t: FloatArray
     u: FloatArray
     y: FloatArray
     model: FloatArray
+    left_out: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +130,8 @@ class View:
     verdict : str
     reasons : tuple of str
     simulated : float
-        Fit in percent over the window, the model run from the input alone.
+        Fit in percent over the window, the model run from the input alone: over the samples that the verdict stands
+        on.
     window : Window
     bode : Bode
     history : Rows

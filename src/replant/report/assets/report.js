@@ -109,11 +109,32 @@
     return value;
   });
 
+  // what takes no part in fit and offset, behind the curves
+  const shade = plan => chart => {
+    const { ctx, bbox } = chart, [low, high] = [bbox.left, bbox.left + bbox.width];
+    ctx.save();
+    ctx.fillStyle = colour("shade");
+    for (const [begin, end] of plan.left_out) {
+      const from = Math.max(chart.valToPos(begin, "x", true), low), to = Math.min(chart.valToPos(end, "x", true), high);
+      if (to > low && from < high) ctx.fillRect(from, bbox.top, Math.max(to - from, devicePixelRatio), bbox.height);
+    }
+    ctx.restore();
+  };
+
+  const explain = (plan, legend) => {
+    if (!plan.left_out?.length || plan.curves.length < 2) return;
+    const item = document.createElement("span"), swatch = document.createElement("i");
+    swatch.className = "shade";
+    item.append(swatch, "left out");
+    legend.append(item);
+  };
+
   const build = plan => {
     const room = document.getElementById(plan.name);
     const { data, drawn, bands } = assemble(plan);
     const decades = plan.curves[0].kind === "decades";
-    const values = key(plan, room.parentElement.querySelector(".legend"));
+    const legend = room.parentElement.querySelector(".legend"), values = key(plan, legend);
+    explain(plan, legend);
     const axis = { stroke: () => colour("muted"), font: "12px system-ui, sans-serif", ticks: { show: false },
       grid: { stroke: () => colour("grid"), width: 1 } };
     const chart = new uPlot({
@@ -131,6 +152,7 @@
         sync: { key: "time", scales: ["x", null], filters: { pub: type => type !== "mousedown" && type !== "mouseup" } },
       },
       hooks: {
+        drawClear: plan.left_out ? [shade(plan)] : [],
         setSelect: [chart => {
           const { left, width } = chart.select;
           if (width > 0) show(chart.posToVal(left, "x"), chart.posToVal(left + width, "x"));

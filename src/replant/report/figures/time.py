@@ -26,7 +26,7 @@ def draw_fit(
     input_label: str = "input",
     output_label: str = "output",
 ) -> Any:
-    """Draw input, measured and simulated output, and their difference, over time.
+    """Draw input, measured and simulated output, and their difference, over time; what takes no part is shaded.
 
     Parameters
     ----------
@@ -53,11 +53,14 @@ def draw_fit(
             f"u and y must be the record of the result, {model.size} samples long, got {u.size} and {y.size}"
         )
     drawn_u, measured, modelled, residual = _shown(result, u, y)
+    left_out = result.left_out_over_time(dt)
+    for axis in (top, middle, bottom):
+        _shade(axis, left_out)
     _curve(top, drawn_u, dt, color=style.INPUT, lw=0.9)
     _curve(middle, measured, dt, color=style.MEASURED, lw=2.2, label="measured")
     _curve(middle, modelled, dt, color=style.MODEL, lw=1.0, label="model, from the input alone")
     middle.set_ylim(*style.output_limits(measured.values, modelled.values))
-    style.legend(middle, 2)
+    style.legend(middle, 3)
     _curve(bottom, residual, dt, color=style.RESIDUAL, lw=0.8)
     bottom.set_ylim(*style.residual_limits(residual.values, measured.values))
     unit = style.unit_of(output_label)
@@ -78,7 +81,7 @@ def _shown(result: Result, u: FloatArray, y: FloatArray) -> list[Thinned]:
     """Return input, measured and simulated output, and their difference, as they are drawn."""
     shown, model = result.overview, result.simulation.output
     if shown is None:
-        return [thin(signal, style.SHOWN) for signal in (u, y, model, _difference(y, model))]
+        return [thin(signal, style.SHOWN) for signal in (u, y, model, result.residual(y))]
     return [signal.again(style.SHOWN) for signal in (shown.input, shown.output, shown.model, shown.residual)]
 
 
@@ -207,6 +210,9 @@ def _curve(axis: Any, drawn: Thinned, dt: float, **look: Any) -> None:
     axis.plot(drawn.times(dt), drawn.values, **look)
 
 
-def _difference(y: FloatArray, model: FloatArray) -> FloatArray:
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray(y - model)
+def _shade(axis: Any, left_out: FloatArray) -> None:
+    """Shade from when to when samples take no part (L, 2)."""
+    if len(left_out):
+        spans = [(begin, end - begin) for begin, end in left_out.tolist()]
+        axis.broken_barh(spans, (0.0, 1.0), transform=axis.get_xaxis_transform(), color=style.MUTED, alpha=0.22, lw=0,
+                         label="left out", zorder=0)  # fmt: skip

@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
-import numpy as np
-
 from replant.arguments import FloatArray
 from replant.data.logs import Log
 from replant.errors import ReplantError
@@ -111,9 +109,8 @@ class Material:
 
     @cached_property
     def residual(self) -> FloatArray:
-        """Measured less simulated output, (K,)."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(self.y - self.result.simulation.output)
+        """Measured less simulated output, (K,); NaN where the sample takes no part."""
+        return self.result.residual(self.y)
 
     @cached_property
     def correlations(self) -> Correlations | None:

@@ -51,7 +51,8 @@ def _fit_charts(material: Material) -> list[dict[str, Any]]:
     drawn = within_reason(residual, limits)
     curves = [_curve(drawn, "residual", "measured − model")]
     charts.append(_chart("residual", name, 140, step, curves, limits, start))
-    return charts
+    left_out = material.result.left_out_over_time(material.dt).tolist()
+    return [chart | {"left_out": left_out} for chart in charts]
 
 
 def _parameter_charts(material: Material) -> list[dict[str, Any]]:

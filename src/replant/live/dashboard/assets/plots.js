@@ -11,7 +11,7 @@ let palette = {};
 /** Read the colours of the style sheet again, as after a change from light to dark. */
 export function readColours() {
   const style = getComputedStyle(document.documentElement);
-  for (const role of ["ink", "muted", "grid", "measured", "model", "input", "residual", "accent"]) {
+  for (const role of ["ink", "muted", "grid", "measured", "model", "input", "residual", "accent", "shade"]) {
     palette[role] = style.getPropertyValue("--" + role).trim();
   }
 }
@@ -50,11 +50,23 @@ const edge = () => ({ stroke: "transparent", width: 0, points: { show: false } }
 const axis = more => ({ stroke: () => colour("muted"), font: FONT, gap: 4, ticks: { show: false },
   grid: { stroke: () => colour("grid"), width: 1 }, ...more });
 
+/** Shade what takes no part in verdict, fit and offset, behind the curves. */
+function shade({ ctx, bbox, valToPos }, spans) {
+  ctx.save();
+  ctx.fillStyle = colour("shade");
+  for (const [begin, end] of spans) {
+    const from = Math.max(valToPos(begin, "x", true), bbox.left), to = Math.min(valToPos(end, "x", true), bbox.left + bbox.width);
+    if (to > bbox.left && from < bbox.left + bbox.width) ctx.fillRect(from, bbox.top, Math.max(to - from, devicePixelRatio), bbox.height);
+  }
+  ctx.restore();
+}
+
 /**
  * A uPlot in a room of the page whose size the style sheet sets.
+ * leftOut(): from when to when samples take no part, which is shaded;
  * limits(): [x, y] limits as of now; read(i): writes the values at index i, or the newest for null, into the legend.
  */
-function chart(room, { series, bands = [], x, y, limits, cursor, read, log = false }) {
+function chart(room, { series, bands = [], x, y, limits, cursor, read, log = false, leftOut = () => [] }) {
   const plot = new uPlot({
     width: room.clientWidth, height: room.clientHeight, legend: { show: false }, padding: [6, 18, 0, 0],
     scales: {
@@ -64,7 +76,7 @@ function chart(room, { series, bands = [], x, y, limits, cursor, read, log = fal
     axes: [axis({ size: 22, space: 60, ...x }), axis({ size: 50, space: 26, ...y })],
     series: [{}, ...series], bands,
     cursor: { y: false, drag: { x: false, y: false }, points: { size: 5 }, ...(cursor ? { sync: { key: cursor, scales: ["x", null] } } : {}) },
-    hooks: { setCursor: [plot => read(plot.cursor.idx ?? null)] },
+    hooks: { setCursor: [plot => read(plot.cursor.idx ?? null)], drawClear: [plot => shade(plot, leftOut())] },
   }, [[], ...series.map(() => [])], room);
   new ResizeObserver(() => {
     const { clientWidth: width, clientHeight: height } = room;
@@ -103,20 +115,21 @@ const ticksOf = format => (_, ticks) => ticks.map(format);
 /** Measured and simulated output, and the input, over the newest samples; time counts back from the newest. */
 export function timePlots() {
   const say = { output: legend(document.querySelector('[data-for="output"]'), [{ role: "measured", label: "measured", kind: "thick" },
-    { role: "model", label: "simulated" }]),
+    { role: "model", label: "simulated" }, { role: "shade", label: "left out", kind: "shade" }]),
     input: legend(document.querySelector('[data-for="input"]'), [{ role: "input", label: "" }]) };
+  const shadeKey = document.querySelector('[data-for="output"] i.shade').parentElement;
   const fit = { output: steady(), input: steady() };
-  let span = 1, at = { output: [0, 1], input: [0, 1] }, shown = [[], [], [], []];
+  let span = 1, at = { output: [0, 1], input: [0, 1] }, shown = [[], [], [], []], leftOut = [];
   const newest = (column, i) => number(column[i ?? column.length - 1], 4);
   const output = chart(document.getElementById("output"), {
     series: [line("measured", { width: 2.25 }), line("model", { width: 1.75 })],
     x: { size: 6, values: (_, ticks) => ticks.map(() => "") }, y: { values: ticksOf(tick) }, cursor: "time",
-    limits: () => [[-span, 0], at.output], read: i => say.output(newest(shown[2], i), newest(shown[3], i)),
+    limits: () => [[-span, 0], at.output], leftOut: () => leftOut, read: i => say.output(newest(shown[2], i), newest(shown[3], i)),
   });
   const input = chart(document.getElementById("input"), {
     series: [line("input", { width: 1.25, paths: uPlot.paths.stepped({ align: 1 }) })],
     x: { incrs: TIMES, values: (_, ticks) => ticks.map(t => (t ? timeLabel(t, 0) : "now")) }, y: { values: ticksOf(tick) },
-    cursor: "time", limits: () => [[-span, 0], at.input], read: i => say.input(newest(shown[1], i)),
+    cursor: "time", limits: () => [[-span, 0], at.input], leftOut: () => leftOut, read: i => say.input(newest(shown[1], i)),
   });
   return {
     charts: [output, input],
@@ -124,6 +137,8 @@ export function timePlots() {
       const end = window.t.at(-1) ?? 0, t = window.t.map(value => value - end), length = t.length ? -t[0] : 1;
       span = SPANS.find(candidate => candidate >= 0.97 * length) ?? length;
       shown = [t, window.u, window.y, window.model];
+      leftOut = (window.left_out ?? []).map(stretch => stretch.map(value => value - end));
+      shadeKey.hidden = !leftOut.length;
       const [low, high] = extent(window.y), all = extent(window.y, window.model), room = 0.5 * (high - low);
       // a model that runs away leaves the picture: what was measured stays to be seen
       at.output = low === null ? fit.output(...all) : fit.output(Math.max(all[0], low - room), Math.min(all[1], high + room));

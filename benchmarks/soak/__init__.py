@@ -1,0 +1,1 @@
+"""Long runs: hours of rig time with faults, and a day through a session."""

@@ -1,0 +1,55 @@
+"""Stretches of samples that take no part, as rows [begin, end): bridged, rejected, or before an interruption."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from replant.arguments import BoolArray
+
+IntArray = npt.NDArray[np.int64]
+
+NONE: IntArray = np.zeros((0, 2), np.int64)
+
+
+def stretches_of(flags: BoolArray, first: int = 0) -> IntArray:
+    """Return where flags (K,) are set, as rows [begin, end) (R, 2); the first flag is that of sample ``first``.
+
+    Examples
+    --------
+    >>> stretches_of(np.array([False, True, True, False, True]), first=10).tolist()
+    [[11, 13], [14, 15]]
+    """
+    edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0))
+    return np.asarray(first + edges.reshape(-1, 2), np.int64)
+
+
+def flags_of(stretches: IntArray, first: int, samples: int) -> BoolArray:
+    """Return which of so many samples from ``first`` on lie in stretches (R, 2), in ascending order.
+
+    Examples
+    --------
+    >>> flags_of(np.array([[11, 13], [14, 15]]), 12, 4).tolist()
+    [True, False, True, False]
+    """
+    begin, end = np.searchsorted(stretches[:, 1], first, "right"), np.searchsorted(stretches[:, 0], first + samples)
+    flags = np.zeros(samples, bool)
+    for low, high in np.clip(stretches[begin:end] - first, 0, samples).tolist():
+        flags[low:high] = True
+    return flags
+
+
+def joined(stretches: IntArray, apart: int) -> IntArray:
+    """Return stretches (R, 2) in ascending order, those that are at most ``apart`` samples apart made one: for a plot.
+
+    Examples
+    --------
+    >>> joined(np.array([[1, 2], [3, 4], [9, 10]]), 1).tolist()
+    [[1, 4], [9, 10]]
+    """
+    if not len(stretches):
+        return NONE
+    new = np.flatnonzero(stretches[1:, 0] - np.maximum.accumulate(stretches[:-1, 1]) > apart)
+    begins = stretches[np.concatenate([[0], new + 1]), 0]
+    ends = np.maximum.accumulate(stretches[:, 1])[np.concatenate([new, [len(stretches) - 1]])]
+    return np.column_stack([begins, ends])

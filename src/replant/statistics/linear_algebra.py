@@ -1,0 +1,109 @@
+"""Linear algebra on whatever a record makes: what has no answer is NaN or None, never LAPACK's exception or a warning.
+
+A record may be constant, of 1e300 in size, or explained by half of the poles asked for.  Then matrices are singular,
+sums leave float64, and iterations do not converge.  That is an answer too: no model.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from replant.arguments import FloatArray
+
+#: Around numerics whose results are looked at afterwards: a number that has left float64 is found there.
+quiet = np.errstate(over="ignore", divide="ignore", invalid="ignore")
+
+
+@quiet
+def roots(polynomial: FloatArray) -> npt.NDArray[np.complex128]:
+    """Return the roots of a polynomial in descending powers; NaN where float64 does not hold them.
+
+    Examples
+    --------
+    >>> roots(np.array([1.0, 3.0, 2.0])).real, roots(np.array([1e-300, 1e300]))
+    (array([-2., -1.]), array([nan+nanj]))
+    """
+    try:
+        return np.roots(polynomial).astype(np.complex128)
+    except np.linalg.LinAlgError:
+        return np.full(np.trim_zeros(polynomial, "f").size - 1, complex(np.nan, np.nan))
+
+
+@quiet
+def eigenvalues(symmetric: FloatArray) -> FloatArray:
+    """Return the eigenvalues (T,) of a symmetric matrix, ascending; NaN where it has none.
+
+    Examples
+    --------
+    >>> eigenvalues(np.diag([2.0, 1.0])), eigenvalues(np.array([[np.inf]]))
+    (array([1., 2.]), array([nan]))
+    """
+    if not np.isfinite(symmetric).all():
+        return np.full(len(symmetric), np.nan)
+    try:
+        return np.asarray(np.linalg.eigvalsh(symmetric))
+    except np.linalg.LinAlgError:
+        return np.full(len(symmetric), np.nan)
+
+
+@quiet
+def solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
+    """Solve after equilibrating rows and columns; None where the matrix is singular or not finite.
+
+    Examples
+    --------
+    >>> solve(np.array([[2.0, 0.0], [0.0, 4.0]]), np.array([1.0, 1.0])), solve(np.zeros((1, 1)), np.ones(1))
+    (array([0.5 , 0.25]), None)
+    """
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    size[~(size > 0.0)] = 1.0
+    scaled = matrix / np.outer(size, size)
+    if not (np.isfinite(scaled).all() and np.isfinite(right).all()):
+        return None
+    try:
+        solution = np.linalg.solve(scaled, right / size)
+    except np.linalg.LinAlgError:
+        return None
+    result = np.asarray(solution / size)
+    return result if np.isfinite(result).all() else None
+
+
+@quiet
+def least_norm(columns: FloatArray, target: FloatArray, tolerance: float) -> tuple[FloatArray, int, FloatArray]:
+    """Return the least-squares solution of least norm (P,), the rank, and the singular values of the columns (K, P).
+
+    Zeros, 0 and none where there is no solution.
+
+    Parameters
+    ----------
+    tolerance : float
+        Singular values below this part of the largest count as zero.
+    """
+    nothing = np.zeros(columns.shape[1]), 0, np.zeros(0)
+    if not (np.isfinite(columns).all() and np.isfinite(target).all()):
+        return nothing
+    try:
+        found, _, rank, singular = np.linalg.lstsq(columns, target, rcond=tolerance)
+    except np.linalg.LinAlgError:
+        return nothing
+    if not np.isfinite(found).all():
+        return nothing
+    return np.asarray(found, np.float64), int(rank), np.asarray(singular, np.float64)
+
+
+@quiet
+def pseudo_inverse(symmetric: FloatArray, tolerance: float) -> FloatArray:
+    """Return the pseudo-inverse of a symmetric matrix (T, T); NaN where it has none.
+
+    Parameters
+    ----------
+    tolerance : float
+        Eigenvalues below this part of the largest count as zero.
+    """
+    if np.isfinite(symmetric).all():
+        try:
+            return np.asarray(np.linalg.pinv(symmetric, rcond=tolerance, hermitian=True))
+        except np.linalg.LinAlgError:
+            pass
+    return np.full_like(symmetric, np.nan)
