@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+from support.places import ROOT
+
+sys.path.insert(0, str(ROOT / "benchmarks"))
 
 from soak.faults import FAULTS
 from soak.rig import DT, Rig
