@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: demo test slow lint types check bench bench-live regression soak fuzz accuracy clean help
+.PHONY: demo test slow lint types check bench bench-live regression soak fuzz faults accuracy clean help
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -53,6 +53,9 @@ soak: $(READY)   ## 1,000 hours of rig time with random faults; a day through a 
 
 fuzz: $(READY)   ## mutants of checkpoints, structures of narrow numbers: ten minutes, or SECONDS=; ARGS="--first 5000"
 	cd tests && ../$(BIN)/python -m fuzz --seconds $(or $(SECONDS),600) $(ARGS)
+
+faults: $(READY)  ## let every call of a live session fail that can, one a session: an hour; needs gcc
+	$(BIN)/python tests/failing $(ARGS)
 
 accuracy: $(READY)  ## accuracy, Monte Carlo beside what is promised; writes docs/accuracy.md and out/accuracy
 	$(BIN)/python benchmarks/accuracy $(ARGS)

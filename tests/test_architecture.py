@@ -20,6 +20,7 @@ from architecture import SOURCE, Package, circle, levels, reduced
 ORDER = [
     "errors",
     "arguments",
+    "system",
     # the kernels: arrays in, arrays out
     *("kernels", "kernels.codegen", "kernels.filters", "kernels.optimizers", "kernels.monitoring", "kernels.step"),
     # the stages from a sample to the regressor, and what they share

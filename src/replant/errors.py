@@ -23,6 +23,10 @@ class MissingDependencyError(ReplantError, ImportError):
     """An optional package that is not installed: the message names the extra that brings it."""
 
 
+class SystemRefusedError(ReplantError):
+    """The system gives no more memory, files, threads or room: the message says what it was for, and what to do."""
+
+
 class CheckpointError(ReplantError):
     """A checkpoint that cannot be written or read: the message names the file, why, and what is left as it was."""
 

@@ -129,7 +129,7 @@ def decode(data: bytes | bytearray | memoryview) -> Contents:
     header, body = _parts(bytes(data))
     try:
         return _contents(header, body)
-    except DamagedCheckpointError:
+    except (DamagedCheckpointError, MemoryError):  # without memory a good one is no damaged one
         raise
     except Exception as error:  # a header that is not ours fails in almost any way
         reason = " ".join(str(error).split()) or type(error).__name__

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import sys
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
 from replant import __version__
 from replant.cli.encoding import spare_the_streams
 from replant.errors import ReplantError
+from replant.system.refusals import refusal
 
 # The commands by name: the module of replant.cli that holds the click command ``command``, and its line of help.
 COMMANDS = {
@@ -58,21 +60,34 @@ def cli(ctx: click.Context) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> Any:
-    """Run the command line; a user's mistake ends in one line on stderr and exit code 2."""
+    """Run the command line; a user's mistake, or what the system refuses, ends in one line on stderr and code 2."""
     spare_the_streams()
     try:
         return cli.main(args=None if arguments is None else list(arguments), prog_name="replant", standalone_mode=False)
     except click.exceptions.Exit as stop:
         sys.exit(stop.exit_code)
     except click.Abort:
-        print("replant: interrupted", file=sys.stderr)
-        sys.exit(130)
+        _end("interrupted", code=130)
     except click.ClickException as mistake:
-        print(f"replant: {_one_line(mistake.format_message())}{_hint(mistake)}", file=sys.stderr)
-        sys.exit(2)
+        _end(f"{mistake.format_message()}{_hint(mistake)}")
     except ReplantError as mistake:
-        print(f"replant: {_one_line(str(mistake))}", file=sys.stderr)
-        sys.exit(2)
+        _end(str(mistake))
+    except ImportError as mistake:  # the system may also refuse to load a library
+        _end(f"{mistake}; install replant again, or see whether open files and memory are left")
+    except (OSError, MemoryError, RuntimeError) as error:
+        reason = refusal(error)
+        if reason is None:
+            raise
+        _end(reason)
+
+
+def _end(message: str, code: int = 2) -> NoReturn:
+    """Say why in one line and exit.  What standard output could not take is given up, lest it fail again at exit."""
+    with contextlib.suppress(OSError, ValueError):
+        sys.stdout.flush()
+    with contextlib.suppress(OSError):
+        print(f"replant: {_one_line(message)}", file=sys.stderr)
+    sys.exit(code)
 
 
 def _hint(mistake: click.ClickException) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -79,19 +80,22 @@ def run(plan: Plan) -> bool:
     """
     hold_flat()
     progress, identifier, said = _begin(plan)
-    source = open_source(plan.source)
-    ttl = time_to_live(plan.request.dt) if plan.ttl is None else plan.ttl
-    sinks = [open_sink(address, ttl) for address in plan.sinks]
     address = None if plan.dashboard is None else Address(*plan.dashboard, plan.token)
-    observer = Observer(Orders(address, terminal=True, truth=plan.truth))
-    try:
+    ttl = time_to_live(plan.request.dt) if plan.ttl is None else plan.ttl
+    with ExitStack() as opened:
+        source = open_source(plan.source)
+        opened.callback(source.close)
+        sinks: list[Sink] = []
+        for to in plan.sinks:
+            sinks.append(open_sink(to, ttl))
+            opened.callback(sinks[-1].close)
+        observer = Observer(Orders(address, terminal=True, truth=plan.truth))
+        opened.callback(observer.close)
         for line in said + ([f"replant: watch it at {observer.url}"] if observer.url else []):
             observer.show(line)
         session = _session(plan, source, sinks, observer, progress, identifier)
         warm(plan.request, observer.show)
         reached = session.run()
-    finally:
-        observer.close()
     view = observer.last or look(session.identifier, session.pulse, History(plan.request.structure.size))
     print_summary(view, plan.truth, to_stderr="-" in plan.sinks)
     return reached

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from abc import ABC, abstractmethod
 from collections import Counter
@@ -12,6 +11,7 @@ from replant.data.streams.alarm import Alarm
 from replant.data.streams.batch import Batch
 from replant.data.streams.inbox import CAPACITY, Inbox
 from replant.data.streams.numbering import Numbering
+from replant.system.worker import Worker
 
 #: An empty batch comes after this long without samples, in s.
 TICK = 0.1
@@ -52,7 +52,7 @@ class Reader(ABC):
 
     def batches(self) -> Iterator[Batch]:
         """Yield samples as they come, see `Source.batches`."""
-        thread = threading.Thread(target=self._run, name=f"reading {self.name}", daemon=True)
+        thread = Worker(self._run)
         with self._alarm:
             thread.start()
             try:

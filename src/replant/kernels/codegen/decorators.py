@@ -11,17 +11,59 @@
   cannot be vectorised.
 * No check before a division (``error_model="numpy"``); the interpreter is free meanwhile (``nogil``).  Never
   ``fastmath``: NaN must stay visible, results must repeat.
+
+What is compiled is kept on the disk for the next start.  A disk that is full, gone or read-only costs that alone: the
+kernels are compiled again then, and `TROUBLE` says why.
 """
 
+import contextlib
+from typing import Any
+
 from numba import njit
+
+TROUBLE: list[str] = []  # why kernels could not be kept; empty where they could
 
 
 def compiled(**how):
     """Return the decorator that compiles a kernel so, and as ``how`` says."""
     # Numba's own parts use _nrt; its type hints leave it out.  What does not say so inherits forceinline from its first
     # caller: all that a part calls would melt into the part, whole matrix exponentials into every sample.
-    how = {"forceinline": False, "_nrt": False} | how
-    return njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **how)  # type: ignore[call-overload]
+    settings: dict[str, Any] = {"forceinline": False, "_nrt": False, "nogil": True, "error_model": "numpy"}
+    settings |= {"no_cfunc_wrapper": True} | how
+
+    def compile_when_called(function):
+        try:
+            kernel = njit(cache=True, **settings)(function)
+        except RuntimeError as error:  # Numba found no folder that can be written to
+            TROUBLE.append(str(error))
+            return njit(**settings)(function)
+        _go_on_without(kernel._cache)
+        return kernel
+
+    return compile_when_called
+
+
+def _go_on_without(cache):
+    """Let a kernel do without its cache where that is damaged, or cannot be read or written."""
+    load, save = cache.load_overload, cache.save_overload
+
+    def load_or_compile(signature, context):
+        try:
+            return load(signature, context)
+        except OSError:
+            return None
+        except Exception:  # half an index, as after a power cut: begun anew, it can be written to again
+            with contextlib.suppress(OSError):
+                cache.flush()
+            return None
+
+    def save_or_leave(signature, compiled_now):
+        try:
+            save(signature, compiled_now)
+        except OSError as error:
+            TROUBLE.append(error.strerror or str(error))
+
+    cache.load_overload, cache.save_overload = load_or_compile, save_or_leave
 
 
 #: What Python calls.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ipaddress
 import socket
-import threading
 import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -12,6 +11,7 @@ from urllib.parse import quote
 
 from replant.errors import InvalidArgumentError, MissingDependencyError, ReplantError
 from replant.live.dashboard.hub import Hub
+from replant.system.worker import Worker
 
 if TYPE_CHECKING:
     import uvicorn
@@ -38,7 +38,7 @@ class Dashboard:
         query = "" if token is None else f"?token={quote(token, safe='')}"
         self.url = f"http://{f'[{name}]' if ':' in name else name}:{self.port}/{query}"
         self._hub, self._server, self._listening = hub, server, listening
-        self._thread = threading.Thread(target=self._run, name="replant dashboard", daemon=True)
+        self._thread = Worker(self._run)
         self._thread.start()
         while not server.started and self._thread.is_alive():
             time.sleep(0.005)

@@ -8,11 +8,11 @@ import multiprocessing
 import queue
 import signal
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 
@@ -32,11 +32,14 @@ from replant.live.observer.view import Pulse, View
 from replant.live.outputs.disk_writer import one_line
 from replant.live.outputs.notices import Notices
 from replant.online.identifier import Identifier
+from replant.system.refusals import refusal
+from replant.system.worker import Worker
 
 INTERVAL = 0.2  # s between two handovers at the least
 SHARE = 0.02  # of the session's time that handing over may take
 GOODBYE = 5.0  # s that the process gets to end by itself
 PATIENCE = 20.0  # s that the last view may take: the process may just have begun to compile
+STARTING = 120.0  # s that the process may take to serve the dashboard: it imports everything anew
 TOO_OLD = 5.0  # s after which a view says nothing of the present any more
 PAUSES = 0.5, 30.0  # s, first and longest pause before it is started again
 LONG_LIFE = 60.0  # s after which a death is none of a row
@@ -70,14 +73,14 @@ class Observer:
         self.url = ""
         self._alive = self._busy = self._knows_state = False
         self._handed = self._due = 0.0
-        self._starting: threading.Thread | None = None
+        self._starting: Worker | None = None
         self._life: _Life | None = None
         self._revived: _Life | None = None
         self._take_over(_Life(orders))
         if orders.dashboard is not None:
             try:
                 self._await_dashboard()
-            except InvalidArgumentError:
+            except BaseException:
                 self.close()
                 raise
 
@@ -88,12 +91,13 @@ class Observer:
 
     def _await_dashboard(self) -> None:
         """Wait for the process to say that the dashboard answers."""
-        while self._alive and not self.url:
+        given_up = time.monotonic() + STARTING
+        while self._alive and not self.url and time.monotonic() < given_up:
             assert self._life is not None
             self._life.connection.poll(0.1)
             self._hear(first=True)
         if not self.url:
-            raise InvalidArgumentError("the dashboard's process ended: see the lines above")
+            raise InvalidArgumentError("the dashboard's process does not answer: see the lines above")
 
     @property
     def view(self) -> View | None:
@@ -118,8 +122,12 @@ class Observer:
             self._hear()
         elif self._starting is None and time.monotonic() >= self._due:
             # in a thread of its own: until the process takes its orders the start of it may block
-            self._starting = threading.Thread(target=self._revive, name="replant-observer-start", daemon=True)
-            self._starting.start()
+            reviver = Worker(self._revive)
+            try:
+                reviver.start()
+                self._starting = reviver
+            except RuntimeError as error:
+                self._not_yet(error)
         elif self._starting is not None and not self._starting.is_alive():
             self._starting = None
             if self._revived is None:
@@ -134,7 +142,9 @@ class Observer:
         try:
             while self._life.connection.poll(0):
                 self._take(self._life.connection.recv(), first=first)
-        except (EOFError, OSError):
+            if not self._life.sends:  # what it could not send is waited for in vain
+                raise EOFError
+        except (EOFError, OSError, MemoryError):  # half a message may have been taken: there is no going on with it
             self._died()
 
     def _take(self, message: object, *, first: bool) -> None:
@@ -221,7 +231,12 @@ class Observer:
         try:
             self._revived = _Life(self._orders)
         except Exception as error:  # no memory, no descriptors, no processes left: perhaps there are later
-            self._notices.say("start", f"replant: the observer cannot be started: {one_line(error)}; trying again")
+            self._not_yet(error)
+
+    def _not_yet(self, error: Exception) -> None:
+        reason = refusal(error) or one_line(error)
+        self._due = time.monotonic() + self._pause
+        self._notices.say("start", f"replant: the observer cannot be started: {reason}; trying again")
 
     def close(self) -> None:
         """Let the process end; lines not shown yet go to standard error."""
@@ -250,25 +265,27 @@ class _Life:
 
     def __init__(self, orders: Orders) -> None:
         context = multiprocessing.get_context("spawn")
-        self.connection, theirs = context.Pipe()
-        try:
-            self._process = context.Process(
-                target=observe, args=(theirs, orders), name="replant observer", daemon=True
-            )  # fmt: skip
-            with _out_of_reach_of_signals():
-                self._process.start()
-        except BaseException:
-            self.connection.close()
-            raise
-        finally:
-            theirs.close()
-        atexit.register(self._process.kill)  # else an exit without `close` would ask it to end, and wait for ever
-        self.begun = time.monotonic()
         self.outbox: queue.Queue[Handover | None] = queue.Queue()
-        sender = threading.Thread(
-            target=_send_all, args=(self.connection, self.outbox), name="replant-observer", daemon=True
-        )
-        sender.start()
+        self.connection, theirs = context.Pipe()
+        with contextlib.ExitStack() as undo:  # what the system refuses half-way leaves nothing behind
+            undo.callback(self.connection.close)
+            with theirs:
+                self._process = context.Process(
+                    target=observe, args=(theirs, orders), name="replant observer", daemon=True
+                )  # fmt: skip
+                with _out_of_reach_of_signals():
+                    self._process.start()
+            undo.callback(self._kill)
+            atexit.register(self._process.kill)  # else an exit without `close` would ask it to end, and wait for ever
+            self._sender = Worker(partial(_send_all, self.connection, self.outbox))
+            self._sender.start()
+            self.begun = time.monotonic()
+            undo.pop_all()
+
+    @property
+    def sends(self) -> bool:
+        """Whether what is put into the outbox is still sent."""
+        return self._sender.is_alive()
 
     @property
     def pid(self) -> int | None:
@@ -288,6 +305,10 @@ class _Life:
         self.connection.close()
         self.outbox.put(None)
         self._process.join(0.2)
+        self._kill()
+
+    def _kill(self) -> None:
+        """End the process at once, if it has not ended."""
         if self._process.is_alive():
             self._process.kill()
             self._process.join(GOODBYE)
@@ -311,7 +332,7 @@ def _send_all(connection: Connection, outbox: queue.Queue[Handover | None]) -> N
         message = outbox.get()
         try:
             connection.send(message)
-        except OSError:  # the process has died: the reader of the pipe sees it
+        except (OSError, MemoryError):  # `Observer.poll` finds this thread at its end
             return
         if message is None:
             return

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import signal
+import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -21,6 +22,7 @@ from replant.live.outputs.message import UNKNOWN
 from replant.live.outputs.notices import Notices
 from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
+from replant.system.refusals import refusal
 
 if TYPE_CHECKING:
     from replant.live.dashboard.hub import Hub
@@ -108,8 +110,15 @@ def observe(connection: Connection, orders: Orders) -> None:
     """Run the observer until the session hangs up."""
     for number in ENDING:  # where they could not be blocked before this process began
         signal.signal(number, signal.SIG_IGN)
-    with contextlib.suppress(EOFError, OSError):  # the session has gone, whatever the reason
-        _Observing(connection, orders).run()
+    try:
+        with contextlib.suppress(EOFError, OSError):  # the session has gone, whatever the reason
+            _Observing(connection, orders).run()
+    except (MemoryError, RuntimeError) as error:
+        reason = refusal(error)
+        if reason is None:
+            raise
+        with contextlib.suppress(OSError):
+            print(f"replant: the observer: {reason}", file=sys.stderr)
 
 
 class _Observing:

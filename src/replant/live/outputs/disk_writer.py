@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import queue
-import threading
 from collections.abc import Callable
 
 from replant.live.outputs.notices import Notices
+from replant.system.worker import Worker
 
 MOST_WAITING = 16
 
@@ -22,7 +23,7 @@ class Background:
     def __init__(self, notices: Notices) -> None:
         self._notices = notices
         self._jobs: queue.Queue[tuple[str, Callable[[], None]] | None] = queue.Queue(MOST_WAITING)
-        self._thread = threading.Thread(target=self._work, name="replant-disk", daemon=True)
+        self._thread = Worker(self._work)
         self._thread.start()
 
     def submit(self, subject: str, job: Callable[[], None]) -> bool:
@@ -44,14 +45,26 @@ class Background:
         self._thread.join()
 
     def _work(self) -> None:
-        while (entry := self._jobs.get()) is not None:
-            subject, job = entry
-            try:
-                job()
-            except Exception as error:  # a full disk, a folder gone: identification goes on
-                self._notices.say(subject, f"replant: {subject}: {one_line(error)}; going on")
-            finally:
-                self._jobs.task_done()
+        going = True
+        while going:
+            # not even a job that cannot be taken, or a failure that cannot be said, for want of memory, ends the
+            # thread: `wait` and `close` would never return
+            with contextlib.suppress(Exception):
+                going = self._do_next()
+
+    def _do_next(self) -> bool:
+        """Wait for a job and do it; tell whether another may come."""
+        entry = self._jobs.get()
+        if entry is None:
+            return False
+        subject, job = entry
+        try:
+            job()
+        except Exception as error:  # a full disk, a folder gone: identification goes on
+            self._notices.say(subject, f"replant: {subject}: {one_line(error)}; going on")
+        finally:
+            self._jobs.task_done()
+        return True
 
 
 def one_line(error: BaseException) -> str:
@@ -64,4 +77,6 @@ def one_line(error: BaseException) -> str:
     """
     if isinstance(error, OSError) and error.strerror:
         return error.strerror + (f": {error.filename!r}" if error.filename else "")
+    if isinstance(error, MemoryError) and not str(error):
+        return "out of memory"
     return " ".join(str(error).split()) or type(error).__name__

@@ -23,6 +23,7 @@ from replant.live.outputs.message import (
 )
 from replant.live.outputs.notices import Notices
 from replant.live.outputs.sinks import Sink
+from replant.system.worker import Worker
 
 TICK = 0.05  # s between two looks of the watchdog, at the most
 GOODBYE = 2.0  # s that the sinks get to take the news of the end
@@ -72,13 +73,13 @@ class Outlets:
         self._accepted = -math.inf  # when a sample was last
         self._newest: Estimate | None = None
         self._ended = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._thread: Worker | None = None
 
     def begin(self, estimate: Estimate) -> None:
         """Take what is known before the first sample, for whoever asks, and set the watchdog to work."""
         self._newest = estimate
         if self._watched:
-            self._thread = threading.Thread(target=self._watch, name="replant-watchdog", daemon=True)
+            self._thread = Worker(self._watch)
             self._thread.start()
 
     def accepted(self) -> None:

@@ -60,6 +60,7 @@ class Lines:
 
     def __init__(self, descriptor: int = 1) -> None:
         self._descriptor = descriptor
+        self._cut = False  # whether what was written ends within a line
         self.behind = False
         self._is_pipe = False
         self._poll: Any = None
@@ -85,9 +86,10 @@ class Lines:
         self.behind = not self._has_room(alone=estimate.trusted)
         if self.behind:
             return
-        rest = estimate.as_json() + b"\n"
+        rest = (b"\n" if self._cut else b"") + estimate.as_json() + b"\n"
         while rest:
             rest = rest[os.write(self._descriptor, rest) :]
+            self._cut = bool(rest)  # cut off here, by a full disk, it must not swallow the next one
 
     def _has_room(self, *, alone: bool) -> bool:
         """Whether a line can be written without waiting, and with ``alone`` whether none is waiting to be read."""

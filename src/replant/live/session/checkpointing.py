@@ -46,8 +46,12 @@ class Keeper:
         self._due = time.monotonic() + self._every
         data = encode(vars(identifier), progress)
         self._idle.clear()
-        if not self._background.submit("checkpoint", lambda: self._write(data)):
-            self._idle.set()
+        taken = False
+        try:
+            taken = self._background.submit("checkpoint", lambda: self._write(data))
+        finally:
+            if not taken:
+                self._idle.set()
 
     def finish(self, identifier: Identifier, progress: Kept) -> None:
         """Write the last checkpoint, at once.

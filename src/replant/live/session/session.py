@@ -13,7 +13,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.data.streams import Batch, Source
-from replant.errors import CheckpointError, InvalidArgumentError, ReplantError
+from replant.errors import CheckpointError, InvalidArgumentError, SystemRefusedError
 from replant.live.observer.client import Observer
 from replant.live.observer.view import Pulse
 from replant.live.outputs.disk_writer import Background
@@ -25,6 +25,7 @@ from replant.live.outputs.sinks import Sink
 from replant.live.session.checkpointing import Keeper
 from replant.live.session.progress import Progress
 from replant.online.identifier import Identifier
+from replant.system.refusals import refusal
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,7 @@ class Session:
         self._meter = _Meter()
         self._clock = self.progress.clock(identifier.dt)
         self._learned = self._trusted = False
+        self._torn = False  # whether samples were taken by the identifier alone, or by a part of it
         self._verdict = UNKNOWN
 
     def run(self) -> bool:
@@ -106,7 +108,8 @@ class Session:
         Raises
         ------
         ReplantError
-            If the source fails for good; what was learned has been kept and handed on before.
+            If the source fails for good, or the system refuses what learning needs; what was learned has been kept and
+            handed on before.
         """
         begun = time.monotonic()
         if self.progress.sequence is not None:
@@ -116,9 +119,14 @@ class Session:
             with self._stopped_by_signals():
                 try:
                     self._learn(begun)
-                except ReplantError:  # the source cannot go on: what was learned is kept
+                except Exception as error:  # it cannot go on: what was learned is kept
                     self._finish()
-                    raise
+                    reason = refusal(error)
+                    if reason is None:
+                        raise
+                    raise SystemRefusedError(
+                        f"the session ended after {self.progress.taken:,} samples: {reason}"
+                    ) from error
                 self._finish()
         finally:  # whatever happened, nobody is left with an estimate that nobody answers for
             self._outlets.end()
@@ -151,10 +159,12 @@ class Session:
             return
         t = self._stamps(batch)
         before = self.identifier.samples
+        self._torn = True
         self.identifier.update_many(batch.u, batch.y, t)
         if self.identifier.samples > before:
             self._outlets.accepted()
         clock = self.progress.advance(batch, t, self.identifier.dt)
+        self._torn = False
         if self._recorder is not None:
             self._recorder.take(batch.sequence, clock, batch.u, batch.y)
         self._learned = True
@@ -187,12 +197,26 @@ class Session:
         if self.source.trouble:
             self._notices.say("source", f"replant: {self.source.name}: {self.source.trouble}; trying again")
         self._hear()
-        self._outlets.send(self._estimate)
-        if self._observer.hand(self.identifier, self.pulse, learned=self._learned):
-            self._learned = False
-            self._meter.forget_lag()
+        with self._spared("estimates"):
+            self._outlets.send(self._estimate)
+        with self._spared("observer"):
+            if self._observer.hand(self.identifier, self.pulse, learned=self._learned):
+                self._learned = False
+                self._meter.forget_lag()
         if self._keeper is not None and self._keeper.is_due(now):
-            self._keep(self._keeper)
+            with self._spared("checkpoint"):
+                self._keep(self._keeper)
+
+    @contextmanager
+    def _spared(self, subject: str) -> Iterator[None]:
+        """Do what is no part of learning: where the system refuses it, say so and go on."""
+        try:
+            yield
+        except Exception as error:
+            reason = refusal(error)
+            if reason is None:
+                raise
+            self._notices.say(subject, f"replant: {subject}: {reason}; going on")
 
     def _hear(self) -> None:
         """Take the newest verdict; a new one is worth an estimate even if no sample comes."""
@@ -242,22 +266,35 @@ class Session:
 
     def _finish(self) -> None:
         """Keep what was learned first of all, then hand on the last estimate with its verdict."""
-        if self._recorder is not None:
-            self._recorder.flush()
+        with self._spared("record"):
+            if self._recorder is not None:
+                self._recorder.flush()
         self._background.wait()
-        if self._keeper is not None:
-            try:
-                self._keeper.finish(self.identifier, self.progress.with_counters(self.source.counters))
-            except CheckpointError as error:
-                self._observer.show(f"replant: {error}")
+        with self._spared("last checkpoint"):
+            self._keep_last()
         # the last verdict is one on all samples: that none comes any more is said by the end itself
-        self._observer.look_again(self.identifier, replace(self.pulse, silence=0.0))
+        with self._spared("last view"):
+            self._observer.look_again(self.identifier, replace(self.pulse, silence=0.0))
         self._hear()
-        self._outlets.send(self._estimate, at_any_rate=True)
+        with self._spared("last estimate"):
+            self._outlets.send(self._estimate, at_any_rate=True)
         self._outlets.end()
-        if self._recorder is not None:
-            self._recorder.close()
+        with self._spared("record"):
+            if self._recorder is not None:
+                self._recorder.close()
         self._background.close()
+
+    def _keep_last(self) -> None:
+        """Keep the last checkpoint, unless the identifier has taken samples that the progress knows nothing of."""
+        if self._keeper is None:
+            return
+        if self._torn:
+            self._observer.show("replant: the checkpoint stays as it was last written")
+            return
+        try:
+            self._keeper.finish(self.identifier, self.progress.with_counters(self.source.counters))
+        except CheckpointError as error:
+            self._observer.show(f"replant: {error}")
 
     @contextmanager
     def _stopped_by_signals(self) -> Iterator[None]:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from replant.kernels.codegen.decorators import TROUBLE
 from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
 from replant.settings import Request
@@ -32,6 +33,8 @@ def warm(request: Request, say: Callable[[str], None]) -> None:
         _identify(dataclasses.replace(request, startup=STARTUP))
     finally:
         waiting.cancel()
+    if TROUBLE:
+        say(f"replant: the compiled kernels cannot be kept ({TROUBLE[0]}): the next start compiles them again")
 
 
 def _identify(request: Request) -> None:
