@@ -9,9 +9,13 @@ READY  := $(VENV)/.ready
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
-$(READY): pyproject.toml constraints.txt
+PIP_INSTALL = PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --disable-pip-version-check
+UPLOT = src/replant/report/assets/uplot
+
+$(READY): pyproject.toml constraints.txt hatch_build.py
 	$(PYTHON) -m venv $(VENV)
-	PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(PIP_INSTALL) --editable '.[dev]'
+	test -d $(UPLOT) || $(PIP_INSTALL) --no-deps uplot-python  # without npm: of this package one file is used
 	touch $@
 
 demo: $(READY)   ## identify a simulated actuator while it runs; plots in out/demo
@@ -31,7 +35,7 @@ types: $(READY)  ## mypy strict
 	$(BIN)/mypy
 
 $(VENV)/.peers: $(READY)
-	PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --disable-pip-version-check --editable '.[peers]'
+	$(PIP_INSTALL) --editable '.[peers]'
 	touch $@
 
 # Numba's cache looks at the file of the compiled function alone, so an edit of an imported kernel would go unseen: its
@@ -61,5 +65,5 @@ accuracy: $(READY)  ## accuracy, Monte Carlo beside what is promised; writes doc
 	$(BIN)/python benchmarks/accuracy $(ARGS)
 
 clean:           ## remove everything that was generated
-	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(UPLOT) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

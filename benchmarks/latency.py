@@ -1,4 +1,4 @@
-"""One sample from Python: how long a call of `Identifier.update` takes, in the middle and at worst."""
+"""One sample from Python: how long a call of `Identifier.update` takes, in the middle and at worst; and a verdict."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ CASES: dict[str, dict[str, Any]] = {
 CALLS = {"the default": 1_000_000}
 FEWER_CALLS = 100_000
 MEDIAN, WORST, GROWTH = 2.0, 20.0, 4096  # µs, µs at 99.9 %, bytes
+KEPT, VERDICT = 10_000, 5.0  # samples that a verdict looks at; its time by that of learning as many
 
 
 def measure() -> dict[str, Any]:
-    """Return the figures: ``rows``, one for each case, in µs; ``growth``, in bytes over a hundred thousand calls."""
+    """Return the figures: ``rows``, one for each case, in µs; ``growth``, in bytes over many calls; ``verdict``."""
     rows = [latency(case, choices, CALLS.get(case, FEWER_CALLS)) for case, choices in CASES.items()]
-    grown = growth()
+    grown, judged = growth(), verdict()
     kernel = rows[2]["kernel"]
     holds = (
         rows[0]["median"] <= MEDIAN
@@ -35,8 +36,9 @@ def measure() -> dict[str, Any]:
         and rows[2]["median"] <= MEDIAN + kernel
         and rows[0]["percentile_999"] <= WORST
         and grown <= GROWTH
+        and judged["ratio"] <= VERDICT
     )
-    return {"rows": rows, "growth": grown, "holds": holds}
+    return {"rows": rows, "growth": grown, "verdict": judged, "holds": holds}
 
 
 def latency(case: str, choices: dict[str, Any], calls: int) -> dict[str, Any]:
@@ -81,9 +83,25 @@ def growth(calls: int = 100_000) -> int:
     return after - before
 
 
+def verdict(repetitions: int = 21) -> dict[str, float]:
+    """Return how long a verdict takes in ms, and its ratio to learning as many samples, in turn; processor times."""
+    u, y = next(chunks(STRUCTURE, 2 * KEPT, 1))
+    identifier = rp.Identifier(STRUCTURE, DT)
+    identifier.update_many(u, y)
+    identifier.assess()  # compiles
+    times = np.empty((repetitions, 2))
+    for k in range(repetitions):
+        begun = time.thread_time_ns()
+        identifier.assess()
+        middle = time.thread_time_ns()
+        identifier.update_many(u[:KEPT], y[:KEPT])
+        times[k] = middle - begun, time.thread_time_ns() - middle
+    return {"milliseconds": float(np.median(times[:, 0])) / 1e6, "ratio": float(np.median(times[:, 0] / times[:, 1]))}
+
+
 if __name__ == "__main__":
     figures = measure()
     for row in figures["rows"]:
         print(row)
-    print(f"grown by {figures['growth']} bytes")
+    print(f"grown by {figures['growth']} bytes; verdict {figures['verdict']}")
     sys.exit(int(not figures["holds"]))

@@ -102,7 +102,12 @@ def latency(figures: Figures) -> str:
     text = "`Identifier.update(u, y)`, one call a sample, three poles and a zero. Microseconds.\n\n"
     head = ["settings", "calls", "median", "99.9 %", "longest", "a sample in `update_many`"]
     grown = f"\nMemory grew by {figures['growth']:,} bytes over a hundred thousand calls.\n"
-    return text + table(head, rows) + grown
+    judged = figures["verdict"]
+    verdict = (
+        f"\nA verdict on the 10,000 samples kept takes {judged['milliseconds']:.0f} ms, "
+        f"{judged['ratio']:.1f} times as long as learning them.\n"
+    )
+    return text + table(head, rows) + grown + verdict
 
 
 def peers(figures: Figures) -> str:
@@ -194,6 +199,16 @@ def scaling(figures: Figures) -> str:
     return text + table(["kernel", "sizes", "ns", "exponent", "expected"], rows)
 
 
+def starting(figures: Figures) -> str:
+    rows = [[row["case"], f"{row['milliseconds']:.0f}", ratio(row)] for row in figures["rows"]]
+    text = (
+        'Fresh interpreters, in turn, their processor time beside that of `python -c "import numpy"`. '
+        "`import replant` loads what it offers when the first public name is used; `--help` loads none of it.\n\n"
+    )
+    yardstick = ['`python -c "import numpy"`', f"{figures['numpy']:.0f}", "1"]
+    return text + table(["command", "ms", "ratio"], [yardstick, *rows])
+
+
 SECTIONS: dict[str, tuple[str, Callable[[Figures], str]]] = {
     "kernels": ("Kernels beside C", kernels),
     "parts": ("Parts of the default method beside C", parts),
@@ -202,6 +217,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Figures], str]]] = {
     "ensembles": ("Many identifiers at once", ensembles),
     "streaming": ("Logs larger than memory", streaming),
     "scaling": ("How cost grows", scaling),
+    "starting": ("Starting", starting),
 }
 
 

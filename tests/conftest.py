@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -24,6 +25,10 @@ def _kernel_cache() -> str:
 os.environ.setdefault("NUMBA_CACHE_DIR", _kernel_cache())
 # idle BLAS threads spin: on matrices as small as ours, with a worker a core, they cost several times the work itself
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# the same examples every time, and no opinion on how long one takes: no test depends on the machine's speed
+settings.register_profile("replant", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("replant")
 
 
 @pytest.fixture(scope="session")

@@ -4,42 +4,10 @@
 >>> ident = rp.Identifier(rp.Structure(poles=1), dt=0.01)
 """
 
-from replant.assessment import fit_percent
-from replant.data.logs import Log, read_log
-from replant.errors import (
-    ArgumentTypeError,
-    CheckpointError,
-    DamagedCheckpointError,
-    InvalidArgumentError,
-    LogError,
-    MissingCheckpointError,
-    MissingDependencyError,
-    ReplantError,
-)
-from replant.model.structure import Structure
-from replant.model.transfer_function import TransferFunction
-from replant.model.uncertainty import Uncertainty
-from replant.offline.fit import FitResult, fit
-from replant.online.ensemble import Ensemble
-from replant.online.identifier import Identifier
-from replant.online.resume import load
-from replant.online.trace import Trace
-from replant.optimizers import (
-    AdaDelta,
-    AdaGrad,
-    Adam,
-    AMSGrad,
-    Gradient,
-    IntegralCost,
-    KalmanTracking,
-    NAdam,
-    RecursiveLeastSquares,
-    RMSProp,
-)
-from replant.optimizers.replay import Replay
-from replant.regressor.filters import RefinedFilter, StateVariableFilter
-from replant.regressor.preprocess import Preprocess
-from replant.regressor.scaling import Scaling
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from replant.public import *  # noqa: F403 - their names are listed below
 
 __version__ = "0.1.0"
 
@@ -72,12 +40,28 @@ __all__ = [
     "Scaling",
     "StateVariableFilter",
     "Structure",
+    "SystemRefusedError",
     "Trace",
     "TransferFunction",
     "Uncertainty",
+    "UnsupportedDependencyError",
     "__version__",
     "fit",
     "fit_percent",
     "load",
     "read_log",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Return a public name; the first one asked for loads all, so that `replant --help` waits for none of them."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from replant import public
+
+    globals().update({known: getattr(public, known) for known in __all__ if known != "__version__"})
+    return globals()[name]
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -27,6 +27,10 @@ class SystemRefusedError(ReplantError):
     """The system gives no more memory, files, threads or room: the message says what it was for, and what to do."""
 
 
+class UnsupportedDependencyError(ReplantError, ImportError):
+    """A package in a version that replant is not tested with: the message names it and the versions that fit."""
+
+
 class CheckpointError(ReplantError):
     """A checkpoint that cannot be written or read: the message names the file, why, and what is left as it was."""
 

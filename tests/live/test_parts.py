@@ -28,6 +28,7 @@ from replant.live.outputs.notices import AGAIN, Notices
 from replant.live.outputs.sinks import Lines, open_sink
 from replant.live.session.clock import Clock
 from support.live_fakes import DT, PLANT, REQUEST, record
+from support.waiting import PATIENCE
 
 FIRST_ORDER = rp.Structure(1)
 
@@ -250,7 +251,7 @@ def test_lines_go_out_whole_and_at_once() -> None:
 def test_datagrams_do_not_need_a_listener() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.bind(("127.0.0.1", 0))
-        listener.settimeout(10.0)
+        listener.settimeout(PATIENCE)
         port = listener.getsockname()[1]
         sink = open_sink(f"udp://127.0.0.1:{port}")
         sink.send(estimate())

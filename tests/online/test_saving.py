@@ -15,6 +15,7 @@ import replant as rp
 from replant.checkpoint import files
 from replant.online import saving
 from support.builders import identifier
+from support.waiting import PATIENCE
 
 
 def run(samples: int) -> rp.Identifier:
@@ -36,7 +37,7 @@ def test_two_hundred_kills_leave_a_checkpoint_each(tmp_path: Path) -> None:
     """At random moments, most of them in the middle of a saving; what goes on from there is right to the bit."""
     script = Path(__file__).parents[1] / "support" / "killed.py"
     done = subprocess.run(
-        [sys.executable, script, tmp_path / "rig", "200", "1"], capture_output=True, text=True, timeout=300
+        [sys.executable, script, tmp_path / "rig", "200", "1"], capture_output=True, text=True, timeout=PATIENCE
     )
     assert done.returncode == 0, done.stderr
     outcome = json.loads(done.stdout)

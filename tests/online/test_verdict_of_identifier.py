@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -248,16 +247,10 @@ def test_it_is_frozen_and_changes_nothing() -> None:
         verdict.status = "trusted"  # type: ignore[misc]
 
 
-def test_a_verdict_on_all_that_is_kept_takes_some_tens_of_milliseconds() -> None:
-    """Of this process's own time, the best of five: 30 ms on one core at 3 GHz, allowed ten times that."""
+def test_a_verdict_looks_at_all_that_is_kept_and_costs_no_more_however_long_the_stream() -> None:
+    """How long that takes is measured by `make bench`."""
     ident = identified(*noisy(AWKWARD["order 4"][1], 12_000, DT, 30.0, seed=3), structure=AWKWARD["order 4"][0])
-    taken = []
-    for _ in range(5):
-        begun = time.process_time()
-        verdict = ident.assess()
-        taken.append(time.process_time() - begun)
-    assert verdict.samples == 10_000
-    assert min(taken) < 0.3
+    assert ident.assess().samples == 10_000
 
 
 # --- logs

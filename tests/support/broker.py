@@ -8,7 +8,7 @@ import socket
 import subprocess
 from pathlib import Path
 
-from support.wires import wait_until
+from support.wires import PATIENCE, wait_until
 
 #: Where Debian's package puts it, which is not on everybody's path.
 PATHS = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin", "/usr/local/sbin"])
@@ -48,7 +48,7 @@ class Broker:
         assert self._process is not None
         assert self._process.poll() is None, "the broker ended: is its port taken?"
         try:
-            socket.create_connection(("127.0.0.1", self.port), 1.0).close()
+            socket.create_connection(("127.0.0.1", self.port), PATIENCE).close()
         except OSError:
             return False
         return True

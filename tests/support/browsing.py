@@ -8,6 +8,8 @@ from contextlib import contextmanager
 
 import pytest
 
+from support.waiting import PATIENCE
+
 OPTIONS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
 OPTIONS += ["--disable-component-update", "--disable-sync"]
 
@@ -46,9 +48,21 @@ def chromium() -> Iterator:
         pytest.skip("no chromium on the path: apt-get install chromium")
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     with playwright.sync_playwright() as driver:
-        launched = driver.chromium.launch(executable_path=found, args=OPTIONS)
+        launched = driver.chromium.launch(executable_path=found, args=OPTIONS, timeout=1000 * PATIENCE)
         yield launched
         launched.close()
+
+
+def new_page(browser, **options):
+    """Return a page of a context of its own; nothing that it does has to be done soon."""
+    page = browser.new_page(**options)
+    page.set_default_timeout(1000 * PATIENCE)
+    return page
+
+
+def drawn_anew(page) -> None:
+    """Wait until the page has drawn whatever it was told before."""
+    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
 
 def luminance(colour: list[float]) -> float:

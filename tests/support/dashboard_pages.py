@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable
 
+from support.browsing import new_page
 from support.places import ROOT
+from support.waiting import PATIENCE
 
 SEEN = ROOT / "out" / "dashboard"
-PATIENCE = 60.0  # s, only against hanging
 PIXELS = "name => document.querySelector(`#${name} canvas`).toDataURL()"
 
 
@@ -16,14 +18,16 @@ class Page:
     """A page of the dashboard; whatever it complains of, or asks of others, is kept."""
 
     def __init__(self, browser, url: str, width: int = 1280, height: int = 800, **options) -> None:
-        self.context = browser.new_context(viewport={"width": width, "height": height}, **options)
-        self.page = self.context.new_page()
+        self.page = new_page(browser, viewport={"width": width, "height": height}, **options)
+        self.context = self.page.context
         self.complaints: list[str] = []
+        self.told: list[int] = []  # the samples of each view that came to it, drawn or not
         base = url.partition("?")[0]
         self.page.on("console", lambda message: self.complaints.append(message.text))
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         for event in ("request", "websocket"):
             self.page.on(event, lambda asked: self._asked(asked.url, base))
+        self.page.on("websocket", lambda wire: wire.on("framereceived", self._told))
         self.page.goto(url)
         self.until(lambda: self.drawn > 0)
 
@@ -33,6 +37,9 @@ class Page:
     def _asked(self, url: str, base: str) -> None:
         if not url.startswith((base, base.replace("http", "ws", 1), f"blob:{base}")):
             self.complaints.append(f"asked for {url}")
+
+    def _told(self, frame: str | bytes) -> None:
+        self.told += [view["samples"] for view in [json.loads(frame).get("view", {})] if "samples" in view]
 
     @property
     def drawn(self) -> int:

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,15 +19,23 @@ import numpy as np
 import replant as rp
 from replant.online import saving
 from support.live_fakes import DT, REQUEST
+from support.waiting import PATIENCE, wait_until
 
-PATIENCE = 120.0  # s: only guards against hanging
+#: The command, but for the patience that a session has at its end with an observer that is still starting.
+COMMAND = f"""
+from replant.live import observer
+observer.PATIENCE = {PATIENCE}
+from replant.cli import main
+main()
+"""
+wait_for = wait_until
 MODEL = ("--poles", "1", "--dt", str(DT), "--startup", str(REQUEST.startup))
 
 
 @contextmanager
 def live(source: str, *options: object, model: tuple[str, ...] = MODEL) -> Iterator[subprocess.Popen[bytes]]:
     """Run ``replant live``; killed at the end of the block if it still runs."""
-    command = [sys.executable, "-W", "error", "-m", "replant", "live", source, *model, *map(str, options)]
+    command = [sys.executable, "-W", "error", "-c", COMMAND, "live", source, *model, *map(str, options)]
     process = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=dict(os.environ)
     )  # fmt: skip
@@ -62,17 +70,6 @@ def estimates(text: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text.splitlines()]
 
 
-def wait_for(what: Callable[[], Any]) -> Any:
-    """Wait until something is there, and return it."""
-    deadline = time.monotonic() + PATIENCE
-    while time.monotonic() < deadline:
-        found = what()
-        if found:
-            return found
-        time.sleep(0.02)
-    raise AssertionError(f"waited {PATIENCE} s in vain")
-
-
 def sequence_of(path: Path) -> int:
     """The number of the last sample in a checkpoint; -1 where there is none yet."""
     try:
@@ -88,13 +85,16 @@ def checkpoint_errors() -> type[Exception]:
 
 
 class ReplayingPeer:
-    """A TCP peer that sends numbered lines, to each client from where it asks for, a block at a time."""
+    """A TCP peer that sends numbered lines a block at a time: those before ``until``, which may be moved on.
+
+    Where ``resumed`` says so, a client tells first where it goes on.
+    """
 
     def __init__(self, lines: list[bytes], block: int = 50, pause: float = 0.0) -> None:
         self._lines, self._block, self._pause = lines, block, pause
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.url = f"tcp://127.0.0.1:{self._listening.getsockname()[1]}?columns=n,t,u,y"
-        self.sent = 0
+        self.until, self.resumed = len(lines), False
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
 
@@ -112,16 +112,12 @@ class ReplayingPeer:
                     continue
 
     def _send(self, client: socket.socket) -> None:
-        client.settimeout(0.3)  # who goes on says so at once
-        try:
-            at = int(client.recv(100).split()[1]) + 1
-        except TimeoutError:
-            at = 0
         client.settimeout(PATIENCE)
+        at = int(client.makefile().readline().split()[1]) + 1 if self.resumed else 0
         while at < len(self._lines):
-            client.sendall(b"".join(self._lines[at : at + self._block]))
-            at = min(at + self._block, len(self._lines))
-            self.sent = max(self.sent, at)
+            end = min(at + self._block, self.until)
+            client.sendall(b"".join(self._lines[at:end]))
+            at = end
             time.sleep(self._pause)
 
     def close(self) -> None:

@@ -4,22 +4,11 @@ from __future__ import annotations
 
 import socket
 import threading
-import time
-from collections.abc import Callable
 
 import numpy as np
 
 from replant.data.streams import Batch, Source
-
-#: No test depends on how quick the machine is; this only keeps a broken one from hanging.
-PATIENCE = 60.0
-
-
-def wait_until(condition: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, f"waited in vain until {what}"
-        time.sleep(0.002)
+from support.waiting import PATIENCE, wait_until
 
 
 class Reading:

@@ -6,8 +6,15 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from replant.data.streams import Source
+from replant.data.streams import Source, reader
+from support.waiting import PATIENCE
 from support.wires import Peer, Reading
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have sources wait for their threads, as long as it takes on a busy machine."""
+    monkeypatch.setattr(reader, "PATIENCE", PATIENCE)
 
 
 @pytest.fixture

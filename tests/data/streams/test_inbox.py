@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from replant.data.streams.batch import Batch
 from replant.data.streams.inbox import LARGEST_BATCH, Inbox
+from support.waiting import PATIENCE
 
 
 def batch_of(first: int, count: int, arrived: float = 0.0) -> Batch:
@@ -58,10 +59,10 @@ def test_a_full_queue_makes_the_reader_wait_and_nothing_is_lost() -> None:
     reader.start()
     taken: list[int] = []
     while not inbox.ended or len(inbox):
-        batch = inbox.take(60.0)
+        batch = inbox.take(PATIENCE)
         assert len(batch) <= 7
         taken += batch.u.astype(int).tolist()
-    reader.join(60.0)
+    reader.join(PATIENCE)
     assert taken == list(range(sum(counts)))
 
 
@@ -70,7 +71,7 @@ def test_a_reader_that_waits_goes_on_when_nobody_takes_any_more() -> None:
     reader = threading.Thread(target=inbox.put, args=[batch_of(0, 5)], daemon=True)
     reader.start()
     inbox.abandon()
-    reader.join(60.0)
+    reader.join(PATIENCE)
     assert not reader.is_alive()
 
 
@@ -100,6 +101,6 @@ def test_a_failure_is_raised_once_what_came_before_it_has_been_taken() -> None:
     inbox = Inbox(4, drop=True)
     inbox.put(batch_of(0, 2))
     inbox.end(ZeroDivisionError("here"))
-    assert len(inbox.take(60.0)) == 2
+    assert len(inbox.take(PATIENCE)) == 2
     with pytest.raises(ZeroDivisionError, match="here"):
-        inbox.take(60.0)
+        inbox.take(PATIENCE)

@@ -74,20 +74,20 @@ def test_rows_without_a_time_stamp_are_counted(tmp_path: Path, read: Callable[..
 
 @pytest.mark.parametrize("clock", ["", "&time=t", "&dt=0.01"])
 def test_a_pace(log: Path, read: Callable[..., Reading], clock: str) -> None:
-    """A hundred seconds at a thousandfold speed take a tenth of a second, and come in parts."""
+    """A hundred seconds at a thousandfold speed take a tenth of a second, or longer on a busy machine."""
     begun = time.monotonic()
     reading = read(open_source(f"{log}?speed=1000{clock}"))
     reading.join()
     assert time.monotonic() - begun >= 0.0999
     assert len(reading) == 10_000
-    assert len(reading.batches) > 1
 
 
-def test_a_slow_replay_is_closed_at_once(log: Path, read: Callable[..., Reading]) -> None:
-    reading = read(open_source(f"{log}?speed=0.001"))
+def test_a_slow_replay_comes_in_parts_and_is_closed_at_once(log: Path, read: Callable[..., Reading]) -> None:
+    """At its pace the second sample is due after hours."""
+    reading = read(open_source(f"{log}?speed=1e-6"))
     reading.wait_for(1)
     reading.stop()
-    assert len(reading) < 10
+    assert len(reading) == 1
 
 
 def test_a_file_whose_name_has_a_question_mark(tmp_path: Path, read: Callable[..., Reading]) -> None:

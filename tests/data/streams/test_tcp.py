@@ -13,7 +13,7 @@ import pytest
 
 from replant.data.streams import open_source
 from replant.data.streams.inbox import CAPACITY
-from support.wires import Peer, Reading, csv, wait_until
+from support.wires import PATIENCE, Peer, Reading, csv, wait_until
 
 
 def samples(count: int, first: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -117,7 +117,7 @@ def test_a_full_queue_makes_the_peer_wait(peer: Peer) -> None:
             numbers.append(batch.sequence)
         if sum(map(len, numbers)) == count:
             break
-    sender.join(60.0)
+    sender.join(PATIENCE)
     source.close()
     assert not [batch for batch in batches if len(batch)]
     assert np.array_equal(np.concatenate(numbers), np.arange(count))

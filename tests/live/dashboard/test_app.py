@@ -27,13 +27,13 @@ from replant.live.dashboard import (
 )
 from support.dashboard_feed import Feed
 from support.http_request import ask
-
-PATIENCE = 60.0  # s, only against hanging
+from support.waiting import PATIENCE
 
 
 def watch(port: int, **options: Any) -> ClientConnection:
     origin = f"http://127.0.0.1:{port}"
-    return connect(f"ws://127.0.0.1:{port}/live", origin=origin, proxy=None, open_timeout=PATIENCE, **options)
+    url = f"ws://127.0.0.1:{port}/live"
+    return connect(url, origin=origin, proxy=None, open_timeout=PATIENCE, ping_timeout=None, **options)
 
 
 def view_of(message: str | bytes) -> dict[str, Any]:
@@ -184,7 +184,7 @@ def test_a_hundred_browsers_all_see_the_newest(bare: Hub) -> None:
     async def one(port: int, ready: asyncio.Barrier) -> int:
         origin = f"http://127.0.0.1:{port}"
         async with connect_async(
-            f"ws://127.0.0.1:{port}/live", origin=origin, proxy=None, open_timeout=None
+            f"ws://127.0.0.1:{port}/live", origin=origin, proxy=None, open_timeout=None, ping_timeout=None
         ) as watcher:
             await watcher.recv()
             await ready.wait()

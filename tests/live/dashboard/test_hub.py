@@ -12,6 +12,7 @@ from replant.errors import ReplantError
 from replant.live.dashboard import Hub
 from replant.live.dashboard import hub as hub_module
 from replant.live.dashboard.hub import COMMANDS, DIGITS
+from support.waiting import PATIENCE
 
 
 def silent() -> Hub:
@@ -50,7 +51,7 @@ def test_views_come_from_any_thread() -> None:
         publisher.join()
         return seen
 
-    seen = asyncio.run(asyncio.wait_for(watch(), 60))
+    seen = asyncio.run(asyncio.wait_for(watch(), PATIENCE))
     assert seen == sorted(set(seen))
 
 
@@ -122,12 +123,12 @@ def test_one_report_at_a_time() -> None:
 
         def report() -> bytes:
             begun.set()
-            assert let_go.wait(30)
+            assert let_go.wait(PATIENCE)
             return threading.current_thread().name.encode()
 
         hub = Hub(command=print, report=report)
         first = asyncio.create_task(hub.report())
-        await asyncio.to_thread(begun.wait, 30)
+        await asyncio.to_thread(begun.wait, PATIENCE)
         with pytest.raises(ReplantError, match="being made already"):
             await hub.report()
         let_go.set()

@@ -20,7 +20,7 @@ from replant.live.dashboard import (
     app,
     serve,
 )
-from support.browsing import TEXTS, contrast
+from support.browsing import TEXTS, contrast, drawn_anew, new_page
 from support.dashboard_feed import Feed
 from support.dashboard_pages import Page
 
@@ -64,7 +64,8 @@ def test_pausing_holds_the_drawing_and_nothing_else(opened: Page, feed: Feed) ->
     assert button.inner_text() == "Resume"
     before, samples = opened.pixels(), opened.text("samples")
     feed.advance(130)
-    opened.page.wait_for_timeout(600)  # three views' time
+    opened.until(lambda: feed.taken in opened.told)
+    drawn_anew(opened.page)
     assert (opened.pixels(), opened.text("samples")) == (before, samples)
     assert "paused" in opened.text("link")
     assert feed.commands == []  # the identification was not asked to stop
@@ -131,8 +132,8 @@ def test_it_comes_back_after_the_server_was_restarted(browser, feed: Feed) -> No
     page.until(lambda: page.text("link") == "reconnecting")
     assert page.page.locator("#reset").is_disabled()
     assert page.text("headline") == "Not connected"
-    drawn = page.drawn
-    page.page.wait_for_timeout(700)  # it tries in vain
+    drawn, tried = page.drawn, len(page.complaints)
+    page.until(lambda: len(page.complaints) > tried + 1)  # it tries in vain
     assert page.drawn == drawn
     with serve(feed.hub, port=served.port):
         page.until(lambda: page.text("link") == "connected")
@@ -180,7 +181,7 @@ def test_with_a_token_the_page_opens_once_and_then_by_its_cookie(browser, feed: 
         page.until(lambda: page.drawn > 0)
         assert page.complaints == []
         page.close()
-        stranger = browser.new_page()
+        stranger = new_page(browser)
         assert stranger.goto(served.url.partition("?")[0]).status == 401
         stranger.close()
 
@@ -212,7 +213,7 @@ def test_another_page_can_neither_act_nor_listen_nor_frame(
 ) -> None:
     """A foreign page in the same browser, of the same machine even: another port is another origin."""
     at = f"127.0.0.1:{dashboard.port}"
-    page = browser.new_page()
+    page = new_page(browser)
     page.goto(foreign)
     tried = """async at => {
       const got = [];

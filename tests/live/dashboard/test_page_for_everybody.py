@@ -69,9 +69,7 @@ def test_it_can_be_read_and_fits(browser, dashboard: Dashboard, feed: Feed, widt
     opened = Page(
         browser, dashboard.url, width, 860 if width == 400 else 800, color_scheme=scheme, reduced_motion="reduce"
     )
-    opened.page.wait_for_timeout(300)  # sizes have settled
-    assert opened.page.evaluate(OVERFLOW) == 0
-    assert opened.page.evaluate(CUT_OFF) == 0
+    opened.until(lambda: opened.page.evaluate(OVERFLOW) == opened.page.evaluate(CUT_OFF) == 0)  # sizes have settled
     for verdict in ("trusted", "converging", "inconsistent"):
         feed.change = {"verdict": verdict}
         feed.advance()

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import time
+import asyncio
+import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -19,6 +21,7 @@ from replant.live.dashboard import (
 from replant.live.dashboard.security import HEADERS
 from support.dashboard_feed import Feed
 from support.http_request import ask
+from support.waiting import wait_until
 
 TOKEN = "correct-horse+/=&?"
 HANDSHAKE = (
@@ -184,14 +187,29 @@ def test_a_websocket_needs_the_token_too(guarded: Dashboard) -> None:
 def test_tokens_are_tried_one_after_the_other_and_who_has_the_right_one_does_not_wait(
     guarded: Dashboard, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    let_go, pausing, most, pauses = threading.Event(), 0, 0, []
+
+    async def pause(seconds: float) -> None:
+        nonlocal pausing, most
+        pausing += 1
+        most = max(most, pausing)
+        while not let_go.is_set():
+            await asyncio.sleep(0.005)
+        pauses.append(seconds)
+        pausing -= 1
+
     monkeypatch.setattr(security, "PAUSE", 0.5)
-    begun = time.monotonic()
+    monkeypatch.setattr(security, "asyncio", SimpleNamespace(sleep=pause))
     with ThreadPoolExecutor() as pool:
         tries = [pool.submit(ask, guarded.port, "GET /", f"Authorization: Bearer {k}") for k in range(4)]
-        assert ask(guarded.port, "GET /", f"Authorization: Bearer {TOKEN}")[0] == 200
-        assert not all(answer.done() for answer in tries)
+        try:
+            wait_until(lambda: pausing, "a wrong token's answer waits")
+            assert ask(guarded.port, "GET /", f"Authorization: Bearer {TOKEN}")[0] == 200
+            assert not any(answer.done() for answer in tries)
+        finally:
+            let_go.set()
         assert [answer.result()[0] for answer in tries] == [401] * 4
-    assert time.monotonic() - begun >= 4 * 0.5
+    assert (most, pauses) == (1, [0.5] * 4)
 
 
 # --- where it listens ---

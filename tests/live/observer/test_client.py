@@ -33,6 +33,7 @@ from replant.live.observer.process import (
 from replant.live.observer.view import Pulse, View
 from support.live_command import PATIENCE, wait_for
 from support.live_fakes import DT, REQUEST, record
+from support.waiting import PATIENCE
 
 U, Y = record()
 
@@ -74,14 +75,15 @@ def seen(observer: Observer, ident: rp.Identifier, *, learned: bool = True) -> V
     return found
 
 
-def test_views_come_back_and_go_to_the_page(observer: Observer) -> None:
+def test_views_come_back_and_go_to_the_page(observer: Observer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(observing, "TOO_OLD", PATIENCE)
     ident = identifier(3000)
     view = seen(observer, ident)
     assert observer.view is observer.last
     np.testing.assert_array_equal(view.parameters, ident.parameters)
     assert view.verdict == ident.assess().status
     request = urllib.request.Request(observer.url + "model.json")
-    with urllib.request.urlopen(request, timeout=30.0) as answer:
+    with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
         model = json.load(answer)
     assert model["den"] == [1.0, ident.parameters[0]]
     assert seen(observer, ident, learned=False).samples == 3000  # the pulse alone
@@ -90,7 +92,7 @@ def test_views_come_back_and_go_to_the_page(observer: Observer) -> None:
 def test_commands_come_back_from_the_page(observer: Observer) -> None:
     request = urllib.request.Request(observer.url + "command/freeze", method="POST", data=b"")
     request.add_header("Origin", observer.url.rstrip("/"))
-    with urllib.request.urlopen(request, timeout=30.0) as answer:
+    with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
         assert answer.status < 300
     assert wait_for(observer.poll) == ["freeze"]
 
@@ -100,7 +102,7 @@ def test_the_report_is_made_of_the_newest_estimate(observer: Observer) -> None:
     seen(observer, ident)
     request = urllib.request.Request(observer.url + "report", method="POST", data=b"")
     request.add_header("Origin", observer.url.rstrip("/"))
-    with urllib.request.urlopen(request, timeout=120.0) as answer:
+    with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
         page = answer.read().decode()
     assert page.lower().startswith("<!doctype html>")
     assert f"{ident.parameters[0]:.4g}"[:5] in page
@@ -241,7 +243,7 @@ def test_a_crowd_at_the_page_is_none_of_the_sessions_business(observer: Observer
     ).encode()
     with contextlib.ExitStack() as crowd:
         for k in range(100):
-            page = crowd.enter_context(socket.create_connection(("127.0.0.1", port), timeout=30.0))
+            page = crowd.enter_context(socket.create_connection(("127.0.0.1", port), timeout=PATIENCE))
             page.sendall(upgrade)
             if k % 2:
                 page.sendall(b"\xff\x00" * 5000)
@@ -294,6 +296,7 @@ if __name__ == "__main__":
 
 
 def test_an_old_view_says_nothing_of_the_present(observer: Observer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(observing, "TOO_OLD", PATIENCE)
     seen(observer, identifier(1000))
     assert observer.view is not None
     now = time.monotonic()

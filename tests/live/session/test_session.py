@@ -19,6 +19,7 @@ from replant.live.session.progress import Progress
 from replant.live.session.session import Limits
 from replant.online import saving
 from support.live_fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, make, record
+from support.waiting import PATIENCE
 
 
 def learned(u: np.ndarray, y: np.ndarray, t: np.ndarray | None = None) -> bytes:
@@ -170,9 +171,12 @@ def test_a_checkpoint_is_written_before_anything_that_may_take_long(tmp_path: Pa
 
 
 def test_it_can_be_stopped_from_another_thread() -> None:
-    session, _ = make(FakeSource(*record(100), endless=True))
-    threading.Timer(0.05, session.stop).start()
+    learned = threading.Event()
+    session, _ = make(FakeSource(*record(100), endless=True, between=lambda done: learned.set()))
+    other = threading.Thread(target=lambda: (learned.wait(PATIENCE), session.stop()))
+    other.start()
     assert session.run()
+    other.join()
 
 
 # --- estimates

@@ -21,7 +21,7 @@ from replant.report.html.comparison import write_comparison
 from replant.report.html.report import write_report
 from replant.runs.comparison import compare
 from replant.settings import Request
-from support.browsing import TEXTS, chromium, contrast, luminance
+from support.browsing import TEXTS, chromium, contrast, drawn_anew, luminance, new_page
 from support.places import ROOT
 
 SEEN = ROOT / "out" / "report"
@@ -36,14 +36,14 @@ def browser() -> Iterator:
 
 def opened(browser, path: Path, width: int = 1366, scheme: str = "light"):
     """The page, once it has drawn; whatever it complains of or asks for fails the test."""
-    page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
+    page = new_page(browser, viewport={"width": width, "height": 800}, color_scheme=scheme)
     complaints: list[str] = []
     page.on("console", lambda message: complaints.append(message.text))
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on("request", lambda request: complaints.append(request.url) if request.url != path.as_uri() else None)
     page.goto(path.as_uri())
     page.wait_for_function("window.replantCharts && replantCharts.every(chart => chart.scales.x.max > 0)")
-    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    drawn_anew(page)
     assert complaints == []
     return page
 
@@ -90,8 +90,6 @@ def marked_pages(page, pictures: str, path: Path) -> tuple[list[list[int]], list
 
 def test_a_million_samples_load_alone(browser, long_report) -> None:
     page = opened(browser, long_report)
-    duration = page.evaluate("performance.getEntriesByType('navigation')[0].duration")
-    assert duration < 60_000  # ms, lest it hang; about 700 on two cores
     assert page.evaluate("replantCharts.length") == 9
     assert page.evaluate("document.querySelectorAll('.plot canvas').length") == 9
     assert page.evaluate("replantCharts[1].data[0].length") > 30_000
@@ -110,7 +108,7 @@ def test_zooming_one_plot_zooms_its_linked_ones(browser, long_report) -> None:
     page.mouse.down()
     page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 60, steps=4)
     page.mouse.up()
-    page.wait_for_timeout(100)
+    drawn_anew(page)
     zoomed = page.evaluate(RANGES)
     assert zoomed == [zoomed[0]] * 9
     assert zoomed[0] == pytest.approx([12_500, 25_000], rel=0.01)
@@ -118,7 +116,7 @@ def test_zooming_one_plot_zooms_its_linked_ones(browser, long_report) -> None:
     assert [float(number) for number in re.findall(r"\d+", shown)] == pytest.approx(zoomed[0], abs=60)
     seen(page, "zoomed")
     page.get_by_role("button", name="Show all").click()
-    page.wait_for_timeout(50)
+    drawn_anew(page)
     assert page.evaluate(RANGES) == whole
     page.close()
 
@@ -132,15 +130,15 @@ def test_keyboard_moves_and_zooms(browser, long_report) -> None:
     assert page.evaluate("document.activeElement.id") == "input"
     assert page.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
     page.keyboard.press("+")
-    page.wait_for_timeout(50)
+    drawn_anew(page)
     near = page.evaluate(RANGES)
     assert near == [near[0]] * 9
     assert near[0][1] - near[0][0] == pytest.approx(25_000, rel=1e-3)
     page.keyboard.press("ArrowRight")
-    page.wait_for_timeout(50)
+    drawn_anew(page)
     assert page.evaluate(RANGES)[4][0] == pytest.approx(near[0][0] + 5_000, rel=1e-3)
     page.keyboard.press("Escape")
-    page.wait_for_timeout(50)
+    drawn_anew(page)
     assert page.evaluate(RANGES)[8] == pytest.approx([0, 50_000], rel=1e-3)
     page.close()
 
@@ -161,7 +159,7 @@ def test_text_stands_out(browser, long_report, scheme: str) -> None:
 
 def test_bad_news_can_be_read_too(browser, bad_report) -> None:
     name, path = bad_report
-    page = browser.new_page(viewport={"width": 900, "height": 800})
+    page = new_page(browser, viewport={"width": 900, "height": 800})
     complaints: list[str] = []
     page.on("console", lambda message: complaints.append(message.text))
     page.on("pageerror", lambda error: complaints.append(str(error)))
@@ -190,7 +188,7 @@ def other_page(request, plain, tmp_path_factory) -> tuple[str, Path]:
 
 def test_the_other_pages_load_alone_stand_out_and_fit(browser, other_page) -> None:
     name, path = other_page
-    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    page = new_page(browser, viewport={"width": 1280, "height": 800})
     complaints: list[str] = []
     page.on("console", lambda message: complaints.append(message.text))
     page.on("pageerror", lambda error: complaints.append(str(error)))
@@ -209,7 +207,7 @@ def test_the_other_pages_load_alone_stand_out_and_fit(browser, other_page) -> No
 
 
 def test_the_other_pages_print_with_no_figure_in_two(browser, other_page, tmp_path) -> None:
-    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    page = new_page(browser, viewport={"width": 1280, "height": 800})
     page.goto(other_page[1].as_uri())
     first, last = marked_pages(page, ".paper svg, .panels svg", tmp_path / "marked.pdf")
     assert first == last
@@ -247,9 +245,8 @@ def test_paper_cuts_no_plot_in_two(browser, long_report, tmp_path) -> None:
 
 def test_without_scripts_the_pictures_stand_in(browser, uncertain, tmp_path) -> None:
     path = write_report(tmp_path / "report.html", uncertain.result, uncertain.log)
-    context = browser.new_context(java_script_enabled=False, viewport={"width": 1000, "height": 800})
-    page = context.new_page()
+    page = new_page(browser, java_script_enabled=False, viewport={"width": 1000, "height": 800})
     page.goto(path.as_uri())
     assert page.locator("figure .still svg").filter(visible=True).count() == 7
     assert page.locator(".plot").filter(visible=True).count() == 0
-    context.close()
+    page.close()

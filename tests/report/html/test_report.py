@@ -10,6 +10,7 @@ import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -303,11 +304,34 @@ def test_standard_deviations_reach_the_json(uncertain) -> None:
     assert [entry["std"] for entry in entries] == pytest.approx(np.sqrt(np.diag(uncertain.result.covariance)))
 
 
-def test_without_uplot_it_says_what_to_install(plain, tmp_path, monkeypatch) -> None:
-    module._uplot.cache_clear()
-    monkeypatch.setattr(module.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(MissingDependencyError, match=r"replant\[report\]"):
+@pytest.fixture
+def bare_uplot(monkeypatch):
+    """The module that finds uPlot, where there is none: neither in the package nor from uplot-python."""
+    from replant.report.html import uplot
+
+    uplot.uplot.cache_clear()
+    monkeypatch.setattr(uplot, "OWN", ("missing.js", "missing.css"))
+    monkeypatch.setattr(uplot.importlib.util, "find_spec", lambda name: None)
+    yield uplot
+    uplot.uplot.cache_clear()
+
+
+def test_without_uplot_it_says_what_to_install(plain, tmp_path, bare_uplot) -> None:
+    with pytest.raises(
+        MissingDependencyError, match="install npm and then replant once more, or: pip install"
+    ) as found:
         write_report(tmp_path / "report.html", plain.result, plain.log)
+    assert "\n" not in str(found.value)
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_where_uplot_was_not_fetched_that_of_uplot_python_is_taken(tmp_path, monkeypatch, bare_uplot) -> None:
+    (tmp_path / "static").mkdir()
+    (tmp_path / "static" / "uPlot.iife.js").write_text("script")
+    (tmp_path / "static" / "uPlot.min.css").write_text("style")
+    found = SimpleNamespace(submodule_search_locations=[str(tmp_path)])
+    monkeypatch.setattr(bare_uplot.importlib.util, "find_spec", lambda name: found)
+    assert bare_uplot.uplot() == ("script", "style")
 
 
 def test_plots_over_time_know_what_is_left_out(uncertain) -> None:

@@ -7,9 +7,9 @@ Numba, unsure of the signs, provides for what counts from the end or lies beyond
 from typing import Any
 
 from numba import types
-from numba.core import cgutils
-from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic
+
+from replant.kernels.codegen.private import cgutils, impl_ret_borrowed
 
 
 def _kind_of(array):

@@ -15,13 +15,15 @@ import math
 import operator
 from typing import Any
 
-from llvmlite import ir
 from numba import types
-from numba.core import cgutils
-from numba.core.imputils import impl_ret_borrowed
-from numba.core.typeconv.castgraph import Conversion
 from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model, type_callable
 
+from replant.kernels.codegen.private import (
+    Conversion,
+    cgutils,
+    impl_ret_borrowed,
+    ir,
+)
 from replant.kernels.schema import LINE
 
 #: Members side by side.  Twice as many as the widest processors take at once: while an instruction waits for the first

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import json
 import logging
 from functools import cache
@@ -19,11 +18,12 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from replant.errors import MissingDependencyError, ReplantError
+from replant.errors import ReplantError
 from replant.live.dashboard.connections import most_connections
 from replant.live.dashboard.hub import COMMANDS, Hub
 from replant.live.dashboard.security import HEADERS, Guard
 from replant.report.html.page import asset as report_asset
+from replant.report.html.uplot import uplot
 
 PERIOD = 0.2  # s between two views to one browser
 HISTORY_PERIOD = 1.0  # s between two histories, which are long
@@ -47,7 +47,7 @@ def create_app(hub: Hub, *, token: str | None, hosts: tuple[str, ...]) -> Starle
     Raises
     ------
     MissingDependencyError
-        Without uplot-python.
+        Without uPlot.
     """
     assets = _assets()
     page = _own("index.html")
@@ -208,14 +208,8 @@ def _own(name: str) -> bytes:
 
 @cache
 def _assets() -> dict[str, bytes]:
-    """Return everything that the page loads, by name; uPlot from its installed package, which need not be imported."""
+    """Return everything that the page loads, by name."""
     found = {name: _own(name) for name in _OWN}
     found["palette.css"] = report_asset("palette.css").encode()  # of one house with the report
-    spec = importlib.util.find_spec("uplot")
-    for folder in (spec and spec.submodule_search_locations) or ():
-        static = Path(folder, "static")
-        if (static / "uPlot.iife.js").is_file():
-            found["uPlot.js"] = (static / "uPlot.iife.js").read_bytes()
-            found["uPlot.css"] = (static / "uPlot.min.css").read_bytes()
-            return found
-    raise MissingDependencyError("the dashboard needs uplot-python: pip install 'replant[live]'")
+    found["uPlot.js"], found["uPlot.css"] = (text.encode() for text in uplot())
+    return found

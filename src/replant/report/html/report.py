@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import html
-import importlib.util
 import json
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -14,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from replant.data.logs import Log
-from replant.errors import MissingDependencyError
 from replant.optimizers import RecursiveLeastSquares
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess
@@ -39,6 +36,7 @@ from replant.report.html.page import (
 from replant.report.html.page import style as page_style
 from replant.report.html.page import words as in_words
 from replant.report.html.plot_data import charts
+from replant.report.html.uplot import uplot
 from replant.report.numbers import (
     duration,
     mathml,
@@ -86,7 +84,7 @@ def write_report(
     Raises
     ------
     MissingDependencyError
-        Without matplotlib or uplot-python, which the extra ``report`` brings.
+        Without matplotlib, which the extra ``report`` brings, or without uPlot.
     """
     settings = result.settings
     if settings is not None:
@@ -103,7 +101,7 @@ def write_report(
 
 def _fields(material: Material, title: str, command: str, python: str) -> dict[str, str]:
     found = findings(material.result, len(material.log))
-    script, style_sheet = _uplot()
+    script, style_sheet = uplot()
     plots = charts(material)
     return {
         "title": html.escape(title),
@@ -121,7 +119,7 @@ def _fields(material: Material, title: str, command: str, python: str) -> dict[s
         "origin": tables.origin(material),
         "uplot_css": style_sheet,
         "css": page_style(),
-        "uplot_js": script,
+        "uplot_js": script.replace("</script", "<\\/script"),
         "js": asset("report.js"),
         "data": json.dumps(plots).replace("<", "\\u003c"),
     }
@@ -228,15 +226,3 @@ def _in_small(text: str) -> str:
 def _reproduce(command: str, python: str) -> str:
     parts = [("In a shell", "shell", command), ("In Python", "python", python)]
     return "".join(f"<h3>{name}</h3>{code(kind, text)}" for name, kind, text in parts if text)
-
-
-@cache
-def _uplot() -> tuple[str, str]:
-    """Return uPlot's script and style sheet from the installed package, which need not be imported for that."""
-    spec = importlib.util.find_spec("uplot")
-    for folder in (spec and spec.submodule_search_locations) or ():
-        static = Path(folder, "static")
-        if (static / "uPlot.iife.js").is_file():
-            script = (static / "uPlot.iife.js").read_text(encoding="utf-8").replace("</script", "<\\/script")
-            return script, (static / "uPlot.min.css").read_text(encoding="utf-8")
-    raise MissingDependencyError("the report needs uplot-python: pip install 'replant[report]'")

@@ -1,0 +1,40 @@
+"""What `import replant` offers, each name from the module that holds it; loaded when the first of them is used."""
+
+from replant.assessment import fit_percent as fit_percent
+from replant.online.resume import load as load
+from replant.online.ensemble import Ensemble as Ensemble
+from replant.errors import (
+    ArgumentTypeError as ArgumentTypeError,
+    CheckpointError as CheckpointError,
+    DamagedCheckpointError as DamagedCheckpointError,
+    InvalidArgumentError as InvalidArgumentError,
+    LogError as LogError,
+    MissingCheckpointError as MissingCheckpointError,
+    MissingDependencyError as MissingDependencyError,
+    ReplantError as ReplantError,
+    SystemRefusedError as SystemRefusedError,
+    UnsupportedDependencyError as UnsupportedDependencyError,
+)
+from replant.regressor.filters import RefinedFilter as RefinedFilter, StateVariableFilter as StateVariableFilter
+from replant.online.identifier import Identifier as Identifier
+from replant.data.logs import Log as Log, read_log as read_log
+from replant.offline.fit import FitResult as FitResult, fit as fit
+from replant.optimizers import (
+    AdaDelta as AdaDelta,
+    AdaGrad as AdaGrad,
+    Adam as Adam,
+    AMSGrad as AMSGrad,
+    Gradient as Gradient,
+    IntegralCost as IntegralCost,
+    KalmanTracking as KalmanTracking,
+    NAdam as NAdam,
+    RecursiveLeastSquares as RecursiveLeastSquares,
+    RMSProp as RMSProp,
+)
+from replant.regressor.preprocess import Preprocess as Preprocess
+from replant.optimizers.replay import Replay as Replay
+from replant.regressor.scaling import Scaling as Scaling
+from replant.model.structure import Structure as Structure
+from replant.online.trace import Trace as Trace
+from replant.model.transfer_function import TransferFunction as TransferFunction
+from replant.model.uncertainty import Uncertainty as Uncertainty
