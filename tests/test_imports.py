@@ -71,7 +71,7 @@ def test_an_identifier_at_work_loads_numba_and_only_what_it_needs() -> None:
 
 def test_every_public_name_resolves_and_is_listed_in_order() -> None:
     assert replant.__all__ == sorted(replant.__all__)
-    assert set(replant.__all__) <= set(dir(replant))
+    assert set(replant.__all__) == set(dir(replant))
     assert len(set(replant.__all__)) == len(replant.__all__)
     for name in replant.__all__:
         assert getattr(replant, name) is not None

@@ -31,7 +31,7 @@ from replant.live.observer.process import (
     Orders,
 )
 from replant.live.observer.view import Pulse, View
-from support.live_command import PATIENCE, wait_for
+from support.live_command import wait_for
 from support.live_fakes import DT, REQUEST, record
 from support.waiting import PATIENCE
 
