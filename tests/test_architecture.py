@@ -12,7 +12,6 @@ import replant
 from support.places import ROOT
 
 sys.path.insert(0, str(ROOT / "tools"))
-import architecture
 from architecture import SOURCE, Package, circle, levels, reduced
 
 #: The folders, and the modules at the top, from the ground up: a module imports from its own folder and from those
@@ -114,12 +113,6 @@ def test_imports_make_no_circle() -> None:
     assert circle(PACKAGE.modules()) == set()
     assert circle(PACKAGE.rooms()) == set()
     assert circle(PACKAGE.rooms(top=True)) == set()
-
-
-def test_the_picture_of_the_folders_is_the_present_one() -> None:
-    """`make pages` draws it anew."""
-    drawn = (ROOT / "docs" / "pictures" / "architecture.svg").read_text(encoding="utf-8")
-    assert drawn == architecture.picture(PACKAGE)
 
 
 def test_levels_and_arrows_of_a_small_graph() -> None:
