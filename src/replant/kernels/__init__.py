@@ -1,12 +1,9 @@
-"""Plain loops on NumPy arrays, compiled by Numba; importing this package compiles or loads them.
+"""Plain loops on NumPy arrays, compiled by Numba; importing them compiles or loads them.
 
-Nothing here knows the rest of replant but its errors: kernels get arrays and give arrays.  All state of an identifier
-lies in three arrays, laid out by `layout`: ``ints`` (int64), ``reals`` (float64) and ``buffer`` (float64, one stored
-sample a row).  One flat array instead of many small ones keeps the cost of a call near 0.3 µs, and no model order needs
-its own compilation.
+Kernels get arrays and give arrays; of the rest of replant they know its errors alone.  All state of an identifier lies
+in five arrays, listed in `schema`.  A few flat arrays instead of many small ones keep the cost of a call near 0.3 µs,
+and no model order needs its own compilation.
 
-Many identifiers at once go through `lanes`, sixteen in a vector (see `vector`), by the same arithmetic.
-
-A reader starts with `step.take_by_gradient`: what happens to one sample, from its arrival to the new estimate.
-`compiled` and `pointer` say what makes it fast; benchmarks/kernels.py measures it beside C.
+A reader starts with `step.shared.take_by_gradient`: what happens to one sample, from its arrival to the new estimate.
+`codegen.decorators` and `codegen.pointer` say what makes it fast; benchmarks/kernels.py measures it beside C.
 """

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 from numba.core.errors import TypingError
 
-from replant.kernels.codegen.decorators import (
-    cut,
-    kernel,
-    part,
-    rare,
-    seldom,
-)
+from replant.kernels.codegen.decorators import cold, inline_llvm, inline_source, kernel, outlined
 from replant.kernels.codegen.pointer import pointer
 from replant.kernels.codegen.simd import LANES, vectors
 
@@ -65,7 +59,7 @@ def say_nothing() -> None:
     """Stand for any kernel."""
 
 
-def test_a_part_alone_melts_into_its_caller() -> None:
-    assert part(say_nothing).targetoptions["forceinline"] is True
-    for how in (kernel, cut, rare, seldom):
+def test_inline_llvm_alone_is_forced_into_its_caller() -> None:
+    assert inline_llvm(say_nothing).targetoptions["forceinline"] is True
+    for how in (kernel, inline_source, outlined, cold):
         assert how(say_nothing).targetoptions["forceinline"] is False, "it would be inherited from the first caller"

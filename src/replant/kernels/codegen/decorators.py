@@ -69,15 +69,15 @@ def _go_on_without(cache):
 #: What Python calls.
 kernel = compiled()
 
-#: What many parts need in their innermost loops: melts into its caller.
-part = compiled(forceinline=True)
+#: Inlined by LLVM: what many kernels need in their innermost loops.
+inline_llvm = compiled(forceinline=True)
 
-#: A part that returns an array, or that one place alone needs: its source is copied into the caller and compiled once.
-cut = compiled(inline="always")
+#: Inlined by Numba, which copies the source into the caller: what returns an array, or has one caller alone.
+inline_source = compiled(inline="always")
 
-#: What a kernel needs as a whole: compiled by itself, called as a function.
-rare = compiled()
+#: Compiled by itself and called as a function: a stage of the kernel of one sample.
+outlined = compiled()
 
-#: What a kernel needs once in many samples: called as a function, and not optimised, which would take longer than all
-#: of its calls together.  It calls nothing compiled itself: what is left of such names, unoptimised, forbids the cache.
-seldom = compiled(_dbg_optnone=True)
+#: The same, not optimised: what runs once in many samples, where optimising takes longer than all of its calls.  It
+#: calls nothing compiled itself: what is left of such names, unoptimised, forbids the cache.
+cold = compiled(_dbg_optnone=True)

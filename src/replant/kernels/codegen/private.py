@@ -1,6 +1,6 @@
 """What the kernels take from Numba that it does not promise to keep, and the versions with which that is tested.
 
-Types of our own (`vector`), pointers (`pointer`) and how kernels are compiled (`compiled`) rest on it: with another
+Types of our own (`simd`), pointers (`pointer`) and how kernels are compiled (`decorators`) rest on it: with another
 version they might not compile, or write where they must not.
 """
 

@@ -16,7 +16,7 @@ Discretisations are kept by the interval they belong to, a few at a time: a regu
 time three, and a clock that jitters makes a new one each time.
 """
 
-from replant.kernels.codegen.decorators import part, rare, seldom
+from replant.kernels.codegen.decorators import cold, inline_llvm, outlined
 from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters.matrix_exponential import exponential
 
@@ -36,25 +36,25 @@ DENOMINATOR = 3  # (n,)  d_{n-1} .. d_0; then come, one after the other:
 KEPT = 4
 
 
-@part
+@inline_llvm
 def at_gain(n):
     """Return where the gains begin."""
     return DENOMINATOR + 2 * n
 
 
-@part
+@inline_llvm
 def at_weights(n, T):
     """Return where the auxiliary model's parameters begin."""
     return DENOMINATOR + 2 * n + T
 
 
-@part
+@inline_llvm
 def at_states(n, T):
     """Return where the states begin."""
     return DENOMINATOR + 2 * n + 2 * T
 
 
-@part
+@inline_llvm
 def at_kept(n, T):
     """Return where the discretisations begin."""
     return DENOMINATOR + 2 * n + 2 * T + CHANNELS * n
@@ -65,7 +65,7 @@ def size(n: int, T: int) -> int:
     return DENOMINATOR + 2 * n + 2 * T + CHANNELS * n + KEPT * (1 + n * n + 2 * n)
 
 
-@seldom
+@cold
 def set_denominator(bank, n, T, inputs, constant, nuisances, fixed, denominator, sigma):
     """Give the bank a denominator d_{n-1} .. d_0: time scale, characteristic, gains; forget the discretisations.
 
@@ -101,7 +101,7 @@ def set_denominator(bank, n, T, inputs, constant, nuisances, fixed, denominator,
         bank[kept + slot * size] = -1.0
 
 
-@part
+@inline_llvm
 def discretization(bank, n, T, interval, work):
     """Return where the exact solution over ``interval`` lies in the bank, computing it if it is not there."""
     kept, size = at_kept(n, T), 1 + n * n + 2 * n
@@ -112,7 +112,7 @@ def discretization(bank, n, T, interval, work):
     return new_discretization(bank, n, T, interval, work)
 
 
-@rare
+@outlined
 def new_discretization(bank, n, T, interval, work):
     """Compute the exact solution over ``interval``, in the place of the oldest; return where it lies.
 
@@ -144,7 +144,7 @@ def new_discretization(bank, n, T, interval, work):
     return at
 
 
-@rare
+@outlined
 def advance_states(n, solution, start, rise, x, new):
     """Carry the states x over one interval: their signal begins at ``start`` and rises along a straight line.
 
@@ -160,7 +160,7 @@ def advance_states(n, solution, start, rise, x, new):
         x[i] = new[i]
 
 
-@rare
+@outlined
 def advance_both(n, solution, start, rise, x, new, other_start, other_rise, z, spare):
     """Carry the states x and z as `advance_states` carries x, to the same bits: each loads Ad but once for both."""
     A, constant, ramp = solution, n * n, n * n + n
@@ -177,14 +177,14 @@ def advance_both(n, solution, start, rise, x, new, other_start, other_rise, z, s
         z[i] = spare[i]
 
 
-@part
+@inline_llvm
 def advance_channel(bank, n, T, channel, at, start, end, work):
     """Carry one channel over the interval of the discretisation ``at``; its signal runs straight, start to end."""
     states = at_states(n, T) + channel * n
     advance_states(n, pointer(bank, at + 1), start, end - start, pointer(bank, states), pointer(work, 0))
 
 
-@part
+@inline_llvm
 def advance_two(bank, n, T, at, one, start, end, other, other_start, other_end, work):
     """Carry two channels as `advance_channel` carries one."""
     states, rise, other_rise = at_states(n, T), end - start, other_end - other_start
@@ -193,7 +193,7 @@ def advance_two(bank, n, T, at, one, start, end, other, other_start, other_end, 
     advance_both(n, pointer(bank, at + 1), start, rise, x, new, other_start, other_rise, z, spare)
 
 
-@seldom
+@cold
 def take_states(bank, other, n, T):
     """Copy the states of another bank, in this bank's own time scale."""
     ratio = bank[SCALE] / other[SCALE]
@@ -206,7 +206,7 @@ def take_states(bank, other, n, T):
     bank[MODEL_OUTPUT] = other[MODEL_OUTPUT]
 
 
-@seldom
+@cold
 def begin(bank, n, T):
     """Put every channel at rest, but for the impulse that has just come in."""
     states = DENOMINATOR + 2 * n + 2 * T
@@ -216,7 +216,7 @@ def begin(bank, n, T):
     bank[MODEL_OUTPUT] = 0.0
 
 
-@rare
+@outlined
 def fill_known_entries(bank, n, T, inputs, u, constant, nuisances, fixed, phi):
     """Fill the regressor's entries that no output enters: those of the input, the constant and the initial state.
 
@@ -244,7 +244,7 @@ def fill_known_entries(bank, n, T, inputs, u, constant, nuisances, fixed, phi):
     return output
 
 
-@rare
+@outlined
 def fill_output_entries(bank, n, T, channel, y, phi):
     """Fill the entries -s^(n-1)/D y .. -s^0/D y of the signal in this channel, and return s^n/D y.
 

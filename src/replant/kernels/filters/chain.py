@@ -5,7 +5,7 @@ serves while the other warms up.  With the refined filter the serving bank makes
 """
 
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import cut, part, rare
+from replant.kernels.codegen.decorators import inline_llvm, inline_source, outlined
 from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters.routh import all_left_of, bandwidth, slowest_decay
@@ -16,7 +16,7 @@ MOVED = 1.0 / 3.0  # how far a held input is taken to have moved, on the mean, w
 RETRY = 10.0  # samples until the estimate is looked at again when it could not serve as a model
 
 
-@rare
+@outlined
 def begin(ints, reals, banks, u, y):
     """Take the first sample of a record, or the first after a gap: everything at rest, u as it always was."""
     n, T = ints[at.ORDER], ints[at.ENTRIES]
@@ -32,7 +32,7 @@ def begin(ints, reals, banks, u, y):
     ints[at.STARTED] = 1
 
 
-@cut
+@inline_source
 def remember_input(ints, reals, u, interval):
     """Put the newest input into the ring that the dead time looks back on.
 
@@ -51,7 +51,7 @@ def remember_input(ints, reals, u, interval):
     held[newest] = last + (1.0 - known) * MOVED * (u - last)
 
 
-@rare
+@outlined
 def advance_delayed_input(ints, reals, bank, interval, slot, work):
     """Carry the INPUT channel over the newest interval, piece by piece where the dead time breaks it.
 
@@ -101,7 +101,7 @@ def advance_delayed_input(ints, reals, bank, interval, slot, work):
         reals[at.INPUT_NOW] = inputs[newer]
 
 
-@cut
+@inline_source
 def advance_bank(ints, reals, bank, interval, y, channels):
     """Carry the channels of a bank but MODEL, whose newest value is not known yet, over the newest interval.
 
@@ -127,7 +127,7 @@ def advance_bank(ints, reals, bank, interval, y, channels):
     return slot
 
 
-@rare
+@outlined
 def install_model(ints, reals, banks, which, theta):
     """Make the scaled estimate ``theta`` the denominator and auxiliary model of a bank."""
     n, T, inputs = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES]
@@ -147,7 +147,7 @@ def install_model(ints, reals, banks, which, theta):
         bank[weights + n + inputs] *= banks[0, bk.DENOMINATOR + n - 1]
 
 
-@rare
+@outlined
 def renew_model(ints, reals, banks):
     """Make before break: a bank with the newest estimate warms up beside the serving one, then takes over.
 
@@ -179,7 +179,7 @@ def renew_model(ints, reals, banks):
     return taken_over
 
 
-@part
+@inline_llvm
 def fill_regressor(ints, reals, bank, y, fixed):
     """Fill phi and zeta from a bank and return the scaled target s^n/D y.
 
@@ -198,7 +198,7 @@ def fill_regressor(ints, reals, bank, y, fixed):
     return target / reals[at.OUTPUT_SCALE]
 
 
-@rare
+@outlined
 def observe(ints, reals, banks, u, y, interval):
     """Take an accepted sample through dead time, filters and auxiliary model; return the scaled target.
 

@@ -4,12 +4,12 @@ Here because the kernels need it while samples come in: when the filter follows 
 of an irregular clock.  At the norm of 1/4 that scaling leaves, twelve terms reach 1e-17.
 """
 
-from replant.kernels.codegen.decorators import rare
+from replant.kernels.codegen.decorators import outlined
 
 _TERMS = 12
 
 
-@rare
+@outlined
 def _product(a, b, result, size):
     for i in range(size):
         for j in range(size):
@@ -19,7 +19,7 @@ def _product(a, b, result, size):
             result[i * size + j] = total
 
 
-@rare
+@outlined
 def exponential(matrix, result, work, size):
     """Write exp(matrix) into ``result``; all are flat (size^2,), ``matrix`` is used up, ``work`` is work."""
     norm = 0.0

@@ -5,10 +5,10 @@ A polynomial s^n + a[0] s^(n-1) + ... + a[n-1] is given by its n lower coefficie
 
 import math
 
-from replant.kernels.codegen.decorators import rare, seldom
+from replant.kernels.codegen.decorators import cold, outlined
 
 
-@seldom
+@cold
 def all_left_of(a, margin, work):
     """Return whether every root has a real part below -margin; ``work`` holds 3 (n + 2) numbers."""
     n = a.size
@@ -43,7 +43,7 @@ def all_left_of(a, margin, work):
     return True
 
 
-@rare
+@outlined
 def slowest_decay(a, work):
     """Return the distance of the rightmost root from the imaginary axis, within a factor of two from below.
 
@@ -57,7 +57,7 @@ def slowest_decay(a, work):
     return 0.0
 
 
-@seldom
+@cold
 def bandwidth(a):
     """Return max |a_i|^(1/(i+1)): no root is larger than twice this, the largest not smaller than an n-th of it."""
     largest = 0.0

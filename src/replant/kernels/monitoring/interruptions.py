@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import part, rare
+from replant.kernels.codegen.decorators import inline_llvm, outlined
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters.routh import slowest_decay
 from replant.kernels.monitoring import residual_colour
@@ -22,7 +22,7 @@ LEAST_NOISE = 1e-12  # of that square, as which the residual's variance counts t
 SETTLE = 5.0  # of the slowest time constant, to wait after a gap
 
 
-@rare
+@outlined
 def input_rests(ints, reals, u):
     """Return whether the input has come to rest: its moving variance says so, or it has not moved for a memory.
 
@@ -47,7 +47,7 @@ def input_rests(ints, reals, u):
     return reals[at.INPUT_POWER] < least
 
 
-@rare
+@outlined
 def begin_initial_state(ints, reals, banks, y):
     """Take the initial state for that of an output that stood at ``y``, and for unknown: learning goes on.
 
@@ -81,7 +81,7 @@ def begin_initial_state(ints, reals, banks, y):
         residual_colour.begin_last(reals[ints[at.AT_COLOUR] :], first, T)
 
 
-@rare
+@outlined
 def forget_constant(ints, reals, banks):
     """Take the constant beside G(s) for unknown: as large as would make the output ten times what it lately was.
 
@@ -102,7 +102,7 @@ def forget_constant(ints, reals, banks):
     residual_colour.begin_last(reals[ints[at.AT_COLOUR] :], which, T)
 
 
-@rare
+@outlined
 def interrupt(ints, reals, banks, interval):
     """Begin the filters anew after a gap: parameters stay, learning waits until what is unknown has died out."""
     n = ints[at.ORDER]
@@ -125,7 +125,7 @@ def interrupt(ints, reals, banks, interval):
         reals[at.LEARN_FROM] = now
 
 
-@rare
+@outlined
 def clock_was_set(ints, reals, t):
     """Count a stamp that does not advance; return whether so many in a row advance that it is the clock's new time."""
     ints[at.EARLIER_STAMPS] = (
@@ -138,7 +138,7 @@ def clock_was_set(ints, reals, t):
     return True
 
 
-@rare
+@outlined
 def hold(ints, reals, u, y, t, reason):
     """Hold a sample back until the next one tells whether it was misread; it counts as rejected so long."""
     ints[at.HELD_AT] = ints[at.SAMPLES] + 1
@@ -146,7 +146,7 @@ def hold(ints, reals, u, y, t, reason):
     ints[reason] += 1
 
 
-@rare
+@outlined
 def believe(ints, reason):
     """Tell the identifier to take the sample that is held back, and the present one once more."""
     ints[reason] -= 1
@@ -154,14 +154,14 @@ def believe(ints, reason):
     ints[at.ATTENTION] = 1
 
 
-@part
+@inline_llvm
 def is_far(reals, u):
     """Return whether an input is far beyond all before, where these are known."""
     away = u - reals[at.INPUT_MEAN]
     return away * away > INPUT_LEAP * INPUT_LEAP * reals[at.LARGEST_POWER] > 0.0
 
 
-@rare
+@outlined
 def input_leaps(ints, reals, u, y, t):
     """Return whether a sample whose input is far away is to be left: alone it was misread, two in a row are a move."""
     if ints[at.HELD_AT] == at.BELIEVED:
@@ -175,7 +175,7 @@ def input_leaps(ints, reals, u, y, t):
     return True
 
 
-@rare
+@outlined
 def time_leaps(ints, reals, u, y, t):
     """Return whether a sample whose stamp leaps ahead is to be left: the next one shows whether it was misread.
 
@@ -192,7 +192,7 @@ def time_leaps(ints, reals, u, y, t):
     return True
 
 
-@rare
+@outlined
 def is_too_coarse(ints, reals, t):
     """Return whether stamps as far from zero cannot tell sampling times apart; count it."""
     if abs(t) <= at.FARTHEST * reals[at.INTERVAL]:
@@ -201,7 +201,7 @@ def is_too_coarse(ints, reals, t):
     return True
 
 
-@rare
+@outlined
 def interval_of(ints, reals, banks, u, y, t):
     """Return the time since the sample before; NaN, and count it, where a time stamp cannot be used, or not yet."""
     if math.isnan(t):

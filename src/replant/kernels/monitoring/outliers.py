@@ -21,7 +21,7 @@ Nikiforov, "Detection of Abrupt Changes", 1993, chapter 2.
 import math
 
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import cut, part, rare
+from replant.kernels.codegen.decorators import inline_llvm, inline_source, outlined
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain
 from replant.kernels.optimizers import covariance as second
@@ -52,13 +52,13 @@ LARGEST_LIMIT = 400.0  # of the sum that raises the alarm: each false one double
 LEAST = 1e-6  # of the modelled output's largest square: a residual below that is as good as none
 
 
-@cut
+@inline_source
 def model_output(ints, banks):
     """Return the auxiliary model's output at the newest sample, 0 without one."""
     return banks[ints[at.SERVING_BANK], bk.MODEL_OUTPUT] if ints[at.INSTRUMENTS] == 1 else 0.0
 
 
-@part
+@inline_llvm
 def equation_error(ints, reals, target):
     """Return target - theta' phi, scaled."""
     theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + ints[at.ENTRIES]]
@@ -69,7 +69,7 @@ def equation_error(ints, reals, target):
     return error
 
 
-@part
+@inline_llvm
 def own_noise(ints, reals):
     """Return what the residual's variance is in the unit of the optimizer's covariance."""
     T = ints[at.ENTRIES]
@@ -78,7 +78,7 @@ def own_noise(ints, reals):
     return reals[ints[at.AT_SETTINGS]]
 
 
-@rare
+@outlined
 def variance_ratio(ints, reals):
     """Return the variance of the newest a-priori error over the residual's: more while parameters are uncertain."""
     T = ints[at.ENTRIES]
@@ -89,7 +89,7 @@ def variance_ratio(ints, reals):
     return 1.0 + along / own_noise(ints, reals)
 
 
-@rare
+@outlined
 def is_harmful(ints, reals, square):
     """Return whether an a-priori error is no chance, the parameters' uncertainty counted, and would do harm."""
     ratio = variance_ratio(ints, reals)
@@ -100,7 +100,7 @@ def is_harmful(ints, reals, square):
     return harm and square > GATE * usual * ratio
 
 
-@part
+@inline_llvm
 def is_outlier(ints, reals, error, settled):
     """Return whether an a-priori error is too large to be, or is none."""
     square = error * error
@@ -115,7 +115,7 @@ def is_outlier(ints, reals, error, settled):
     return is_harmful(ints, reals, square)
 
 
-@rare
+@outlined
 def reason_of(ints, y, doubt):
     """Return the doubt in an output whose error is too large to be, ``doubt`` where there was one before; count it."""
     if math.isnan(y):
@@ -127,7 +127,7 @@ def reason_of(ints, y, doubt):
     return Doubt.OUTLIER
 
 
-@rare
+@outlined
 def is_stuck(ints, reals, y, modelled):
     """Return whether a run of ties is no chance; if so, remember the output."""
     share = max(reals[at.TIE_SHARE], 1e-3)
@@ -148,7 +148,7 @@ def is_stuck(ints, reals, y, modelled):
     return True
 
 
-@part
+@inline_llvm
 def stands(ints, reals, y, modelled):
     """Follow how long the output has stood still; return whether the sensor is stuck."""
     step = abs(y - reals[at.LAST_RAW])
@@ -173,7 +173,7 @@ def stands(ints, reals, y, modelled):
     return known or is_stuck(ints, reals, y, modelled)
 
 
-@rare
+@outlined
 def advance_outputs(ints, reals, banks, y, interval, first):
     """Take ``y`` for the newest output: undo what the filters made of the measured one."""
     n, T, last, kept = ints[at.ORDER], ints[at.ENTRIES], reals[at.USED_OUTPUT], ints[at.AT_BACKUP]
@@ -193,7 +193,7 @@ def advance_outputs(ints, reals, banks, y, interval, first):
     return chain.fill_regressor(ints, reals, banks[ints[at.SERVING_BANK] if refined else 0], y, not refined)
 
 
-@cut
+@inline_source
 def keep_outputs(ints, reals, banks):
     """Keep the states of the output's filters as they were before the newest sample."""
     n, kept = ints[at.ORDER], ints[at.AT_BACKUP]
@@ -205,7 +205,7 @@ def keep_outputs(ints, reals, banks):
             room[b * n + i] = old[i]
 
 
-@cut
+@inline_source
 def observe(ints, reals, banks, u, y, interval):
     """Take a sample through the chain as `chain.observe` does; bridge its output where that cannot be.
 
@@ -242,14 +242,14 @@ def observe(ints, reals, banks, u, y, interval):
     return target
 
 
-@part
+@inline_llvm
 def begins_anew(ints, reals):
     """Return whether the newest error was that of an initial state not yet known after a gap, and no residual."""
     alpha = reals[ints[at.AT_MEMORY] + ints[at.MEMORY_SIZE] - 1]
     return ints[at.GAP_AT] > 0 and alpha > UNKNOWN * own_noise(ints, reals)
 
 
-@part
+@inline_llvm
 def is_calm(ints, reals):
     """Return whether no sensor was stuck just now, for one that saturates does so again soon, nor seems to be.
 
@@ -260,7 +260,7 @@ def is_calm(ints, reals):
     return ints[at.STUCK_OUTPUTS] == 0 or ints[at.SAMPLES] - ints[at.STUCK_LAST] >= CALM
 
 
-@part
+@inline_llvm
 def test_power(ints, reals, power):
     """Raise the alarm, or end it, by the sum of the residual's ``power`` over the usual one."""
     if ints[at.ALARM] != Alarm.NONE:
@@ -286,7 +286,7 @@ def test_power(ints, reals, power):
         reals[at.CUSUM] = 0.0
 
 
-@part
+@inline_llvm
 def watch(ints, reals, learned):
     """Follow the residual's variance, and whether it has grown; ``learned``: whether the plant can be judged by it."""
     if ints[at.DOUBT] >= Doubt.STUCK:

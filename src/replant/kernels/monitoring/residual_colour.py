@@ -8,7 +8,7 @@ autoregression, e = w / D(q), the covariance of the instrumental-variable estima
 Source: Soderstrom and Stoica, "Instrumental Variable Methods for System Identification", 1983, chapter 4.
 """
 
-from replant.kernels.codegen.decorators import rare, seldom
+from replant.kernels.codegen.decorators import cold, outlined
 from replant.kernels.schema import FIXED, LAGS, ColourSlots
 
 COUNT, POWER, POSITION = ColourSlots.count.index, ColourSlots.power.index, ColourSlots.position.index
@@ -16,7 +16,7 @@ BEGINS = ColourSlots.begins(FIXED | {"T": 0})  # what depends on T comes last
 MODEL, COVARIANCES, ERRORS, FILTERED = (BEGINS[name] for name in ("model", "covariances", "errors", "filtered"))
 
 
-@seldom
+@cold
 def autoregression(covariances, model, previous):
     """Fill ``model`` (LAGS + 1,) with the autoregression of these autocovariances; return its innovation's power.
 
@@ -42,9 +42,9 @@ def autoregression(covariances, model, previous):
     return max(power, 0.0)
 
 
-@rare
+@outlined
 def record(colour, error, alpha, forgetting, zeta):
-    """Take one residual (before its update; alpha as in `second_order.measurement_update`) and its regressor.
+    """Take one residual (before its update; alpha as in `optimizers.covariance.measurement_update`) and its regressor.
 
     ``zeta`` is overwritten by its filtered value.
     """
@@ -78,9 +78,9 @@ def record(colour, error, alpha, forgetting, zeta):
     colour[POSITION] = newest
 
 
-@seldom
+@cold
 def begin_last(colour, first, entries):
-    """Forget what the regressor's entries from ``first`` on have been, as `second_order.begin_last` does."""
+    """Forget what the regressor's entries from ``first`` on have been, as `optimizers.covariance.begin_last` does."""
     for lag in range(LAGS):
         for i in range(first, entries):
             colour[FILTERED + lag * entries + i] = 0.0

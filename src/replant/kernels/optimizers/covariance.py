@@ -10,14 +10,14 @@ update is Thornton's); Young, "Recursive Estimation and Time-Series Analysis", 2
 
 import numpy as np
 
-from replant.kernels.codegen.decorators import part, rare, seldom
+from replant.kernels.codegen.decorators import cold, inline_llvm, outlined
 from replant.kernels.codegen.pointer import pointer
 
 # The codes of these optimizers; `replant.optimizers` names them by the same numbers.
 RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9
 
 
-@rare
+@outlined
 def measurement_update(P, U, D, zeta, noise, projected, gain):
     """Bierman's update of U (P^2) and D (P) for a scalar observation zeta' theta of variance ``noise``.
 
@@ -44,7 +44,7 @@ def measurement_update(P, U, D, zeta, noise, projected, gain):
     return alpha
 
 
-@rare
+@outlined
 def time_update(P, U, D, increase, work):
     """Thornton's update of U and D for P + diag(increase): weighted Gram-Schmidt; ``work`` holds 2 P^2 + 2 P.
 
@@ -73,7 +73,7 @@ def time_update(P, U, D, increase, work):
                 earlier[k] -= cross * row[k]
 
 
-@seldom
+@cold
 def begin_last(U, D, first, variances, work):
     """Make the entries from ``first`` on independent of the others, with these ``variances``, as if just begun.
 
@@ -102,7 +102,7 @@ def begin_last(U, D, first, variances, work):
         D[k] = variances[k - first]
 
 
-@rare
+@outlined
 def variance_along(U, D, zeta):
     """Return zeta' P zeta."""
     P = D.size
@@ -115,7 +115,7 @@ def variance_along(U, D, zeta):
     return total
 
 
-@rare
+@outlined
 def expand(U, D, covariance):
     """Write P = U D U' into ``covariance`` (P, P)."""
     P = D.size
@@ -128,7 +128,7 @@ def expand(U, D, covariance):
             covariance[j, i] = total
 
 
-@part
+@inline_llvm
 def recursive_least_squares(theta, memory, settings, buffer, rows, batch, direction):
     """Settings [forgetting factor], memory [U (P^2), D (P), cap of D (P), work (2 P), alpha].
 
@@ -151,7 +151,7 @@ def recursive_least_squares(theta, memory, settings, buffer, rows, batch, direct
         gain[P] = alpha
 
 
-@part
+@inline_llvm
 def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, interval):
     """Random walk of the parameters; settings [1 / time constant of the noise estimate, q (P)].
 

@@ -13,7 +13,7 @@ where that vector begins, 0 or P + 2.
 
 import math
 
-from replant.kernels.codegen.decorators import cut, part
+from replant.kernels.codegen.decorators import inline_llvm, inline_source
 from replant.kernels.codegen.pointer import pointer
 from replant.kernels.codegen.simd import prefetch
 
@@ -26,13 +26,13 @@ CODES = range(8)
 GRADIENT, ADAM, AMSGRAD, ADAGRAD, RMSPROP, NADAM, ADADELTA, INTEGRAL_COST = CODES
 
 
-@cut
+@inline_source
 def row_of(buffer, k):
     """Return where a row of the buffer lies."""
     return pointer(buffer[0], k * buffer.shape[1])
 
 
-@part
+@inline_llvm
 def normalized_error(P, theta, row):
     """Return epsilon_I of (13): (y - theta' phi) / m^2."""
     prediction = 0.0
@@ -41,7 +41,7 @@ def normalized_error(P, theta, row):
     return (row[P] - prediction) * row[P + 1]
 
 
-@part
+@inline_llvm
 def gradient(theta, memory, settings, buffer, rows, batch, direction):
     """(17): theta += Tp gamma epsilon_I phi; settings [Tp gamma]."""
     P, gain = theta.size, settings[0]
@@ -53,7 +53,7 @@ def gradient(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] += step * along[i]
 
 
-@part
+@inline_llvm
 def adam(theta, memory, settings, buffer, rows, batch, direction):
     """Algorithm 1; settings [alpha, beta1, beta2, epsilon], memory [m (P,), v (P,), beta1^t, beta2^t]."""
     P = theta.size
@@ -75,7 +75,7 @@ def adam(theta, memory, settings, buffer, rows, batch, direction):
     memory[2 * P], memory[2 * P + 1] = power1, power2
 
 
-@part
+@inline_llvm
 def amsgrad(theta, memory, settings, buffer, rows, batch, direction):
     """Algorithm 2, no bias correction; settings [alpha, beta1, beta2, epsilon], memory [m, v, max v], (P,) each."""
     P = theta.size
@@ -93,7 +93,7 @@ def amsgrad(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] -= alpha * m[i] / (math.sqrt(largest[i]) + epsilon)
 
 
-@part
+@inline_llvm
 def adagrad(theta, memory, settings, buffer, rows, batch, direction):
     """Sum of squared gradients; settings [alpha, epsilon], memory [sum g^2 (P,)]."""
     P, alpha, epsilon = theta.size, settings[0], settings[1]
@@ -107,7 +107,7 @@ def adagrad(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] -= alpha * g / (math.sqrt(memory[i]) + epsilon)
 
 
-@part
+@inline_llvm
 def rmsprop(theta, memory, settings, buffer, rows, batch, direction):
     """Moving mean of squared gradients; settings [alpha, rho, epsilon], memory [v (P,)]."""
     P, alpha, rho, epsilon = theta.size, settings[0], settings[1], settings[2]
@@ -121,7 +121,7 @@ def rmsprop(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] -= alpha * g / (math.sqrt(memory[i]) + epsilon)
 
 
-@part
+@inline_llvm
 def nadam(theta, memory, settings, buffer, rows, batch, direction):
     """Adam with Nesterov's look-ahead; settings and memory as `adam`."""
     P = theta.size
@@ -144,7 +144,7 @@ def nadam(theta, memory, settings, buffer, rows, batch, direction):
     memory[2 * P], memory[2 * P + 1] = power1, power2
 
 
-@part
+@inline_llvm
 def adadelta(theta, memory, settings, buffer, rows, batch, direction):
     """Steps in the unit of theta; settings [alpha, rho, epsilon], memory [mean g^2 (P,), mean step^2 (P,)]."""
     P = theta.size
@@ -162,7 +162,7 @@ def adadelta(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] -= alpha * step
 
 
-@part
+@inline_llvm
 def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
     """(19); settings [Tp, Gamma, beta], memory [R (P P,), Q (P,), the slope R theta + Q (P,)].
 
@@ -179,7 +179,7 @@ def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
     )  # fmt: skip
 
 
-@part
+@inline_llvm
 def follow_integral(P, theta, R, period, gain, beta, buffer, width, rows, batch, direction):
     """Do what `integral_cost` says, with pointers; ``width`` is that of a row of the buffer."""
     keep, Q, slope = 1.0 - period * beta, pointer(R, P * P), pointer(R, P * P + P)
@@ -190,7 +190,7 @@ def follow_integral(P, theta, R, period, gain, beta, buffer, width, rows, batch,
         enter_row(P, theta, R, Q, slope, keep, period * phi[P + 1], phi, pointer(phi, direction))
 
 
-@part
+@inline_llvm
 def enter_row(P, theta, R, Q, slope, keep, weight, phi, along):
     """Let a row of the buffer enter R and Q; find the slope R theta + Q.
 
@@ -218,7 +218,7 @@ def enter_row(P, theta, R, Q, slope, keep, weight, phi, along):
         slope[i] = total
 
 
-@cut
+@inline_source
 def learn(algorithm, theta, memory, settings, buffer, rows, batch, direction):
     """Let the optimizer of this code consume the first ``batch`` of the drawn rows."""
     if algorithm == GRADIENT:

@@ -7,7 +7,7 @@ Source: Steele, Lea, Flood, "Fast splittable pseudorandom number generators", OO
 
 import numpy as np
 
-from replant.kernels.codegen.decorators import part
+from replant.kernels.codegen.decorators import inline_llvm
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX1 = np.uint64(0xBF58476D1CE4E5B9)
@@ -15,7 +15,7 @@ _MIX2 = np.uint64(0x94D049BB133111EB)
 _S30, _S27, _S31, _S32 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(32)
 
 
-@part
+@inline_llvm
 def draw_below(seed, position, bound):
     """Return a whole number in 0 .. bound-1, the ``position``-th of the stream ``seed``; bound < 2^31.
 

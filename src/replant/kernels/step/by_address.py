@@ -71,7 +71,7 @@ def arrays_at(address):
 
 @direct
 def step_at(address, u, y, t):
-    """Take one sample as `step.step` does; raise Attention where the identifier then has something to do.
+    """Take one sample as `shared.step` does; raise Attention where the identifier then has something to do.
 
     Python looks for an exception after every call, so that one costs nothing until it comes.
     """
@@ -84,7 +84,7 @@ def step_at(address, u, y, t):
 
 @direct
 def gradient_step_at(address, u, y, t):
-    """Take one sample as `step.gradient_step` does; raise Attention where the next one confirms one held back."""
+    """Take one sample as `shared.gradient_step` does; raise Attention where the next one confirms one held back."""
     ints, reals, banks, buffer, recent = arrays_at(address)
     error = shared.gradient_step(ints, reals, banks, buffer, recent, u, y, t)
     if ints[at.ATTENTION] == 1:
@@ -94,7 +94,7 @@ def gradient_step_at(address, u, y, t):
 
 @direct
 def plain_step_at(address, u, y, t):
-    """Take one sample as `plain.step` does."""
+    """Take one sample as `fixed_filter.step` does."""
     ints, reals, banks, buffer, recent = arrays_at(address)
     return fixed_filter.step(ints, reals, banks, buffer, recent, u, y, t)
 

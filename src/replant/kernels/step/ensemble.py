@@ -1,8 +1,9 @@
-"""What happens to one sample of each of `LANES` identifiers at once: `plain`, in vectors.
+"""One sample of each of `LANES` identifiers at once: `fixed_filter`, in SIMD vectors.
 
-The arrays are those of one identifier (see `layout`), stacked: with the member axis last, so that a quantity of all
-members is one vector, but for ``ints``, where it comes first.  All arithmetic is that of `plain` and `first_order`,
-compiled for vectors (see `vector`), so a member gets the same bits here as there and can go on at either place.
+The arrays are those of one identifier (see `kernels.schema`), stacked: with the member axis last, so that a quantity of
+all members is one vector, but for ``ints``, where it comes first.  All arithmetic is that of `fixed_filter` and
+`optimizers.gradient`, compiled for vectors (see `codegen.simd`), so a member gets the same bits here as there and can
+go on at either place.
 
 As long as no member rejects a sample that others accept, they are level: what counts samples is kept by the first of
 them for all.  Where they have the same random stream too, the drawn rows are the same, and each is read where it lies;
@@ -16,10 +17,10 @@ import numpy as np
 
 from replant.kernels import schema as at
 from replant.kernels.codegen.decorators import (
-    cut,
+    inline_llvm,
+    inline_source,
     kernel,
-    part,
-    rare,
+    outlined,
 )
 from replant.kernels.codegen.simd import (
     LANES,
@@ -40,7 +41,7 @@ from replant.kernels.step.shared import (
     keep_sample,
 )
 
-# Rows of the work space, after the 2 n that `plain.advance_states` uses.
+# Rows of the work space, after the 2 n that `fixed_filter.advance_states` uses.
 INPUT, OUTPUT, ERROR, FINITE, ASIDE = range(5)
 ASIDE_SCALARS = 3
 
@@ -53,9 +54,9 @@ LEVEL = (
 )  # fmt: skip
 
 
-@cut
+@inline_source
 def cut_filters(ints, reals, banks):
-    """Return the arrays of `plain.advance_states`.  The regular clock's discretisation is the bank's first."""
+    """Return the arrays of `fixed_filter.advance_states`.  The regular clock's discretisation is the bank's first."""
     n, T, bank = ints[at.ORDER], ints[at.ENTRIES], banks[0]
     A, states, room = bk.at_kept(n, T) + 1, bk.at_states(n, T), ints[at.AT_WORK]
     constant = A + n * n
@@ -68,7 +69,7 @@ def cut_filters(ints, reals, banks):
     )
 
 
-@rare
+@outlined
 def are_level(ints):
     """Say whether all members have counted the same."""
     same = True
@@ -78,7 +79,7 @@ def are_level(ints):
     return same
 
 
-@rare
+@outlined
 def spread(ints):
     """Let all members know what the first has counted for them."""
     for lane in range(1, LANES):
@@ -86,7 +87,7 @@ def spread(ints):
             ints[lane, slot] = ints[0, slot]
 
 
-@rare
+@outlined
 def set_aside(ints, reals, bank, lane, back):
     """Keep what one sample changes outside the estimate, which is kept anyway; or put it ``back``."""
     n, T = ints[at.ORDER], ints[at.ENTRIES]
@@ -110,7 +111,7 @@ def set_aside(ints, reals, bank, lane, back):
             reals[room + i, lane] = reals[phi + i, lane]
 
 
-@rare
+@outlined
 def write_estimate(ints, reals, source, row, lane):
     """Give a member the estimate and the optimizer's memory that lie in ``source`` from ``row`` on."""
     T, M = ints[at.ENTRIES], ints[at.MEMORY_SIZE]
@@ -120,13 +121,13 @@ def write_estimate(ints, reals, source, row, lane):
         reals[ints[at.AT_MEMORY] + i, lane] = source[row + T + i, lane]
 
 
-@part
+@inline_llvm
 def mapped(ints, r, u):
     """Return the members' inputs as the filters see them."""
     return (u * u if ints[at.SQUARE_INPUT] == 1 else u) - r[at.INPUT_OFFSET]
 
 
-@part
+@inline_llvm
 def admit(ints, reals, recent, u, y, interval):
     """Put an accepted sample among the raw samples and the past inputs: those of one member, or level ones'."""
     if ints[at.RECENT_SIZE] > 0:
@@ -140,7 +141,7 @@ def admit(ints, reals, recent, u, y, interval):
     reals[ints[at.AT_INTERVALS] + newest] = interval
 
 
-@rare
+@outlined
 def admit_each(ints, reals, banks, recent, live):
     """Admit or reject the samples in the work space, member by member."""
     row = ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
@@ -155,7 +156,7 @@ def admit_each(ints, reals, banks, recent, live):
             set_aside(ints[lane], reals, banks[0], lane, False)
 
 
-@rare
+@outlined
 def fetch_ahead(ints, buffer):
     """Ask the memory for the rows that the next sample will draw: where a sample is, no cache can guess."""
     filled, drawn = min(ints[at.BUFFER_FILLED] + 1, ints[at.CAPACITY]), ints[at.DRAWN]
@@ -165,13 +166,13 @@ def fetch_ahead(ints, buffer):
             prefetch(buffer, row, j)
 
 
-@rare
+@outlined
 def learn(ints, theta, memory, settings, buffer, rows, batch):
     """Let the members' optimizer consume the first ``batch`` of the rows."""
     first.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, 0)
 
 
-@rare
+@outlined
 def draw_each(ints, live, buffer, newest, apart):
     """Store each member's newest sample and draw its rows; return the smallest and the largest batch."""
     fewest, most, width = ints[0, at.BATCH_SIZE], 0, newest.shape[0]
@@ -192,7 +193,7 @@ def draw_each(ints, live, buffer, newest, apart):
     return fewest, most
 
 
-@rare
+@outlined
 def gather(ints, buffer, drawn, picked, most, apart):
     """Lay the batch that each member has drawn before its newest sample, the last row of ``drawn``."""
     for k in range(most - 1):
@@ -208,7 +209,7 @@ def gather(ints, buffer, drawn, picked, most, apart):
                     row[i, lane] = buffer[picked[lane], i, lane]
 
 
-@cut
+@inline_source
 def learn_each_its_own(ints, reals, live, buffer, apart, work, estimate):
     """Let every member learn the rows that it draws for itself."""
     theta, memory, kept_theta, kept_memory, _, _, settings, _ = estimate
@@ -231,7 +232,7 @@ def learn_each_its_own(ints, reals, live, buffer, apart, work, estimate):
                 write_estimate(ints[0], reals, spare, 0, lane)
 
 
-@cut
+@inline_source
 def update_estimate(ints, reals, live, shared, buffer, apart, work, estimate, target):
     """Learn the newest samples and their batches.
 
@@ -256,7 +257,7 @@ def update_estimate(ints, reals, live, shared, buffer, apart, work, estimate, ta
     return error, finite
 
 
-@part
+@inline_llvm
 def take(ints, reals, live, shared, buffer, apart, work, filters, regressor, estimate, u, y):
     """Take samples that were admitted; ``shared``: all draw the same rows.
 
@@ -278,7 +279,7 @@ def take(ints, reals, live, shared, buffer, apart, work, filters, regressor, est
     return error * r[at.OUTPUT_SCALE], finite
 
 
-@rare
+@outlined
 def undo(ints, reals, bank, live):
     """Undo the updates that left float64, and all that rejected samples did."""
     work, backup, adapts = ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER], ints[0, at.AT_BACKUP], ints[0, at.ADAPT] == 1
@@ -294,7 +295,7 @@ def undo(ints, reals, bank, live):
             write_estimate(ints[lane], reals, reals, backup, lane)
 
 
-@part
+@inline_llvm
 def count(ints):
     """Count a sample, of one member or of level ones; return whether the estimate is to be kept."""
     ints[at.SAMPLES] += 1
@@ -305,7 +306,7 @@ def count(ints):
     return ints[at.SAMPLES] >= ints[at.PAST_DUE]
 
 
-@rare
+@outlined
 def count_each(ints, reals, live, counted):
     """Count the accepted samples member by member, unless that is done, and keep the estimates that are due."""
     for lane in range(LANES):
@@ -313,7 +314,7 @@ def count_each(ints, reals, live, counted):
             keep_estimate(ints[lane], reals[:, lane])
 
 
-@rare
+@outlined
 def take_tile(ints, reals, banks, buffer, recent, apart, live, drawn, order, picked, spare, u, y, errors, parameters):
     """Take the samples of a tile: ``u``, ``y`` and ``errors`` have a row a sample, ``parameters`` one a parameter."""
     r, b, written = vectors(reals), vectors(banks), vectors(parameters)
@@ -354,7 +355,7 @@ def take_tile(ints, reals, banks, buffer, recent, apart, live, drawn, order, pic
         spread(ints)
 
 
-@part
+@inline_llvm
 def are_neighbours(numbers):
     """Say whether the members are one after the other in the ensemble: then so are their numbers in a row."""
     neighbours = True
@@ -363,7 +364,7 @@ def are_neighbours(numbers):
     return neighbours
 
 
-@rare
+@outlined
 def fetch(samples, numbers, start, own):
     """Copy the members' columns of the samples from a row on, or the one for all."""
     rows, width = vectors(own), samples.shape[1]
@@ -382,7 +383,7 @@ def fetch(samples, numbers, start, own):
                 own[k, lane] = samples[start + k, numbers[lane]]
 
 
-@rare
+@outlined
 def deliver(numbers, members, start, told, estimates, errors, parameters):
     """Copy errors and estimates of a tile to where they are wanted."""
     rows = vectors(told)

@@ -9,10 +9,10 @@ import numpy as np
 
 from replant.kernels import schema as at
 from replant.kernels.codegen.decorators import (
-    cut,
+    inline_llvm,
+    inline_source,
     kernel,
-    part,
-    rare,
+    outlined,
 )
 from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters import bank as bk
@@ -27,7 +27,7 @@ from replant.kernels.step.shared import (
 )
 
 
-@part
+@inline_llvm
 def place_of(bank, n, T, interval):
     """Return where in the bank the exact solution over ``interval`` lies, or will lie once it is computed."""
     kept, size = bk.at_kept(n, T), 1 + n * n + 2 * n
@@ -37,7 +37,7 @@ def place_of(bank, n, T, interval):
     return kept + int(bank[bk.NEXT]) * size
 
 
-@cut
+@inline_source
 def cut_filters(ints, reals, banks):
     """Return the arrays of the filters.
 
@@ -60,7 +60,7 @@ def cut_filters(ints, reals, banks):
     )
 
 
-@cut
+@inline_source
 def cut_regressor(ints, reals, banks):
     """Return the arrays of `fill_regressor`: those of the output (n numbers each), then those of the input.
 
@@ -80,7 +80,7 @@ def cut_regressor(ints, reals, banks):
     )
 
 
-@cut
+@inline_source
 def cut_estimate(ints, reals):
     """Return what is learned, and with what.
 
@@ -102,7 +102,7 @@ def cut_estimate(ints, reals):
     )
 
 
-@cut
+@inline_source
 def advance_states(A, constant, ramp, states, new, y, rise_y, u, rise):
     """Find the filter states after one interval: output and input start at y and u and rise along straight lines.
 
@@ -122,21 +122,21 @@ def advance_states(A, constant, ramp, states, new, y, rise_y, u, rise):
         new_wu[i] = su
 
 
-@cut
+@inline_source
 def settle(states, new):
     """Let the new states take the place of the others."""
     for i in range(states.size):
         states[i] = new[i]
 
 
-@rare
+@outlined
 def discretize(ints, reals, bank):
     """Make the one discretisation that a regular clock needs, unless it is there."""
     n, T = ints[at.ORDER], ints[at.ENTRIES]
     bk.discretization(bank, n, T, reals[at.INTERVAL], reals[ints[at.AT_WORK] :])
 
 
-@rare
+@outlined
 def begin(ints, reals, banks, u, y):
     """Take the first sample: the filters are at rest, and their discretisation is made."""
     chain.begin(ints, reals, banks, u, y)
@@ -146,7 +146,7 @@ def begin(ints, reals, banks, u, y):
         reals[new + i] = banks[0, states + i]
 
 
-@cut
+@inline_source
 def advance_filters(ints, reals, filters, u, y):
     """Carry the filter states from the sample before to this one, as (6)-(7) do."""
     A, constant, ramp, states, new, inputs, held, intervals = filters
@@ -161,7 +161,7 @@ def advance_filters(ints, reals, filters, u, y):
     reals[at.INPUT_NOW] = u
 
 
-@cut
+@inline_source
 def fill_regressor(reals, regressor, y):
     """Fill the scaled regressor phi of (12) and return the scaled target s^n/Lambda y."""
     characteristic, gain_y, wy, phi_y, gain_u, wu, phi_u = regressor
@@ -176,7 +176,7 @@ def fill_regressor(reals, regressor, y):
     return target / reals[at.OUTPUT_SCALE]
 
 
-@cut
+@inline_source
 def error_of(theta, phi, target):
     """Return the a-priori error y - theta' phi, scaled."""
     error = target
@@ -185,7 +185,7 @@ def error_of(theta, phi, target):
     return error
 
 
-@cut
+@inline_source
 def keep_and_write(ints, row, estimate, target):
     """Keep the estimate as it is and write a sample into its row of the buffer; return the a-priori error, scaled.
 
@@ -205,7 +205,7 @@ def keep_and_write(ints, row, estimate, target):
     return error
 
 
-@cut
+@inline_source
 def update_estimate(ints, buffer, estimate, target):
     """Learn the newest sample and its batch; undo what leaves float64.  Returns the a-priori error, scaled."""
     theta, memory, kept_theta, kept_memory, _, unit, settings, rows = estimate
@@ -221,7 +221,7 @@ def update_estimate(ints, buffer, estimate, target):
     return error
 
 
-@part
+@inline_llvm
 def take(ints, reals, banks, buffer, recent, filters, regressor, estimate, u, y):
     """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected."""
     if ints[at.SQUARE_INPUT] == 1:

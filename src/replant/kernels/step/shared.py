@@ -6,11 +6,11 @@ import numpy as np
 
 from replant.kernels import schema as at
 from replant.kernels.codegen.decorators import (
-    cut,
+    cold,
+    inline_llvm,
+    inline_source,
     kernel,
-    part,
-    rare,
-    seldom,
+    outlined,
 )
 from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters import bank as bk
@@ -40,7 +40,7 @@ KEEP_AFTER_PART, KEEP_AFTER_LEAST = 8, 32
 FEW = 16
 
 
-@rare
+@outlined
 def learn_with_covariance(ints, reals, theta, memory, buffer, batch, interval):
     """Let an optimizer that keeps a covariance consume the drawn rows."""
     settings, rows = reals[ints[at.AT_SETTINGS] : ints[at.AT_SETTINGS] + ints[at.SETTINGS_SIZE]], ints[at.ROWS :]
@@ -51,7 +51,7 @@ def learn_with_covariance(ints, reals, theta, memory, buffer, batch, interval):
         second.kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, interval)
 
 
-@rare
+@outlined
 def learn_by_gradient(ints, reals, theta, memory, buffer, batch, interval):
     """Let an optimizer that follows the gradient consume the drawn rows."""
     settings, rows = reals[ints[at.AT_SETTINGS] : ints[at.AT_SETTINGS] + ints[at.SETTINGS_SIZE]], ints[at.ROWS :]
@@ -59,7 +59,7 @@ def learn_by_gradient(ints, reals, theta, memory, buffer, batch, interval):
     first.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, direction)
 
 
-@part
+@inline_llvm
 def draw_rows(ints, rows):
     """Draw the rows of the newest sample's batch into ``rows``, and move on in the buffer; return how many."""
     head, capacity = ints[at.BUFFER_HEAD], ints[at.CAPACITY]
@@ -75,7 +75,7 @@ def draw_rows(ints, rows):
     return batch
 
 
-@rare
+@outlined
 def remember(ints, reals, buffer, target):
     """Store the sample in the buffer (over the oldest once it is full) and draw the rows of this sample's batch.
 
@@ -98,7 +98,7 @@ def remember(ints, reals, buffer, target):
     return draw_rows(ints, ints[at.ROWS :])
 
 
-@part
+@inline_llvm
 def acceptable(ints, u, y):
     """Count and turn away a sample that no filter may see; all else stays as it was, to the bit."""
     if abs(u) <= at.LARGEST and abs(y) <= at.LARGEST:
@@ -110,7 +110,7 @@ def acceptable(ints, u, y):
     return False
 
 
-@rare
+@outlined
 def lacks_output_alone(ints, u, y):
     """Return whether a sample that was turned away has an input that can be used, and no output."""
     if not (math.isnan(y) and abs(u) <= at.LARGEST):
@@ -119,7 +119,7 @@ def lacks_output_alone(ints, u, y):
     return True
 
 
-@rare
+@outlined
 def all_finite(size, numbers):
     """Say whether all numbers behind the pointer are finite."""
     if size <= FEW:
@@ -133,7 +133,7 @@ def all_finite(size, numbers):
     return finite
 
 
-@part
+@inline_llvm
 def left_float64(theta, unit, memory):
     """Say whether a physical parameter, or a number of the optimizer's memory, is not finite."""
     for i in range(theta.size):
@@ -142,7 +142,7 @@ def left_float64(theta, unit, memory):
     return memory.size > 0 and not all_finite(memory.size, pointer(memory, 0))
 
 
-@cut
+@inline_source
 def update_estimate(ints, reals, buffer, target, interval, learn):
     """Let ``learn`` take in the newest sample and its batch; undo what leaves float64."""
     T, M, kept = ints[at.ENTRIES], ints[at.MEMORY_SIZE], ints[at.AT_BACKUP]
@@ -164,7 +164,7 @@ def update_estimate(ints, reals, buffer, target, interval, learn):
             memory[i] = kept_memory[i]
 
 
-@rare
+@outlined
 def record_residual(ints, reals, error):
     """Keep power and colour of the residual, and the estimate's path, where the optimizer keeps a covariance."""
     T = ints[at.ENTRIES]
@@ -183,7 +183,7 @@ def record_residual(ints, reals, error):
         trail.keep(path, theta, U, D, colour[residual_colour.COUNT])
 
 
-@seldom
+@cold
 def keep_estimate(ints, reals):
     """Keep the estimate as it is now, in the place of the oldest one kept: later samples are held out from it."""
     T, samples = ints[at.ENTRIES], ints[at.SAMPLES]
@@ -197,7 +197,7 @@ def keep_estimate(ints, reals):
     ints[at.PAST_DUE] = samples + min(max(samples // KEEP_AFTER_PART, KEEP_AFTER_LEAST), ints[at.PAST_STEP])
 
 
-@part
+@inline_llvm
 def keep_sample(ints, recent, u, y, interval):
     """Keep the raw sample, over the oldest one."""
     head = ints[at.RECENT_HEAD]
@@ -206,7 +206,7 @@ def keep_sample(ints, recent, u, y, interval):
     ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT_SIZE] else 0
 
 
-@part
+@inline_llvm
 def keep_guarded_sample(ints, reals, recent, u, y, interval):
     """Keep the raw sample, over the oldest one, with the output that the filters saw and why.
 
@@ -220,7 +220,7 @@ def keep_guarded_sample(ints, reals, recent, u, y, interval):
     ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT_SIZE] else 0
 
 
-@cut
+@inline_source
 def renew_model(ints, reals, banks):
     """Let the newest estimate take over as auxiliary model where it is due, and the residual's colour with it."""
     if chain.renew_model(ints, reals, banks):
@@ -233,7 +233,7 @@ def renew_model(ints, reals, banks):
             )
 
 
-@cut
+@inline_source
 def take_by_gradient(ints, reals, banks, buffer, recent, u, y, t):
     """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected.
 
@@ -266,7 +266,7 @@ def take_by_gradient(ints, reals, banks, buffer, recent, u, y, t):
     return error * reals[at.OUTPUT_SCALE]
 
 
-@cut
+@inline_source
 def take_guarded(ints, reals, banks, buffer, recent, u, y, t):
     """Take one sample as `take_by_gradient` does, with an optimizer that keeps a covariance.
 
@@ -308,7 +308,7 @@ def take_guarded(ints, reals, banks, buffer, recent, u, y, t):
     return reals[at.ERROR] * reals[at.OUTPUT_SCALE]
 
 
-@cut
+@inline_source
 def take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, take):
     """Take samples by ``take``, until the identifier has something to do; return how many.
 
