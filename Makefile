@@ -46,8 +46,9 @@ bench regression bench-live soak: export NUMBA_CACHE_DIR = $(or $(TMPDIR),/tmp)/
 bench: $(VENV)/.peers  ## speed, as ratios to C and to other libraries measured in the same run; writes docs/performance.md
 	$(BIN)/python benchmarks $(ARGS)
 
-regression: $(READY)  ## speed beside C with a wide margin, a few seconds
+regression: $(READY)  ## speed beside C, wide logs beside narrow ones, with a wide margin; a few seconds
 	$(BIN)/python benchmarks/kernels.py --limit 2 --entries 4 8 --repetitions 15
+	$(BIN)/python benchmarks/wide_logs.py
 
 bench-live: $(READY)  ## live: throughput over TCP and MQTT, latency over UDP, memory
 	$(BIN)/python benchmarks/live.py

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -300,20 +299,11 @@ def test_names_that_may_be_a_damaged_row_say_what_to_do(write: Write) -> None:
 
 
 @pytest.mark.parametrize("header", ["{}", '"{}"', "c{}", None], ids=["numbers", "quoted", "names", "none"])
-def test_opening_takes_time_in_proportion_to_the_columns(write: Write, header: str | None) -> None:
-    """Ten times the columns take about ten times the processor's time; a hundred times where the cost is quadratic."""
-
-    def cost(columns: int) -> float:
-        names = "" if header is None else "t," + ",".join(header.format(k) for k in range(1, columns)) + "\n"
-        path = write(names + (",".join(["1.5"] * columns) + "\n") * 3)
-        spent = []
-        for _ in range(3):
-            begun = time.process_time()
-            assert len(read_columns(path).names) == columns
-            spent.append(time.process_time() - begun)
-        return min(spent)
-
-    assert cost(100_000) < 40.0 * cost(10_000)
+def test_a_hundred_thousand_columns_are_opened(write: Write, header: str | None) -> None:
+    """That it takes time in proportion to the columns is measured by benchmarks/wide_logs.py."""
+    names = "" if header is None else "t," + ",".join(header.format(k) for k in range(1, 100_000)) + "\n"
+    path = write(names + (",".join(["1.5"] * 100_000) + "\n") * 3)
+    assert len(read_columns(path).names) == 100_000
 
 
 @block_sizes

@@ -11,8 +11,7 @@ import pytest
 
 import replant as rp
 from replant.kernels.codegen import private
-
-ROOT = Path(__file__).resolve().parents[2]
+from support.places import ROOT
 
 
 def test_what_is_declared_is_what_is_tested() -> None:

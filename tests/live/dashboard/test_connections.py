@@ -179,7 +179,10 @@ def test_four_hundred_idle_connections_at_a_limit_of_256_descriptors() -> None:
 
 def model(port: int) -> dict[str, Any]:
     """The model that the page offers; empty before there is one."""
-    with contextlib.suppress(OSError), urllib.request.urlopen(f"http://127.0.0.1:{port}/model.json", timeout=20) as got:
+    with (
+        contextlib.suppress(OSError),
+        urllib.request.urlopen(f"http://127.0.0.1:{port}/model.json", timeout=PATIENCE) as got,
+    ):
         found: dict[str, Any] = json.load(got)
         return found
     return {}

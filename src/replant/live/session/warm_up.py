@@ -8,7 +8,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from replant.kernels.codegen.decorators import TROUBLE
 from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
 from replant.settings import Request
@@ -26,6 +25,8 @@ def warm(request: Request, say: Callable[[str], None]) -> None:
     say : callable
         Told why, if it takes long: kernels are compiled once and kept on disk.
     """
+    from replant.kernels.codegen.decorators import TROUBLE
+
     waiting = threading.Timer(PATIENCE, say, ["replant: compiling (once): up to a minute"])
     waiting.daemon = True
     waiting.start()
