@@ -144,10 +144,10 @@ def test_the_quadratics_standard_deviation_is_the_derivative() -> None:
     structure = rp.Structure(2)
     covariance = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 0.0]])
     base, step = np.array([4.0, 3.0, 2.0]), 1e-6
-    known = figures_of(rp.uncertainty.Uncertainty(structure, base, covariance))
+    known = figures_of(rp.Uncertainty(structure, base, covariance))
     for name in ("f", "zeta"):
         slope = [
-            (figures_of(rp.uncertainty.Uncertainty(structure, base + step * unit, covariance))[name][0]
+            (figures_of(rp.Uncertainty(structure, base + step * unit, covariance))[name][0]
              - known[name][0]) / step
             for unit in np.eye(3)
         ]  # fmt: skip

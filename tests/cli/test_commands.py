@@ -182,8 +182,13 @@ def test_a_place_that_cannot_be_written_is_one_line(capsys, log: Path, tmp_path,
     assert str(out / blocked) in err
 
 
-@pytest.mark.parametrize("command", ["run", "fit"])
-def test_bad_samples_are_counted_not_fatal(capsys, tmp_path: Path, command: str) -> None:
+@pytest.mark.parametrize(
+    ("command", "samples", "missing"), [("run", 999, {"no output": 2}), ("fit", 997, {"not finite": 2})]
+)
+def test_bad_samples_are_counted_not_fatal(
+    capsys, tmp_path: Path, command: str, samples: int, missing: dict[str, int]
+) -> None:
+    """Of a sample without an output the online pass uses the input."""
     u = prbs(1000, hold=10)
     y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.1)
     cells = [f"{value:.17g}" for value in y]
@@ -193,8 +198,8 @@ def test_bad_samples_are_counted_not_fatal(capsys, tmp_path: Path, command: str)
     code, out, err = call(capsys, command, path, *COLUMNS, "--dt", 0.1, "--json")
     assert (code, err) == (0, "")
     answer = json.loads(out)
-    assert answer["samples"] == 997
-    assert {reason: count for reason, count in answer["rejected"].items() if count} == {"not finite": 2, "too large": 1}
+    assert answer["samples"] == samples
+    assert {reason: count for reason, count in answer["rejected"].items() if count} == {**missing, "too large": 1}
     assert answer["parameters"]["a0"]["value"] == pytest.approx(0.5, rel=0.1)
 
 

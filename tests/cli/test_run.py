@@ -114,7 +114,7 @@ def test_a_person_sees_how_far_it_is(
     capsys: pytest.CaptureFixture[str], log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     terminal = Terminal()
-    monkeypatch.setattr(run, "CHUNK", 10)
+    monkeypatch.setattr(online_run, "CHUNK", 10)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "120")
     monkeypatch.setattr(sys, "stderr", terminal)

@@ -249,7 +249,7 @@ def test_kernels_whose_cache_cannot_be_read_are_compiled(error: Exception) -> No
 
 
 def test_kernels_that_cannot_be_kept_are_used_and_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(decorators, "TROUBLE", trouble := [])
+    monkeypatch.setattr(decorators, "TROUBLE", [])
     cache = Cache(save=OSError(errno.ENOSPC, "No space left on device"))
     decorators._go_on_without(cache)
     cache.save_overload("signature", "compiled now")

@@ -226,10 +226,17 @@ def test_values_that_are_no_numbers_are_counted_and_leave_no_trace(value: float)
     broken[1000:1010] = value
     session, _ = make(FakeSource(u, broken, t=t))
     session.run()
-    good = np.isfinite(broken)
     identifier = rp.Identifier(**vars(REQUEST))
-    identifier.update_many(u[good], y[good], t[good])
-    assert session.identifier.rejected["not finite"] == 10
+    if np.isnan(value):  # a missing output: the input is used
+        identifier.update_many(u, broken, t)
+        assert session.identifier.rejected["no output"] == 10
+        whole = rp.Identifier(**vars(REQUEST))
+        whole.update_many(u, y, t)
+        assert (np.abs(identifier.parameters - whole.parameters) < whole.uncertainty.std).all()
+    else:
+        good = np.isfinite(broken)
+        identifier.update_many(u[good], y[good], t[good])
+        assert session.identifier.rejected["not finite"] == 10
     np.testing.assert_array_equal(session.identifier.parameters, identifier.parameters)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import statistics
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -87,7 +88,9 @@ def arrays(block: Sequence[Sample], columns: Sequence[str]) -> bytes:
 
 def counted_on(block: Sequence[Sample], columns: Sequence[str]) -> bytes:
     """One object of arrays with the number of the first sample alone."""
-    first = next((one["n"] for k, one in enumerate(block) if one["n"] != block[0]["n"] + k), block[0]["n"])
+    numbers = [one["n"] for one in block]
+    begin = statistics.mode(n - k for k, n in enumerate(numbers) if isinstance(n, float) and np.isfinite(n))
+    first = next((n for k, n in enumerate(numbers) if n != begin + k), begin)  # the one misread
     lists: Sample = {name: [one[name] for one in block if one[name] is not NOTHING] for name in columns}
     if "n" in columns:
         lists["n"] = plain("n", first)

@@ -21,10 +21,12 @@ class Worker:
 
     Examples
     --------
-    >>> worker = Worker(lambda: print("done"))
+    >>> done = []
+    >>> worker = Worker(lambda: done.append(True))
     >>> worker.start()
     >>> worker.join()
-    done
+    >>> done
+    [True]
     """
 
     def __init__(self, job: Callable[[], None]) -> None:

@@ -17,6 +17,7 @@ import replant as rp
 from data.streams.test_udp import Device, opened
 from replant.data.streams import open_source
 from replant.data.streams.opening import SCHEMES
+from replant.engine.state import REASONS
 from support.broker import MOSQUITTO, Broker
 from support.places import ROOT
 from support.wires import Reading
@@ -44,7 +45,7 @@ def test_the_arduino_sketch(tmp_path: Path, read: Callable[..., Reading]) -> Non
     compiler = shutil.which("g++") or shutil.which("c++")
     if compiler is None:
         pytest.skip("no C++ compiler to compile the sketch with")
-    board = pytest.importorskip("sources.test_serial_port", reason="pyserial or pseudo-terminals are missing")
+    board = pytest.importorskip("data.streams.test_serial_port", reason="pyserial or pseudo-terminals are missing")
     sketch, program = tmp_path / "sketch.cpp", tmp_path / "sketch"
     sketch.write_text('#include <cstdint>\n#include "Arduino.h"\n' + block("cpp"))
     subprocess.run([compiler, "-Wall", "-Werror", f"-I{BOARD}", "-o", str(program), str(sketch)], check=True)
@@ -109,8 +110,9 @@ def test_every_kind_of_url_is_on_the_page() -> None:
 
 
 def test_the_reasons_on_the_page_are_those_that_are_counted() -> None:
-    """Each reason that the page quotes stands in the sources' code."""
+    """Each reason that the page quotes stands in the sources' code, or is one of the identifier's."""
     code = "".join(path.read_text() for path in Path(rp.__file__).parent.joinpath("data", "streams").glob("*.py"))
+    code += "".join(f'"{reason}"' for reason in REASONS)
     table = PAGE.partition("## What goes wrong on a wire")[2].partition("\n## ")[0]
     quoted = set(re.findall(r'"([^"]+)"', table))
     assert {"duplicate", "lost", "too long", "cut off"} <= quoted

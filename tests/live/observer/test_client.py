@@ -172,7 +172,10 @@ def test_a_start_that_fails_is_tried_again(
     os.kill(wait_for(lambda: pid(mortal)), signal.SIGKILL)
     wait_for(lambda: pid(mortal) and len(tries) == 3)
     assert seen(mortal, identifier(1000)).samples == 1000
-    assert "cannot be started: Too many open files; trying again" in capfd.readouterr().err
+    assert (
+        "cannot be started: Too many open files; raise the limit on open files (ulimit -n); trying again"
+        in capfd.readouterr().err
+    )
 
 
 def test_a_look_that_fails_is_one_notice_and_the_next_goes_on(mortal: Observer, capfd: pytest.CaptureFixture) -> None:

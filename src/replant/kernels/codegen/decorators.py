@@ -37,7 +37,8 @@ def compiled(**how):
         except RuntimeError as error:  # Numba found no folder that can be written to
             TROUBLE.append(str(error))
             return njit(**settings)(function)
-        _go_on_without(kernel._cache)
+        if hasattr(kernel, "_cache"):  # else Numba was told to leave the function as it is (NUMBA_DISABLE_JIT)
+            _go_on_without(kernel._cache)
         return kernel
 
     return compile_when_called

@@ -41,7 +41,7 @@ class Clock:
     >>> clock.follow(np.array([0.0, 0.1, 0.2])).round(6)  # it was switched off and on: a sample later it is believed
     array([  0. , 504.1, 504.2])
     >>> clock.follow(np.array([1e4, 0.3])).round(6), round(clock.last, 6)  # misread, rejected by the identifier
-    (array([10504.1,   504.3]), 504.3)
+    (array([10504. ,   504.3]), 504.3)
     """
 
     def __init__(

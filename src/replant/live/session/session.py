@@ -158,10 +158,10 @@ class Session:
         if not batch.u.size:
             return
         t = self._stamps(batch)
-        before = self.identifier.samples
+        before = self._measured
         self._torn = True
         self.identifier.update_many(batch.u, batch.y, t)
-        if self.identifier.samples > before:
+        if self._measured > before:
             self._outlets.accepted()
         clock = self.progress.advance(batch, t, self.identifier.dt)
         self._torn = False
@@ -170,6 +170,11 @@ class Session:
         self._learned = True
         self._meter.count(batch.u.size, batch.arrived)
         self._outlets.mark()
+
+    @property
+    def _measured(self) -> int:
+        """How many samples were accepted with their output: without one nothing says that the model still holds."""
+        return self.identifier.samples - self.identifier.rejected["no output"]
 
     def _stamps(self, batch: Batch) -> FloatArray | None:
         """Return the time stamps to learn with: the device's, or those that its numbers give on a regular clock."""
