@@ -1,4 +1,4 @@
-"""Whether a measured output can be, and whether the plant has changed: what keeps a recursion's head.
+"""Outlier, stuck-sensor and change detection: which outputs are implausible, and whether the plant has changed.
 
 An outlier must not reach the filters.  There it would stay for as long as the plant's own memory, and meanwhile the
 step theta += P zeta e / alpha does not contract: with the instruments free of the outlier and the regressor full of
