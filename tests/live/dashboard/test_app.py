@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from websockets.asyncio.client import connect as connect_async
 from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import ClientConnection, connect
 
 import replant as rp
 from replant.errors import InvalidArgumentError, ReplantError
@@ -26,28 +25,9 @@ from replant.live.dashboard import (
     serve,
 )
 from support.dashboard_feed import Feed
+from support.dashboard_watcher import numbered, until, view_of, watch
 from support.http_request import ask
 from support.waiting import PATIENCE
-
-
-def watch(port: int, **options: Any) -> ClientConnection:
-    origin = f"http://127.0.0.1:{port}"
-    url = f"ws://127.0.0.1:{port}/live"
-    return connect(url, origin=origin, proxy=None, open_timeout=PATIENCE, ping_timeout=None, **options)
-
-
-def view_of(message: str | bytes) -> dict[str, Any]:
-    """The view in a message, empty for a history."""
-    return json.loads(message).get("view", {})
-
-
-def until(watcher: ClientConnection, samples: int) -> list[int]:
-    """Read until the view that counts so many samples; return all counts that were read."""
-    seen: list[int] = []
-    while not seen or seen[-1] != samples:
-        view = view_of(watcher.recv(PATIENCE))
-        seen += [view["samples"]] if view else []
-    return seen
 
 
 @pytest.fixture
@@ -55,10 +35,6 @@ def bare(monkeypatch: pytest.MonkeyPatch) -> Hub:
     """A hub whose views are a number and ballast, sent as fast as they are read."""
     monkeypatch.setattr(app, "PERIOD", 0.0)
     return Hub(command=print, report=bytes)
-
-
-def numbered(number: int, ballast: int = 0) -> dict[str, Any]:
-    return {"samples": number, "source": "x" * ballast}
 
 
 # --- page and downloads ---

@@ -17,7 +17,6 @@ from typing import Any
 
 import pytest
 
-from live.dashboard.test_app import numbered, until, watch
 from replant.live.dashboard import (
     Hub,
     app,
@@ -25,6 +24,7 @@ from replant.live.dashboard import (
     security,
     serve,
 )
+from support.dashboard_watcher import numbered, until, watch
 from support.http_request import ask
 from support.live_command import PATIENCE, wait_for
 
