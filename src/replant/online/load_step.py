@@ -1,4 +1,4 @@
-"""A disturbance that has stepped: the constant beside G(s) is another one, and the plant still the same."""
+"""Step disturbance: the offset changed, G(s) did not."""
 
 from __future__ import annotations
 
