@@ -68,10 +68,9 @@ def _doubt(error: FloatArray) -> float:
     The larger of two: by Bartlett's formula, :math:`\sqrt{2 \sum_\tau r^2(\tau) / N}`, which counts the colour of
     normal noise, and from the scatter of the means of a few parts, which counts outliers.
     """
-    from scipy.signal import correlate
-
     lags = min(error.size // 4, LONGEST_MEMORY)
-    whole = correlate(error, error, method="fft")[error.size - 1 : error.size + lags]
+    padded = 1 << (2 * error.size - 1).bit_length()  # so that no lag wraps around
+    whole = np.fft.irfft(np.abs(np.fft.rfft(error, padded)) ** 2, padded)[: lags + 1]
     memory = float(2.0 * np.sum((whole / whole[0]) ** 2) - 1.0)
     means = (error[: error.size // PARTS * PARTS] ** 2).reshape(PARTS, -1).mean(axis=1)
     scatter = float(means.std(ddof=1)) / math.sqrt(PARTS) / float(means.mean())

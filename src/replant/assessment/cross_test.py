@@ -21,6 +21,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.simulation.model_run import ModelRun
 from replant.statistics.autoregression import Autoregression
+from replant.statistics.chi2 import chi2_quantile
 from replant.statistics.linear_algebra import roots
 from replant.statistics.projections import lengths_of, orthogonal, products
 
@@ -84,8 +85,6 @@ def _regression(
     seen: FloatArray, made: FloatArray, along: FloatArray, white: FloatArray, learned: float
 ) -> Unexplained:
     """Regress the white error (K,) on columns whose sums are given: filtered, as they are, and with the error."""
-    from scipy.stats import chi2
-
     basis = orthogonal(seen)
     amounts = basis.T @ along
     count, part = len(amounts), float(amounts @ amounts)
@@ -97,7 +96,7 @@ def _regression(
     output = gram @ amounts
     power = (float(amounts @ output) - variance * float(np.trace(gram))) / white.size
     doubt = math.sqrt(variance * (2.0 * variance * float(np.sum(gram**2)) + 4.0 * float(output @ output))) / white.size
-    limit = float(chi2.ppf(1.0 - FALSE_ALARM / 2.0, count)) * (1.0 + learned / count)
+    limit = float(chi2_quantile(1.0 - FALSE_ALARM / 2.0, count)) * (1.0 + learned / count)
     return Unexplained(max(power, 0.0), doubt, part / variance / limit if variance > 0.0 else math.inf)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.simulation.model_run import ModelRun
 from replant.statistics.autoregression import Autoregression
+from replant.statistics.chi2 import chi2_quantile
 from replant.statistics.linear_algebra import pseudo_inverse
 from replant.statistics.projections import (
     lengths_of,
@@ -48,8 +49,6 @@ class Distance:
 
 def distance(run: ModelRun, rows: slice, false_alarm: float) -> Distance:
     """Return the Gauss-Newton step that a record asks of an estimate, and whether it is more than chance."""
-    from scipy.stats import chi2
-
     nuisances = np.hstack([run.nuisances[rows], np.ones((len(run.error[rows]), 1))])
     zeta = without(run.zeta[rows], nuisances)
     error = without(run.error[rows, None], nuisances)[:, 0]
@@ -65,5 +64,5 @@ def distance(run: ModelRun, rows: slice, false_alarm: float) -> Distance:
     covariance = variance * inverse @ products(coloured, coloured) @ inverse
     covariance = larger(covariance, float(np.mean(left**2)) * inverse)
     square = float(step @ pseudo_inverse(covariance, 1e-14) @ step)
-    statistic = math.inf if math.isnan(square) else square / float(chi2.ppf(1.0 - false_alarm, len(step)))
+    statistic = math.inf if math.isnan(square) else square / float(chi2_quantile(1.0 - false_alarm, len(step)))
     return Distance(step / lengths, statistic, covariance / np.outer(lengths, lengths))

@@ -14,6 +14,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.kernels.schema import LAGS
+from replant.statistics.chi2 import chi2_quantile
 from replant.statistics.linear_algebra import quiet
 
 WHITENESS_LAGS = 25
@@ -67,9 +68,10 @@ class Autoregression:
 
     def colour(self, signals: FloatArray) -> FloatArray:
         """Return x / D(q) of ``signals`` (K, ...) along the first axis, from rest."""
-        from scipy.signal import lfilter
+        from replant.kernels.filters.all_pole import all_pole
 
-        return np.asarray(lfilter([1.0], self.coefficients, signals, axis=0))
+        channels = all_pole(self.coefficients, signals.reshape(signals.shape[0], -1).T)
+        return np.ascontiguousarray(channels.T).reshape(signals.shape)
 
 
 @quiet
@@ -85,13 +87,11 @@ def one_step(residual: FloatArray) -> FloatArray:
     >>> bool(np.std(one_step(slow)) < 0.1 * np.std(slow))
     True
     """
-    from scipy.signal import lfilter
-
     if residual.size <= LAGS:
         return residual
     known = np.isfinite(residual)
     filled = np.where(known, residual, 0.0)
-    error = lfilter(Autoregression.of(filled).coefficients, [1.0], filled)
+    error = np.convolve(filled, Autoregression.of(filled).coefficients)[: filled.size]
     usable = np.convolve(~known, np.ones(LAGS + 1))[: known.size] == 0
     return np.where(usable, error, residual)
 
@@ -105,11 +105,9 @@ def whiteness(error: FloatArray) -> float:
     >>> whiteness(noise) < 1.0 < whiteness(noise[1:] + noise[:-1])
     True
     """
-    from scipy.stats import chi2
-
     lags = min(WHITENESS_LAGS, error.size // 4)
     power = float(error @ error)
     if lags < 1 or not power > 0.0:
         return 0.0
     correlations = np.array([error[lag:] @ error[: error.size - lag] for lag in range(1, lags + 1)]) / power
-    return float(error.size * (correlations @ correlations) / chi2.ppf(0.99, lags))
+    return float(error.size * (correlations @ correlations) / chi2_quantile(0.99, lags))
