@@ -24,7 +24,7 @@ demo: $(READY)   ## identify a simulated actuator while it runs; plots in out/de
 test: lint types $(READY)   ## lint, types, doctests, tests
 	$(BIN)/pytest -n 2
 
-slow: $(READY)   ## the tests that take minutes: a hundred million idle samples
+slow: $(READY)   ## the tests that take minutes, such as a hundred million idle samples
 	$(BIN)/pytest -m slow
 
 lint: $(READY)   ## ruff: style and format

@@ -118,6 +118,7 @@ def test_figures_7_and_8_bring_the_table_and_both_filters(capsys, tmp_path, shor
     assert list(json.loads((tmp_path / "tables.json").read_text())) == ["actuator"]
 
 
+@pytest.mark.slow  # the same pictures as above, under another command
 def test_the_demo_in_full_is_the_actuator_experiment(capsys, tmp_path, short):
     main(["demo", "--full", "--out", str(tmp_path)])
     assert "The actuator: twelve online runs" in capsys.readouterr().out
