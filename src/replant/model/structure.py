@@ -88,9 +88,8 @@ class Structure:
         >>> print(Structure(poles=2).transfer_function([4.0, 3.0, 2.0]))
         2 / (s^2 + 4 s + 3)
         """
-        n = self.poles
         values = np.asarray(parameters, np.float64)
-        return TransferFunction(values[n : n + self.zeros + 1], np.concatenate([[1.0], values[:n]]), self.delay)
+        return TransferFunction(values[self.numerator], np.concatenate([[1.0], values[self.denominator]]), self.delay)
 
     @property
     def is_biproper(self) -> bool:
@@ -98,6 +97,21 @@ class Structure:
         return self.zeros == self.poles
 
     @property
+    def coefficients(self) -> int:
+        """How many coefficients G(s) has: n of the denominator and m + 1 of the numerator."""
+        return self.poles + self.zeros + 1
+
+    @property
     def size(self) -> int:
-        """How many parameters are identified, P."""
-        return self.poles + self.zeros + 1 + self.bias
+        """How many parameters are identified, P: the coefficients, and the bias if there is one."""
+        return self.coefficients + self.bias
+
+    @property
+    def denominator(self) -> slice:
+        """Which of the parameters are a_{n-1} .. a_0."""
+        return slice(0, self.poles)
+
+    @property
+    def numerator(self) -> slice:
+        """Which of the parameters are b_m .. b_0."""
+        return slice(self.poles, self.coefficients)

@@ -23,30 +23,10 @@ from replant.arguments import (
 from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.interop import systems
 from replant.model import state_space
-from replant.model.dead_time import split_delay
+from replant.model.mode import Mode
+from replant.model.polynomial import polynomial_text
+from replant.model.response import Response
 from replant.statistics.linear_algebra import quiet, roots
-
-
-@dataclass(frozen=True)
-class Mode:
-    """One pole, as an engineer reads it.
-
-    Attributes
-    ----------
-    pole : complex
-        In rad/s.
-    frequency : float
-        Natural frequency abs(pole) / (2 pi), in Hz.
-    damping : float
-        -Re(pole) / abs(pole); 1 for a real stable pole, NaN at the origin.
-    time_constant : float
-        -1 / Re(pole) in s; infinite on the imaginary axis, negative for an unstable pole.
-    """
-
-    pole: complex
-    frequency: float
-    damping: float
-    time_constant: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +86,7 @@ class TransferFunction:
 
     def __str__(self) -> str:
         dead_time = f" exp(-{self.delay:.4g} s)" if self.delay else ""
-        return f"{_factor(self.num)} / {_factor(self.den)}{dead_time}"
+        return f"{polynomial_text(self.num)} / {polynomial_text(self.den)}{dead_time}"
 
     @property
     def poles(self) -> npt.NDArray[np.complex128]:
@@ -134,7 +114,7 @@ class TransferFunction:
     def modes(self) -> tuple[Mode, ...]:
         """The poles with frequency, damping and time constant, slowest first; one entry for a conjugate pair."""
         upper = [pole for pole in self.poles.tolist() if pole.imag >= 0]
-        return tuple(_mode(pole) for pole in sorted(upper, key=abs))
+        return tuple(Mode.of(pole) for pole in sorted(upper, key=abs))
 
     @quiet
     def response(self, frequency: Sequence[float] | FloatArray) -> npt.NDArray[np.complex128]:
@@ -169,39 +149,13 @@ class TransferFunction:
         array([0.    , 0.6321, 0.8647])
         """
         u, dt = vector("u", u), positive("dt", dt)
-        if one_of("input_hold", input_hold, ("zoh", "foh")) == "zoh" or u.size == 0:
-            return self._run(u, dt, "zoh")
-        # the jump from rest to the first sample is a step, the rest runs straight from zero
-        return self._run(np.full(u.size, u[0]), dt, "zoh") + self._run(u - u[0], dt, "foh")
-
-    def _run(self, u: FloatArray, dt: float, input_hold: str) -> FloatArray:
-        """Return the output for an input that, with straight lines, begins at zero."""
-        lag, fraction = split_delay(self.delay, dt)
-        order = self.den.size - 1
-        if order == 0:
-            return self.feedthrough * _delayed(u, lag, fraction, input_hold)
-        from replant.kernels.filters.simulate import filter_states
-
-        model = state_space.companion(self.den)
-        transition, _, _ = state_space.exact(model.matrix, model.column, dt, input_hold)
-        taps = state_space.input_taps(model.matrix, model.column, dt, input_hold, fraction)
-        states = filter_states(transition, taps, lag, u)
-        output = states @ self.output_row(model)
-        if self.feedthrough:
-            output += self.feedthrough * _delayed(u, lag, fraction, input_hold)
-        return np.asarray(output)
+        return Response(self, dt, one_of("input_hold", input_hold, ("zoh", "foh"))).output(u)
 
     @quiet
     def free_responses(self, samples: int, dt: float) -> FloatArray:
         """Return the responses (K, n) to one unit of each state alone: what an initial state adds to the output."""
         dt, samples = positive("dt", dt), whole("samples", samples, 0)
-        if samples == 0 or self.den.size == 1:
-            return np.zeros((samples, self.den.size - 1))
-        from replant.kernels.filters.simulate import free_responses
-
-        model = state_space.companion(self.den)
-        transition, _, _ = state_space.exact(model.matrix, model.column, dt, "zoh")
-        return np.asarray(free_responses(transition, self.output_row(model), samples))
+        return Response(self, dt).free(samples)
 
     @property
     def feedthrough(self) -> float:
@@ -290,39 +244,3 @@ class TransferFunction:
         except ImportError as cause:
             raise MissingDependencyError("to_control needs python-control: pip install 'replant[control]'") from cause
         return control.tf(self.num, self.den)
-
-
-def _mode(pole: complex) -> Mode:
-    magnitude = abs(pole)
-    damping = -pole.real / magnitude if magnitude else math.nan
-    time_constant = -1.0 / pole.real if pole.real else math.inf
-    return Mode(pole, magnitude / (2 * math.pi), damping, time_constant)
-
-
-def _delayed(u: FloatArray, lag: int, fraction: float, hold: str) -> FloatArray:
-    """Return u as a dead time of lag + fraction samples leaves it at the sampling instants; zero before the record."""
-    padded = np.concatenate([np.zeros(lag + 1), u])
-    now, before = padded[1 : u.size + 1], padded[: u.size]
-    if fraction == 0.0:
-        return now
-    return before if hold == "zoh" else (1 - fraction) * now + fraction * before
-
-
-def _factor(polynomial: FloatArray) -> str:
-    """Write a polynomial in s, in brackets where it has more than one term."""
-    order = polynomial.size - 1
-    terms = []
-    for i, value in enumerate(polynomial.tolist()):
-        power = order - i
-        if value == 0.0 and order > 0:
-            continue
-        symbol = "" if power == 0 else "s" if power == 1 else f"s^{power}"
-        size = f"{abs(value):.4g}"
-        body = symbol if symbol and size == "1" else f"{size} {symbol}".strip()
-        sign = "-" if value < 0 else "+"
-        terms.append((sign, body))
-    if not terms:
-        return "0"
-    text = ("-" if terms[0][0] == "-" else "") + terms[0][1]
-    text += "".join(f" {sign} {body}" for sign, body in terms[1:])
-    return f"({text})" if len(terms) > 1 else text

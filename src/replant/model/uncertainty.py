@@ -15,8 +15,9 @@ from replant.arguments import (
     keep,
     owned,
 )
+from replant.model.mode import Mode
 from replant.model.structure import Structure
-from replant.model.transfer_function import Mode, TransferFunction
+from replant.model.transfer_function import TransferFunction
 from replant.statistics.linear_algebra import quiet
 
 

@@ -23,7 +23,8 @@ from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.offline.choose_filter import choose_filter
 from replant.offline.least_squares import least_squares
-from replant.offline.srivc import Refined, first_model
+from replant.offline.refined import Refined
+from replant.offline.srivc import first_model
 from replant.regressor.filters import Filter, RefinedFilter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
 from replant.settings import AUTO, Request

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.engine.state import State
+from replant.engine.record import Record
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
+from replant.simulation.auxiliary_model import AuxiliaryModel
 
 
 def free_run(
@@ -31,17 +32,8 @@ def free_run(
     >>> output.round(4), free.round(4).ravel()
     (array([0.    , 0.6321, 0.9502]), array([1.    , 0.3679, 0.0498]))
     """
-    from replant.kernels.step.shared import regressors
-
     n, zeros = model.den.size - 1, model.num.size - 1
     structure = Structure(n, zeros, model.delay, feedthrough=zeros == n)
-    state = State.for_model(structure, dt, input_hold)
-    state.install(np.concatenate([model.den[1:], model.num, np.zeros(n + 1)]))
-    size, samples = state.entries, u.size
-    phi, unused = np.empty((samples, size)), np.empty((samples, size))
-    target, output = np.empty(samples), np.empty(samples)
-    state.started = False
-    regressors(
-        state.ints, state.reals, state.banks, u, np.zeros(samples), intervals, phi, unused, target, output
-    )  # fmt: skip
-    return output, phi[:, -n:]
+    theta = np.concatenate([model.den[1:], model.num, np.zeros(n + 1)])
+    done = AuxiliaryModel(structure, dt, input_hold).run(theta, Record(u, np.zeros(u.size), intervals, input_hold))
+    return done.output, done.phi[:, -n:]

@@ -8,9 +8,9 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.engine.record import Record
-from replant.engine.state import State
 from replant.kernels.schema import LARGEST
 from replant.model.structure import Structure
+from replant.simulation.auxiliary_model import AuxiliaryModel
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.projections import without
 
@@ -60,26 +60,20 @@ def run_model(structure: Structure, parameters: FloatArray, record: Record, dt: 
     dt : float
         Nominal sampling time in s.
     """
-    from replant.kernels.step.shared import regressors
-
-    n, inputs, samples = structure.poles, structure.zeros + 1, record.u.size
-    states = n + structure.is_biproper
-    full = Structure(n, states - 1, structure.delay, feedthrough=structure.is_biproper)
-    state = State.for_model(full, dt, record.input_hold)
-    theta = np.zeros(state.entries)
-    theta[:n] = parameters[:n]
-    theta[n + states - inputs : n + states] = parameters[n : n + inputs]
-    state.install(theta)
-    state.started = False
-    phi, zeta = np.empty((samples, theta.size)), np.empty((samples, theta.size))
-    target, forced = np.empty(samples), np.empty(samples)
-    regressors(
-        state.ints, state.reals, state.banks, record.u, record.y, record.intervals, phi, zeta, target, forced
-    )  # fmt: skip
-    columns = np.hstack([zeta[:, :n], phi[:, n:]])
-    if not (np.isfinite(columns).all() and np.isfinite(forced).all() and np.abs(columns).max() < LARGEST):
+    n = structure.poles
+    # as many s^i/A u as there are states, so that their slopes along b are the last of them
+    full = Structure(n, n - 1 + structure.is_biproper, structure.delay, feedthrough=structure.is_biproper)
+    model = AuxiliaryModel(full, dt, record.input_hold)
+    theta = np.zeros(model.entries)
+    theta[full.denominator] = parameters[structure.denominator]
+    own = slice(full.coefficients - structure.zeros - 1, full.coefficients)
+    theta[own] = parameters[structure.numerator]
+    done = model.run(theta, record)
+    slopes_of_a = done.zeta[:, full.denominator]
+    columns = np.hstack([slopes_of_a, done.phi[:, n:]])
+    if not (np.isfinite(columns).all() and np.isfinite(done.output).all() and np.abs(columns).max() < LARGEST):
         return None
-    of_input, nuisances = phi[:, n : n + states], phi[:, n + states :]
-    slopes = np.hstack([zeta[:, :n], of_input[:, states - inputs :]])
-    error = without((record.y - forced)[:, None], nuisances)[:, 0]
-    return ModelRun(structure, parameters, record.u, error, forced, of_input, slopes, nuisances)
+    states, nuisances = done.phi[:, full.numerator], done.phi[:, full.coefficients :]
+    slopes = np.hstack([slopes_of_a, done.phi[:, own]])
+    error = without(done.error[:, None], nuisances)[:, 0]
+    return ModelRun(structure, parameters, record.u, error, done.output, states, slopes, nuisances)
