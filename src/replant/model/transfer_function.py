@@ -1,4 +1,4 @@
-"""TransferFunction: num, den and dead time; poles, response, simulation, and the way to SciPy and python-control."""
+"""TransferFunction: num, den and dead time; poles, response, simulation, conversion to SciPy and python-control."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class TransferFunction:
     delay: float = 0.0
 
     def __init__(self, num: Sequence[float] | FloatArray, den: Sequence[float] | FloatArray, delay: float = 0.0):
-        # leading zeros are dropped: one system, one way to write it
+        # leading zeros are dropped, so that equal systems have equal coefficients
         numerator = np.trim_zeros(coefficients("num", num), "f")
         denominator = np.trim_zeros(coefficients("den", den), "f")
         if denominator.size == 0:
@@ -70,7 +70,7 @@ class TransferFunction:
                 f"num must not be of higher order than den, got {numerator.size - 1} and {denominator.size - 1}"
             )
         numerator = numerator if numerator.size else np.zeros(1)
-        # adding zero makes -0.0 to 0.0: what compares equal must hash alike
+        # adding zero turns -0.0 into 0.0: what compares equal must have the same hash
         object.__setattr__(self, "num", coefficients("num", numerator / denominator[0] + 0.0))
         object.__setattr__(self, "den", coefficients("den", denominator / denominator[0] + 0.0))
         object.__setattr__(self, "delay", not_negative("delay", delay))
@@ -107,7 +107,7 @@ class TransferFunction:
 
     @property
     def is_stable(self) -> bool:
-        """Whether every pole lies left of the imaginary axis."""
+        """Whether every pole lies to the left of the imaginary axis."""
         return bool((self.poles.real < 0).all())
 
     @property
@@ -118,7 +118,7 @@ class TransferFunction:
 
     @quiet
     def response(self, frequency: Sequence[float] | FloatArray) -> npt.NDArray[np.complex128]:
-        """Return G(i omega) at each ``frequency`` omega in rad/s, shape as given; not finite at a pole.
+        """Return G(i omega) at each ``frequency`` omega in rad/s, in the shape given; not finite at a pole.
 
         Examples
         --------
@@ -131,9 +131,9 @@ class TransferFunction:
 
     @quiet
     def simulate(self, u: Sequence[float] | FloatArray, dt: float, *, input_hold: str = "zoh") -> FloatArray:
-        """Return the output (K,) for the sampled input ``u`` (K,), exact for the hold, from rest.
+        """Return the output (K,) from rest for a sampled input, exact for the hold.
 
-        Before the first sample the input is taken to be zero and the plant at rest.
+        Before the first sample the input is zero.
 
         Parameters
         ----------
@@ -153,17 +153,20 @@ class TransferFunction:
 
     @quiet
     def free_responses(self, samples: int, dt: float) -> FloatArray:
-        """Return the responses (K, n) to one unit of each state alone: what an initial state adds to the output."""
+        """Return the responses (K, n) to a unit of each initial state alone, at K ``samples`` that are ``dt`` s apart.
+
+        The states are those of `state_space.companion`.  An initial state w0 (n,) adds ``free_responses @ w0``.
+        """
         dt, samples = positive("dt", dt), whole("samples", samples, 0)
         return Response(self, dt).free(samples)
 
     @property
     def feedthrough(self) -> float:
-        """What of the input is in the output at once."""
+        """Gain from the input to the output at the same instant: 0 unless there are as many zeros as poles."""
         return float(self.num[0]) if self.num.size == self.den.size else 0.0
 
     def output_row(self, model: state_space.Companion) -> FloatArray:
-        """Return the row that makes the output from the companion states, the feedthrough taken out."""
+        """Return the row (n,) from the companion states to the output without feedthrough."""
         order = self.den.size - 1
         padded = np.zeros(order + 1)
         padded[order + 1 - self.num.size :] = self.num
@@ -172,12 +175,12 @@ class TransferFunction:
 
     @classmethod
     def from_control(cls, system: Any, delay: float = 0.0) -> TransferFunction:
-        """Return a `control.TransferFunction` or `control.StateSpace` of one input and output as one of these.
+        """Return the transfer function of a `control.TransferFunction` or `control.StateSpace`.
 
         Parameters
         ----------
         system : control.TransferFunction or control.StateSpace
-            In continuous time.
+            In continuous time, with one input and one output.
         delay : float
             Dead time in s, which python-control's systems do not have.
 
@@ -186,9 +189,9 @@ class TransferFunction:
         InvalidArgumentError
             If the system has several inputs or outputs, is in discrete time, or improper.
         ArgumentTypeError
-            If it is no such system.
+            If it is neither of the two.
         MissingDependencyError
-            Without python-control.
+            If python-control is not installed.
 
         Examples
         --------
@@ -200,7 +203,7 @@ class TransferFunction:
 
     @classmethod
     def from_scipy(cls, system: Any, delay: float = 0.0) -> TransferFunction:
-        """Return a TransferFunction, ZerosPolesGain or StateSpace of `scipy.signal` as one of these.
+        """Return the transfer function of a TransferFunction, ZerosPolesGain or StateSpace of `scipy.signal`.
 
         Parameters
         ----------
@@ -214,7 +217,7 @@ class TransferFunction:
         InvalidArgumentError
             If the system has several inputs or outputs, is in discrete time, or improper.
         ArgumentTypeError
-            If it is no such system, or has complex coefficients.
+            If it is none of the three, or has complex coefficients.
 
         Examples
         --------
@@ -225,7 +228,13 @@ class TransferFunction:
         return cls(*systems.of_scipy(system), delay)
 
     def to_scipy(self) -> Any:
-        """Return a `scipy.signal.TransferFunction`; it knows no dead time, so ``delay`` must be 0."""
+        """Return a `scipy.signal.TransferFunction`, which cannot have a dead time.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If ``delay`` is not 0.
+        """
         if self.delay:
             raise InvalidArgumentError(f"SciPy's transfer functions have no dead time, this one has {self.delay:g} s")
         from scipy.signal import TransferFunction as ScipyTransferFunction
@@ -233,7 +242,15 @@ class TransferFunction:
         return ScipyTransferFunction(self.num, self.den)
 
     def to_control(self) -> Any:
-        """Return a `control.TransferFunction`; it knows no dead time, so ``delay`` must be 0 (see `control.pade`)."""
+        """Return a `control.TransferFunction`, which cannot have a dead time; `control.pade` approximates one.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If ``delay`` is not 0.
+        MissingDependencyError
+            If python-control is not installed.
+        """
         if self.delay:
             raise InvalidArgumentError(
                 f"python-control's transfer functions have no dead time, this one has {self.delay:g} s: "

@@ -1,4 +1,4 @@
-"""A model run from the input alone over an irregular clock, and what an initial state adds."""
+"""The free run of a model on an irregular clock: its output from the input alone, and its initial-state responses."""
 
 from __future__ import annotations
 
@@ -22,9 +22,11 @@ def free_run(
         Of order 1 or more.
     u : (K,) array
     intervals : (K,) array
-        Time since the sample before, in s; the first is not used.
+        Time since the previous sample, in s; the first is not used.
     dt : float
         Nominal sampling time in s: after 1.5 of it without a sample, a held input is taken to have moved.
+    input_hold : {"zoh", "foh"}
+        What the input does between samples.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A model run over a record from the input alone: its error, and the signals that the tests correlate it with."""
+"""The free run of a model over a record: its error, and the signals that the tests correlate the error with."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ class ModelRun:
     error : (K,) array
         Measured minus simulated output.
     forced : (K,) array
-        What the input makes of the simulated output.
+        Simulated output by the input alone, without offset and initial state.
     states : (K, S) array
-        s^i/A u, highest i first: n of them, one more where the input acts at once.
+        s^i/A u, highest i first: n of them, and one more if the transfer function is biproper.
     zeta : (K, n + m + 1) array
-        Slopes of the simulated output along a and b: -s^i/A of itself, and s^j/A u.
+        Derivatives of the simulated output with respect to a and b: -s^i/A of itself, and s^j/A u.
     nuisances : (K, n + 1) array
-        What an offset and an initial state add to the output.
+        Outputs by a unit offset and by unit initial states.
     """
 
     structure: Structure
@@ -49,19 +49,19 @@ class ModelRun:
 
 @quiet
 def run_model(structure: Structure, parameters: FloatArray, record: Record, dt: float) -> ModelRun | None:
-    """Run a model over a record; None where it leaves float64.
+    """Run a model over a record; None where its signals leave float64.
 
     Parameters
     ----------
     structure : Structure
     parameters : (P,) array
-        In the order of ``structure.names``; a bias is not used, the offset is fitted anew.
+        In the order of ``structure.names``; the bias is not used, because the offset is fitted to the record.
     record : Record
     dt : float
         Nominal sampling time in s.
     """
     n = structure.poles
-    # as many s^i/A u as there are states, so that their slopes along b are the last of them
+    # with as many zeros as there can be, the columns hold every s^i/A u; the derivatives along b are the last of them
     full = Structure(n, n - 1 + structure.is_biproper, structure.delay, feedthrough=structure.is_biproper)
     model = AuxiliaryModel(full, dt, record.input_hold)
     theta = np.zeros(model.entries)
