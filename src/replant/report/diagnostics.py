@@ -11,7 +11,7 @@ from replant.arguments import FloatArray
 from replant.engine.regressors import regressors
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 IntArray = np.ndarray[tuple[int], np.dtype[np.int64]]
 

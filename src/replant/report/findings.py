@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 
 from replant.report.numbers import complex_number, number
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 GOOD, WARN, BAD = "good", "warn", "bad"
 FEW_SAMPLES = 10  # a parameter

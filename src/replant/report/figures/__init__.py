@@ -34,7 +34,7 @@ from replant.report.figures.style import (
     TRUTH,
 )
 from replant.report.figures.time import draw_excitation, draw_fit, draw_transients
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 __all__ = [
     "INK",

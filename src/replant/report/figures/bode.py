@@ -10,7 +10,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.report.figures import style
 from replant.report.figures.poles import usable_uncertainty
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 POINTS = 400
 WIDEST_DB, WIDEST_DEGREES = 60.0, 180.0  # half-width at which a band is cut: beyond it nothing is known anyway

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from replant.report.figures import style
-from replant.runs.run import Result
+from replant.runs.result import Result
 from replant.runs.thinning import thin
 
 WIDEST = 1.5  # how far a panel reaches about the reference at the least, as a part of its size

@@ -10,7 +10,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.model.uncertainty import Uncertainty
 from replant.report.figures import style
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 UNSTABLE = 1e12  # the right half-plane is shaded as far as anybody may look
 RADIUS_95 = 2.448  # of the 95 % ellipse of two normal variables, in standard deviations

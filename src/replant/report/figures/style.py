@@ -14,7 +14,7 @@ from replant.interop.units import without_unit
 from replant.model.structure import Structure
 from replant.report.numbers import number
 from replant.report.palette import BLUE, VERMILION, blank_figure
-from replant.runs.run import History, Result
+from replant.runs.result import History, Result
 
 # what was measured is wide and pale, the model thin and dark: told apart in grey as well
 MEASURED, MODEL, RESIDUAL, INPUT, TRUTH = "#8d99a3", VERMILION, BLUE, "#00785a", "#000000"

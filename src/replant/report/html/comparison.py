@@ -37,7 +37,7 @@ from replant.report.numbers import duration, number, percent
 from replant.report.palette import blank_figure
 from replant.report.terminal.comparison import OUTCOME, cells_of, gravity_of
 from replant.runs.comparison import Contender, best
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 
 def write_comparison(

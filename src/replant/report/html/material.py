@@ -23,7 +23,7 @@ from replant.report.diagnostics import (
 )
 from replant.report.figures import style
 from replant.report.figures.poles import usable_uncertainty
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 
 class OverTime(NamedTuple):

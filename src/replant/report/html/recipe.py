@@ -8,7 +8,7 @@ from typing import Any
 from replant.data.logs import Log
 from replant.offline.fit import FitResult
 from replant.regressor.scaling import Scaling
-from replant.runs.run import Result
+from replant.runs.result import Result
 from replant.settings import Settings
 
 WIDEST = 88  # characters of a line

@@ -44,7 +44,7 @@ from replant.report.numbers import (
     percent,
     uncertain,
 )
-from replant.runs.run import Result
+from replant.runs.result import Result
 from replant.settings import Settings
 
 NO_MODEL = "<p>G(s) could not be estimated.</p>"

@@ -25,7 +25,7 @@ from replant.report.numbers import (
     off_by,
     uncertain,
 )
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 UNCERTAIN = "Estimate ± standard deviation."
 NO_STD = "This estimator gives no standard deviations."

@@ -10,7 +10,7 @@ from typing import Any
 
 from replant.model.transfer_function import TransferFunction
 from replant.report.numbers import WORST_PERCENT, off_by
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 REASON_INDENT = 9  # columns, below the figures
 
