@@ -1,4 +1,4 @@
-"""Thin a signal for drawing: each stretch is replaced by its minimum and maximum, so that no peak is lost."""
+"""Thin a signal for drawing: minimum and maximum of each stretch stand for it, so that no peak is lost."""
 
 from __future__ import annotations
 
