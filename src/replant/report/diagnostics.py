@@ -156,7 +156,7 @@ def excitation(phi: FloatArray) -> Excitation | None:
     Examples
     --------
     >>> phi = np.random.default_rng(0).standard_normal((8000, 2))
-    >>> phi[4000:, 1] = phi[4000:, 0]                  # two entries alike: not told apart
+    >>> phi[4000:, 1] = phi[4000:, 0]                  # two equal columns
     >>> found = excitation(phi)
     >>> found.smallest[[0, -1]].round(1)
     array([0.8, 0. ])

@@ -63,8 +63,8 @@ def path_variances(
     steps = np.diff((estimates - estimates[-1]) / known, axis=0, prepend=0.0)
     weights = np.diff(known[-1] / known, axis=0, prepend=0.0)
     blocks = 1.0 / (weights**2).sum(axis=0)
-    tells = blocks >= least
-    variances = known[-1] ** 2 * (steps**2).sum(axis=0) / np.where(tells, 1.0 - 1.0 / blocks, np.inf)
+    enough = blocks >= least
+    variances = known[-1] ** 2 * (steps**2).sum(axis=0) / np.where(enough, 1.0 - 1.0 / blocks, np.inf)
     return np.asarray(variances), np.asarray(blocks)
 
 
