@@ -10,31 +10,31 @@ Figures = dict[str, Any]
 BUFFERS = {"none": "no replay", "one seed": "replay, one seed", "own seeds": "replay, own seeds"}
 HEAD = """# Performance
 
-Written by `make bench` from one run; do not edit. Times are of this machine; what to compare are the ratios, each
-measured in the same run, in turn, as a median over many repetitions (in brackets: the quartiles).
+This page is written by `make bench` from one run; do not edit it. Times depend on the machine; the ratios can be
+compared. Both sides of a ratio are measured alternately in the same run; it is a median over many repetitions, with the
+quartiles in brackets.
 
 """
 LIMITS = """
 ## What bounds an update
 
-Counted by hand for AMSGrad with five parameters, one row of the buffer:
+Estimated by hand for one update of AMSGrad with five parameters:
 
-* **Dependent operations.** The next update needs the parameters that this one leaves, so latencies add up: the
+* **Dependent operations.** The next update needs the parameters of this one, so that latencies add up: the
   prediction (one product, then five sums in their order: about 24 cycles), the error and its weight (8), the gradient
   (4), its square into v (12), the maximum (4), the square root (19), the sum and the division (17), the new parameter
-  (4): some 90 cycles. That is the limit that is met: the operations themselves, 14
-  multiplications and sums an entry and a square root and a division for four entries at a time, would take about 30
-  cycles.
-* **One update a sample.** Without replay a sample is some 450 instructions (650 with Adam), of which a processor looks
-  about three hundred ahead: samples hardly overlap, and what counts is the way from the input through filters,
-  regressor and row of the buffer to the parameters. A number that is stored and read again on that way costs nine
-  cycles more, one that is stored alone and read as part of a vector twenty-seven.
+  (4): about 90 cycles. This is the limit that the kernels reach. The operations themselves (14 multiplications and sums
+  an entry, a square root and a division for four entries at a time) would take about 30 cycles.
+* **One update a sample.** Without replay a sample takes about 450 instructions (650 with Adam). A processor reorders
+  about three hundred, so that samples hardly overlap, and the latency from the input through filters, regressor and row
+  of the buffer to the parameters counts. A number that is stored and loaded again on this path costs nine cycles more,
+  a number that is stored alone and loaded as part of a vector twenty-seven.
 * **Memory.** A row is P + 2 numbers, 56 bytes, one or two cache lines: regressor, output and 1/m^2 lie side by side.
-  Which rows a sample draws is known before the first of them is learned, and nothing that is learned decides where the
-  next row lies: the processor fetches rows ahead while the chain above runs. A buffer in the second-level cache costs
-  nothing, one in main memory the latency of memory over the number of fetches in flight.
-* **One call from Python** costs what the interpreter and the passing of arguments cost; the kernel itself is a small
-  part of it. Where samples come in groups, `update_many` does not pay it.
+  The rows that a sample draws are known before the first of them is learned, so that the processor loads them while the
+  chain above runs. A buffer in the second-level cache costs nothing; one in main memory costs the latency of memory
+  over the number of loads in flight.
+* **One call from Python.** Most of its time is that of the interpreter and of passing arguments; the kernel is a small
+  part. `update_many` has this cost once for a group of samples.
 
 ## Measured once
 
@@ -66,11 +66,11 @@ def kernels(figures: Figures) -> str:
     ]  # fmt: skip
     worst = max(figures["rows"], key=lambda row: row["ratio"])
     text = (
-        "A sample through filters, regressor, buffer and update, beside a C program of the same arithmetic "
-        "(`benchmarks/reference.c`, gcc -O3 -march=native), from the same state, with the same numbers at the end; "
-        "with replay 20 updates a sample. Nanoseconds. IntegralCost asks the memory for all drawn rows "
-        "ahead, which the C program leaves to the processor. Nearest to the limit are AdaGrad and RMSProp at P = 4 and "
-        "6: gcc takes roots and divisions of four entries at once, LLVM waits for eight.\n\n"
+        "Time of one sample through filters, regressor, buffer and update, compared with a C program of the same "
+        "arithmetic (`benchmarks/reference.c`, gcc -O3 -march=native) that begins at the same state and ends at the "
+        "same numbers; with replay there are 20 updates a sample. Times are in nanoseconds. IntegralCost prefetches "
+        "all drawn rows, which the C program leaves to the processor. The largest ratios are those of AdaGrad and "
+        "RMSProp at P = 4 and 6: gcc vectorises roots and divisions of four entries, LLVM only of eight.\n\n"
     )
     head = ["optimizer", "P", "sample", "C", "ratio", "with replay: an update", "C", "ratio"]
     largest = f"\nLargest ratio {worst['ratio']:.2f} ({worst['optimizer']}, P = {worst['entries']}).\n"
@@ -84,9 +84,9 @@ def parts(figures: Figures) -> str:
     ]
     text = (
         "The parts of the default method (regressor and instruments from the refined filter, recursive least squares "
-        "on the factors U D U') and the Kalman filter, beside `benchmarks/parts.c`. Nanoseconds a sample. One kernel "
-        "serves every structure, clock and dead time; its loops take pointers as C's do, since an array travels as "
-        "seven numbers at every call.\n\n"
+        "on the factors U D U') and the Kalman filter, compared with `benchmarks/parts.c`. Times are in nanoseconds "
+        "a sample. One kernel serves every structure, clock and dead time. Its loops take pointers, as those of C "
+        "do, because Numba passes an array as seven numbers.\n\n"
     )
     return text + table(["part", "P", "ours", "C", "ratio"], rows)
 
@@ -139,10 +139,11 @@ def ensembles(figures: Figures) -> str:
         return f"{row['ratio']:.2f} ({low:.2f}..{high:.2f})"
 
     text = (
-        "`Ensemble` steps sixteen members in one vector. Updates/s of all members together, on one thread, and their "
-        "ratio to one identifier in the same run; both take chunks of as many samples. What a member keeps, inputs and "
-        "errors lie in the caches for one identifier, and in the last of them, or in memory, for many: longer chunks, "
-        "more members and buffers of their own make the ratio smaller, and so do others who use that cache.\n\n"
+        "`Ensemble` steps sixteen members in the lanes of one SIMD vector. The table has the updates/s of all "
+        "members together on one thread, and their ratio to one identifier in the same run, with chunks of the same "
+        "length. The data of one identifier fit into the first-level caches, those of many members into the "
+        "last-level cache or only into memory. Longer chunks, more members, separate buffers, and other programs "
+        "that use that cache therefore reduce the ratio.\n\n"
     )
     alone = table(["", "members", "10^6 updates/s", "ratio"], map(cells, figures["one_thread"]))
     several = [
@@ -151,8 +152,9 @@ def ensembles(figures: Figures) -> str:
     ]
     head = ["", "members", "threads", "10^6 updates/s", "ratio to one thread", "processors had", "efficiency"]
     explained = (
-        "\nOn several threads, by the clock: that ratio needs an idle machine. Beside it how many processors the "
-        "process had meanwhile, and its processor time on one thread by that on several.\n\n"
+        '\nOn several threads, by wall-clock time, which needs an idle machine. "processors had" is the number of '
+        'processors that the process had in the meantime, "efficiency" its processor time on one thread over that '
+        "on several.\n\n"
     )
     return text + alone + explained + table(head, several)
 
@@ -192,8 +194,9 @@ def scaling(figures: Figures) -> str:
         for row in figures["rows"]
     ]
     text = (
-        "Cost against size where the arithmetic outweighs what every call costs: the slope in a double logarithm. In "
-        "the picture points are measured, and a dashed line grows as it should.\n\n"
+        "The exponent is the slope of cost over size in logarithmic scales, for sizes at which the arithmetic "
+        "outweighs the cost of a call. In the picture points are measured, and dashed lines have the expected "
+        "slope.\n\n"
         "![Cost over the number of parameters, the batch and the buffer](pictures/scaling.svg)\n\n"
     )
     return text + table(["kernel", "sizes", "ns", "exponent", "expected"], rows)

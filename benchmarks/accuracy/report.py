@@ -22,37 +22,38 @@ BESIDE = {True: "met beside", False: "not met beside"}
 FEWEST_RUNS = 100  # from which a coverage is judged
 TITLE = "# Accuracy, measured"
 INTRODUCTION = """\
-Written by `make accuracy`, which makes every run anew (`--scenario A B` some of them, `--runs N` fewer of each). All
-that is random in run r comes from the seed r, r = 0, 1, 2 ..; nothing is tuned to a scenario beyond what its line
-says. "default" is `Identifier(structure, dt)` and nothing else, in one pass; "offline SRIVC" is refined instrumental
+This page is written by `make accuracy`, which repeats every run (`--scenario A B` runs some scenarios, `--runs N` fewer
+runs of each). Run r has the seed r, r = 0, 1, 2 ..; no method is tuned to a scenario beyond what its line names.
+"default" is `Identifier(structure, dt)` without further settings, in one pass; "offline SRIVC" is refined instrumental
 variables on the whole record at once. Which method to use when: [methods.md](methods.md).
 """
 
 EVERY = """\
-std is over the runs, printed std the root mean square of what the method itself says, failed the runs without an
-estimate. The poles' figures are in out/accuracy/accuracy.json."""
+std is the standard deviation over the runs, printed std the root mean square of the standard deviations that the method
+itself gives, failed the number of runs without an estimate. The figures of the poles are in
+out/accuracy/accuracy.json."""
 
 NOTES = """\
-* **A.** The input is left open by the scenario: a PRBS of 8 bits held 8 samples (0.4 s, about the geometric mean of
-  the plant's two time constants) runs through its period once; the random binary input has the same hold and is
-  another one each run. A hold of one sample is beside it. The buffered methods have a step size of {step:g} and
-  Lambda(s) = (s + 2)^2 where it is named, and the filter chosen from the data where none is.
-* **B.** Its own bounds are on the first 100 runs, the coverage on 200.
+* **A.** The scenario does not specify the input. Here it is one period of a PRBS of 8 bits held 8 samples (0.4 s, about
+  the geometric mean of the plant's two time constants), or a random binary input with the same hold, different in each
+  run; a hold of one sample is "beside". The buffered methods have a step size of {step:g} and Lambda(s) = (s + 2)^2
+  where it is named, else the filter chosen from the data.
+* **B.** The scenario's own bounds hold for the first 100 runs, the coverage is of 200.
 * **C.** The random binary input is held 10 samples (0.1 s), about the plant's time constant 1/omega = 0.08 s; holds of
-  5 and 20 samples are beside it. The process noise follows from what is known beforehand: a quarter of a parameter's
-  range, squared, over the time that it takes to go through it (0.1, 4.05 and 0 per second); ten times and a tenth of
-  it are beside it. Errors count from the first estimate on (after 5 s), the estimate being zero before. "inside" is
-  how often, at 20 instants, the truth lies in the nominal 95 % interval.
-* **D.** Another voltage and another noise each run; the working point and the squared input are told to every method.
-* **F.** Two readings: the input switches at recorded instants alone, or goes on switching at the instants whose
-  samples are lost, where no estimator can know it. Held one sample, that loses a tenth of the input itself.
+  5 and 20 samples are "beside". The process noise follows from prior knowledge: a quarter of a parameter's range,
+  squared, over the time in which the parameter moves through it (0.1, 4.05 and 0 per second); ten times and a tenth of
+  it are shown as well. Errors count from the first estimate on (after 5 s). "inside" is how often, at 20 instants, the
+  true value lies in the nominal 95 % interval.
+* **D.** Voltage and noise differ in each run; every method is given the working point and the squared input.
+* **F.** Two interpretations: the input switches at recorded instants only ("recorded"), or also at the instants whose
+  samples are lost, which no estimator can know ("unseen"). With a hold of one sample a tenth of the input is then lost.
 * **G.** Nominal 95 % intervals of every parameter and of natural frequency f and damping zeta of the poles, slowest
   first. A real pole's damping is always 1 and left out; for A's two real poles f and zeta are those of
   s^2 + a1 s + a0. With 200 runs the measured coverage itself has a standard deviation of 1.5 %. A tracking filter
-  (RLS with a memory, Kalman) allows for parameters that may have moved; where they stand still its intervals are wide.
+  (RLS with a memory, Kalman) allows for parameters that move; for constant parameters its intervals are too wide.
 * **I.** `Identifier(Structure(poles), dt, startup=len // 10)`; references are independent output-error fits.
-* **J.** Not promised: first-order coloured noise. The default solves the record again up to 10000 samples; beyond, or
-  with a memory, it is a pure recursion.
+* **J.** First-order coloured noise, without a promise. The default solves the record again up to 10000 samples; for
+  longer records, and with a memory, it is a pure recursion.
 """
 
 
@@ -84,7 +85,7 @@ def markdown(summaries: Sequence[Summary], verdicts: Verdicts) -> str:
 
     lines = [TITLE, "", INTRODUCTION]
     lines += ["## What is promised, and what was measured", ""]
-    lines += ['"beside" marks neighbours of what is promised: the same with a harder or an easier input.', ""]
+    lines += ['"beside" marks experiments that no promise covers: a promised one with a harder or an easier input.', ""]
     lines += table(("experiment", "method", "bound", "measured", ""), promised(summaries, verdicts))
     covered = [each for each in summaries if each.experiment.shows_coverage]
     if covered:

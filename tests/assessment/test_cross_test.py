@@ -59,7 +59,7 @@ def test_what_the_model_misses_is_measured_with_its_doubt(colour: float) -> None
         missed = missing.simulate(u, DT)
         run = run_of(G1.simulate(u, DT) + missed + 0.3 * noise(seed, colour), u)
         part = unexplained(run, ALL, DT)
-        found.append((part.power, part.doubt, part.statistic))
+        found.append((part.power, part.std, part.statistic))
         expected.append(np.var(missed))
     powers, doubts, statistics = np.array(found).T
     error = powers - expected

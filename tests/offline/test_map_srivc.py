@@ -8,7 +8,7 @@ import pytest
 import replant as rp
 from replant.engine.record import Record
 from replant.offline.map_srivc import revise
-from replant.offline.srivc import Refined
+from replant.offline.refined import Refined
 from support.builders import binary, true_parameters
 
 DT, NOISE = 0.01, 0.01

@@ -9,7 +9,8 @@ import pytest
 
 import replant as rp
 from replant.engine.record import Record
-from replant.offline.srivc import Problem, Refined, refine
+from replant.offline.refined import Refined
+from replant.offline.srivc import Problem, refine
 from replant.signals import prbs
 from replant.statistics.udu import compose
 from support.builders import AWKWARD, DT, binary, irregular_record, random_plant, true_parameters
@@ -111,8 +112,7 @@ def test_it_is_its_own_fixed_point(name: str) -> None:
     record = made(name, noise=0.1)
     found = refine(structure, record)
     assert found.converged
-    n = structure.poles
-    done = Problem(structure, record).run(found.theta[:n], found.theta[n:])
+    done = Problem(structure, record).run(found.theta)
     sums = done.zeta.T @ done.error
     assert (np.abs(sums) < 0.01 * math.sqrt(done.cost) * np.linalg.norm(done.zeta, axis=0)).all()
     # the equation error is the output error
@@ -129,7 +129,7 @@ def test_the_covariance_is_cramer_and_raos_for_white_noise(name: str) -> None:
     structure = AWKWARD[name][0]
     record = made(name, noise=0.05)
     found = refine(structure, record)
-    problem, n = Problem(structure, record), structure.poles
+    problem = Problem(structure, record)
     columns = []
     for i in range(found.theta.size):
         step = 1e-3 * math.sqrt(found.covariance[i, i])
@@ -137,7 +137,7 @@ def test_the_covariance_is_cramer_and_raos_for_white_noise(name: str) -> None:
         for sign in (1.0, -1.0):
             moved = found.theta.copy()
             moved[i] += sign * step
-            ends.append(record.y - problem.run(moved[:n], moved[n:]).error)
+            ends.append(record.y - problem.run(moved).error)
         columns.append((ends[0] - ends[1]) / (2 * step))
     psi = np.stack(columns, axis=1)
     bound = found.variance * np.linalg.inv(psi.T @ psi)
@@ -151,7 +151,7 @@ def test_the_covariance_is_cramer_and_raos_for_white_noise(name: str) -> None:
 
 
 def information_of(structure: rp.Structure, record: Record, found: Refined) -> np.ndarray:
-    done = Problem(structure, record).run(found.model[: structure.poles], found.model[structure.poles :])
+    done = Problem(structure, record).run(found.model)
     return done.zeta.T @ done.zeta
 
 

@@ -294,7 +294,7 @@ def test_what_is_noticed_is_said() -> None:
     ident.update_many(u, y)
     verdict = ident.assess()
     assert verdict.status == "inconsistent"
-    assert "what the model leaves began to grow" in " ".join(verdict.reasons)
+    assert "the residual began to grow" in " ".join(verdict.reasons)
 
 
 # --- rest, gaps and clocks

@@ -16,7 +16,8 @@ import replant as rp
 from replant.assessment import Assessment
 from replant.data.logs import read_log
 from replant.optimizers import OPTIMIZERS
-from replant.runs.run import result_of_fit, run_online
+from replant.runs.result import result_of_fit
+from replant.runs.run import run_online
 from replant.settings import Request
 from support.builders import AWKWARD, DT, binary, irregular_record, state
 from support.places import ROOT
@@ -46,7 +47,7 @@ def identified(u: np.ndarray, y: np.ndarray, *, dt: float = DT, t: Any = None, *
 def assert_trusted(verdict: Assessment, *, without_caveat: bool = True) -> None:
     assert verdict.status == "trusted", verdict
     assert len(verdict.reasons) == 1 or not without_caveat, verdict.reasons
-    assert "which it had not seen" in verdict.reasons[0]
+    assert "which the estimate had not used" in verdict.reasons[0]
     assert verdict.held_out > 0
 
 

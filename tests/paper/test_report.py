@@ -57,7 +57,7 @@ def test_the_page_holds_every_table(page, results, actuator):
             assert row.row.label in text
             for cell in row.cells:
                 ours = number(cell.ours, 3) if cell.std is None else uncertain(cell.ours, cell.std)
-                assert f"{ours} {number(cell.published, 3)} printed, {cell.verdict}" in text
+                assert f"{ours} published {number(cell.published, 3)}, {cell.verdict}" in text
     for row in actuator.rows:
         assert row.label in text
     for line in summary(list(results.values())):
@@ -100,7 +100,7 @@ def test_what_was_not_asked_for_is_not_on_the_page(tmp_path):
     assert "The actuator" not in text
     assert "<figure" not in page
     empty = write_report(tmp_path / "report.html", Outcome(), {}).read_text()
-    assert "To repeat this" not in empty
+    assert "How to reproduce this" not in empty
 
 
 def test_names_alone_make_no_report(capsys, tmp_path):
@@ -130,6 +130,6 @@ def test_the_demo_writes_its_report_with_the_truth(capsys, tmp_path, monkeypatch
     text = as_text(page)
     assert "<h1>Dielectric elastomer actuator, simulated</h1>" in page
     assert "voltage [kV], displacement [mm]" in text
-    assert "none: simulated" in text
+    assert "none: the record is simulated" in text
     assert "off by" in text
     assert "replant demo" in text

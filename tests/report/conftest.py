@@ -12,7 +12,8 @@ import pytest
 
 import replant as rp
 from replant.report.html.report import write_report
-from replant.runs.run import History, Result, run_online
+from replant.runs.result import History, Result
+from replant.runs.run import run_online
 from replant.settings import Request
 
 DT = 0.05

@@ -11,7 +11,8 @@ import pytest
 import replant as rp
 from replant.assessment import fit_percent
 from replant.runs import run
-from replant.runs.run import Result, run_online, run_source
+from replant.runs.result import Result
+from replant.runs.run import run_online, run_source
 from replant.settings import Request
 from replant.signals import prbs
 from replant.simulation.stretches import flags_of

@@ -1,4 +1,4 @@
-"""How far an estimate scatters, told from its path: exactly what noise of every colour makes of it, on the mean."""
+"""The variance of an estimate from its path: right on the mean for noise of every colour."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import pytest
 from scipy.signal import lfilter
 
 import replant as rp
-from replant.engine.covariance import slowness
 from replant.kernels.schema import ROOM
 from replant.paper.actuator.experiment import CREEP, NOISE
 from replant.paper.actuator.experiment import STRUCTURE as ACTUATOR
@@ -24,6 +23,7 @@ from replant.statistics.batch_means import (
 )
 from replant.statistics.udu import larger
 from support.builders import DT
+from support.inside import path_of, slowness_of, state_of
 
 
 def bridge(scores: np.ndarray, information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -125,11 +125,6 @@ def slow_noise(seed: int, samples: int) -> np.ndarray:
     return (white + lfilter([0.1], [1.0, -0.99], drive))[2000:]
 
 
-def rows_in_use(ident: rp.Identifier) -> np.ndarray:
-    path = ident._state.path
-    return path.rows[: int(path.kept)]
-
-
 def test_the_rows_of_an_identifier_are_where_it_was() -> None:
     """Those since the record was last solved as a whole: at every 32nd sample behind the first 1000."""
     u = prbs(1600, bits=9, hold=20)
@@ -138,13 +133,13 @@ def test_the_rows_of_an_identifier_are_where_it_was() -> None:
     for k in range(u.size):
         ident.update(u[k], y[k])
         was[k + 1] = ident.parameters
-    rows = rows_in_use(ident)
+    rows = path_of(ident)
     step = 32  # 16 for the first 1000, and once doubled
     counts = step * np.arange(1, len(rows) + 1)
     assert counts[-1] + step > u.size
     for row, count in zip(rows, counts, strict=True):
         if count > 1000:
-            np.testing.assert_array_equal((row[0] * ident._state.unit)[:2], was[count])
+            np.testing.assert_array_equal((row[0] * state_of(ident).unit)[:2], was[count])
     assert (counts > 1000).sum() == 19
 
 
@@ -153,10 +148,10 @@ def test_nothing_is_kept_while_nothing_is_learned() -> None:
     y = PLANT.simulate(u, DT) + 0.1 * slow_noise(1, u.size)
     ident = rp.Identifier(rp.Structure(1), DT)
     ident.update_many(u[:2500], y[:2500])
-    before = rows_in_use(ident).copy()
+    before = path_of(ident)
     ident.freeze()
     ident.update_many(u[2500:3900], y[2500:3900])
-    np.testing.assert_array_equal(rows_in_use(ident), before)
+    np.testing.assert_array_equal(path_of(ident), before)
 
 
 def test_intervals_cover_under_slow_noise() -> None:
@@ -194,7 +189,7 @@ def test_creep_does_not_look_like_certainty(seed: int) -> None:
     away = np.abs(ident.parameters[:5] - true) / ident.uncertainty.std[:5]
     assert (away < 4.0).all()
     assert (ident.uncertainty.std[:5] < 0.2 * np.abs(true)).all()
-    assert slowness(ident._state, ident._settings) > 10.0
+    assert slowness_of(ident) > 10.0
 
 
 def test_white_noise_is_not_slow() -> None:
@@ -204,4 +199,4 @@ def test_white_noise_is_not_slow() -> None:
     for arguments in ({}, {"optimizer": rp.RecursiveLeastSquares(time_constant=50.0)}, {"optimizer": "adam"}):
         ident = rp.Identifier(rp.Structure(1), DT, **arguments)
         ident.update_many(u, y)
-        assert 1.0 <= slowness(ident._state, ident._settings) < 2.0
+        assert 1.0 <= slowness_of(ident) < 2.0

@@ -1,4 +1,4 @@
-"""How good a model is, and whether to trust it: free run, fit percent, residual tests, excitation, verdict."""
+"""Model validation: simulated fit, residual tests, excitation of the input, uncertainty, and the verdict on a model."""
 
 from replant.assessment.excitation import WORST_CONDITION
 from replant.assessment.offline import assess_record

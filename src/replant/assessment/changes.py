@@ -1,4 +1,4 @@
-"""Whether something has changed: what a model leaves of the output, lately and before."""
+"""Tests for a change of plant, sensor or disturbances: the power of the residual now, over what it was before."""
 
 from __future__ import annotations
 
@@ -28,7 +28,15 @@ PARTS = 25  # of a residual, whose scatter tells how sure its power is
 
 
 def growth_finding(evidence: Evidence, runs: Runs, figures: dict[str, Any]) -> list[Finding]:
-    """Say whether the residual grew: over the samples held out, or the last quarter of a whole record."""
+    """Return a finding if the residual grew: over the samples held out, or the last quarter of a whole record.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    runs : Runs
+    figures : dict
+        Gets "growth", the ratio of the residual's power after to that before.
+    """
     if evidence.follows:
         return []
     count = evidence.held_out or evidence.samples // 4
@@ -41,12 +49,12 @@ def growth_finding(evidence: Evidence, runs: Runs, figures: dict[str, Any]) -> l
     if sigmas < SURE or not more > MATTERS * runs.power:
         return []
     span = f"the last {duration(evidence.seconds(count))}"
-    reason = f"what the model leaves has grown {figure(figures['growth'])}-fold over {span}"
-    return [Finding("inconsistent", f"{reason}: plant, sensor or disturbances have changed")]
+    reason = f"the power of the residual has grown {figure(figures['growth'])}-fold over {span}"
+    return [Finding("inconsistent", f"{reason}: the plant, the sensor or the disturbances have changed")]
 
 
 def growth(before: FloatArray, after: FloatArray) -> tuple[float, float]:
-    """Return by how much the residual's power grew, and that in standard deviations of its logarithm.
+    """Return the ratio of a residual's power after to that before, and its logarithm in standard deviations.
 
     Examples
     --------
@@ -59,14 +67,14 @@ def growth(before: FloatArray, after: FloatArray) -> tuple[float, float]:
     p, q = float(np.mean(first**2)), float(np.mean(second**2))
     if not (p > 0.0 and q > 0.0):
         return (1.0, 0.0) if p == q else (math.inf if q > p else 0.0, math.inf if q > p else -math.inf)
-    return q / p, math.log(q / p) / math.hypot(_doubt(first), _doubt(second))
+    return q / p, math.log(q / p) / math.hypot(_relative_std(first), _relative_std(second))
 
 
-def _doubt(error: FloatArray) -> float:
+def _relative_std(error: FloatArray) -> float:
     r"""Return the relative standard deviation of the mean of e^2.
 
-    The larger of two: by Bartlett's formula, :math:`\sqrt{2 \sum_\tau r^2(\tau) / N}`, which counts the colour of
-    normal noise, and from the scatter of the means of a few parts, which counts outliers.
+    It is the larger of two estimates: Bartlett's formula, :math:`\sqrt{2 \sum_\tau r^2(\tau) / N}`, which allows for
+    coloured normal noise, and the scatter of the means over `PARTS` parts, which allows for outliers.
     """
     lags = min(error.size // 4, LONGEST_MEMORY)
     padded = 1 << (2 * error.size - 1).bit_length()  # so that no lag wraps around
@@ -78,7 +86,7 @@ def _doubt(error: FloatArray) -> float:
 
 
 def burst_finding(evidence: Evidence, runs: Runs) -> list[Finding]:
-    """Say whether the residual over the last moments is larger than it has ever been for as long."""
+    """Return a finding if the residual's power over the newest block exceeds that over every block before."""
     first = evidence.newest.start if evidence.follows else 0
     error = runs.old.error[first:]
     squares = (error - np.median(error)) ** 2
@@ -89,7 +97,8 @@ def burst_finding(evidence: Evidence, runs: Runs) -> list[Finding]:
         powers = squares[squares.size - blocks * count :].reshape(blocks, count).mean(axis=1)
         last, largest, usual = float(powers[-1]), float(powers[:-1].max()), float(np.median(powers))
         if last > BURST * largest and last - usual > BURST_MATTERS * runs.power:
-            span = f"over the last {duration(evidence.seconds(count))}"
-            reason = f"{span} the model leaves {figure(last / largest)} times the power that it ever left for as long"
-            return [Finding("inconsistent", f"{reason}: sensor, plant or load has changed")]
+            span = f"the last {duration(evidence.seconds(count))}"
+            before = f"{figure(last / largest)} times its largest power over any earlier stretch as long"
+            reason = f"the residual over {span} has {before}"
+            return [Finding("inconsistent", f"{reason}: the plant, the sensor or the load has changed")]
     return []

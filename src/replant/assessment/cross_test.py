@@ -1,10 +1,11 @@
-r"""Whether the input could still explain some of what a model leaves.
+r"""The cross test: how much of a model's residual the input could still explain.
 
-The residual of a right model is independent of the input.  The test regresses it on what an input does to an output
-that a model may miss: the states s^i/A u and the input at several delays, the slopes of the simulated output, its
-powers.  Both sides are first filtered by the autoregression that makes the residual white, so that the explained part,
-over the residual's variance, is :math:`\chi^2` with as many degrees of freedom as there are independent columns.  An
-input yet to come is left out: where there is feedback it answers to the residual, and that is no fault of the model.
+The residual of a correct model is independent of the input.  The test regresses the residual on columns that stand for
+the usual faults of a model: the states s^i/A u and the input at several delays, the derivatives of the simulated output
+with respect to the coefficients, and powers of the simulated output.  Both sides are first filtered by the
+autoregression that whitens the residual.  The explained part, over the residual's variance, is then :math:`\chi^2` with
+as many degrees of freedom as there are independent columns.  Future inputs are not among the columns: under feedback
+they depend on the residual of a correct model too.
 
 Sources: Ljung (1999), "System Identification: Theory for the User", sections 16.5 and 16.6; Soderstrom and Stoica
 (1989), "System Identification", section 11.2.
@@ -41,27 +42,36 @@ FILTERED_AWAY = 1e-9  # relative size of a column behind the filter, below which
 
 @dataclass(frozen=True)
 class Unexplained:
-    """What of a residual the input could still explain.
+    """The part of a residual that the input could still explain.
 
     Attributes
     ----------
     power : float
-        Mean square of that part, what chance adds taken off; in the output's unit squared.
-    doubt : float
-        Its standard deviation.
+        Mean square of that part, less its expected value under noise alone; in the output's unit squared.
+    std : float
+        Standard deviation of ``power``.
     statistic : float
-        The test's, over its limit: above 1 it is no chance.
+        The test statistic over its limit: above 1 the part is statistically significant.
     """
 
     power: float
-    doubt: float
+    std: float
     statistic: float
 
 
 def unexplained(run: ModelRun, rows: slice, dt: float, surplus: float = 0.0) -> Unexplained:
-    """Return what of a run's residual over ``rows`` the input could still explain.
+    """Return the part of a run's residual over ``rows`` that the input could still explain.
 
-    ``surplus`` is how much larger the statistic is by the estimate's own error: rows over samples learned.
+    Parameters
+    ----------
+    run : ModelRun
+    rows : slice
+        The samples tested.
+    dt : float
+        Sampling time in s.
+    surplus : float
+        Relative increase of the statistic by the error of the estimate itself: samples tested over samples learned; 0
+        for samples that the estimate was made from.
     """
     columns, few = _columns(run, rows, dt)
     error, columns = run.error[rows] - run.error[rows].mean(), columns - columns.mean(axis=0)
@@ -72,36 +82,38 @@ def unexplained(run: ModelRun, rows: slice, dt: float, surplus: float = 0.0) -> 
     if not left.any() or not float(e @ e) > 0.0:
         return Unexplained(0.0, 0.0, 0.0)
     z, few = z[:, left] / lengths[left], int(left[:few].sum())
-    # what the filter has not seen whole must not count afterwards either
+    # the first rows have no past of full length: the filter drops them, so they are dropped here as well
     whole = columns[noise.coefficients.size - 1 :, left] / lengths[left]
-    seen, made, along = products(z, z), products(whole, whole), products(z, e[:, None])[:, 0]
+    filtered, unfiltered, along = products(z, z), products(whole, whole), products(z, e[:, None])[:, 0]
     learned = surplus * run.zeta.shape[1]
-    tried = [_regression(seen[:k, :k], made[:k, :k], along[:k], e, learned) for k in sorted({few, along.size} - {0})]
-    # the few tell for sure, all tell how much: a part that the columns do not span is measured wrong
-    return Unexplained(tried[-1].power, tried[-1].doubt, max(found.statistic for found in tried))
+    sizes = sorted({few, along.size} - {0})
+    tried = [_regression(filtered[:k, :k], unfiltered[:k, :k], along[:k], e, learned) for k in sizes]
+    # the core columns give the more powerful test, all columns the better figure: columns that do not span the
+    # unexplained part underestimate it
+    return Unexplained(tried[-1].power, tried[-1].std, max(found.statistic for found in tried))
 
 
 def _regression(
-    seen: FloatArray, made: FloatArray, along: FloatArray, white: FloatArray, learned: float
+    filtered: FloatArray, unfiltered: FloatArray, along: FloatArray, white: FloatArray, learned: float
 ) -> Unexplained:
-    """Regress the white error (K,) on columns whose sums are given: filtered, as they are, and with the error."""
-    basis = orthogonal(seen)
+    """Regress the white error (K,) on columns, given by their products: filtered, unfiltered, and with the error."""
+    basis = orthogonal(filtered)
     amounts = basis.T @ along
     count, part = len(amounts), float(amounts @ amounts)
     if count == 0:
         return Unexplained(0.0, 0.0, 0.0)
     variance = max(float(white @ white) - part, 0.0) / max(white.size - count, 1)
-    # in the output: what the columns so weighted make, less what noise alone would give them
-    gram = basis.T @ made @ basis
+    # power of the weighted columns in the output, less its expected value under noise alone
+    gram = basis.T @ unfiltered @ basis
     output = gram @ amounts
     power = (float(amounts @ output) - variance * float(np.trace(gram))) / white.size
-    doubt = math.sqrt(variance * (2.0 * variance * float(np.sum(gram**2)) + 4.0 * float(output @ output))) / white.size
+    std = math.sqrt(variance * (2.0 * variance * float(np.sum(gram**2)) + 4.0 * float(output @ output))) / white.size
     limit = float(chi2_quantile(1.0 - FALSE_ALARM / 2.0, count)) * (1.0 + learned / count)
-    return Unexplained(max(power, 0.0), doubt, part / variance / limit if variance > 0.0 else math.inf)
+    return Unexplained(max(power, 0.0), std, part / variance / limit if variance > 0.0 else math.inf)
 
 
 def _columns(run: ModelRun, rows: slice, dt: float) -> tuple[FloatArray, int]:
-    """Return what the residual is regressed on, and how many of the columns are the few that come first."""
+    """Return the columns that the residual is regressed on, core columns first, and how many of them are core."""
     samples, n = len(run.error), run.structure.poles
     begin, end, _ = rows.indices(samples)
     index = np.arange(begin, end)
@@ -125,7 +137,7 @@ def _columns(run: ModelRun, rows: slice, dt: float) -> tuple[FloatArray, int]:
         np.column_stack([output**2, output**3]),
     ]
     few = sum(part.shape[1] for part in parts)
-    if states > 0:  # enough samples for more
+    if states > 0:  # enough samples for more than the core columns
         parts += [delayed(run.states, delay * step) for delay in STATE_DELAYS[:states]]
         parts.append(inputs({*INPUT_DELAYS, *far} - set(CORE_INPUT_DELAYS)))
     return np.hstack(parts), few

@@ -1,8 +1,8 @@
-r"""How far an estimate lies from where a record would put it: one Gauss-Newton step on the output error.
+r"""The distance from an estimate to the estimate that a record gives: one Gauss-Newton step on the output error.
 
-The step :math:`(\sum \zeta\zeta^T)^{-1} \sum \zeta e` is that of refined instrumental variables at the estimate, so it
-is zero for an estimate made from the same record.  Its covariance takes the residual's colour into account.  It tells
-an estimate that noise has biased, that is frozen while the plant changes, or that lags behind.
+The step :math:`(\sum \zeta\zeta^T)^{-1} \sum \zeta e` is that of refined instrumental variables at the estimate: it is
+zero for an estimate made from the same record.  Its covariance takes the residual's colour into account.  A significant
+step means that noise has biased the estimate, that the estimate is frozen while the plant changes, or that it lags.
 
 Source: Soderstrom and Stoica (1983), "Instrumental Variable Methods for System Identification", chapter 4.
 """
@@ -30,14 +30,14 @@ from replant.statistics.udu import larger
 
 @dataclass(frozen=True)
 class Distance:
-    """How far an estimate lies from where a record would put it.
+    """The distance from an estimate to the estimate that a record gives.
 
     Attributes
     ----------
     step : (n + m + 1,) array
-        From the estimate to there, to first order.
+        From the one to the other, to first order.
     statistic : float
-        Of the test whether that is chance, over its limit.
+        The test statistic over its limit: above 1 the step is statistically significant.
     covariance : (n + m + 1, n + m + 1) array
         Of an estimate from this record alone, the residual's colour taken into account.
     """
@@ -48,7 +48,17 @@ class Distance:
 
 
 def distance(run: ModelRun, rows: slice, false_alarm: float) -> Distance:
-    """Return the Gauss-Newton step that a record asks of an estimate, and whether it is more than chance."""
+    """Return the Gauss-Newton step from an estimate towards the one that a record gives, with its significance.
+
+    Parameters
+    ----------
+    run : ModelRun
+        The estimate run over the record.
+    rows : slice
+        The samples that count.
+    false_alarm : float
+        Probability that the statistic of a correct estimate exceeds 1.
+    """
     nuisances = np.hstack([run.nuisances[rows], np.ones((len(run.error[rows]), 1))])
     zeta = without(run.zeta[rows], nuisances)
     error = without(run.error[rows, None], nuisances)[:, 0]

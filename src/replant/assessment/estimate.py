@@ -1,4 +1,4 @@
-"""How well the estimate is known, whether it stands still, and whether the samples would put it where it is."""
+"""Tests of the estimate: its uncertainty, its movement, and its distance from the estimate that the samples give."""
 
 from __future__ import annotations
 
@@ -33,7 +33,16 @@ IMPROVED = 0.9
 
 @dataclass(frozen=True)
 class Certainty:
-    """Figures of the estimate, as `Assessment` names them, and what they say."""
+    """The figures of the estimate, by their names in `Assessment`, and the findings from them.
+
+    Attributes
+    ----------
+    figures : dict
+        "uncertainty", "movement" and "distance".
+    improves : bool
+        Whether the estimate moved, and explains the newest samples better than the earlier estimate.
+    findings : list of Finding
+    """
 
     figures: dict[str, float]
     improves: bool
@@ -41,7 +50,7 @@ class Certainty:
 
     @classmethod
     def of(cls, evidence: Evidence, runs: Runs) -> Certainty:
-        """Examine the estimate."""
+        """Test the estimate."""
         size, span = evidence.coefficients, evidence.record.span
         if evidence.instruments:
             away = distance_of(runs.now, evidence.known, FALSE_ALARM)
@@ -65,14 +74,17 @@ class Certainty:
 
 
 def slow_noise(evidence: Evidence, uncertainty: float) -> str:
-    """Return why the estimate is known no better, where noise is the reason that is slower than its colour tells."""
+    """Return the reason for the estimate's uncertainty where it is slow noise, as words in brackets; else nothing.
+
+    Slow noise is noise that the autoregression of the residual does not describe, see `statistics.batch_means`.
+    """
     if evidence.slowness < SLOW or uncertainty < MENTIONED:
         return ""
-    return ", no better, as what the model leaves is slow (the output drifts, or the plant is not quite linear)"
+    return " (because the residual varies slowly: the output drifts, or the plant is slightly nonlinear)"
 
 
 def _scatter(evidence: Evidence, runs: Runs, covariance: np.ndarray) -> float:
-    """Return the size of what the estimate's error does to the simulated output, over that output."""
+    """Return the standard deviation of the simulated output by the estimate's error, over that of the output."""
     slopes = runs.now.zeta[evidence.known]
     output = float(runs.now.forced[evidence.known].std())
     made = float(np.trace(covariance @ np.atleast_2d(np.cov(slopes.T))))
@@ -82,10 +94,11 @@ def _scatter(evidence: Evidence, runs: Runs, covariance: np.ndarray) -> float:
 def _of_uncertainty(uncertainty: float, scatter: float, slow: str) -> list[Finding]:
     findings = []
     if not uncertainty <= MOST_UNCERTAIN:
-        reason = f"a coefficient is known to {percent(uncertainty)} only{slow}"
-        findings.append(Finding("converging", f"{reason}: take more samples, move the input more, or ask for less"))
+        reason = f"a coefficient has a standard deviation of {percent(uncertainty)}{slow}"
+        advice = "take more samples, move the input more, or ask for fewer poles and zeros"
+        findings.append(Finding("converging", f"{reason}: {advice}"))
     if not scatter <= MOST_SCATTER:
-        reason = f"the estimate's own uncertainty makes {percent(scatter)} of the simulated output"
+        reason = f"the uncertainty of the estimate amounts to {percent(scatter)} of the simulated output"
         findings.append(Finding("converging", reason))
     return findings
 
@@ -100,9 +113,9 @@ def _of_movement(evidence: Evidence, moved: float, sigmas: float, improves: bool
 def _of_distance(evidence: Evidence, distance: float, statistic: float) -> list[Finding]:
     if not (statistic > 1.0 and distance > FARTHEST):
         return []
-    reason = f"the samples would put a coefficient {percent(distance)} elsewhere"
+    reason = f"the samples give a coefficient that differs by {percent(distance)}"
     if not evidence.adapts:
         return [Finding("inconsistent", f"{reason}: the estimate is frozen, and the plant has changed")]
     if not evidence.instruments:
         return [Finding("inconsistent", f"{reason}: noise biases an estimate without instruments")]
-    return [Finding("converging", f"{reason}: the estimate has not caught up with them")]
+    return [Finding("converging", f"{reason}: the estimate has not converged to them yet")]

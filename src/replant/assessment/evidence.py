@@ -1,4 +1,4 @@
-"""The evidence that a verdict is made from, and the runs of the model that the tests look at."""
+"""The evidence for a verdict: estimates and samples, and the estimates run over the samples."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PER_COEFFICIENT = 10  # ... and for each coefficient
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What a verdict is made from.
+    """The estimates and samples that a verdict is made from, and what was noticed about them online.
 
     Attributes
     ----------
@@ -34,12 +34,13 @@ class Evidence:
     covariance : (P, P) array or None
         Of the estimate; None where none is known.
     earlier : (P,) array
-        The estimate that the newest ``unseen`` samples were not used for.
+        An earlier estimate, which has not used the newest ``unseen`` samples.
     unseen : int
+        How many samples came after ``earlier``.
     learned : int
-        Samples that ``earlier`` was learned from.
+        How many samples ``earlier`` was made from.
     in_sample : bool
-        Whether there is no such estimate: every sample was used, as in an offline fit.
+        Whether there is no earlier estimate: every sample was used, as in an offline fit.
     refused : bool
         Whether an update was undone because it would have left float64.
     adapts : bool
@@ -47,27 +48,29 @@ class Evidence:
     instruments : bool
         False where noise biases the estimate.
     follows : bool
-        Whether the estimate is meant to follow a plant that changes: samples of long ago then say nothing about it.
+        Whether the estimate follows a plant that changes: it is then tested on the newest samples alone.
     largest_power : float
         Largest moving variance that the input has had; 0 where it is not known.
     usual_interval : float
         Median time between samples in s, interruptions included; 0 where there are no time stamps.
     grown : int
-        Samples since the residual began to be larger than usual, if that is no chance; else 0.
+        Samples since the residual began to exceed its usual size, if that is statistically significant; else 0.
     unsettled : float
-        After a change, the largest uncertainty of a coefficient that was known before, as a part of itself; else 0.
+        After a change of the plant, the largest relative standard deviation of a coefficient that was known before;
+        else 0.
     missing : int
         Newest samples in a row that came without an output.
     stuck : bool
-        Whether the sensor was found stuck, or at an end of its scale, just now.
+        Whether the sensor was found stuck or saturated within the newest samples.
     slowness : float
-        How many times wider the estimate scatters than the residual's power and colour make it; 1 where that tells all.
+        Standard deviation of the estimate over that which the residual's power and colour predict; 1 where they agree.
     output_unit : float
-        What the output of the record counts in, in the user's unit.
+        Unit of the record's output, in the user's unit.
     measured : (W,) array or None
-        The output as the sensor gave it, where that of the record is bridged; None: as in the record.
+        The output as the sensor gave it; None where the record's output is just that.
     bridged : (W,) array of bool or None
-        Where it is, because the sensor was stuck: such samples take no part in the tests of the model.
+        The samples whose output in the record is the model's, because the sensor was stuck: the tests of the model
+        leave them out.
     """
 
     structure: Structure
@@ -88,16 +91,16 @@ class Evidence:
     grown: int = 0
     unsettled: float = 0.0
     missing: int = 0
-    stuck: int = 0
+    stuck: bool = False
     slowness: float = 1.0
     output_unit: float = 1.0
     measured: FloatArray | None = None
     bridged: BoolArray | None = None
 
     def in_own_units(self) -> Evidence:
-        """Return the same with input and output about one: no square of theirs leaves float64.
+        """Return the same evidence with input and output scaled to about one, so that their squares fit into float64.
 
-        By powers of two, so that the bits of the samples stay as they are.
+        The scales are powers of two, so that no sample is rounded.
         """
         of_input, of_output = _power_of_two(self.record.u), _power_of_two(self.record.y)
         n = self.structure.poles
@@ -124,13 +127,13 @@ class Evidence:
 
     @property
     def used(self) -> BoolArray:
-        """Which samples (W,) take part in the tests of the model."""
+        """Which samples (W,) the tests of the model use."""
         return np.ones(self.samples, bool) if self.bridged is None else ~self.bridged
 
     @property
     def coefficients(self) -> int:
         """How many coefficients G(s) has."""
-        return self.structure.poles + self.structure.zeros + 1
+        return self.structure.coefficients
 
     @property
     def samples(self) -> int:
@@ -139,22 +142,22 @@ class Evidence:
 
     @property
     def enough(self) -> int:
-        """How many samples say something."""
+        """How many samples a test needs."""
         return max(FEWEST, PER_COEFFICIENT * self.coefficients)
 
     @property
     def is_young(self) -> bool:
-        """Whether too few samples came since the earlier estimate to judge it by."""
+        """Whether too few samples came since the earlier estimate to test it on."""
         return not self.in_sample and self.unseen < self.enough
 
     @property
     def held_out(self) -> int:
-        """How many of the newest samples the earlier estimate is judged by, 0 for all."""
+        """How many of the newest samples the earlier estimate is tested on; 0 for all."""
         return 0 if self.in_sample or self.is_young else self.unseen
 
     @property
     def newest(self) -> slice:
-        """The samples that the earlier estimate is judged by."""
+        """The samples that the earlier estimate is tested on."""
         return slice(self.samples - self.held_out, self.samples) if self.held_out else slice(0, self.samples)
 
     @property
@@ -169,19 +172,24 @@ class Evidence:
 
     @property
     def span(self) -> str:
-        """In words, how long the samples last that the earlier estimate is judged by."""
-        return f"the last {duration(self.seconds(self.held_out or self.samples))}"
+        """In words, how long the samples last that the earlier estimate is tested on."""
+        return f"the last {self.age}"
+
+    @property
+    def age(self) -> str:
+        """In words, how long ago the earlier estimate was made."""
+        return duration(self.seconds(self.held_out or self.samples))
 
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """The earlier and the present estimate run over the samples.
+    """The earlier and the present estimate, each run over the samples.
 
     Attributes
     ----------
     old, now : ModelRun
-    error : (W,) array
-        Of the earlier one over the newest samples, its mean taken off.
+    error : (N,) array
+        Error of the earlier estimate over the N newest samples, its mean subtracted.
     power : float
         Variance of the output over the newest samples.
     """
@@ -193,7 +201,7 @@ class Runs:
 
     @classmethod
     def of(cls, evidence: Evidence) -> Runs | None:
-        """Run both; None where one leaves float64."""
+        """Run both estimates; None where an output leaves float64."""
         old = run_model(evidence.structure, evidence.earlier, evidence.record, evidence.dt)
         if old is None:
             return None
@@ -206,11 +214,11 @@ class Runs:
         return cls(old, now, error - error.mean(), float(np.var(evidence.record.y[evidence.newest])))
 
     def size(self, step: FloatArray, span: float) -> float:
-        """Return the size of a step of the coefficients, as a part of theirs.
+        """Return the relative size of a step (n,) or (n + m + 1,) of the coefficients; ``span`` of the record in s.
 
-        The largest of abs(step of a_i) over the coefficient of prod(s + abs(pole)), the size that it would have with
-        all poles real (a pole slower than the record is long counts as one just as long), and of half of what a step
-        of b_j makes of the output, over the output.
+        It is the largest of two kinds of terms.  For a_i: abs(step) over the coefficient of prod(s + abs(pole)), which
+        is the size that a_i would have if all poles were real; a pole slower than the record is long counts as one just
+        as long.  For b_j: half of the output that the step makes, over the output.
         """
         n = self.now.structure.poles
         poles = np.abs(roots(np.concatenate([[1.0], self.now.parameters[:n]])))
@@ -224,6 +232,6 @@ class Runs:
 
 
 def _power_of_two(signal: FloatArray) -> float:
-    """Return the power of two next to the largest magnitude of a signal, 1 for one that is zero."""
+    """Return the largest power of two not above the largest magnitude of a signal; 1 for a signal that is zero."""
     largest = float(np.abs(signal).max(initial=0.0))
     return 2.0 ** math.floor(math.log2(largest)) if largest > 0.0 else 1.0

@@ -1,4 +1,4 @@
-r"""Excitation: whether the samples tell the parameters apart, and lately as well as before.
+r"""Excitation: whether the samples determine every coefficient, and whether the newest ones do so as well.
 
 The information matrix of the coefficients, :math:`\sum \zeta\zeta^T` over the instruments (the slopes of the simulated
 output along a and b), offset and initial state eliminated, each entry scaled by its size over all samples.
@@ -31,20 +31,22 @@ LEAST_POWER = 1e-4
 
 @dataclass(frozen=True)
 class Excitation:
-    """How well the samples tell the coefficients apart; see `Assessment` for the two figures."""
+    """How well the samples determine the coefficients; `Assessment` describes the two figures."""
 
     condition: float
     share: float
 
     @property
     def findings(self) -> list[Finding]:
-        """Say what is missing."""
+        """What the input lacks."""
         if not self.condition < WORST_CONDITION:
             figure = "infinite" if math.isinf(self.condition) else f"{self.condition:.1e}"
             reason = f"the input does not excite every coefficient (condition number {figure}): move it more"
             return [Finding("not excited", f"{reason}, or ask for fewer poles and zeros")]
         if not self.share >= LEAST_SHARE:
-            reason = f"the newest samples hold {percent(max(self.share, 0.0))} of the usual information"
+            reason = (
+                f"the newest samples hold {percent(max(self.share, 0.0))} of the information that as many others hold"
+            )
             return [Finding("not excited", f"the input hardly moves any more: {reason}")]
         return []
 
@@ -53,7 +55,7 @@ def excitation(run: ModelRun, newest: slice) -> Excitation:
     """Return the excitation over a run, and over its ``newest`` samples as a part of that."""
     zeta = without(run.zeta, run.nuisances)
     lengths = np.linalg.norm(zeta, axis=0)
-    # what is left of a signal that the nuisances explain altogether is rounding
+    # of a column that the nuisances explain completely, only rounding is left
     if not (lengths > 1e-9 * np.linalg.norm(run.zeta, axis=0)).all():
         return Excitation(math.inf, 0.0)
     scaled = zeta / lengths * math.sqrt(len(zeta))

@@ -1,12 +1,17 @@
-"""From the evidence to the verdict: what each test finds, in which words, and what the findings come to.
+"""From the evidence to the verdict: each test, the words for its findings, and the verdict from all findings.
 
-Trust needs that the newest samples excite the plant; that a model which has not seen them explains them from the
-input alone; that it leaves nothing worth mentioning that the input could still explain, and no more than it left
-before; and that the estimate is known well and stands still.  Source: Ljung (1999), "System Identification: Theory for
-the User", chapter 16; Soderstrom and Stoica (1989), "System Identification", chapter 11.
+A model is trusted if
 
-Samples at a fixed rate, without time stamps, cannot tell a wrong sampling time: it is the same record in another unit
-of time.  With stamps it is found.
+* the newest samples excite the plant;
+* an estimate that has not used them explains them from the input alone;
+* the input cannot explain any more of the residual, and the residual is not larger than before;
+* the estimate has a small uncertainty and no longer moves.
+
+A wrong sampling time is found from time stamps only: without them the record is that of another plant in another unit
+of time.
+
+Source: Ljung (1999), "System Identification: Theory for the User", chapter 16; Soderstrom and Stoica (1989), "System
+Identification", chapter 11.
 """
 
 from __future__ import annotations
@@ -66,7 +71,7 @@ def judge(evidence: Evidence) -> Assessment:
     runs = None if stop else Runs.of(evidence)
     if not stop and runs is None:
         pole = roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])).real.max()
-        reason = f"run from the input alone the model leaves all bounds (a pole at {pole:+.3g} rad/s)"
+        reason = f"simulated from the input alone, the model diverges (a pole at {pole:+.3g} rad/s)"
         findings.append(Finding("inconsistent", reason))
     if runs is not None:
         found = excitation(runs.now, evidence.newest)
@@ -74,7 +79,7 @@ def judge(evidence: Evidence) -> Assessment:
         findings += _of_sensor(evidence, runs)
         if not _lacks_excitation(findings):
             findings += found.findings
-        if not _lacks_excitation(findings):  # without it the model's tests say nothing
+        if not _lacks_excitation(findings):  # without excitation the tests of the model are meaningless
             findings += _of_model(evidence, runs, figures)
     findings += _of_guard(evidence)
     return Assessment(*conclude(findings, _in_favour(evidence, figures)), **figures)
@@ -84,13 +89,13 @@ def _lacks_excitation(findings: list[Finding]) -> bool:
     return any(finding.status == "not excited" for finding in findings)
 
 
-def _rests(evidence: Evidence) -> bool:
+def _input_is_constant(evidence: Evidence) -> bool:
     u = evidence.record.u
     return bool(np.ptp(u) <= RESTING * np.abs(u).max())
 
 
 def _of_samples(evidence: Evidence) -> list[Finding]:
-    """Return what the samples say by themselves, before any model."""
+    """Return the findings that need no model."""
     findings = []
     if evidence.refused:
         reason = "updates left the range of float64 and were undone: lower the gain or step size, then reset"
@@ -98,48 +103,49 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
     if evidence.usual_interval:
         findings += sensor.clock_finding(evidence.usual_interval, evidence.dt)
     u = evidence.record.u
-    if _rests(evidence):
-        findings.append(Finding("not excited", "the input stands still: move it"))
+    if _input_is_constant(evidence):
+        findings.append(Finding("not excited", "the input is constant: move it"))
         return findings
     if evidence.samples < evidence.enough:
-        reason = f"{evidence.samples} samples (since the last interruption) are too few to judge by"
+        reason = f"{evidence.samples} samples (since the last interruption) are too few for a verdict"
         findings.append(Finding("converging", reason))
         return findings
     if np.var(u[evidence.newest]) < LEAST_POWER * evidence.largest_power:
         part = percent(float(np.var(u[evidence.newest])) / evidence.largest_power)
-        reason = f"the input hardly moves any more: its variance over {evidence.span} is {part} of what it was"
+        reason = f"the input hardly moves any more: its variance over {evidence.span} is {part} of its largest so far"
         findings.append(Finding("not excited", reason))
     if evidence.is_young:
-        unseen = f"{evidence.unseen} samples that the estimate has not seen are too few"
-        reason = f"{unseen if evidence.unseen else 'every sample was learned from: none is left'} to judge it by"
+        few = f"{evidence.unseen} samples that the estimate has not used are too few"
+        reason = f"{few if evidence.unseen else 'the estimate has used every sample: none is left'} to test it on"
         findings.append(Finding("converging", reason))
     return findings + sensor.level_finding(u, evidence.raw)
 
 
 def _of_guard(evidence: Evidence) -> list[Finding]:
-    """Return what was noticed as the samples came in."""
+    """Return the findings of the online monitoring."""
     findings = []
     if evidence.missing > MOST_MISSING:
-        reason = f"no output has come for {duration(evidence.seconds(evidence.missing))}, the input alone"
-        findings.append(Finding("inconsistent", f"{reason}: sensor, or its cable"))
+        reason = f"no output has arrived for {duration(evidence.seconds(evidence.missing))}, only the input"
+        findings.append(Finding("inconsistent", f"{reason}: check the sensor and its cable"))
     elif evidence.stuck:
-        reason = "the output stands, or just stood, still to the bit: a stuck or saturated sensor, or a cable off"
+        reason = "the output is constant to the bit, or was just now: a stuck or saturated sensor, or a cable off"
         findings.append(Finding("inconsistent", reason))
     elif evidence.grown:
-        reason = f"what the model leaves began to grow {duration(evidence.seconds(evidence.grown))} ago"
-        findings.append(Finding("inconsistent", f"{reason}: plant, sensor or disturbances have changed"))
+        reason = f"the residual began to grow {duration(evidence.seconds(evidence.grown))} ago"
+        findings.append(Finding("inconsistent", f"{reason}: the plant, the sensor or the disturbances have changed"))
     if evidence.unsettled > MOST_UNCERTAIN:
-        reason = f"since the plant has changed a coefficient is known to {percent(min(evidence.unsettled, 1.0))} only"
-        findings.append(Finding("converging", f"{reason}, as its slowest mode takes time to show"))
+        std = percent(min(evidence.unsettled, 1.0))
+        reason = f"since the plant changed, a coefficient has a standard deviation of {std}"
+        findings.append(Finding("converging", f"{reason}: its slowest mode needs more samples"))
     return findings
 
 
 def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
-    """Return what the sensor does wrong, beside the model's output."""
+    """Return the faults of the sensor, found by comparison with the model's output."""
     y, newest = evidence.raw, evidence.newest
     modelled = evidence.record.y - runs.old.error
     error = runs.old.error[evidence.used] if evidence.used.any() else runs.old.error
-    noise = 1.4826 * float(np.median(np.abs(error)))  # of a normal one; stretches of failure do not count
+    noise = 1.4826 * float(np.median(np.abs(error)))  # std of normal noise, robust to failures
     count = len(y[newest])
     intervals = evidence.record.intervals
     steps = np.full(count, intervals[0]) if intervals.size == 1 else intervals[newest]
@@ -151,7 +157,7 @@ def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
 
 
 def _of_model(evidence: Evidence, runs: Runs, figures: Figures) -> list[Finding]:
-    """Return what the tests of the model and of the estimate find."""
+    """Return the findings of the tests of the model and of the estimate."""
     certainty = Certainty.of(evidence, runs)
     figures |= certainty.figures
     model = [
@@ -160,7 +166,7 @@ def _of_model(evidence: Evidence, runs: Runs, figures: Figures) -> list[Finding]
         *growth_finding(evidence, runs, figures),
         *burst_finding(evidence, runs),
     ]
-    if certainty.improves:  # what the earlier estimate could not explain, the present one may
+    if certainty.improves:  # the present estimate may explain what the earlier one does not
         model = [Finding(max(found.status, "converging", key=_gravity), found.reason) for found in model]
     return model + certainty.findings
 
@@ -177,15 +183,16 @@ def _fit(evidence: Evidence, runs: Runs, figures: Figures) -> list[Finding]:
     if fit >= POOREST_FIT:
         return []
     if math.isnan(fit):
-        return [Finding("inconsistent", f"the output stands still over {evidence.span} while the input moves")]
-    seen = ", in sample," if evidence.in_sample else ""
-    reason = f"run from the input alone over {evidence.span}{seen} the model explains next to nothing of the output"
+        return [Finding("inconsistent", f"the output is constant over {evidence.span} while the input moves")]
+    which = " (in sample)" if evidence.in_sample else ""
+    run = f"simulated from the input alone over {evidence.span}{which}"
+    reason = f"{run}, the model explains almost nothing of the output"
     shown = f"{fit:.0f} %" if fit > WORST_FIT else f"below {WORST_FIT:.0f} %"
     return [Finding("inconsistent", f"{reason} (fit {shown})")]
 
 
 def _unexplained(evidence: Evidence, runs: Runs, figures: Figures) -> list[Finding]:
-    """Test both runs: the present estimate over all that it should know, the earlier one over the samples held out."""
+    """Apply the cross test to the present estimate, over all that it has used, and to the earlier one, held out."""
     present = Part.of(evidence, runs.now, evidence.known, 0.0)
     parts = [present]
     if evidence.held_out:
@@ -196,52 +203,74 @@ def _unexplained(evidence: Evidence, runs: Runs, figures: Figures) -> list[Findi
     if not surest.is_sure or largest.size < NEGLIGIBLE:
         return []
     reason = f"the input could explain another {percent(min(largest.size, 1.0))} of the output's power"
-    if largest.size <= LARGEST_PART and surest.size + surest.doubt <= LARGEST_PART:
-        return [Finding("trusted", f"{reason}, which the model leaves; small, but no chance")]
+    if largest.size <= LARGEST_PART and surest.size + surest.std <= LARGEST_PART:
+        return [Finding("trusted", f"{reason}, unexplained by the model: small, but statistically significant")]
     if evidence.adapts and figures["movement"] > MOVED_SIGMAS and not (present.is_sure and present.is_large):
-        return [Finding("converging", f"{reason}, which the estimate of {evidence.span} ago left, and the present not")]
+        past = f"unexplained by the estimate of {evidence.age} ago, but explained by the present one"
+        return [Finding("converging", f"{reason}, {past}")]
     biased = "" if evidence.instruments else "noise, which biases an estimate without instruments, "
-    causes = f"{biased}too few poles or zeros, a wrong dead time, or a plant that changes or is not linear"
-    return [Finding("inconsistent", f"{reason}, which the model leaves: {causes}")]
+    causes = f"{biased}too few poles or zeros, a wrong dead time, or a plant that changes or is nonlinear"
+    return [Finding("inconsistent", f"{reason}, unexplained by the model: {causes}")]
 
 
 @dataclass(frozen=True)
 class Part:
-    """What the input could still explain, as a part of the output's power, and how sure that is."""
+    """The part of the output's power that the input could still explain.
+
+    Attributes
+    ----------
+    size : float
+        As a part of the output's power.
+    std : float
+        Standard deviation of ``size``.
+    statistic : float
+        The test statistic over its limit.
+    """
 
     size: float
-    doubt: float
+    std: float
     statistic: float
 
     @classmethod
     def of(cls, evidence: Evidence, run: ModelRun, rows: slice, surplus: float) -> Part:
-        """Test a run over ``rows``."""
+        """Apply the cross test to a run.
+
+        Parameters
+        ----------
+        evidence : Evidence
+        run : ModelRun
+        rows : slice
+            The samples tested.
+        surplus : float
+            See `unexplained`.
+        """
         found = unexplained(run, rows, evidence.dt, surplus)
         used = evidence.used[rows]
         if not used.any():
             return cls(0.0, 0.0, 0.0)
         output, error = float(np.var(evidence.record.y[rows][used])), float(np.var(run.error[rows][used]))
         power = max(output, float(np.finfo(float).tiny))
-        # as Python's numbers, which become infinite without a warning where the output stands still
-        share = float(used.mean())  # samples that were bridged leave nothing, and are counted by neither side
-        return cls(min(float(found.power) / share, error) / power, float(found.doubt) / share / power, found.statistic)
+        share = float(used.mean())  # the residual of a bridged sample is zero: it adds to neither power
+        # as Python's floats, which become infinite without a warning where the output is constant
+        return cls(min(float(found.power) / share, error) / power, float(found.std) / share / power, found.statistic)
 
     @property
     def is_sure(self) -> bool:
-        """Whether it is no chance."""
+        """Whether the part is statistically significant."""
         return self.statistic > 1.0
 
     @property
     def is_large(self) -> bool:
-        """Whether it may be more than what a trusted model may leave."""
-        return self.size + self.doubt > LARGEST_PART
+        """Whether the part may exceed what a trusted model may leave unexplained."""
+        return self.size + self.std > LARGEST_PART
 
 
 def _in_favour(evidence: Evidence, figures: Figures) -> str:
-    """Return what speaks for the model."""
+    """Return the reason to trust the model."""
     fit, uncertainty = figures.get("fit", math.nan), figures.get("uncertainty", math.nan)
-    seen = "in sample" if evidence.in_sample else "which it had not seen"
+    which = "in sample" if evidence.in_sample else "which the estimate had not used"
+    std = percent(uncertainty) + slow_noise(evidence, uncertainty)
     return (
-        f"run from the input alone over {evidence.span}, {seen}, the model fits the output to {fit:.1f} %; "
-        f"its coefficients are known to {percent(uncertainty)}{slow_noise(evidence, uncertainty)}"
+        f"simulated from the input alone over {evidence.span} ({which}), the model fits the output to {fit:.1f} %; "
+        f"its denominator's coefficients have standard deviations up to {std}"
     )

@@ -1,8 +1,6 @@
-"""The verdict on a fit to a whole record: the same tests, in sample, as no sample is left that the fit has not seen."""
+"""The verdict on a fit to a whole record: the same tests, in sample, because the fit has used every sample."""
 
 from __future__ import annotations
-
-import dataclasses
 
 import numpy as np
 
@@ -33,13 +31,13 @@ def assess_record(
     parameters : (P,) array
         In the order of ``structure.names``.
     record : Record
-        What it was fitted to, made ready.
+        The record that it was fitted to, made ready.
     dt : float
         Nominal sampling time in s.
     covariance : (P, P) array, optional
         Of the parameters.
     instruments : bool
-        False of least squares, which noise biases.
+        False for least squares, which noise biases.
 
     Examples
     --------
@@ -54,7 +52,7 @@ def assess_record(
     evidence = Evidence(
         structure,
         dt,
-        _newest(record),
+        record.last(MOST_SAMPLES),
         estimate=parameters,
         covariance=None if covariance is None or not np.isfinite(covariance).all() else covariance,
         earlier=parameters,
@@ -65,9 +63,3 @@ def assess_record(
         usual_interval=float(np.median(record.intervals[1:])) if irregular else 0.0,
     )
     return judge(evidence)
-
-
-def _newest(record: Record) -> Record:
-    """Return the newest samples of a record that is longer than what is looked at."""
-    intervals = record.intervals if record.intervals.size == 1 else record.intervals[-MOST_SAMPLES:]
-    return dataclasses.replace(record, u=record.u[-MOST_SAMPLES:], y=record.y[-MOST_SAMPLES:], intervals=intervals)

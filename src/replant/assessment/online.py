@@ -1,4 +1,4 @@
-"""The verdict on an identifier, from what it keeps: the newest raw samples, and its estimate as it was before them."""
+"""The verdict on an identifier, from the newest raw samples that it keeps and its estimate from before them."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ def assess_starting(request: Request, held: Sequence[tuple[float, float, float]]
     held : sequence of (u, y, t)
         Raw samples held so far; t is NaN for a regular clock.
     wanted : int
-        How many there are to be by now.
+        How many samples the first model needs by now.
     """
     if not held:
         return NO_SAMPLE
     u, y, t = np.array(held).T
     u = request.preprocess.map_input(u)
-    reason = f"starting: {u.size} of the {wanted} samples that the first model is made from"
+    reason = f"starting: {u.size} of the {wanted} samples for the first model"
     if wanted > request.startup:
-        reason += f"; startup={request.startup} is too few for one that can be used"
+        reason += f"; startup={request.startup} samples gave no usable model"
     findings = [Finding("converging", reason)]
     if np.ptp(u) <= RESTING * np.abs(u).max():
-        findings.append(Finding("not excited", "the input stands still: move it"))
+        findings.append(Finding("not excited", "the input is constant: move it"))
     if u.size > 1 and not np.isnan(t).any():
         findings += sensor.clock_finding(float(np.median(np.diff(t))), request.dt)
     findings += sensor.level_finding(u, y)
@@ -60,7 +60,7 @@ def assess_starting(request: Request, held: Sequence[tuple[float, float, float]]
 
 @quiet
 def evidence_of(state: State, settings: Settings) -> Evidence:
-    """Return the evidence that a state holds."""
+    """Return the evidence for a verdict that a state holds."""
     dt, size, origin, samples = settings.dt, settings.structure.size, state.record_began, state.samples
     in_use = _in_use(RecentSamples.of(state).cleaned(), state)
     kept = in_use.since_last_gap(dt)
@@ -95,14 +95,14 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
 
 
 def judged(state: State, dt: float) -> BoolArray:
-    """Return which of the raw samples kept (K,) the verdict stands on: since the last interruption, and not bridged."""
+    """Return which of the raw samples kept (K,) the verdict uses: those since the last interruption, not bridged."""
     kept = RecentSamples.of(state)
     used = _in_use(kept, state).since_last_gap(dt)
     return np.asarray((np.arange(len(kept)) >= len(kept) - len(used)) & ~kept.is_bridged)
 
 
 def _in_use(kept: RecentSamples, state: State) -> RecentSamples:
-    """Return the raw samples since the record began anew: the newest one at the least."""
+    """Return the raw samples since the record began anew, at least the newest one."""
     return kept[-max(state.samples - max(state.record_began, state.gap_at), 1) :]
 
 
@@ -115,11 +115,11 @@ def _missing(kept: RecentSamples) -> int:
 
 
 def _unsettled(state: State, settings: Settings, known: FloatArray) -> float:
-    """Return how uncertain a revised estimate is in what was known before the change, as a part of itself."""
+    """Return the largest relative std of a revised estimate's coefficients, among those known before the change."""
     forgotten = state.past_step == SHORTEST_STEP and state.samples - state.revised_from > state.recent_size
-    if not state.was_revised or forgotten:  # what forgets is at length as uncertain by right
+    if not state.was_revised or forgotten:  # an optimizer that forgets becomes as uncertain without a change
         return 0.0
-    size = settings.structure.poles + settings.structure.zeros + 1
+    size = settings.structure.coefficients
     before, std = np.abs(state.prior[:, :size])
     now = np.maximum(np.abs(state.physical)[:size], before)
     share = np.sqrt(np.maximum(np.diag(known)[:size], 0.0)) / np.maximum(now, np.finfo(float).tiny)
@@ -127,7 +127,7 @@ def _unsettled(state: State, settings: Settings, known: FloatArray) -> float:
 
 
 def earlier_estimate(state: State, size: int) -> tuple[int, FloatArray]:
-    """Return the oldest past estimate (P,), or the present one if nothing was learned since, and its samples."""
+    """Return the oldest past estimate (P,) and how many samples it has learned; the present one if it is no older."""
     learned, estimate = state.learned, state.theta
     kept = state.past[: min(state.past_kept, PAST)]
     oldest = kept[np.argmin(kept[:, 0])] if len(kept) else np.array([np.inf])

@@ -1,4 +1,4 @@
-"""What a sensor and a clock may do wrong, told from the raw samples: stuck, saturated, swapped, another rate."""
+"""Faults of sensor and clock, found in the raw samples: stuck, saturated, swapped columns, a wrong sampling time."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ ROUNDING = 1e-6  # part of the output's spread below which a residual is no nois
 
 
 def clock_finding(usual: float, dt: float) -> list[Finding]:
-    """Say whether time stamps that are ``usual`` s apart contradict the sampling time that was given.
+    """Return a finding if time stamps that are ``usual`` s apart contradict the sampling time ``dt``.
 
-    Without stamps nothing can: the same samples at a tenth of the rate are those of a plant ten times as slow.
+    Without time stamps a wrong sampling time cannot be found: the record is that of a plant on another time scale.
     """
     if abs(usual / dt - 1.0) <= MOST_OFF:
         return []
@@ -49,7 +49,7 @@ def clock_finding(usual: float, dt: float) -> list[Finding]:
 
 
 def level_finding(u: FloatArray, y: FloatArray) -> list[Finding]:
-    """Say whether the output looks like an input: a few levels only, while the input has many."""
+    """Return a finding if the output looks like an input: it has a few levels only, while the input has many."""
     levels, others = np.unique(y).size, np.unique(u).size
     if not (1 < levels <= FEW_LEVELS and others > MANY_LEVELS):
         return []
@@ -62,7 +62,7 @@ def level_finding(u: FloatArray, y: FloatArray) -> list[Finding]:
 
 
 def is_resolved(y: FloatArray, noise: float) -> bool:
-    """Return whether noise of the standard deviation ``noise`` keeps neighbouring samples apart."""
+    """Return whether noise of standard deviation ``noise`` keeps two samples in a row from being equal."""
     if y.size < 2 * SECTIONS or noise <= ROUNDING * float(y.std()):
         return False
     equal = y[1:] == y[:-1]
@@ -70,7 +70,7 @@ def is_resolved(y: FloatArray, noise: float) -> bool:
 
 
 def saturation_finding(y: FloatArray, modelled: FloatArray, resolved: bool) -> list[Finding]:
-    """Say whether the output sits at the end of its scale.
+    """Return a finding if the output lies at an end of the sensor's scale while the model's output does not.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def saturation_finding(y: FloatArray, modelled: FloatArray, resolved: bool) -> l
             newest = y[-window:]
             for end in (newest.min(), newest.max()):
                 there = newest == end
-                # a plant that rests between two steps of the scale repeats one by right
+                # an output at rest between two steps of the scale repeats one of them without a fault
                 away = float(np.sqrt(np.mean((modelled[-window:][there] - end) ** 2)))
                 if np.count_nonzero(there) >= TIES and away > STUCK_STEPS * smallest_step(values):
                     return [_saturated(newest)]
@@ -109,7 +109,7 @@ def _saturated(y: FloatArray) -> Finding:
 def stuck_finding(
     y: FloatArray, modelled: FloatArray, noise: float, resolved: bool, seconds: FloatArray, unit: float = 1.0
 ) -> list[Finding]:
-    """Say whether the output lately stood still to the bit while it should have moved.
+    """Return a finding if the output was lately constant to the bit while the model's output moved.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def stuck_finding(
     seconds : (K,) array
         Time of each sample, in s.
     unit : float
-        What the outputs count in.
+        Unit of the outputs, in the user's unit.
     """
     begins = np.flatnonzero(np.concatenate([[True], y[1:] != y[:-1]]))
     ends = np.append(begins[1:], y.size)
@@ -132,19 +132,19 @@ def stuck_finding(
         moved = float(np.ptp(modelled[begin:end]))
         if moved > least:
             lasted = float(seconds[end - 1] - seconds[begin])
-            now = "stands" if end == y.size else "stood"
-            reason = f"the output {now} still to the bit for {duration(lasted)} while it should have moved by"
+            now = "is" if end == y.size else "was"
+            reason = f"the output {now} constant to the bit for {duration(lasted)} while the model's output"
             return [
                 Finding(
                     "inconsistent",
-                    f"{reason} {moved * unit:.3g}: a stuck or saturated sensor, a cable off, or friction",
+                    f"{reason} moved by {moved * unit:.3g}: a stuck or saturated sensor, a cable off, or friction",
                 )
             ]
     return []
 
 
 def smallest_step(values: FloatArray) -> float:
-    """Return the least distance between the sorted ``values``, which a scale with steps shows again and again.
+    """Return the step of a scale: the least distance between the sorted ``values``, if all others are multiples of it.
 
     Zero for a signal without steps.
 

@@ -1,11 +1,11 @@
-"""The verdict: one word, its reasons in plain words, and the figures behind them."""
+"""The verdict: its status, the reasons in plain words, and the figures behind them."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-#: From the gravest: of several findings the first one's word is the verdict.
+#: The statuses, the gravest first.  The verdict has that of its gravest finding.
 STATUSES = ("diverged", "not excited", "inconsistent", "converging", "trusted")
 
 LEAST_PERCENT, MOST_FIGURE = 0.01, 1e4  # beyond which a figure in a reason tells nothing more
@@ -28,36 +28,36 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Assessment(Verdict):
-    """A verdict with the figures that it was made from; NaN where one is not known.
+    """A verdict with the figures that it was made from; NaN where a figure is not known.
 
     Attributes
     ----------
     samples : int
-        Samples looked at.
+        Samples examined.
     held_out : int
-        How many of them, the newest, were not used for the estimate that was run over them; 0: all were.
+        How many of them, the newest, the tested estimate had not used; 0: it had used all.
     fit : float
-        Simulated fit in percent over the samples held out (or all): the model from the input alone, offset and initial
-        state estimated.
+        Simulated fit in percent over the samples held out (or all): the model run from the input alone, with offset and
+        initial state estimated.
     condition : float
-        Condition number of the scaled instruments over the samples looked at, offset and initial state eliminated.
+        Condition number of the scaled instruments over the samples examined, offset and initial state eliminated.
     excitation : float
-        Smallest eigenvalue of the scaled information matrix of the samples held out, as a part of what it is over all
-        of them: 1 where they tell as much as the others.
+        Smallest eigenvalue of the scaled information matrix of the samples held out, over that of all samples: 1 where
+        they determine the coefficients as well as the others do.
     whiteness : float
         Portmanteau statistic of the residual's autocorrelation over its 99 % limit: up to about 1 for white noise.
     explained : float
-        Part of the output's power that the input could still explain, but the model does not.
+        Part of the output's power that the model does not explain, but the input could.
     explained_limit : float
-        The statistic of the test for that, over its limit: above 1 it is no chance.
+        The test statistic of that part over its limit: above 1 the part is statistically significant.
     growth : float
         Power of the residual over the samples held out, over what it was before.
     movement : float
-        Largest movement of a coefficient since the estimate that was run, in its standard deviations.
+        Largest movement of a coefficient since the tested estimate, in its standard deviations.
     distance : float
-        How far the coefficients lie from where the samples looked at would put them, as a part of their size.
+        Relative distance of the coefficients from those that the samples examined give.
     uncertainty : float
-        Largest standard deviation of a coefficient of the denominator, as a part of its size.
+        Largest relative standard deviation of a coefficient of the denominator.
     """
 
     samples: int = 0
@@ -76,14 +76,14 @@ class Assessment(Verdict):
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing found, and what the verdict would be if it were the only one."""
+    """One finding: its reason, and the status of the verdict if it were the only one."""
 
     status: str
     reason: str
 
 
 def percent(part: float) -> str:
-    """Return a part in percent, with two digits; beyond what anybody reads as a figure, only where it lies.
+    """Return a part in percent with two digits; a very small or large one as a bound.
 
     Examples
     --------
@@ -98,7 +98,7 @@ def percent(part: float) -> str:
 
 
 def figure(value: float) -> str:
-    """Return a positive figure with two digits and no power of ten.
+    """Return a positive figure with two digits and without a power of ten; a very large one as a bound.
 
     Examples
     --------
@@ -109,7 +109,7 @@ def figure(value: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return a length of time in s with three digits, or to the second.
+    """Return a length of time in s with three digits, from 1000 s on to the second.
 
     Examples
     --------

@@ -22,7 +22,8 @@ from replant.report.html.report import write_report
 from replant.report.numbers import off_by
 from replant.report.terminal.summary import print_result, true_parameters
 from replant.rigs import Rig, deap_rig, deap_voltage
-from replant.runs.run import Result, run_online
+from replant.runs.result import Result
+from replant.runs.run import run_online
 from replant.settings import Request
 
 SAMPLES = 240_000  # 240 s at 1 kHz

@@ -19,7 +19,7 @@ from replant.data.logs import Log
 from replant.offline.fit import METHODS, FitResult, fit
 from replant.offline.structure_search import SearchResult, search
 from replant.report.html.recipe import fit_as_python
-from replant.runs.run import result_of_fit
+from replant.runs.result import result_of_fit
 
 
 @click.command(name="fit")

@@ -18,7 +18,7 @@ from replant.data.logs import Log
 from replant.report.html.recipe import identifier_as_python
 from replant.report.terminal.summary import as_json as result_as_json
 from replant.report.terminal.summary import print_result
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 COMPILING = "compiling (once): later runs start at once"
 

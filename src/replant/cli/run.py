@@ -24,7 +24,8 @@ from replant.cli.output import (
 )
 from replant.data.logs import Recording
 from replant.runs.full_trace import FullTrace
-from replant.runs.run import Result, run_source
+from replant.runs.result import Result
+from replant.runs.run import run_source
 from replant.settings import Request
 from replant.simulation.score import FITTED
 

@@ -1,1 +1,1 @@
-"""The model: structure, transfer function and what follows from them; values, no state."""
+"""The model: structure, transfer function, state space, response and uncertainty; immutable values."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 def split_delay(delay: float, dt: float) -> tuple[int, float]:
-    """Return a dead time as whole samples and a fraction of one; within 1e-9 of whole counts as whole.
+    """Return a dead time in s as whole samples and a fraction of one; a fraction below 1e-9 is rounded away.
 
     Examples
     --------

@@ -4,7 +4,7 @@ For a monic denominator D(s) of order n and a time scale c [rad/s] the states ar
 
     w_i = c^(n-i) s^i / D(s) x,   i = n-1 .. 0,
 
-each with a gain near one, where the article's unscaled states s^i / D(s) x differ by c^n in size.  They obey
+each of which has a gain near one.  The article's unscaled states s^i / D(s) x differ in size by c^n.  They obey
 
     dw/dt = c [ -D_scaled ; shift ] w + c e_1 x,   D_scaled_i = d_i / c^(n-i).
 """
@@ -59,7 +59,7 @@ def companion(denominator: FloatArray) -> Companion:
 
 
 def _time_scale(denominator: FloatArray) -> float:
-    """Return the geometric mean of the poles' magnitudes; with a pole at zero, the largest that any power suggests."""
+    """Return the geometric mean of the poles' magnitudes; with a pole at zero, the largest abs(d_(n-i))^(1/i)."""
     n = denominator.size - 1
     powers = np.arange(1, n + 1)
     with np.errstate(divide="ignore"):
@@ -71,10 +71,35 @@ def _time_scale(denominator: FloatArray) -> float:
 def exact(
     matrix: FloatArray, column: FloatArray, interval: float, hold: str
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Solve dw/dt = matrix w + column x exactly over ``interval`` seconds, x held or joined by straight lines.
+    """Discretise dw/dt = matrix w + column x exactly: w(k+1) = Ad w(k) + before x(k) + after x(k+1).
 
-    Returns ``Ad`` (n, n), ``before`` (n,), ``after`` (n,) of w(k+1) = Ad w(k) + before x(k) + after x(k+1); with
-    ``hold="zoh"`` ``after`` is zero.  Both come from one augmented matrix exponential (Van Loan, 1978).
+    Parameters
+    ----------
+    matrix : (n, n) array
+        In 1/s.
+    column : (n,) array
+        In 1/s.
+    interval : float
+        In s.
+    hold : {"zoh", "foh"}
+        Whether x is held between samples, or joined by straight lines.
+
+    Returns
+    -------
+    Ad : (n, n) array
+    before, after : (n,) arrays
+        ``after`` is zero with "zoh".
+
+    Examples
+    --------
+    >>> Ad, before, after = exact(np.array([[-1.0]]), np.array([1.0]), 1.0, "zoh")
+    >>> Ad.round(4), before.round(4), after
+    (array([[0.3679]]), array([0.6321]), array([0.]))
+
+    References
+    ----------
+    Van Loan (1978), "Computing integrals involving the matrix exponential", IEEE Transactions on Automatic Control 23:
+    both columns come from one augmented matrix exponential.
     """
     from scipy.linalg import expm
 
@@ -91,9 +116,22 @@ def exact(
 
 
 def bilinear(matrix: FloatArray, column: FloatArray, interval: float, alpha: float) -> tuple[FloatArray, FloatArray]:
-    """Return ``Ad``, ``Bd`` of the generalised bilinear transform: alpha 0 forward Euler, 0.5 Tustin, 1 backward.
+    """Return Ad (n, n) and Bd (n,) of the generalised bilinear transform of dw/dt = matrix w + column x.
 
-    Source: Zhang, Chen and Chen (2009), as the article uses it in (7).
+    Parameters
+    ----------
+    matrix : (n, n) array
+        In 1/s.
+    column : (n,) array
+        In 1/s.
+    interval : float
+        In s.
+    alpha : float
+        0 is the forward Euler rule, 0.5 Tustin's, 1 the backward Euler rule.
+
+    References
+    ----------
+    Zhang, Chen and Chen (2009); the article's (7).
     """
     identity = np.eye(matrix.shape[0])
     left = identity - alpha * interval * matrix
@@ -103,14 +141,23 @@ def bilinear(matrix: FloatArray, column: FloatArray, interval: float, alpha: flo
 
 
 def input_taps(matrix: FloatArray, column: FloatArray, interval: float, hold: str, fraction: float) -> FloatArray:
-    """Return the three exact input vectors (3, n) for x[k-2], x[k-1], x[k] of a delay of ``fraction`` samples.
+    """Return the exact weights (3, n) of x[k-2], x[k-1] and x[k] for an input delayed by a fraction of a sample.
 
-    The interval splits where the delayed input has its corner: the first part still sees the older input.
+    The delayed input has a corner within the interval.  The interval is split there: its first part lies on the older
+    piece of the input.
 
     Parameters
     ----------
+    matrix : (n, n) array
+        In 1/s.
+    column : (n,) array
+        In 1/s.
+    interval : float
+        In s.
+    hold : {"zoh", "foh"}
+        Whether x is held between samples, or joined by straight lines.
     fraction : float
-        The delay over the interval, in [0, 1); whole samples are left to the caller.
+        The delay over the interval, in [0, 1); the caller adds whole samples.
     """
     n = matrix.shape[0]
     taps = np.zeros((3, n))

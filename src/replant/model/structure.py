@@ -1,4 +1,4 @@
-"""Structure: how many poles, zeros, how much dead time, and whether a bias is identified."""
+"""Structure: the number of poles and zeros, the dead time, and whether a bias is identified."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from replant.model.transfer_function import TransferFunction
 
 @dataclass(frozen=True)
 class Structure:
-    r"""What is to be identified: the shape of.
+    r"""The structure of the transfer function to be identified.
 
     .. math:: G(s) = \frac{b_m s^m + \ldots + b_0}{s^n + a_{n-1} s^{n-1} + \ldots + a_0} e^{-s\,\mathrm{delay}}
 
@@ -32,10 +32,10 @@ class Structure:
     delay : float
         Dead time in seconds, any real number >= 0.
     bias : bool
-        Identify a constant in the regression as well, (24) of the article: with a fixed filter in the unit of the
-        output; with the refined filter it is the constant of A y = B u + bias, the output's offset times a0.
+        Identify a constant of the regression as well, (24) of the article.  With a fixed filter it has the unit of the
+        output; with the refined filter it is the constant of A y = B u + bias, which is the output's offset times a0.
     feedthrough : bool
-        Allow as many zeros as poles: the output jumps with the input, as an accelerometer's does.
+        Allow as many zeros as poles: the output then jumps with the input, as that of an accelerometer does.
 
     Raises
     ------
@@ -58,7 +58,7 @@ class Structure:
     bias: bool = False
     feedthrough: bool = False
 
-    MOST_POLES = 10  # beyond it the regression is hopeless in float64
+    MOST_POLES = 10  # with more, float64 does not resolve the regression
 
     def __post_init__(self) -> None:
         keep(self, "poles", whole, 1)
@@ -70,7 +70,7 @@ class Structure:
         if poles > self.MOST_POLES:
             raise InvalidArgumentError(f"poles must be at most {self.MOST_POLES}, got {poles}")
         if zeros > poles or (zeros == poles and not self.feedthrough):
-            hint = "; where the input acts on the output at once, say feedthrough=True" if zeros == poles else ""
+            hint = "; if the input acts on the output at once, set feedthrough=True" if zeros == poles else ""
             raise InvalidArgumentError(f"zeros must be fewer than poles, got {zeros} zeros and {poles} poles{hint}")
 
     @property
@@ -88,9 +88,8 @@ class Structure:
         >>> print(Structure(poles=2).transfer_function([4.0, 3.0, 2.0]))
         2 / (s^2 + 4 s + 3)
         """
-        n = self.poles
         values = np.asarray(parameters, np.float64)
-        return TransferFunction(values[n : n + self.zeros + 1], np.concatenate([[1.0], values[:n]]), self.delay)
+        return TransferFunction(values[self.numerator], np.concatenate([[1.0], values[self.denominator]]), self.delay)
 
     @property
     def is_biproper(self) -> bool:
@@ -98,6 +97,21 @@ class Structure:
         return self.zeros == self.poles
 
     @property
+    def coefficients(self) -> int:
+        """How many coefficients G(s) has: n of the denominator and m + 1 of the numerator."""
+        return self.poles + self.zeros + 1
+
+    @property
     def size(self) -> int:
-        """How many parameters are identified, P."""
-        return self.poles + self.zeros + 1 + self.bias
+        """How many parameters are identified, P: the coefficients, and the bias if there is one."""
+        return self.coefficients + self.bias
+
+    @property
+    def denominator(self) -> slice:
+        """Which of the parameters are a_{n-1} .. a_0."""
+        return slice(0, self.poles)
+
+    @property
+    def numerator(self) -> slice:
+        """Which of the parameters are b_m .. b_0."""
+        return slice(self.poles, self.coefficients)

@@ -1,4 +1,4 @@
-"""TransferFunction: num, den and dead time; poles, response, simulation, and the way to SciPy and python-control."""
+"""TransferFunction: num, den and dead time; poles, response, simulation, conversion to SciPy and python-control."""
 
 from __future__ import annotations
 
@@ -23,30 +23,10 @@ from replant.arguments import (
 from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.interop import systems
 from replant.model import state_space
-from replant.model.dead_time import split_delay
+from replant.model.mode import Mode
+from replant.model.polynomial import polynomial_text
+from replant.model.response import Response
 from replant.statistics.linear_algebra import quiet, roots
-
-
-@dataclass(frozen=True)
-class Mode:
-    """One pole, as an engineer reads it.
-
-    Attributes
-    ----------
-    pole : complex
-        In rad/s.
-    frequency : float
-        Natural frequency abs(pole) / (2 pi), in Hz.
-    damping : float
-        -Re(pole) / abs(pole); 1 for a real stable pole, NaN at the origin.
-    time_constant : float
-        -1 / Re(pole) in s; infinite on the imaginary axis, negative for an unstable pole.
-    """
-
-    pole: complex
-    frequency: float
-    damping: float
-    time_constant: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +60,7 @@ class TransferFunction:
     delay: float = 0.0
 
     def __init__(self, num: Sequence[float] | FloatArray, den: Sequence[float] | FloatArray, delay: float = 0.0):
-        # leading zeros are dropped: one system, one way to write it
+        # leading zeros are dropped, so that equal systems have equal coefficients
         numerator = np.trim_zeros(coefficients("num", num), "f")
         denominator = np.trim_zeros(coefficients("den", den), "f")
         if denominator.size == 0:
@@ -90,7 +70,7 @@ class TransferFunction:
                 f"num must not be of higher order than den, got {numerator.size - 1} and {denominator.size - 1}"
             )
         numerator = numerator if numerator.size else np.zeros(1)
-        # adding zero makes -0.0 to 0.0: what compares equal must hash alike
+        # adding zero turns -0.0 into 0.0: what compares equal must have the same hash
         object.__setattr__(self, "num", coefficients("num", numerator / denominator[0] + 0.0))
         object.__setattr__(self, "den", coefficients("den", denominator / denominator[0] + 0.0))
         object.__setattr__(self, "delay", not_negative("delay", delay))
@@ -106,7 +86,7 @@ class TransferFunction:
 
     def __str__(self) -> str:
         dead_time = f" exp(-{self.delay:.4g} s)" if self.delay else ""
-        return f"{_factor(self.num)} / {_factor(self.den)}{dead_time}"
+        return f"{polynomial_text(self.num)} / {polynomial_text(self.den)}{dead_time}"
 
     @property
     def poles(self) -> npt.NDArray[np.complex128]:
@@ -127,18 +107,18 @@ class TransferFunction:
 
     @property
     def is_stable(self) -> bool:
-        """Whether every pole lies left of the imaginary axis."""
+        """Whether every pole lies to the left of the imaginary axis."""
         return bool((self.poles.real < 0).all())
 
     @property
     def modes(self) -> tuple[Mode, ...]:
         """The poles with frequency, damping and time constant, slowest first; one entry for a conjugate pair."""
         upper = [pole for pole in self.poles.tolist() if pole.imag >= 0]
-        return tuple(_mode(pole) for pole in sorted(upper, key=abs))
+        return tuple(Mode.of(pole) for pole in sorted(upper, key=abs))
 
     @quiet
     def response(self, frequency: Sequence[float] | FloatArray) -> npt.NDArray[np.complex128]:
-        """Return G(i omega) at each ``frequency`` omega in rad/s, shape as given; not finite at a pole.
+        """Return G(i omega) at each ``frequency`` omega in rad/s, in the shape given; not finite at a pole.
 
         Examples
         --------
@@ -151,9 +131,9 @@ class TransferFunction:
 
     @quiet
     def simulate(self, u: Sequence[float] | FloatArray, dt: float, *, input_hold: str = "zoh") -> FloatArray:
-        """Return the output (K,) for the sampled input ``u`` (K,), exact for the hold, from rest.
+        """Return the output (K,) from rest for a sampled input, exact for the hold.
 
-        Before the first sample the input is taken to be zero and the plant at rest.
+        Before the first sample the input is zero.
 
         Parameters
         ----------
@@ -169,47 +149,24 @@ class TransferFunction:
         array([0.    , 0.6321, 0.8647])
         """
         u, dt = vector("u", u), positive("dt", dt)
-        if one_of("input_hold", input_hold, ("zoh", "foh")) == "zoh" or u.size == 0:
-            return self._run(u, dt, "zoh")
-        # the jump from rest to the first sample is a step, the rest runs straight from zero
-        return self._run(np.full(u.size, u[0]), dt, "zoh") + self._run(u - u[0], dt, "foh")
-
-    def _run(self, u: FloatArray, dt: float, input_hold: str) -> FloatArray:
-        """Return the output for an input that, with straight lines, begins at zero."""
-        lag, fraction = split_delay(self.delay, dt)
-        order = self.den.size - 1
-        if order == 0:
-            return self.feedthrough * _delayed(u, lag, fraction, input_hold)
-        from replant.kernels.filters.simulate import filter_states
-
-        model = state_space.companion(self.den)
-        transition, _, _ = state_space.exact(model.matrix, model.column, dt, input_hold)
-        taps = state_space.input_taps(model.matrix, model.column, dt, input_hold, fraction)
-        states = filter_states(transition, taps, lag, u)
-        output = states @ self.output_row(model)
-        if self.feedthrough:
-            output += self.feedthrough * _delayed(u, lag, fraction, input_hold)
-        return np.asarray(output)
+        return Response(self, dt, one_of("input_hold", input_hold, ("zoh", "foh"))).output(u)
 
     @quiet
     def free_responses(self, samples: int, dt: float) -> FloatArray:
-        """Return the responses (K, n) to one unit of each state alone: what an initial state adds to the output."""
-        dt, samples = positive("dt", dt), whole("samples", samples, 0)
-        if samples == 0 or self.den.size == 1:
-            return np.zeros((samples, self.den.size - 1))
-        from replant.kernels.filters.simulate import free_responses
+        """Return the responses (K, n) to a unit of each initial state alone, at K ``samples`` that are ``dt`` s apart.
 
-        model = state_space.companion(self.den)
-        transition, _, _ = state_space.exact(model.matrix, model.column, dt, "zoh")
-        return np.asarray(free_responses(transition, self.output_row(model), samples))
+        The states are those of `state_space.companion`.  An initial state w0 (n,) adds ``free_responses @ w0``.
+        """
+        dt, samples = positive("dt", dt), whole("samples", samples, 0)
+        return Response(self, dt).free(samples)
 
     @property
     def feedthrough(self) -> float:
-        """What of the input is in the output at once."""
+        """Gain from the input to the output at the same instant: 0 unless there are as many zeros as poles."""
         return float(self.num[0]) if self.num.size == self.den.size else 0.0
 
     def output_row(self, model: state_space.Companion) -> FloatArray:
-        """Return the row that makes the output from the companion states, the feedthrough taken out."""
+        """Return the row (n,) from the companion states to the output without feedthrough."""
         order = self.den.size - 1
         padded = np.zeros(order + 1)
         padded[order + 1 - self.num.size :] = self.num
@@ -218,12 +175,12 @@ class TransferFunction:
 
     @classmethod
     def from_control(cls, system: Any, delay: float = 0.0) -> TransferFunction:
-        """Return a `control.TransferFunction` or `control.StateSpace` of one input and output as one of these.
+        """Return the transfer function of a `control.TransferFunction` or `control.StateSpace`.
 
         Parameters
         ----------
         system : control.TransferFunction or control.StateSpace
-            In continuous time.
+            In continuous time, with one input and one output.
         delay : float
             Dead time in s, which python-control's systems do not have.
 
@@ -232,9 +189,9 @@ class TransferFunction:
         InvalidArgumentError
             If the system has several inputs or outputs, is in discrete time, or improper.
         ArgumentTypeError
-            If it is no such system.
+            If it is neither of the two.
         MissingDependencyError
-            Without python-control.
+            If python-control is not installed.
 
         Examples
         --------
@@ -246,7 +203,7 @@ class TransferFunction:
 
     @classmethod
     def from_scipy(cls, system: Any, delay: float = 0.0) -> TransferFunction:
-        """Return a TransferFunction, ZerosPolesGain or StateSpace of `scipy.signal` as one of these.
+        """Return the transfer function of a TransferFunction, ZerosPolesGain or StateSpace of `scipy.signal`.
 
         Parameters
         ----------
@@ -260,7 +217,7 @@ class TransferFunction:
         InvalidArgumentError
             If the system has several inputs or outputs, is in discrete time, or improper.
         ArgumentTypeError
-            If it is no such system, or has complex coefficients.
+            If it is none of the three, or has complex coefficients.
 
         Examples
         --------
@@ -271,7 +228,13 @@ class TransferFunction:
         return cls(*systems.of_scipy(system), delay)
 
     def to_scipy(self) -> Any:
-        """Return a `scipy.signal.TransferFunction`; it knows no dead time, so ``delay`` must be 0."""
+        """Return a `scipy.signal.TransferFunction`, which cannot have a dead time.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If ``delay`` is not 0.
+        """
         if self.delay:
             raise InvalidArgumentError(f"SciPy's transfer functions have no dead time, this one has {self.delay:g} s")
         from scipy.signal import TransferFunction as ScipyTransferFunction
@@ -279,7 +242,15 @@ class TransferFunction:
         return ScipyTransferFunction(self.num, self.den)
 
     def to_control(self) -> Any:
-        """Return a `control.TransferFunction`; it knows no dead time, so ``delay`` must be 0 (see `control.pade`)."""
+        """Return a `control.TransferFunction`, which cannot have a dead time; `control.pade` approximates one.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If ``delay`` is not 0.
+        MissingDependencyError
+            If python-control is not installed.
+        """
         if self.delay:
             raise InvalidArgumentError(
                 f"python-control's transfer functions have no dead time, this one has {self.delay:g} s: "
@@ -290,39 +261,3 @@ class TransferFunction:
         except ImportError as cause:
             raise MissingDependencyError("to_control needs python-control: pip install 'replant[control]'") from cause
         return control.tf(self.num, self.den)
-
-
-def _mode(pole: complex) -> Mode:
-    magnitude = abs(pole)
-    damping = -pole.real / magnitude if magnitude else math.nan
-    time_constant = -1.0 / pole.real if pole.real else math.inf
-    return Mode(pole, magnitude / (2 * math.pi), damping, time_constant)
-
-
-def _delayed(u: FloatArray, lag: int, fraction: float, hold: str) -> FloatArray:
-    """Return u as a dead time of lag + fraction samples leaves it at the sampling instants; zero before the record."""
-    padded = np.concatenate([np.zeros(lag + 1), u])
-    now, before = padded[1 : u.size + 1], padded[: u.size]
-    if fraction == 0.0:
-        return now
-    return before if hold == "zoh" else (1 - fraction) * now + fraction * before
-
-
-def _factor(polynomial: FloatArray) -> str:
-    """Write a polynomial in s, in brackets where it has more than one term."""
-    order = polynomial.size - 1
-    terms = []
-    for i, value in enumerate(polynomial.tolist()):
-        power = order - i
-        if value == 0.0 and order > 0:
-            continue
-        symbol = "" if power == 0 else "s" if power == 1 else f"s^{power}"
-        size = f"{abs(value):.4g}"
-        body = symbol if symbol and size == "1" else f"{size} {symbol}".strip()
-        sign = "-" if value < 0 else "+"
-        terms.append((sign, body))
-    if not terms:
-        return "0"
-    text = ("-" if terms[0][0] == "-" else "") + terms[0][1]
-    text += "".join(f" {sign} {body}" for sign, body in terms[1:])
-    return f"({text})" if len(terms) > 1 else text

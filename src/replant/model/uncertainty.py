@@ -1,4 +1,4 @@
-"""From the covariance of the coefficients to that of poles, damping, gain and frequency response: the delta method."""
+"""Uncertainty of poles, damping, gain and frequency response, from the covariance of the coefficients."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ from replant.arguments import (
     keep,
     owned,
 )
+from replant.model.mode import Mode
 from replant.model.structure import Structure
-from replant.model.transfer_function import Mode, TransferFunction
+from replant.model.transfer_function import TransferFunction
 from replant.statistics.linear_algebra import quiet
 
 
 @dataclass(frozen=True, eq=False)
 class UncertainMode:
-    """A pole with the standard deviations of what an engineer reads off it.
+    """A pole with the standard deviations of its frequency, damping and time constant.
 
     Attributes
     ----------
@@ -30,7 +31,7 @@ class UncertainMode:
     covariance : (2, 2) array
         Of the pole's real and imaginary part, in (rad/s)^2.
     frequency_std, damping_std, time_constant_std : float
-        In Hz, 1 and s; infinite where the figure itself is.
+        In Hz, without unit, and in s; infinite where the figure itself is infinite.
     """
 
     mode: Mode
@@ -42,17 +43,17 @@ class UncertainMode:
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    r"""What is known of how wrong an estimate may be, to first order: the delta method.
+    r"""The uncertainty of an estimate and of the figures that follow from it, to first order (delta method).
 
-    A figure :math:`f(\theta)` has the variance :math:`J C J^T` with :math:`J = \partial f / \partial \theta`; that
-    holds while the figure is nearly linear over a few standard deviations.
+    A figure :math:`f(\theta)` has the variance :math:`J C J^T` with :math:`J = \partial f / \partial \theta`.  This
+    holds if the figure is nearly linear over a few standard deviations.
 
     Parameters
     ----------
     structure : Structure
     parameters : (P,) array
     covariance : (P, P) array
-        In the units of the parameters, squared; NaN where nothing is known yet.
+        In the units of the parameters, squared; NaN where it is not known yet.
 
     Examples
     --------
@@ -98,13 +99,13 @@ class Uncertainty:
         if a0 == 0.0:
             return math.inf
         slope = np.zeros(self.structure.size)
-        slope[self.structure.poles - 1] = -b0 / a0**2
-        slope[self._last_b] = 1.0 / a0
+        slope[self.structure.denominator.stop - 1] = -b0 / a0**2
+        slope[self.structure.numerator.stop - 1] = 1.0 / a0
         return _std(slope, self.covariance)
 
     @quiet
     def response(self, frequency: Sequence[float] | FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the standard deviations of ln abs G (about: relative) and of the phase in rad, at omega in rad/s.
+        """Return the standard deviations of ln abs G, which is relative, and of the phase in rad.
 
         Parameters
         ----------
@@ -124,10 +125,6 @@ class Uncertainty:
     @property
     def _model(self) -> TransferFunction:
         return self.structure.transfer_function(self.parameters)
-
-    @property
-    def _last_b(self) -> int:
-        return self.structure.poles + self.structure.zeros
 
     def _log_response_slopes(self, omega: FloatArray) -> npt.NDArray[np.complex128]:
         """Return d ln G(i omega) / d theta, (F, P)."""
@@ -155,12 +152,12 @@ class Uncertainty:
             mode,
             covariance,
             _std(np.array([x, y]) / (math.tau * size), covariance),
-            _std(np.array([-((y / size) ** 2), x / size * (y / size)]) / size, covariance),  # no power leaves float64
+            _std(np.array([-((y / size) ** 2), x / size * (y / size)]) / size, covariance),
             _std(np.array([1.0 / x / x, 0.0]), covariance) if x else math.inf,
         )
 
     def _pole_slope(self, pole: complex) -> npt.NDArray[np.complex128]:
-        """Return dp / d theta, (P,): A(p) = 0 gives dp / da_i = -p^i / A'(p); at a double pole it has no bound."""
+        """Return dp / d theta, (P,): A(p) = 0 gives dp / da_i = -p^i / A'(p); infinite at a double pole."""
         n = self.structure.poles
         slope = np.zeros(self.structure.size, np.complex128)
         steepness = np.polyval(np.polyder(self._model.den), pole)

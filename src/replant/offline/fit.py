@@ -1,4 +1,4 @@
-"""fit: a whole record at once, the batch reference of the online estimators."""
+"""fit: the transfer function of a whole record, by refined instrumental variables or least squares."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.offline.choose_filter import choose_filter
 from replant.offline.least_squares import least_squares
-from replant.offline.srivc import Refined, first_model
+from replant.offline.refined import Refined
+from replant.offline.srivc import first_model
 from replant.regressor.filters import Filter, RefinedFilter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
 from replant.settings import AUTO, Request
@@ -35,7 +36,7 @@ METHODS = (AUTO, "srivc", "least_squares")
 
 @dataclass(frozen=True, eq=False)
 class FitResult:
-    """What `fit` found.
+    """The result of `fit`.
 
     Attributes
     ----------
@@ -45,24 +46,24 @@ class FitResult:
     method : str
         "srivc" or "least_squares".
     filter : StateVariableFilter or RefinedFilter
-        The filter used, chosen or given.
+        The filter used, chosen from the record or given.
     preprocess : Preprocess
-        Input map and working point used, as numbers.
+        Input map and working point used, the latter as numbers.
     parameters : (P,) array
         In physical units, in the order of ``structure.names``.
     covariance : (P, P) array or None
-        Of the parameters; None of least squares, which noise biases.
+        Of the parameters; None for least squares, which noise biases.
     condition : float
-        Condition number of the scaled regressors; infinite where the input does not excite every parameter.
+        Condition number of the scaled regressors; infinite if the input does not excite every parameter.
     one_step : float
-        Fit in percent of y predicted from past outputs as well: by (8), or with "srivc" by the free run and an
+        Fit in percent of the output predicted one step ahead: by (8), or with "srivc" by the free run and an
         autoregression of its residual.
     simulation : Simulation
-        The free run from the input alone, offset and initial state estimated.
+        The free run from the input alone, with offset and initial state estimated.
     samples : int
         Samples used.
     rejected : dict
-        Samples left out, by reason.
+        Number of samples left out, by reason.
     """
 
     structure: Structure
@@ -85,12 +86,12 @@ class FitResult:
 
     @property
     def uncertainty(self) -> Uncertainty | None:
-        """Standard deviations of parameters, poles, gain and response; None where no honest ones are known."""
+        """Standard deviations of parameters, poles, gain and response; None for least squares, which noise biases."""
         return None if self.covariance is None else Uncertainty(self.structure, self.parameters, self.covariance)
 
     @property
     def fixed_filter(self) -> StateVariableFilter:
-        """The filter used; 1/A of the result where it was the refined one."""
+        """The filter used; 1/A of the result if it was the refined filter."""
         return self.filter.fixed_at(self.transfer_function.den, self.dt)
 
     @property
@@ -113,31 +114,31 @@ def fit(
 ) -> FitResult:
     r"""Fit G(s) to a whole record.
 
-    "srivc", refined instrumental variables (see `replant.offline.srivc`), is right under output noise of any colour,
-    has no error of discretisation, and knows its covariance.  "least_squares" minimises the equation error
-    :math:`\sum_k (y(t_k) - \theta_\lambda^T \varphi_{uy}(t_k))^2`, the article's way to its Table 6; measurement noise
-    biases it, because the regressor holds the noisy output.
+    "srivc" is refined instrumental variables, see `replant.offline.srivc`.  It is consistent under output noise of any
+    colour, has no discretisation error, and gives a covariance.  "least_squares" minimises the equation error
+    :math:`\sum_k (y(t_k) - \theta_\lambda^T \varphi_{uy}(t_k))^2`, as the article does for its Table 6.  Measurement
+    noise biases it, because the regressor contains the noisy output.
 
     Parameters
     ----------
     u, y : (K,) arrays
-        Input and output; samples that are not finite are passed over.
+        Input and output; samples that are not finite are left out.
     dt : float
         Sampling time in s.
     structure : Structure
     method : {"auto", "srivc", "least_squares"}
-        "auto" is "srivc", and least squares where that finds no model (an input that hardly moves, say).
+        "auto" is "srivc", and least squares if that finds no model, for example if the input hardly moves.
     filter : StateVariableFilter or "auto"
-        Of least squares.  "auto" tries a range of cutoffs and keeps the one whose model simulates the record best.
+        For least squares.  "auto" tries a range of cutoffs and takes the one whose model simulates the record best.
     preprocess : Preprocess
-        Input map and working point.  "srivc" estimates an offset of the output by itself.
+        Input map and working point.  "srivc" estimates the offset of the output in any case.
     t : (K,) array, optional
-        Time stamps in s, strictly increasing, where the clock is not regular; for "srivc".
+        Time stamps in s, strictly increasing, of an irregular clock; for "srivc".
 
     Raises
     ------
     InvalidArgumentError
-        If the record is too short for the parameters, or an argument cannot be used.
+        If the record is too short for the parameters, "srivc" finds no model, or an argument is not valid.
 
     Examples
     --------
@@ -164,10 +165,10 @@ def fit(
             return _refined_result(structure, dt, preprocess, u, y, stamps, found, accepted, rejected)
         if method == "srivc":
             raise InvalidArgumentError(
-                "srivc finds no model in this record: the input hardly moves, or the structure does not fit it"
+                "srivc finds no model for this record: the input hardly moves, or the structure does not fit the plant"
             )
     if stamps is not None:
-        raise InvalidArgumentError("least_squares knows a regular clock only: give no t, or use method='srivc'")
+        raise InvalidArgumentError("least_squares needs a regular clock: leave out t, or use method='srivc'")
     if not isinstance(filter, StateVariableFilter):
         filter = choose_filter(structure, dt, preprocess, u, y)  # noqa: A001
     return _least_squares_result(structure, dt, filter, preprocess, u, y, accepted, rejected)

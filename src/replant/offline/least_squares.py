@@ -1,4 +1,4 @@
-"""Least squares on regressors: scaled and rank-revealing."""
+"""Least squares on regressors, scaled and rank-revealing."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ RANK_TOLERANCE = 1e-10  # singular values of the scaled regressor below this, re
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What least squares found.
+    """The solution of a least-squares problem.
 
     Attributes
     ----------
     parameters : (P,) array
-        The solution of least norm in scaled parameters where the data do not tell them apart.
+        If the data do not determine all of them, the solution of least norm in scaled parameters.
     rank : int
-        How many directions the data excite, at most P.
+        How many directions the data determine, at most P.
     condition : float
         Of the scaled regressors: largest over smallest singular value.
     """

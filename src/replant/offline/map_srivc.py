@@ -1,19 +1,21 @@
-"""An estimate revised after the plant has changed: what a new record does not contradict stays where it was.
+"""Refined instrumental variables with a prior: an estimate revised by a record taken after the plant has changed.
 
-A plant that jumps mostly does so in one respect, and the samples that came since are few beside its slowest time
-constant: alone they tell all but the slow mode, which the old record told well.  So the old estimate is the prior of a
-maximum a-posteriori fit, minimising
+A plant that changes suddenly mostly changes in one respect.  The samples since then span few of its slowest time
+constants: alone they determine every mode except the slow one, which the old record determined well.  The old estimate
+theta_0 is therefore the prior of a maximum a-posteriori fit, which minimises
 
-    J = sum e^2 / sigma^2 + sum (theta - theta_0)^2 / d^2
+    J = sum e^2 / sigma^2 + sum (theta - theta_0)^2 / d^2.
 
-with d small for coefficients that stay, and of their own size for those that move.  Which moved is asked of the record:
-none, each one, the numerator, or all of them.  The evidence of each supposition is, by Laplace's method,
+The spread d is small for a coefficient that has stayed, and as large as the coefficient for one that has moved.  Which
+have moved is unknown: the suppositions are none, each one alone, the numerator, or all.  By Laplace's method the
+evidence of a supposition is
 
-    -2 ln p = J + ln det(H) + sum ln d^2,     H = sum zeta zeta' / sigma^2 + diag(1 / d^2),
+    -2 ln p = J + ln det(H) + sum ln d^2,     H = sum zeta zeta' / sigma^2 + diag(1 / d^2).
 
-and the last fit is made with d^2 averaged over them by it: what may have moved, as far as the record tells, has room,
-and the standard deviations say so; the samples to come decide.  Source: MacKay, "Bayesian
-interpolation", Neural Computation 4, 1992.
+The last fit takes for d^2 the average over the suppositions, weighted by p: a coefficient that may have moved has room
+to move, its standard deviation is large accordingly, and later samples decide.
+
+Source: MacKay (1992), "Bayesian interpolation", Neural Computation 4.
 """
 
 from __future__ import annotations
@@ -28,7 +30,9 @@ import numpy.typing as npt
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
-from replant.offline.srivc import POLISH, Pass, Problem, Refined, conclude
+from replant.offline.refined import PriorInformation, Refined, conclude
+from replant.offline.srivc import POLISH, Problem
+from replant.simulation.auxiliary_model import Pass
 from replant.statistics.linear_algebra import quiet, roots, solve
 
 STAYS, MOVES = 0.01, 1.0  # parts of its size by which a coefficient is held to be off that has stayed, or moved
@@ -64,8 +68,8 @@ class Prior:
         """Return sigma^2 J of a model; infinite where its output leaves float64."""
         return done.error.size * done.cost + float(self.weight @ (model - self.mean) ** 2)
 
-    def surprise(self, model: FloatArray, done: Pass) -> float:
-        """Return -2 ln p of a record, up to what all suppositions have in common."""
+    def evidence(self, model: FloatArray, done: Pass) -> float:
+        """Return -2 ln p of a record under this prior, up to a constant that all suppositions share."""
         if not math.isfinite(done.cost):
             return math.inf
         information = done.zeta.T @ done.zeta / self.variance + np.diag(self.spread**-2.0)
@@ -79,102 +83,102 @@ class Prior:
 def revise(
     structure: Structure, record: Record, old: FloatArray, std: FloatArray, variance: float, slowest: float
 ) -> tuple[Refined, float] | None:
-    """Return an estimate (T,) revised by a record, and how likely it is that no coefficient has moved.
+    """Return an estimate revised by a record, and the probability that no coefficient has moved.
 
-    None where that leads to no model that can be used, or where the old one cannot be: unstable, without a numerator or
-    of unknown uncertainty it is no prior.
+    None where the fit does not converge, and where the old estimate cannot be a prior: unstable, without a numerator,
+    or of unknown uncertainty.
 
     Parameters
     ----------
     structure : Structure
     record : Record
+        The samples since the change.
     old, std : (T,) arrays
-        The estimate before, nuisances included, which are begun anew; and how well it was known.
+        The estimate before the change, and its standard deviations.  The nuisances are estimated anew.
     variance : float
-        Of the residual, as it usually is.
+        Usual variance of the residual, in the output's unit squared.
     slowest : float
-        Margin of stability, rad/s.
+        Margin of stability in rad/s.
     """
     problem = Problem(structure, record)
     problem.slowest = min(problem.slowest, slowest)
-    if not problem.is_usable(old[: structure.poles]):
+    if not problem.is_usable(old):
         return None
-    known = np.arange(old.size) < structure.poles + structure.zeros + 1
+    known = np.arange(old.size) < structure.coefficients
     mean, sizes = np.where(known, old, 0.0), _sizes(structure, old)
     if not (np.isfinite(std[known]).all() and (sizes[known] > 0.0).all()):
         return None
     suppositions = list(_suppositions(structure))
     priors = [Prior(mean, np.hypot(np.where(moves, MOVES, STAYS) * sizes, std), variance) for moves in suppositions]
-    start = _approached(problem, priors[ALL])
+    start = _iterated(problem, priors[ALL])
     fits = [_most_likely(problem, start, priors[ALL])]
     for moves, prior in zip(suppositions[1:], priors[1:], strict=True):
         fits.append(_most_likely(problem, np.where(moves | ~known, fits[ALL][0], mean), prior))
-    surprise = np.array([prior.surprise(model, done) for prior, (model, done, _) in zip(priors, fits, strict=True)])
-    if not np.isfinite(surprise.min()):
+    evidence = np.array([prior.evidence(model, done) for prior, (model, done, _) in zip(priors, fits, strict=True)])
+    if not np.isfinite(evidence.min()):
         return None
-    likelihood = np.exp(0.5 * (surprise.min() - surprise))
+    likelihood = np.exp(0.5 * (evidence.min() - evidence))
     squares = np.array([prior.spread[known] ** 2 for prior in priors])
     spread = np.full(old.size, np.inf)
     spread[known] = np.sqrt(likelihood @ squares / likelihood.sum())
     mixed = Prior(mean, spread, variance)
-    model, done, converged = _most_likely(problem, fits[int(surprise.argmin())][0], mixed)
+    model, done, converged = _most_likely(problem, fits[int(evidence.argmin())][0], mixed)
     if not converged:
         return None
-    revised = conclude(problem, model, done, True, mixed.weight, mixed.weight * (mean - model))
+    information = PriorInformation(mixed.weight, mixed.weight * (mean - model))
+    revised = conclude(structure, record, problem.slowest, model, done, True, information)
     return None if revised is None else (revised, float(likelihood[NONE] / likelihood.sum()))
 
 
 def _suppositions(structure: Structure) -> Iterator[npt.NDArray[np.bool_]]:
-    """Yield which coefficients have moved, (T,), for each supposition: all, none, each one, the numerator.
+    """Yield which entries have moved, (T,), for each supposition: all, none, each one, the numerator.
 
-    Without zeros the numerator is one coefficient, which counts twice: a gain changes more easily than a mode.
+    Without zeros the numerator is one coefficient.  It then counts twice: a gain changes more often than a mode.
     """
-    n, coefficients = structure.poles, structure.poles + structure.zeros + 1
-    entries = np.arange(coefficients + 1 + n)
+    coefficients = structure.coefficients
+    entries = np.arange(coefficients + 1 + structure.poles)
     yield entries < coefficients
     yield entries < 0
     for i in range(coefficients):
         yield entries == i
-    yield (entries >= n) & (entries < coefficients)
+    yield (entries >= structure.poles) & (entries < coefficients)
 
 
 def _sizes(structure: Structure, model: FloatArray) -> FloatArray:
     """Return the size of each entry (T,), infinite for nuisances.
 
-    Its own, or a part of what a_i would be with all poles real, and b_j beside its neighbours at the geometric mean of
-    the poles.
+    It is the magnitude of the coefficient, and at least a part of a comparison: for a_i of the value that it would have
+    if all poles were real, for b_j of the largest term of B(s) at the geometric mean of the poles.
     """
-    n, inputs = structure.poles, structure.zeros + 1
-    poles = np.abs(roots(np.concatenate([[1.0], model[:n]])))
-    powers = math.exp(float(np.log(poles).mean())) ** np.arange(inputs - 1, -1, -1)
-    numerator = np.abs(model[n : n + inputs])
+    poles = np.abs(roots(np.concatenate([[1.0], model[structure.denominator]])))
+    powers = math.exp(float(np.log(poles).mean())) ** np.arange(structure.zeros, -1, -1)
+    numerator = np.abs(model[structure.numerator])
     numerator = np.maximum(numerator, FLOOR * float((numerator * powers).max()) / powers)
-    denominator = np.maximum(np.abs(model[:n]), FLOOR * np.poly(-poles)[1:])
-    return np.concatenate([denominator, numerator, np.full(model.size - n - inputs, np.inf)])
+    denominator = np.maximum(np.abs(model[structure.denominator]), FLOOR * np.poly(-poles)[1:])
+    return np.concatenate([denominator, numerator, np.full(model.size - structure.coefficients, np.inf)])
 
 
-def _approached(problem: Problem, prior: Prior) -> FloatArray:
-    """Return the model of the least cost that the instrumental-variable step comes by, from the prior's mean.
+def _iterated(problem: Problem, prior: Prior) -> FloatArray:
+    """Return the model of least cost among those that the instrumental-variable step passes through from the mean.
 
     The first step is one of least squares: the old model's output is no instrument for a plant that has changed.
     """
-    n, best, least, model = problem.structure.poles, prior.mean, math.inf, prior.mean
+    best, least, model = prior.mean, math.inf, prior.mean
     for iteration in range(ITERATIONS + 1):
-        done = problem.run(model[:n], model[n:])
+        done = problem.run(model)
         if prior.cost(model, done) < least:
             best, least = model, prior.cost(model, done)
         zeta = done.phi if iteration == 0 else done.zeta
         found = solve(zeta.T @ done.phi + np.diag(prior.weight), zeta.T @ done.target + prior.weight * prior.mean)
         if found is None:
             break
-        model = np.concatenate([problem.project(found[:n]), found[n:]])
+        model = problem.project(found)
     return best
 
 
 def _most_likely(problem: Problem, model: FloatArray, prior: Prior) -> tuple[FloatArray, Pass, bool]:
     """Take damped Gauss-Newton steps to the least J; return the model, its pass, whether it converged."""
-    n = problem.structure.poles
-    done = problem.run(model[:n], model[n:])
+    done = problem.run(model)
     for _ in range(POLISH):
         gradient = done.zeta.T @ done.error + prior.weight * (prior.mean - model)
         direction = solve(done.zeta.T @ done.zeta + np.diag(prior.weight), gradient)
@@ -183,9 +187,9 @@ def _most_likely(problem: Problem, model: FloatArray, prior: Prior) -> tuple[Flo
         gain, cost = float(direction @ gradient), prior.cost(model, done)
         for halvings in range(HALVINGS):
             tried = model + direction * 0.5**halvings
-            if not problem.is_usable(tried[:n]):
+            if not problem.is_usable(tried):
                 continue
-            after = problem.run(tried[:n], tried[n:])
+            after = problem.run(tried)
             if prior.cost(tried, after) < cost:
                 model, done = tried, after
                 break

@@ -1,40 +1,35 @@
-r"""Refined instrumental variables for continuous-time models (SRIVC) on a record: the offline reference and start-up.
+r"""Refined instrumental variables for continuous-time models (SRIVC) on a record: offline fit and online start-up.
 
-The regression :math:`s^n/A\, y = \varphi^T \theta`, prefiltered by the current model's own 1/A, is solved with the
-instruments :math:`\zeta`, the same regressor built from the model's noise-free output, until nothing moves:
+The regression :math:`s^n/A\, y = \varphi^T \theta` is prefiltered by 1/A of the current model.  It is solved with the
+instruments :math:`\zeta`, the same regressor built from the model's noise-free output, and the solution is the next
+model, until it no longer changes:
 
 .. math:: \theta \leftarrow \Big(\sum \zeta \varphi^T\Big)^{-1} \sum \zeta\, s^n/A\, y
 
-At that point the equation error equals the output error of the model, y - B/A u, exactly: there is no discretisation
-error left, whatever y does between samples.  An offset and the initial state enter as nuisance regressors, 1/A and
-s^i/A of an impulse, of which only the user's bias is reported.
+At that fixed point the equation error is exactly the output error of the model, y - B/A u: the estimate has no
+discretisation error, whatever y does between samples.  The offset and the initial state are nuisance regressors, 1/A
+and s^i/A of an impulse; of these only the bias is reported, if the structure has one.
 
-Source: Young and Jakeman (1980); Garnier and Wang (2008), "Identification of Continuous-time Models from Sampled
-Data", chapter 4; the damped Gauss-Newton steps at the end guard against the fixed point's failing to converge.
+The iteration may not converge.  Damped Gauss-Newton steps on the output error, which follow it, do.
+
+Source: Young and Jakeman (1980), "Refined instrumental variable methods of recursive time-series analysis, part III",
+International Journal of Control 31; Garnier and Wang (2008), "Identification of Continuous-time Models from Sampled
+Data", chapter 4.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from replant.arguments import FloatArray
 from replant.engine.record import Record
-from replant.engine.state import State
-from replant.kernels.schema import FIXED, LAGS, ColourSlots, PathSlots
 from replant.model.structure import Structure
-from replant.statistics.autoregression import Autoregression
-from replant.statistics.batch_means import no_less_than_scattered, path_of_record, rows_of
-from replant.statistics.linear_algebra import (
-    eigenvalues,
-    quiet,
-    roots,
-    solve,
-)
-from replant.statistics.udu import compose, factor_information, larger
+from replant.offline.refined import Refined, conclude
+from replant.simulation.auxiliary_model import AuxiliaryModel, Pass
+from replant.statistics.linear_algebra import quiet, roots, solve
 
 CUTOFFS = 8  # of state-variable filters tried for a start, evenly spaced in the logarithm
 SHORT, LONG = 4, 20  # iterations of each start, and of the most promising ones
@@ -42,119 +37,34 @@ PROMISING = 3
 POLISH = 30  # Gauss-Newton steps
 SLOWEST = 0.01  # margin of stability, over the record's length
 FASTEST = 3.0  # bound of a pole's magnitude, over the sampling time
-ACCEPTABLE = 0.25  # relative uncertainty up to which a start-up is long enough
-
-
-@dataclass(frozen=True, eq=False)
-class Pass:
-    """What one pass over a record with a model gives: sums over samples, and the model's error.
-
-    Attributes
-    ----------
-    zeta, phi : (K, T) arrays
-    target : (K,) array
-    error : (K,) array
-        y minus the model's output, nuisances included.
-    """
-
-    zeta: FloatArray
-    phi: FloatArray
-    target: FloatArray
-    error: FloatArray
-
-    @property
-    def cost(self) -> float:
-        """Mean square of the error."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            cost = float(np.mean(self.error**2))
-        return cost if math.isfinite(cost) else math.inf
-
-
-@dataclass(frozen=True, eq=False)
-class Refined:
-    """A refined instrumental-variable estimate of a record.
-
-    Attributes
-    ----------
-    theta : (T,) array
-        Parameters, then nuisances.
-    model : (T,) array
-        The same, with a denominator that can serve as a filter (an integrator's pole moved a little to the left).
-    upper, diagonal : (T, T), (T,) arrays
-        Factors of (sum zeta zeta')^-1.
-    covariance : (T, T) array
-        Of ``theta``, the residual's colour and the scatter along the record taken into account.
-    variance : float
-        Of the residual.
-    converged : bool
-    uncertainty : float
-        Largest relative uncertainty of a coefficient, see `relative_uncertainty`.
-    colour : ColourSlots
-    path : PathSlots
-    """
-
-    theta: FloatArray
-    model: FloatArray
-    upper: FloatArray
-    diagonal: FloatArray
-    covariance: FloatArray
-    variance: float
-    converged: bool
-    uncertainty: float
-    colour: ColourSlots
-    path: PathSlots
-
-    def condition(self, size: int) -> float:
-        """Return the condition number of the scaled information of the first ``size`` parameters, square root taken.
-
-        Comparable with that of a scaled regressor: largest over smallest singular value.
-        """
-        covariance = compose(self.upper, self.diagonal)[:size, :size]
-        scale = np.sqrt(np.diag(covariance))
-        if not (np.isfinite(scale).all() and (scale > 0).all()):
-            return math.inf
-        values = eigenvalues(covariance / np.outer(scale, scale))
-        return float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else math.inf
-
-    @property
-    def is_finite(self) -> bool:
-        """Whether float64 holds the estimate and its factors; a covariance beyond it is one that is not known."""
-        parts = self.theta, self.model, self.upper, self.diagonal, self.variance
-        return all(bool(np.isfinite(part).all()) for part in parts)
-
-    @property
-    def acceptable(self) -> bool:
-        """Whether it can start a recursion."""
-        return self.converged and self.uncertainty < ACCEPTABLE
 
 
 class Problem:
-    """One record and one structure: passes over it, and the search for the model that explains it."""
+    """The fit of one structure to one record: passes of models over it, and the steps from model to model.
+
+    Parameters
+    ----------
+    structure : Structure
+    record : Record
+
+    Attributes
+    ----------
+    slowest, fastest : float
+        Bounds of a filter's poles in rad/s: they lie left of -slowest, and their magnitudes are at most fastest.
+    """
 
     def __init__(self, structure: Structure, record: Record) -> None:
         self.structure, self.record = structure, record
-        self.state = State.for_model(structure, record.dt, record.input_hold)
+        self._model = AuxiliaryModel(structure, record.dt, record.input_hold)
         self.slowest, self.fastest = SLOWEST / record.span, FASTEST / record.dt
-        self.passes = 0
 
-    def run(self, denominator: FloatArray, weights: FloatArray) -> Pass:
-        """Filter the record by 1/D and simulate weights / D, nuisances included."""
-        from replant.kernels.step.shared import regressors
+    def run(self, model: FloatArray) -> Pass:
+        """Return the pass of a model (T,) over the record: parameters, then nuisances."""
+        return self._model.run(model, self.record)
 
-        state, size, samples = self.state, self.state.entries, self.record.u.size
-        state.install(np.concatenate([denominator, weights]))
-        state.started = False
-        phi, zeta = np.empty((samples, size)), np.empty((samples, size))
-        target, output = np.empty(samples), np.empty(samples)
-        regressors(
-            state.ints, state.reals, state.banks, self.record.u, self.record.y, self.record.intervals,
-            phi, zeta, target, output,
-        )  # fmt: skip
-        self.passes += 1
-        return Pass(zeta, phi, target, self.record.y - output)
-
-    def is_usable(self, a: FloatArray) -> bool:
-        """Return whether ``a`` can be a filter: finite, stable with a margin, not beyond the sampling rate."""
+    def is_usable(self, model: FloatArray) -> bool:
+        """Return whether the denominator of ``model`` (T,) can be a filter: finite, with poles within the bounds."""
+        a = model[self.structure.denominator]
         if not np.isfinite(a).all():
             return False
         magnitudes = np.abs(a) ** (1.0 / np.arange(1, a.size + 1))
@@ -162,33 +72,57 @@ class Problem:
             return False
         return bool(roots(np.concatenate([[1.0], a])).real.max() < -self.slowest)
 
-    def project(self, a: FloatArray) -> FloatArray:
-        """Return ``a`` with unstable poles reflected, and each pole within the margins."""
-        if self.is_usable(a):
-            return a
-        poles = roots(np.concatenate([[1.0], a]))
-        if not np.isfinite(poles).all():
-            return np.asarray(np.poly(np.full(a.size, -math.sqrt(self.slowest * self.fastest)))[1:], np.float64)
-        poles = np.minimum(-np.abs(poles.real), -self.slowest) + 1j * poles.imag
-        poles *= np.minimum(1.0, self.fastest / np.abs(poles))
-        return np.asarray(np.poly(poles).real[1:], np.float64)
+    def project(self, model: FloatArray) -> FloatArray:
+        """Return ``model`` (T,) with unstable poles reflected in the imaginary axis, and every pole within the bounds.
+
+        The numerator and the nuisances stay as they are.
+        """
+        if self.is_usable(model):
+            return model
+        n = self.structure.poles
+        poles = roots(np.concatenate([[1.0], model[:n]]))
+        if np.isfinite(poles).all():
+            poles = np.minimum(-np.abs(poles.real), -self.slowest) + 1j * poles.imag
+            poles *= np.minimum(1.0, self.fastest / np.abs(poles))
+            a = np.poly(poles).real[1:]
+        else:
+            a = np.poly(np.full(n, -math.sqrt(self.slowest * self.fastest)))[1:]
+        return np.concatenate([np.asarray(a, np.float64), model[n:]])
 
     def from_cutoff(self, cutoff: float) -> FloatArray | None:
-        """Return the least-squares estimate behind (s + cutoff)^n, projected."""
+        """Return the projected least-squares estimate behind (s + cutoff)^n, cutoff in rad/s; None if singular."""
         n = self.structure.poles
         a = np.asarray(np.poly(np.full(n, -cutoff))[1:], np.float64)
-        done = self.run(a, np.zeros(self.state.entries - n))
-        return self._projected(solve(done.phi.T @ done.phi, done.phi.T @ done.target))
+        done = self.run(np.concatenate([a, np.zeros(self._model.entries - n)]))
+        found = solve(done.phi.T @ done.phi, done.phi.T @ done.target)
+        return None if found is None else self.project(found)
 
     def improve(self, theta: FloatArray, iterations: int, patience: int) -> tuple[float, FloatArray, FloatArray | None]:
-        """Iterate the instrumental-variable step; return the least cost, its model, and the last estimate."""
-        n = self.structure.poles
+        """Iterate the instrumental-variable step.
+
+        Parameters
+        ----------
+        theta : (T,) array
+            The model to begin with.
+        iterations : int
+            Most steps taken.
+        patience : int
+            Steps that may fail to lower the cost before the iteration ends.
+
+        Returns
+        -------
+        cost : float
+            The least mean square of the output error.
+        model : (T,) array
+            The model with that cost.
+        last : (T,) array or None
+            The last model; None where the step's equations were singular.
+        """
         best, best_model, stalls = math.inf, theta, 0
-        current: FloatArray | None = theta
+        current = theta
         for _ in range(iterations):
-            assert current is not None
             model = current
-            done = self.run(model[:n], model[n:])
+            done = self.run(model)
             stalls += not done.cost < best * (1.0 - 1e-6)
             if done.cost < best:
                 best, best_model = done.cost, model
@@ -196,14 +130,14 @@ class Problem:
             if found is None:
                 return best, best_model, None
             change = np.abs(found - model) * np.linalg.norm(done.zeta, axis=0)
-            current = self._projected(found)
+            current = self.project(found)
             if change.max() <= 1e-3 * math.sqrt(done.cost) or stalls >= patience:
                 break
         return best, best_model, current
 
     def polish(self, model: FloatArray) -> tuple[FloatArray, Pass, bool]:
         """Take damped Gauss-Newton steps on the output error; return the model, its pass, whether it converged."""
-        done = self.run(model[: self.structure.poles], model[self.structure.poles :])
+        done = self.run(model)
         power = float(np.mean(self.record.y**2))
         for _ in range(POLISH):
             gradient = done.zeta.T @ done.error
@@ -212,37 +146,33 @@ class Problem:
                 return model, done, False
             gain = float(direction @ gradient) / self.record.u.size
             samples = self.record.u.size
-            # done at a thousandth of a standard deviation, or where only rounding is left
+            # converged: the step is a thousandth of a standard deviation, or the error is rounding
             if gain * samples <= 1e-6 * done.cost or done.cost <= 1e-18 * power:
                 return model, done, True
             better = self._line_search(model, direction, done.cost)
             if better is None:
-                # no descent left: the instruments are exact but for the model output's run between samples, so that
-                # where poles are as fast as the sampling their root lies a little beside the least cost
+                # no step lowers the cost: the instruments join the model's output by straight lines between samples, so
+                # that with poles as fast as the sampling the gradient vanishes a little beside the least cost
                 return model, done, gain * samples <= 1e-1 * done.cost
             model, done = better
         return model, done, False
 
     def _line_search(self, model: FloatArray, direction: FloatArray, cost: float) -> tuple[FloatArray, Pass] | None:
-        n = self.structure.poles
+        """Return the model after the longest of ten halved steps that lowers the cost; None if none does."""
         for halvings in range(10):
             tried = model + direction * 0.5**halvings
-            if self.is_usable(tried[:n]):
-                done = self.run(tried[:n], tried[n:])
+            if self.is_usable(tried):
+                done = self.run(tried)
                 if done.cost < cost:
                     return tried, done
         return None
 
-    def _projected(self, theta: FloatArray | None) -> FloatArray | None:
-        if theta is None:
-            return None
-        n = self.structure.poles
-        return np.concatenate([self.project(theta[:n]), theta[n:]])
-
 
 @quiet
 def refine(structure: Structure, record: Record, given: Sequence[FloatArray] = ()) -> Refined | None:
-    """Return the refined instrumental-variable estimate of a record; None where no start leads anywhere.
+    """Return the refined instrumental-variable estimate of a record; None where no start leads to a model.
+
+    Every start is improved by a few steps, the most promising ones by more; the best is polished.
 
     Parameters
     ----------
@@ -251,9 +181,17 @@ def refine(structure: Structure, record: Record, given: Sequence[FloatArray] = (
         Usable samples, a few more than there are parameters and nuisances.
     given : sequence of (T,) arrays
         Estimates to start from; without any, least squares behind `CUTOFFS` state-variable filters.
+
+    Examples
+    --------
+    >>> from replant.model.transfer_function import TransferFunction
+    >>> u = np.where(np.arange(400) // 50 % 2 == 0, 1.0, -1.0)
+    >>> y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, 0.1)
+    >>> refine(Structure(1), Record(u, y, np.array([0.1]))).theta[:2].round(6)
+    array([0.5, 2. ])
     """
     problem = Problem(structure, record)
-    starts = [problem._projected(np.asarray(theta, np.float64)) for theta in given]
+    starts: list[FloatArray | None] = [problem.project(np.asarray(theta, np.float64)) for theta in given]
     if not starts:
         cutoffs = np.geomspace(5.0 / record.span, 1.0 / record.dt, CUTOFFS)
         starts = [problem.from_cutoff(float(cutoff)) for cutoff in cutoffs]
@@ -267,83 +205,11 @@ def refine(structure: Structure, record: Record, given: Sequence[FloatArray] = (
     best, model, _ = min(tried, key=lambda outcome: outcome[0])
     if not math.isfinite(best):
         return None
-    return conclude(problem, *problem.polish(model))
-
-
-@quiet
-def conclude(
-    problem: Problem,
-    model: FloatArray,
-    done: Pass,
-    converged: bool,
-    known: FloatArray | float = 0.0,
-    pull: FloatArray | float = 0.0,
-) -> Refined | None:
-    """Turn the last pass into an estimate with its covariance; None where that has left float64.
-
-    ``known`` is what was known before on the diagonal of sum zeta zeta', and ``pull`` that times how far it was away.
-    """
-    n, samples, size = problem.structure.poles, problem.record.u.size, model.size
-    theta, error = model, done.error
-    if not np.any(known) and roots(np.concatenate([[1.0], model[:n]])).real.max() > -4.0 * problem.slowest:
-        # the margin binds, as with an integrator: one free step from the projected filter is the estimate
-        step = solve(done.zeta.T @ done.phi, done.zeta.T @ done.error)
-        if step is not None:
-            theta, converged = model + step, True
-            error = done.target - done.phi @ theta
-    variance = float(error @ error) / max(samples - size, 1)
-    before = np.diag(np.broadcast_to(known, size))
-    upper, diagonal = factor_information(done.zeta.T @ done.zeta + before)
-    inverse = compose(upper, diagonal)
-    colour, innovation = _colour(done.zeta, error)
-    innovation /= max(samples - size, 1)
-    covariance = innovation * inverse @ colour.squares @ inverse
-    covariance = larger(covariance, variance * inverse)
-    # chance in the few blocks of a start-up's path must not decide when it suffices
-    uncertainty = relative_uncertainty(problem.structure, model, covariance, done.phi, problem.record)
-    path = path_of_record(done.zeta, error, theta, before, np.broadcast_to(pull, size))
-    covariance = no_less_than_scattered(covariance, *rows_of(path, theta, np.diag(inverse)))
-    refined = Refined(theta, model, upper, diagonal, covariance, variance, converged, uncertainty, colour, path)
-    return refined if refined.is_finite else None
-
-
-def relative_uncertainty(
-    structure: Structure, model: FloatArray, covariance: FloatArray, phi: FloatArray, record: Record
-) -> float:
-    """Return how uncertain a model is, as a part: 0.25 is a start, 0.05 a model.
-
-    The largest of std(a_i) over the coefficient of prod(s + abs(pole)), the size that it would have with all poles
-    real (a pole slower than the record is long counts as one just as long), and of half the output that one std(b_j)
-    makes, over the output.
-    """
-    n = structure.poles
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    magnitudes = np.abs(roots(np.concatenate([[1.0], model[:n]])))
-    sizes = np.poly(-np.maximum(magnitudes, 1.0 / record.span))[1:]
-    worst = float((std[:n] / np.maximum(sizes, 1e-300)).max())
-    of_input = slice(n, n + structure.zeros + 1)
-    made = std[of_input] * np.linalg.norm(phi[:, of_input], axis=0) / max(float(np.linalg.norm(record.y)), 1e-300)
-    return max(worst, float((0.5 * made).max()))
-
-
-def _colour(zeta: FloatArray, error: FloatArray) -> tuple[ColourSlots, float]:
-    """Return power and colour of the residual at the record's end, and the sum of the innovation's squares."""
-    samples, size = zeta.shape
-    colour = ColourSlots.zeros(FIXED | {"T": size})
-    colour.covariances[:] = [error[lag:] @ error[: samples - lag] for lag in range(LAGS + 1)]
-    noise = Autoregression.of_covariances(colour.covariances)
-    filtered = noise.colour(zeta)
-    colour.model[:] = noise.coefficients
-    colour.count, colour.power = samples, float(error @ error)
-    colour.errors[:] = error[-LAGS:][::-1]
-    for age in range(min(LAGS, samples)):
-        colour.filtered[-age % LAGS] = filtered[-1 - age]
-    colour.squares[:] = filtered.T @ filtered
-    return colour, noise.power
+    return conclude(structure, record, problem.slowest, *problem.polish(model))
 
 
 def first_model(structure: Structure, record: Record) -> Refined | None:
-    """Return the refined estimate of held samples; None where they are too few or the input does not move."""
+    """Return the refined estimate of a record; None where it has too few samples or a constant input."""
     least = 2 * structure.poles + structure.zeros + 3
     if record.u.size <= least or float(np.ptp(record.u)) == 0.0:
         return None

@@ -1,4 +1,4 @@
-"""Which structure: poles, zeros and dead time, by trial on a grid and judged on samples held out."""
+"""Search for the structure: poles, zeros and dead time of a grid, compared on samples that were not fitted."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ class Candidate:
     ----------
     structure : Structure
     held_out : float
-        Simulated fit in percent on the part of the record that was not fitted, offset and initial state estimated.
+        Simulated fit in percent over the part of the record that was not fitted, with offset and initial state
+        estimated.
     criterion : float
         Bayesian information criterion of the part that was fitted, K ln(variance) + P ln(K): smaller is better.
     """
@@ -41,12 +42,12 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """What a search found.
+    """The result of a search.
 
     Attributes
     ----------
     best : FitResult
-        The chosen structure, fitted to the whole record.
+        The fit of the chosen structure to the whole record.
     candidates : tuple of Candidate
         All that were tried, in the order of the grid.
     """
@@ -68,26 +69,31 @@ def search(
 ) -> SearchResult:
     """Fit every structure of a grid by refined instrumental variables, and choose one.
 
-    Each is fitted to the first 70 % of the record and simulated over the rest.  Of those within half a point of the
-    best held-out fit, the one with the fewest parameters is chosen, and of those the one with the least criterion.
+    Each structure is fitted to the first 70 % of the record and simulated over the rest.  Of the structures within half
+    a point of the best held-out fit the one with the fewest parameters is chosen; of several, the one with the least
+    information criterion.
 
     Parameters
     ----------
     u, y : (K,) arrays
+        Raw input and output.
     dt : float
         Sampling time in s.
     poles : iterable of int
+        Numbers of poles to try.
     zeros : iterable of int, optional
-        By default all below the number of poles.
+        Numbers of zeros to try; by default all below the number of poles.
     delays : iterable of float
-        Dead times in s.
+        Dead times to try, in s.
     bias : bool
+        Whether a bias is identified.
     preprocess : Preprocess
+        Input map and working point.
 
     Raises
     ------
     InvalidArgumentError
-        If no structure of the grid is possible, or none explains anything.
+        If no structure of the grid is possible, or none gives a stable model.
 
     Examples
     --------
@@ -135,10 +141,10 @@ def _try(
 ) -> Candidate:
     try:
         fitted = fit(u[:split], y[:split], dt, structure, method="srivc", preprocess=preprocess)
-    except InvalidArgumentError:  # too short for it, or nothing found
+    except InvalidArgumentError:  # the record is too short for this structure, or the fit found no model
         return Candidate(structure, -math.inf, math.inf)
     model, mapped = fitted.transfer_function, fitted.preprocess.map_input(u)
-    # the dead time looks back on inputs before the part held out: they go in, their outputs do not count
+    # inputs from before the held-out part act on it through the dead time: they are simulated, their outputs left out
     start = max(split - math.ceil(structure.delay / dt), 0)
     unseen = np.where(np.arange(start, y.size) < split, np.nan, y[start:])
     held_out = simulate(model, mapped[start:], unseen, dt).fit if model.is_stable else -math.inf
@@ -151,5 +157,5 @@ def _try(
 
 
 def _parameters(structure: Structure) -> int:
-    """Return how many numbers a structure has: a dead time counts as one."""
+    """Return the number of parameters, a dead time counted as one."""
     return structure.size + bool(structure.delay)

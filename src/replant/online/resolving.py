@@ -10,7 +10,8 @@ from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels.schema import Alarm, Doubt
 from replant.offline.map_srivc import revise
-from replant.offline.srivc import Refined, refine
+from replant.offline.refined import Refined
+from replant.offline.srivc import refine
 from replant.online.initialization import initialize
 from replant.online.startup import carry_over, warm_up
 from replant.settings import Settings

@@ -12,7 +12,8 @@ from replant.engine.dispatch import step_kernels
 from replant.engine.record import Record, ready_record
 from replant.engine.state import State
 from replant.kernels.schema import BELIEVED, FARTHEST, LEAP, MOST_EARLIER
-from replant.offline.srivc import Refined, first_model
+from replant.offline.refined import Refined
+from replant.offline.srivc import first_model
 from replant.regressor.preprocess import screen
 from replant.settings import Request, Settings
 from replant.statistics.linear_algebra import quiet

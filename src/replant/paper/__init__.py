@@ -1,11 +1,11 @@
-"""The article's experiments: its tables and figures as data, run by this package and put beside the published ones.
+"""The article's experiments: its tables and figures as data, computed by this package and compared with the article.
 
 Bernat and Kolota (2023), "The buffered optimization methods for online transfer function identification employed on
 DEAP actuator", Archives of Control Sciences 33(3), 565-587, doi 10.24425/acs.2023.146960.
 
-The article leaves out some of the settings that its tables need; `replant.paper.tables.published` holds those with
-which its figures come out, and says where they are not the printed ones.  `replant.paper.actuator.experiment` is the
-experiment of section 4 on a simulated rig, with the table that the article lacks.
+The article does not print all the settings of its tables.  `replant.paper.tables.published` has settings that
+reproduce its figures, and names those that differ from the printed ones.  `replant.paper.actuator.experiment` is the
+experiment of section 4 on a simulated rig, with a table that the article does not have.
 
 >>> NAMES
 ('table1', 'table2', 'table3', 'table4', 'fig1', 'fig2', 'fig3', 'fig4', 'fig6', 'fig7', 'fig8', 'actuator')

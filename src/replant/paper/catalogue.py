@@ -1,7 +1,7 @@
-"""Everything of the article that can be reproduced, by name: run what is asked for, then draw it.
+"""Catalogue of the article's tables and figures by name: runs the experiments behind the names, and draws the figures.
 
-Runs that two names share are made once: Figures 7 and 8 and the actuator's table come from one experiment.  Figures
-1-4 repeat the tables' own runs, which no chance can change.
+Figures 7 and 8 and the actuator's table come from one experiment, which is run once.  Figures 1-4 run the experiments
+of the tables again, which gives the same estimates.
 """
 
 from __future__ import annotations
@@ -25,14 +25,25 @@ from replant.paper.tables.reproduction import TableResult, reproduce, runs
 
 ACTUATOR = "actuator"
 ACTUATOR_FIGURES = ("fig6", "fig7", "fig8")
-#: What `replant reproduce` knows, in the article's order; "actuator" is the table that the article lacks.
+#: What `replant reproduce` reproduces, in the article's order; "actuator" is a table that the article does not have.
 NAMES = (*TABLES, *FIGURES, *ACTUATOR_FIGURES, ACTUATOR)
 DOTS = 150  # an inch, of the PNG
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What came out, by name; ``offline`` alone where Figure 6 is all that is asked of the actuator."""
+    """The results by name.
+
+    Attributes
+    ----------
+    tables, transients : dict
+    record : Record or None
+        Of the actuator.
+    offline : dict
+        The offline fits of the actuator, by filters.
+    actuator : Actuator or None
+        None if only Figure 6, which needs the offline fits alone, was asked for.
+    """
 
     tables: dict[str, TableResult] = field(default_factory=dict)
     transients: dict[str, Transients] = field(default_factory=dict)
@@ -42,19 +53,19 @@ class Outcome:
 
 
 def is_figure(name: str) -> bool:
-    """Return whether ``name`` is drawn."""
+    """Return whether ``name`` is a figure."""
     return name in FIGURES or name in ACTUATOR_FIGURES
 
 
 def steps(names: Sequence[str]) -> int:
-    """Return how often `run` will call ``on_run``."""
+    """Return how many runs ``names`` need: how often `run` calls ``on_run``."""
     count = sum(runs(TABLES[name]) for name in names if name in TABLES)
     count += sum(len(FIGURES[name].lines) for name in names if name in FIGURES)
     return count + (rig.RUNS if _needs_runs(names) else len(rig.FILTERS) if "fig6" in names else 0)
 
 
 def run(names: Sequence[str], on_run: Callable[[str], None] = lambda name: None) -> Outcome:
-    """Run what ``names`` need; ``on_run`` is called after each run with the name it was for.
+    """Run the experiments that ``names`` need; ``on_run`` is called after each run with the name that it belongs to.
 
     Examples
     --------
@@ -73,9 +84,9 @@ def run(names: Sequence[str], on_run: Callable[[str], None] = lambda name: None)
 
 
 def drawings(outcome: Outcome, names: Sequence[str]) -> Iterator[tuple[str, Any]]:
-    """Draw the figures among ``names`` one by one; yield file name, without ending, and matplotlib figure.
+    """Draw the figures among ``names`` one by one; yield file name, without suffix, and matplotlib figure.
 
-    Figures 7 and 8 come twice: with the article's filters, and with exact ones.
+    Figures 7 and 8 are drawn twice: with the article's filters, and with exact ones.
     """
     from replant.paper.actuator.figures import draw_record, draw_transients
 
@@ -90,9 +101,17 @@ def drawings(outcome: Outcome, names: Sequence[str]) -> Iterator[tuple[str, Any]
 
 
 def save(outcome: Outcome, names: Sequence[str], folder: Path) -> Iterator[tuple[str, Any, list[Path]]]:
-    """Draw the figures among ``names`` into ``folder``, PNG and SVG; yield name, matplotlib figure and paths of each.
+    """Draw figures as PNG and SVG files; yield name, matplotlib figure and paths of each.
 
-    A figure is to be used at once, while its fonts are set.
+    The caller uses a figure before it asks for the next one: the fonts are set only as long as the iteration runs.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    names : sequence of str
+        Those that are no figures are ignored.
+    folder : Path
+        An existing folder.
     """
     from replant.report.palette import font
 

@@ -1,4 +1,4 @@
-"""The report of `replant reproduce`: every table and figure of the article beside ours, on one page."""
+"""The report of `replant reproduce`: the article's tables and figures compared with ours, on one page."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ LEDE = (
     "employed on DEAP actuator, Archives of Control Sciences 33(3), 565-587, doi 10.24425/acs.2023.146960"
 )
 _TRANSIENTS = "Each parameter's estimate over time, by method; true values dashed."
-#: What each figure shows, for those who do not see it.
+#: The caption of each figure, which is also its text alternative.
 CAPTIONS = {
     **dict.fromkeys(FIGURES, _TRANSIENTS),
     "fig6": "The simulated actuator: its input, its output over the whole record and in two windows of it, with the "
-    "free runs of the models that least squares finds offline.",
+    "simulated outputs of the models that offline least squares gives.",
     "fig7": f"{_TRANSIENTS} Gradient and IntegralCost with the article's filters.",
     "fig7-exact": f"{_TRANSIENTS} Gradient and IntegralCost with exact filters.",
     "fig8": f"{_TRANSIENTS} AMSGrad and Adam with the article's filters.",
@@ -58,7 +58,7 @@ _PRINTED = (
 
 
 def as_element(canvas: Any, name: str) -> str:
-    """Return a matplotlib figure as an ``svg`` element whose text is text, in the colours of paper."""
+    """Return a matplotlib figure as an ``svg`` element with selectable text, in the colours that it was drawn in."""
     import matplotlib as mpl
 
     with mpl.rc_context({"svg.fonttype": "none"}):
@@ -66,17 +66,17 @@ def as_element(canvas: Any, name: str) -> str:
 
 
 def write_report(path: Path, outcome: Outcome, pictures: Mapping[str, str], command: str = "") -> Path:
-    """Write tables and figures into one HTML file that opens offline, and return its path.
+    """Write tables and figures into one self-contained HTML file, and return its path.
 
     Parameters
     ----------
     path : Path
-        The file to write; its folder is made where it is missing.
+        The file to write; its folder is created if missing.
     outcome : Outcome
     pictures : dict
-        By the name of the figure, from `as_element`.
+        Figures by name, as `as_element` returns them.
     command : str
-        The command line that repeats it.
+        The command line that reproduces the page.
     """
     parts = {f"table{name[3:]}": _pair(f"table{name[3:]}", outcome, pictures) for name in FIGURES}
     parts["actuator"] = _actuator(outcome.actuator, pictures)
@@ -85,21 +85,21 @@ def write_report(path: Path, outcome: Outcome, pictures: Mapping[str, str], comm
     body = [
         section("", _outcome(outcome), f'<nav aria-label="Contents"><ul>{links}</ul></nav>'),
         *(section(title, part, anchor=name) for name, (title, part) in shown.items()),
-        section("To repeat this", code("shell", command)) if command else "",
-        section("Where it comes from", facts([("article", LEDE), ("versions", versions())])),
+        section("How to reproduce this", code("shell", command)) if command else "",
+        section("Article and versions", facts([("article", LEDE), ("versions", versions())])),
     ]
-    return write_page(path, title=TITLE, eyebrow="The article beside ours", lede=LEDE, body="".join(body))
+    return write_page(path, title=TITLE, eyebrow="The article compared with replant", lede=LEDE, body="".join(body))
 
 
 def _outcome(outcome: Outcome) -> str:
-    """Return what came out, in sentences."""
+    """Return the summary of the tables."""
     results = list(outcome.tables.values())
     claims = "".join(f'<p class="claim">{html.escape(line)}</p>' for line in summary(results))
     return claims + (f'<p class="note">{html.escape(SOURCE)}</p>' if results else "")
 
 
 def _pair(name: str, outcome: Outcome, pictures: Mapping[str, str]) -> tuple[str, str]:
-    """Return title and body of a table with the figure that shows its runs."""
+    """Return title and body of a table and of the figure that shows its runs."""
     result = outcome.tables.get(name)
     figure = f"fig{name[5:]}"
     title = result.table.title if result else FIGURES[figure].title.replace("$", "").replace("_", "")
@@ -113,17 +113,17 @@ def _table(result: TableResult) -> str:
 
 
 def _cell(cell: Cell) -> Html:
-    """Return our figure, and below it the printed one with what the comparison comes to."""
+    """Return our figure, and below it the published one with the result of the comparison."""
     sign = icon("good" if cell.agrees else "warn")
     ours = number(cell.ours, 3) if cell.std is None else uncertain(cell.ours, cell.std)
-    printed = f"{number(cell.published, 3)} printed, {cell.verdict}"
+    printed = f"published {number(cell.published, 3)}, {cell.verdict}"
     return Html(
         f'<span class="status">{sign}{ours}</span><small>{html.escape(printed)}</small>'
     )  # fmt: skip
 
 
 def _index(index: str) -> Html:
-    """Return the name of an index as it is printed."""
+    """Return the name of an index with its subscript."""
     return Html(f"J<sub>{html.escape(index.removeprefix('J_'))}</sub>")
 
 
@@ -148,19 +148,19 @@ def _actuator(actuator: Actuator | None, pictures: Mapping[str, str]) -> tuple[s
 
 
 def _figures(row: Sequence[str]) -> list[str]:
-    """Return a row with its figures as they are printed."""
+    """Return a row with its figures typeset."""
     return [row[0], *(Html(typeset(cell)) for cell in row[1:])]
 
 
 def _emphasised(row: Sequence[str]) -> list[str]:
-    """Return a row, in bold where it is that of replant's default."""
+    """Return a row, in bold if it is that of replant's default."""
     if not row[0].startswith(DEFAULT):
         return _figures(row)
     return [Html(f"<b>{typeset(cell)}</b>") for cell in row]
 
 
 def typeset(text: str) -> str:
-    r"""Return plain text of the terminal as HTML, its symbols, exponents, signs and units as they are printed.
+    r"""Return plain text of the terminal as HTML with typeset symbols, exponents, signs and units.
 
     Examples
     --------
@@ -174,7 +174,7 @@ def typeset(text: str) -> str:
 
 
 def _sheet(name: str, pictures: Mapping[str, str]) -> str:
-    """Return a figure on white, whatever the colour of the page; nothing where it was not drawn."""
+    """Return a figure on a white background; nothing if it was not drawn."""
     if name not in pictures:
         return ""
     said = html.escape(CAPTIONS[name])

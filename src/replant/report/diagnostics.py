@@ -1,4 +1,4 @@
-"""The figures behind the plots: residual correlations with their limits, excitation over time."""
+"""Diagnostics of a result: residual correlations with their confidence limits, and excitation over time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from replant.arguments import FloatArray
 from replant.engine.regressors import regressors
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 IntArray = np.ndarray[tuple[int], np.dtype[np.int64]]
 
@@ -33,7 +33,7 @@ class Correlations:
     cross : (2 L + 1,) array
         :math:`\hat r_{ue}(\tau)`, input against later residual, at lags of -L to L samples.
     auto_std, cross_std : float
-        Standard deviation that each lag has where the residual is white, or independent of the input.
+        Standard deviation of each lag if the residual is white, or independent of the input.
     """
 
     auto: FloatArray
@@ -43,9 +43,9 @@ class Correlations:
 
     @property
     def outside(self) -> tuple[float, float]:
-        """Part of the lags beyond the 95 % limits: of ``auto`` (lag 0 left out) and of ``cross`` (lags >= 0).
+        """Part of the lags beyond the 95 % limits: of ``auto`` without lag 0, and of ``cross`` from lag 0 on.
 
-        About 0.05 for a model that leaves nothing unexplained.
+        About 0.05 for a model that explains the record completely.
         """
         lags = self.auto.size - 1
         auto = np.abs(self.auto[1:]) > BAND_95 * self.auto_std
@@ -54,11 +54,19 @@ class Correlations:
 
 
 def correlations(residual: FloatArray, u: FloatArray, lags: int) -> Correlations | None:
-    r"""Return the correlations of a residual (K,) with itself and with the input (K,); None where they say nothing.
+    r"""Return the correlations of a residual with itself and with the input; None if there are too few samples.
 
-    The limits of the autocorrelation are those of white noise, :math:`1/\sqrt N`; those of the cross-correlation
-    allow for a coloured residual, :math:`\sqrt{\sum_\tau r_e(\tau) r_u(\tau) / N}` (tapered).  Samples that are not
-    finite count as zero.
+    None as well where one of the signals is constant.
+
+    The limits of the autocorrelation are those of white noise, :math:`1/\sqrt N`.  Those of the cross-correlation
+    allow for a coloured residual, :math:`\sqrt{\sum_\tau r_e(\tau) r_u(\tau) / N}`, with a triangular taper.
+
+    Parameters
+    ----------
+    residual, u : (K,) arrays
+        Samples that are not finite count as zero.
+    lags : int
+        Largest lag in samples.
 
     Examples
     --------
@@ -87,7 +95,7 @@ def correlations(residual: FloatArray, u: FloatArray, lags: int) -> Correlations
 
 
 def _centred(signal: FloatArray, kept: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> FloatArray:
-    """Return the signal without its mean, at a scale that no product overflows, zero where it is not kept."""
+    """Return a signal without its mean, scaled so that no product overflows, zero where it is not kept."""
     centred = np.where(kept, signal - signal[kept].mean(), 0.0)
     largest = float(np.abs(centred).max())
     return centred / largest if largest > 0.0 else centred
@@ -102,7 +110,16 @@ def _correlate(a: FloatArray, b: FloatArray, lags: int) -> FloatArray:
 
 
 def correlation_lags(result: Result, samples: int, dt: float) -> int:
-    """Return how many lags are worth a look: five of the slowest time constants, at least 25, at most a quarter."""
+    """Return a sensible largest lag: five of the slowest time constants, at least 25, at most a quarter of the record.
+
+    Parameters
+    ----------
+    result : Result
+    samples : int
+        Length of the record.
+    dt : float
+        Sampling time in s.
+    """
     times = [mode.time_constant for mode in result.transfer_function.modes]
     wanted = [math.ceil(min(5.0 * t / dt, samples)) for t in times if math.isfinite(t) and t > 0]
     return max(1, min(max([25, *wanted]), samples // 4))
@@ -110,19 +127,19 @@ def correlation_lags(result: Result, samples: int, dt: float) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """How well each window of a record tells the parameters apart.
+    """How well the samples of each window of a record determine the parameters.
 
     Attributes
     ----------
     samples : (W,) array of int
-        Where each window ends.
+        The sample after which each window ends.
     window : int
         Samples in a window.
     smallest : (W,) array
-        Smallest eigenvalue of the window's scaled information matrix: 1 at best, 0 where some combination of
-        parameters cannot be told at all.
+        Smallest eigenvalue of the window's scaled information matrix: 1 at best, 0 where a combination of parameters
+        is undetermined.
     condition : (W,) array
-        Condition number of the window's scaled regressors, as the verdict counts it for the whole record.
+        Condition number of the window's scaled regressors, as in the verdict on the whole record.
     """
 
     samples: IntArray
@@ -139,7 +156,7 @@ def excitation(phi: FloatArray) -> Excitation | None:
     Examples
     --------
     >>> phi = np.random.default_rng(0).standard_normal((8000, 2))
-    >>> phi[4000:, 1] = phi[4000:, 0]                  # two entries alike: not told apart
+    >>> phi[4000:, 1] = phi[4000:, 0]                  # two equal columns
     >>> found = excitation(phi)
     >>> found.smallest[[0, -1]].round(1)
     array([0.8, 0. ])
@@ -182,6 +199,18 @@ def _moving_sum(values: FloatArray, span: int) -> FloatArray:
 def regressors_of(
     result: Result, state_filter: StateVariableFilter, preprocess: Preprocess, u: FloatArray, y: FloatArray, dt: float
 ) -> FloatArray:
-    """Return the regressors (K, P) that the estimator saw; rejected samples are rows of NaN."""
+    """Return the regressors (K, P) of a result's record; rejected samples are rows of NaN.
+
+    Parameters
+    ----------
+    result : Result
+    state_filter : StateVariableFilter
+    preprocess : Preprocess
+        With a working point in numbers.
+    u, y : (K,) arrays
+        Raw input and output.
+    dt : float
+        Sampling time in s.
+    """
     accepted, _ = screen(preprocess.map_input(u), y)
     return regressors(result.structure, dt, state_filter, preprocess, u, np.where(accepted, y, np.nan))[0]

@@ -1,4 +1,4 @@
-"""What a reader must know first: the verdict in words, and whatever else speaks against the model."""
+"""Findings: the verdict in sentences, and what else a reader must know before using the model."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 
 from replant.report.numbers import complex_number, number
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 GOOD, WARN, BAD = "good", "warn", "bad"
 FEW_SAMPLES = 10  # a parameter
@@ -15,16 +15,16 @@ MANY_REJECTED = 0.01  # part of the record
 # status: gravity, headline, what it means
 _VERDICTS = {
     "trusted": (GOOD, "Trusted", "The model explains the record."),
-    "converging": (WARN, "Still converging", "The record does not settle the model yet."),
-    "not excited": (BAD, "Not excited", "The record does not tell the parameters apart: do not use this model."),
+    "converging": (WARN, "Still converging", "The record does not determine the model well enough yet."),
+    "not excited": (BAD, "Not excited", "The record does not determine every parameter: do not use this model."),
     "inconsistent": (BAD, "Inconsistent", "The model does not explain the record: do not use it as it is."),
-    "diverged": (BAD, "Diverged", "What is shown is the last finite estimate: do not use it."),
+    "diverged": (BAD, "Diverged", "This is the last finite estimate: do not use it."),
 }
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One piece of news.
+    """One finding about a result.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Finding:
 
 
 def findings(result: Result, total: int) -> list[Finding]:
-    """Return what is to be said of ``result`` from a record of ``total`` samples, the bad news first."""
+    """Return the findings about ``result`` from a record of ``total`` samples, the gravest first."""
     found = [*_of_verdict(result), *_of_samples(result, total), *_of_model(result)]
     return sorted(found, key=lambda finding: (BAD, WARN, GOOD).index(finding.gravity))
 
@@ -51,9 +51,9 @@ def _of_verdict(result: Result) -> list[Finding]:
     gravity, headline, meaning = _VERDICTS.get(status, (WARN, status.capitalize(), ""))
     if result.samples == 0:
         why = "Every sample was rejected" if any(result.rejected.values()) else "The record is empty"
-        return [Finding(BAD, "No sample used", f"{why}: nothing here tells of the plant.")]
+        return [Finding(BAD, "No sample used", f"{why}: there is nothing to identify a model from.")]
     if status != "diverged" and result.samples < FEW_SAMPLES * result.structure.size:
-        return []  # of a handful of samples no verdict means a thing, but that they are few
+        return []  # of so few samples the verdict is meaningless: `_of_samples` says that they are few
     return [Finding(gravity, headline, " ".join([meaning, *map(_sentence, reasons)]).strip())]
 
 
@@ -62,7 +62,7 @@ def _of_samples(result: Result, total: int) -> list[Finding]:
     size, rejected = result.structure.size, sum(result.rejected.values())
     if 0 < result.samples < FEW_SAMPLES * size:
         count = f"{result.samples} sample{'s' if result.samples > 1 else ''}"
-        text = f"{count} cannot settle {size} parameters: record at least {FEW_SAMPLES * size}."
+        text = f"{count} cannot determine {size} parameters: record at least {FEW_SAMPLES * size}."
         found.append(Finding(BAD, "Too short", text))
     if rejected > MANY_REJECTED * max(total, 1):
         reasons = ", ".join(f"{count:,} {reason}" for reason, count in result.rejected.items() if count)
@@ -81,7 +81,7 @@ def _of_model(result: Result) -> list[Finding]:
 
 
 def _sentence(reason: str) -> str:
-    """Return a verdict's reason as a sentence, its longest numbers as they are printed.
+    """Return a verdict's reason as a sentence, with long numbers as the report writes them.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""Style: what every figure shares: colours that everyone can tell apart, names and units of parameters, a blank figure.
+"""Palette: colours, fonts and blank figures that all plots share, and the symbols of parameters.
 
-The colours are Okabe and Ito's; where two of them have the same lightness, line styles must differ as well, so that a
-figure is readable in grey.
+The colours are those of Okabe and Ito, which readers with a colour vision deficiency can distinguish.  Where two of
+them are equally light, line styles must differ as well, so that a figure is readable in grey.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ FONT: Any = {"font.size": 9.0, "axes.titlesize": 9.0, "legend.fontsize": 8.5, "s
 
 
 def blank_figure(width: float, height: float) -> Any:
-    """Return an empty `matplotlib.figure.Figure` of this size in inches, its layout fitted when it is drawn.
+    """Return an empty `matplotlib.figure.Figure` of a width and height in inches, with constrained layout.
 
-    It belongs to nobody but the caller: no window, no pyplot, nothing to close.
+    The figure is independent of pyplot: it has no window and need not be closed.
 
     Raises
     ------
     MissingDependencyError
-        Without matplotlib.
+        If matplotlib is not installed.
 
     Examples
     --------
@@ -43,14 +43,14 @@ def blank_figure(width: float, height: float) -> Any:
 
 
 def font() -> Any:
-    """Return a context within which figures are made and saved in the project's font sizes."""
+    """Return a context in which figures are made and saved with the project's font sizes."""
     import matplotlib as mpl
 
     return mpl.rc_context(FONT)
 
 
 def symbol(name: str) -> str:
-    """Return a parameter's name as it is printed.
+    """Return a parameter's name as mathematical text of matplotlib.
 
     Examples
     --------
@@ -61,7 +61,7 @@ def symbol(name: str) -> str:
 
 
 def open_frame(axis: Any) -> None:
-    """Leave an axis the lines that carry numbers, and a faint grid."""
+    """Remove the top and right spine of an axis, and draw a faint grid."""
     axis.spines[["top", "right"]].set_visible(False)
     axis.grid(color="#dddddd", lw=0.5)
     axis.set_axisbelow(True)

@@ -1,4 +1,4 @@
-"""One pass over a record: progress, thinned history, comparison of methods."""
+"""Runs of an identifier over a whole record, their results, and the comparison of methods."""
 
 from replant.runs.run import run_online
 

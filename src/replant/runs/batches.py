@@ -1,4 +1,4 @@
-"""Records that come batch by batch: of any length, from memory or from a file."""
+"""Records of any length that come batch by batch, from memory or from a file."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from replant.arguments import FloatArray
 
 
 class Source(Protocol):
-    """A record of known length, that can be gone through again and again in batches of any sizes."""
+    """A record of known length whose batches, of any sizes, can be read repeatedly."""
 
     @property
     def samples(self) -> int:
-        """How many there are."""
+        """Number of samples."""
 
     @property
     def complete(self) -> bool:
-        """Whether every one of them is finite."""
+        """Whether every sample is finite."""
 
     def batches(self) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Go through raw input and output."""
+        """Yield raw input and output, (K,) each, batch by batch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,23 +35,23 @@ class Arrays:
 
     @property
     def samples(self) -> int:
-        """How many there are."""
+        """Number of samples."""
         return self.input.size
 
     @property
     def complete(self) -> bool:
-        """Whether every one of them is finite."""
+        """Whether every sample is finite."""
         return bool(np.isfinite(self.input).all() and np.isfinite(self.output).all())
 
     def batches(self) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Give the record as one batch."""
+        """Yield the record as one batch."""
         yield self.input, self.output
 
 
 def batched(batches: Iterable[tuple[FloatArray, FloatArray]], size: int) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Cut a record anew into batches of ``size`` samples, the last one of what is left; an empty one of nothing.
+    """Yield a record in batches of ``size`` samples, the last one shorter; one empty batch for an empty record.
 
-    So what is made of a record does not depend on how it came.
+    What is computed from a record then does not depend on the batches that it came in.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Comparison: the same record through several methods, online and offline."""
+"""Comparison of methods, online and offline, on the same record."""
 
 from __future__ import annotations
 
@@ -12,30 +12,31 @@ from replant.arguments import FloatArray, one_of
 from replant.errors import ReplantError
 from replant.offline.fit import FitResult, fit
 from replant.optimizers import OPTIMIZERS
-from replant.runs.run import Result, result_of_fit, run_online
+from replant.runs.result import Result, result_of_fit
+from replant.runs.run import run_online
 from replant.settings import AUTO, Request
 
 DEFAULT = "default"
 OFFLINE = ("srivc", "least_squares")
 #: What can be compared: replant's default, every optimizer, and the fits of the whole record.
 METHODS = (DEFAULT, *OPTIMIZERS, *OFFLINE)
-#: What is compared where nobody says: the default beside the article's methods and the whole record at once.
+#: What is compared by default: replant's default, two of the article's optimizers, and the fits of the whole record.
 USUAL = (DEFAULT, "amsgrad", "gradient", *OFFLINE)
 TRIAL = 500  # samples of a trial run
 
 
 @dataclass(frozen=True, eq=False)
 class Contender:
-    """What one method made of the record.
+    """The result of one method.
 
     Attributes
     ----------
     name : str
-        Of the method.
+        Name of the method.
     result : Result or None
-        None where the method found no model.
+        None if the method found no model.
     fitted : FitResult or None
-        Of an offline method.
+        The fit of an offline method.
     problem : str
         Why there is no result.
     """
@@ -53,18 +54,23 @@ def compare(
     methods: Sequence[str] = USUAL,
     progress: Callable[[str, float], None] = lambda name, part: None,
 ) -> list[Contender]:
-    """Identify the same record by each of ``methods``; one that fails does not keep the others from it.
+    """Identify the same record by each of ``methods``; a method that fails is reported, and the others go on.
 
     Parameters
     ----------
     request : Request
-        Structure, sampling time and preprocessing; its optimizer is passed over.
+        Structure, sampling time and preprocessing; its optimizer is ignored.
     u, y : (K,) arrays
         Raw input and output.
     methods : sequence of str
         From `METHODS`.
     progress : callable
-        Called with the method's name and how much of its work is done, up to 1.
+        Called with the method's name and the part of its work that is done, up to 1.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If a method is not one of `METHODS`.
 
     Examples
     --------
@@ -80,7 +86,7 @@ def compare(
     contenders = []
     for name in methods:
         name = one_of("method", name, METHODS)
-        with contextlib.suppress(ReplantError):  # what is loaded at a first call is not the method's time
+        with contextlib.suppress(ReplantError):  # a trial run first: loading kernels is not the method's time
             _identify(name, request, u[:TRIAL], y[:TRIAL], progress)
         try:
             contenders.append(_identify(name, request, u, y, progress))
@@ -102,7 +108,7 @@ def _identify(
 
 
 def best(contenders: Sequence[Contender]) -> Contender | None:
-    """Return the contender whose model, run from the input alone, is closest to the output; None of none."""
+    """Return the contender with the best simulated fit; None if no contender has a model."""
     known = [(entry.result.simulation.fit, entry) for entry in contenders if entry.result is not None]
     usable = [(fit, entry) for fit, entry in known if fit > float("-inf")]
     return max(usable, key=lambda pair: pair[0])[1] if usable else None

@@ -1,4 +1,4 @@
-"""The whole trace of an online run as a Parquet file: a row for each sample, written as the run goes."""
+"""The complete trace of an online run as a Parquet file: one row for each sample, written during the run."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ GROUP_ROWS = 1 << 17  # of a row group: what is held before it is written
 
 
 class FullTrace:
-    """Writes traces, as they come, below the columns ``time [s]``, the parameters' names and ``error``.
+    """Writes traces to a file with the columns ``time [s]``, one for each parameter by its name, and ``error``.
 
-    Used in a ``with`` statement; where that ends in an error, no file is left.
+    To be used in a ``with`` statement; if that ends in an exception, no file is left.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class FullTrace:
         if path.suffix.lower() not in SUFFIXES:
             raise LogError(f"{path}: the full trace is a Parquet file; give it the suffix .parquet")
         try:
-            import pyarrow.parquet  # noqa: F401 - said now, not after the run
+            import pyarrow.parquet  # noqa: F401 - raises before the run, not after it
         except ImportError as error:
             raise MissingDependencyError(f"{path}: writing needs pyarrow: pip install 'replant[parquet]'") from error
         self.path, self._dt = path, dt
@@ -75,7 +75,7 @@ class FullTrace:
             self._writer = None
 
     def _drop(self) -> None:
-        """Remove the file that is not finished, if there is one; on a full disk it cannot be closed as it should."""
+        """Remove the unfinished file, if there is one, also if it cannot be closed because the disk is full."""
         with contextlib.suppress(OSError):
             self._close()
         with contextlib.suppress(OSError):

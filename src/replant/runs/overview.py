@@ -1,4 +1,4 @@
-"""Overview: a record too long to be held, thinned for plots, and its newest samples."""
+"""Overview of a record that is too long for memory: thinned signals for plots, and the newest samples."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ POINTS = 36_000  # of each signal at most: a screen is 2,000 columns wide, so ni
 
 @dataclass(frozen=True, eq=False)
 class Overview:
-    """What is kept of a record too long to be held.
+    """What is kept of a record that is too long for memory.
 
     Attributes
     ----------
     input, output, model, residual : Thinned
         Raw input, measured and simulated output, and their difference, over the whole record.
     newest_input, newest_output : (N,) arrays
-        The newest samples, as they were.
+        The newest samples, unchanged.
     samples : int
-        How many the record has.
+        Samples of the record.
     """
 
     input: Thinned
@@ -36,14 +36,14 @@ class Overview:
 
 
 class Recorder:
-    """Keeps what is drawn of a record, and of a model's run beside it, that come batch by batch.
+    """Collects the overview of a record and of its modelled output, which come batch by batch.
 
     Parameters
     ----------
     length : int
         Samples of the record.
     newest : int, optional
-        How many samples are kept; all by default.
+        How many of the newest samples are kept; all by default.
     """
 
     def __init__(self, length: int, newest: int | None = None) -> None:
@@ -53,7 +53,15 @@ class Recorder:
         self._thinners = [Thinner(length, POINTS) for _ in range(4)] if self._newest < length else []
 
     def take(self, u: FloatArray, y: FloatArray, modelled: FloatArray, used: BoolArray | np.bool_ = np.True_) -> None:
-        """Take the next samples (K,): input, measured and modelled output, and of which the residual is known."""
+        """Take the next samples.
+
+        Parameters
+        ----------
+        u, y, modelled : (K,) arrays
+            Input, measured and modelled output.
+        used : (K,) array of bool
+            The samples that have a residual; all by default.
+        """
         self._kept.append((u, y, modelled))
         self.samples += u.size
         while sum(part[0].size for part in self._kept[1:]) >= max(self._newest, 1):
@@ -69,7 +77,7 @@ class Recorder:
         return self._last(2) + shift
 
     def overview(self, shift: float) -> Overview | None:
-        """Return the overview, ``shift`` added to the modelled output; None where every sample is kept."""
+        """Return the overview, ``shift`` added to the modelled output; None if every sample is kept."""
         if not self._thinners:
             return None
         u, y, model, residual = (thinner.thinned for thinner in self._thinners)

@@ -1,35 +1,29 @@
-"""A record of any length through an identifier: with progress, a thinned history, and the result at the end."""
+"""Run an identifier over a record of any length, with progress and a thinned history, and return the result."""
 
 from __future__ import annotations
 
 import dataclasses
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
-from replant.assessment import Simulation, Verdict, assess_record
-from replant.engine.record import ready_record
-from replant.model.structure import Structure
-from replant.model.transfer_function import TransferFunction
-from replant.model.uncertainty import Uncertainty
-from replant.offline.fit import FitResult
+from replant.assessment import Simulation
 from replant.online.defaults import settle
 from replant.online.identifier import Identifier
 from replant.online.trace import Trace
-from replant.regressor.filters import Filter, StateVariableFilter
+from replant.regressor.filters import Filter
 from replant.regressor.preprocess import screen
 from replant.runs.batches import Arrays, Source, batched
-from replant.runs.overview import Overview, Recorder
-from replant.settings import LONGEST_STARTUP, Request, Settings
+from replant.runs.overview import Recorder
+from replant.runs.result import History, Result
+from replant.settings import LONGEST_STARTUP, Request
 from replant.simulation.score import FITTED, Score
 from replant.simulation.stretches import (
     NONE,
     IntArray,
     flags_of,
-    joined,
     stretches_of,
 )
 from replant.statistics.linear_algebra import quiet
@@ -39,98 +33,7 @@ PIECE = 1 << 15  # samples of the second pass that are looked at together
 MOST_ROWS = 10_000  # of history kept: more than a plot can show
 SETTLED = 1_000_000  # samples looked at where choices are made from the record beforehand
 IDENTIFYING, TESTING = "identifying", "testing"  # the stages of a run
-MOST_SHADES = 1000  # stretches left out that a plot tells apart
 BANDS = 200  # times that standard deviations are taken along the way
-
-
-@dataclass(frozen=True, eq=False)
-class History:
-    """The estimate over time, thinned.
-
-    Attributes
-    ----------
-    samples : (H,) array of int
-        After how many samples each row was taken.
-    parameters : (H, P) array
-    std : (H, P) array or None
-        Standard deviation of each estimate, where the estimator tells it.
-    """
-
-    samples: np.ndarray[tuple[int], np.dtype[np.int64]]
-    parameters: FloatArray
-    std: FloatArray | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Result:
-    """An identified model with what is needed to trust or distrust it.
-
-    Attributes
-    ----------
-    structure : Structure
-    parameters : (P,) array
-    transfer_function : TransferFunction
-    one_step, simulated : float
-        Fit in percent: from past outputs, and from the input alone.
-    simulation : Simulation
-    samples : int
-        Accepted samples.
-    rejected : dict
-        Rejected samples by reason.
-    verdict : Verdict
-    elapsed : float
-        Time taken in s.
-    settings : Settings or None
-        Of an online run.
-    history : History or None
-        Of an online run.
-    covariance : (P, P) array or None
-        Of the parameters, in their units squared, where the estimator tells it.
-    overview : Overview or None
-        Of a record too long to be held; the simulation then holds its newest samples alone.
-    left_out : (R, 2) array of int
-        Samples that take no part in the fits, as rows [begin, end) of the record: bridged, rejected, or without an
-        output.
-    """
-
-    structure: Structure
-    parameters: FloatArray
-    transfer_function: TransferFunction
-    one_step: float
-    simulation: Simulation
-    samples: int
-    rejected: dict[str, int]
-    verdict: Verdict
-    elapsed: float
-    settings: Settings | None = None
-    history: History | None = None
-    covariance: FloatArray | None = None
-    overview: Overview | None = None
-    left_out: IntArray = field(default_factory=NONE.copy)
-
-    def left_out_over_time(self, dt: float) -> FloatArray:
-        """Return from when to when samples take no part (L, 2), in s; those that no plot could part are joined."""
-        samples = self.overview.samples if self.overview else self.simulation.output.size
-        rows = joined(self.left_out, max(1, samples // MOST_SHADES)) - np.array([1.0, 0.0])
-        return np.asarray(dt * np.maximum(rows, 0.0))
-
-    def residual(self, y: FloatArray) -> FloatArray:
-        """Return measured output (K,), the newest of the record, less the simulated one; NaN where it takes no part."""
-        first = (self.overview.samples if self.overview else y.size) - y.size
-        with np.errstate(over="ignore", invalid="ignore"):
-            return np.where(flags_of(self.left_out, first, y.size), np.nan, y - self.simulation.output)
-
-    @property
-    def uncertainty(self) -> Uncertainty | None:
-        """Standard deviations of parameters, poles, gain and response, where the estimator tells them."""
-        return None if self.covariance is None else Uncertainty(self.structure, self.parameters, self.covariance)
-
-    @property
-    def fixed_filter(self) -> StateVariableFilter | None:
-        """The filter of an online run; 1/A of the result where it was the refined one."""
-        if self.settings is None:
-            return None
-        return self.settings.filter.fixed_at(self.transfer_function.den, self.settings.dt)
 
 
 def run_online(
@@ -141,7 +44,7 @@ def run_online(
     *,
     startup: int | None = None,
 ) -> Result:
-    """Identify in one pass over a record in memory; see `run_source`.
+    """Identify a record in memory in one pass; see `run_source`.
 
     Parameters
     ----------
@@ -149,7 +52,7 @@ def run_online(
     u, y : (K,) arrays
         Raw input and output.
     progress : callable
-        Called with the number of samples done, every few thousand.
+        Called with the number of samples done, every few thousand samples.
     startup : int, optional
         See `run_source`.
     """
@@ -169,23 +72,23 @@ def run_source(
     newest: int | None = None,
     startup: int | None = None,
 ) -> Result:
-    """Identify in one pass over a record of any length; a second pass runs the model beside it.
+    """Identify a record of any length in one pass; a second pass simulates the model and computes its fits.
 
-    Where instruments are wanted, a tenth of the record is the start-up, 20000 samples at the most; else what is left
-    to "auto" is chosen from the first million samples beforehand.
+    With instruments, the start-up is a tenth of the record, at most 20000 samples.  Without them, the settings left at
+    "auto" are chosen beforehand from the first million samples.
 
     Parameters
     ----------
     request : Request
     source : Source
     progress : callable
-        Called with the stage, "identifying" or "testing", and how many of its samples are done.
+        Called with the stage, "identifying" or "testing", and the number of its samples done.
     sink : callable
-        Called with the trace of every few thousand samples.
+        Called with the trace of every chunk of a few thousand samples.
     newest : int, optional
-        How many samples of the simulation are kept, where the record is too long for all of them.
+        How many of the newest samples of the simulation are kept, if the record is too long for memory.
     startup : int, optional
-        Samples held back for the start-up; the run is then, to the bit, what it would have been live.
+        Samples of the start-up; the run then equals a live session to the bit.
     """
     begun = time.perf_counter()
     identifier = _identifier(request, source, startup)
@@ -208,9 +111,9 @@ def run_source(
 
 
 def _needs_stamps(request: Request, source: Source) -> bool:
-    """Return whether samples are missing: without stamps a rejected one would take no time.
+    """Return whether the run needs time stamps: samples are missing, and without stamps a missing one takes no time.
 
-    The article's filters know a regular clock only.
+    The article's filters need a regular clock, so that they get no stamps.
     """
     regular_only = isinstance(request.filter, Filter) and request.filter.regular_only
     return not source.complete and not regular_only
@@ -227,7 +130,7 @@ def _identifier(request: Request, source: Source, startup: int | None) -> Identi
 
 
 class _History:
-    """Every so many rows of the traces that come, so that `MOST_ROWS` or up to twice as many are kept."""
+    """Keeps every so many rows of the traces: at least `MOST_ROWS` of a long record, and fewer than twice as many."""
 
     def __init__(self, samples: int, size: int) -> None:
         self._stride, self._seen = max(1, samples // MOST_ROWS), 0
@@ -246,12 +149,12 @@ class _History:
 
 
 class _Bridged:
-    """Which samples of the record an identifier bridged, told from those that it keeps after each chunk."""
+    """Collects which samples of the record an identifier bridged, from the samples that it keeps after each chunk."""
 
     def __init__(self, identifier: Identifier) -> None:
         self._identifier = identifier
-        self._samples = 0  # of the record, up to the last note
-        self._accepted: list[BoolArray] = []  # since then: the identifier may hold samples back
+        self._samples = 0  # samples of the record noted so far
+        self._accepted: list[BoolArray] = []  # of those since then, which an identifier that is starting holds back
         self._found = [NONE]
 
     def take(self, u: FloatArray, y: FloatArray) -> None:
@@ -261,7 +164,7 @@ class _Bridged:
             self.note()
 
     def note(self) -> None:
-        """Note which of the samples since the last note were bridged; of a long start-up, the newest that are kept."""
+        """Note which samples since the last note were bridged; of a long start-up only the newest are kept."""
         accepted = np.concatenate([np.empty(0, bool), *self._accepted])
         places, doubted = np.flatnonzero(accepted), self._identifier.bridged
         count = min(places.size, doubted.size)
@@ -288,14 +191,14 @@ def _result(
     newest: int | None,
     bridged: IntArray,
 ) -> Result:
-    """Return the result of an online run over a record; ``begun`` is the clock at its start."""
+    """Return the result of an online run; ``begun`` is the value of `time.perf_counter` at its start."""
     settings = identifier.settings
     hold = settings.filter.input_hold if settings else "zoh"
     score = Score(identifier.transfer_function, identifier.dt, hold)
     preprocess = settings.preprocess if settings else None
     kept, left_out = Recorder(source.samples, newest), [NONE]
     for u, y in _pieces(source):
-        if preprocess is None:  # not one sample could be used
+        if preprocess is None:  # every sample was rejected
             preprocess = request.preprocess.resolve(u, y)
         mapped = preprocess.map_input(u)
         accepted, _ = screen(mapped, y)
@@ -325,36 +228,9 @@ def _result(
 
 
 def _pieces(source: Source) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Go through a record: first what the initial state is fitted over, then pieces that a processor's cache holds."""
+    """Yield a record: first the samples that the initial state is fitted over, then pieces that fit into a cache."""
     first = True
     for u, y in batched(source.batches(), FITTED):
         size = FITTED if first else PIECE
         first = False
         yield from ((u[start : start + size], y[start : start + size]) for start in range(0, max(u.size, 1), size))
-
-
-@quiet
-def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float) -> Result:
-    """Return the result of an offline fit to the record u, y; ``begun`` is the clock at its start."""
-    hold = fitted.filter.input_hold
-    record = ready_record(fitted.structure, fitted.dt, fitted.preprocess, u, y, input_hold=hold)
-    return Result(
-        fitted.structure,
-        fitted.parameters,
-        fitted.transfer_function,
-        fitted.one_step,
-        fitted.simulation,
-        fitted.samples,
-        fitted.rejected,
-        assess_record(
-            fitted.structure,
-            fitted.parameters,
-            record,
-            fitted.dt,
-            fitted.covariance,
-            instruments=fitted.method != "least_squares",
-        ),
-        time.perf_counter() - begun,
-        covariance=fitted.covariance,
-        left_out=stretches_of(~screen(fitted.preprocess.map_input(u), y)[0]),
-    )

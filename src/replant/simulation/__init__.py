@@ -1,1 +1,1 @@
-"""A model beside a measured output: free run, offset and initial state, fit in percent."""
+"""Simulation: a model run over a record, its offset and initial state fitted, and its fit in percent."""

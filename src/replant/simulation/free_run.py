@@ -1,13 +1,14 @@
-"""A model run from the input alone over an irregular clock, and what an initial state adds."""
+"""The free run of a model on an irregular clock: its output from the input alone, and its initial-state responses."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.engine.state import State
+from replant.engine.record import Record
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
+from replant.simulation.auxiliary_model import AuxiliaryModel
 
 
 def free_run(
@@ -21,9 +22,11 @@ def free_run(
         Of order 1 or more.
     u : (K,) array
     intervals : (K,) array
-        Time since the sample before, in s; the first is not used.
+        Time since the previous sample, in s; the first is not used.
     dt : float
         Nominal sampling time in s: after 1.5 of it without a sample, a held input is taken to have moved.
+    input_hold : {"zoh", "foh"}
+        What the input does between samples.
 
     Examples
     --------
@@ -31,17 +34,8 @@ def free_run(
     >>> output.round(4), free.round(4).ravel()
     (array([0.    , 0.6321, 0.9502]), array([1.    , 0.3679, 0.0498]))
     """
-    from replant.kernels.step.shared import regressors
-
     n, zeros = model.den.size - 1, model.num.size - 1
     structure = Structure(n, zeros, model.delay, feedthrough=zeros == n)
-    state = State.for_model(structure, dt, input_hold)
-    state.install(np.concatenate([model.den[1:], model.num, np.zeros(n + 1)]))
-    size, samples = state.entries, u.size
-    phi, unused = np.empty((samples, size)), np.empty((samples, size))
-    target, output = np.empty(samples), np.empty(samples)
-    state.started = False
-    regressors(
-        state.ints, state.reals, state.banks, u, np.zeros(samples), intervals, phi, unused, target, output
-    )  # fmt: skip
-    return output, phi[:, -n:]
+    theta = np.concatenate([model.den[1:], model.num, np.zeros(n + 1)])
+    done = AuxiliaryModel(structure, dt, input_hold).run(theta, Record(u, np.zeros(u.size), intervals, input_hold))
+    return done.output, done.phi[:, -n:]

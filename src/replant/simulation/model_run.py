@@ -1,4 +1,4 @@
-"""A model run over a record from the input alone: its error, and the signals that the tests correlate it with."""
+"""The free run of a model over a record: its error, and the signals that the tests correlate the error with."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.engine.record import Record
-from replant.engine.state import State
 from replant.kernels.schema import LARGEST
 from replant.model.structure import Structure
+from replant.simulation.auxiliary_model import AuxiliaryModel
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.projections import without
 
@@ -28,13 +28,13 @@ class ModelRun:
     error : (K,) array
         Measured minus simulated output.
     forced : (K,) array
-        What the input makes of the simulated output.
+        Simulated output by the input alone, without offset and initial state.
     states : (K, S) array
-        s^i/A u, highest i first: n of them, one more where the input acts at once.
+        s^i/A u, highest i first: n of them, and one more if the transfer function is biproper.
     zeta : (K, n + m + 1) array
-        Slopes of the simulated output along a and b: -s^i/A of itself, and s^j/A u.
+        Derivatives of the simulated output with respect to a and b: -s^i/A of itself, and s^j/A u.
     nuisances : (K, n + 1) array
-        What an offset and an initial state add to the output.
+        Outputs by a unit offset and by unit initial states.
     """
 
     structure: Structure
@@ -49,37 +49,31 @@ class ModelRun:
 
 @quiet
 def run_model(structure: Structure, parameters: FloatArray, record: Record, dt: float) -> ModelRun | None:
-    """Run a model over a record; None where it leaves float64.
+    """Run a model over a record; None where its signals leave float64.
 
     Parameters
     ----------
     structure : Structure
     parameters : (P,) array
-        In the order of ``structure.names``; a bias is not used, the offset is fitted anew.
+        In the order of ``structure.names``; the bias is not used, because the offset is fitted to the record.
     record : Record
     dt : float
         Nominal sampling time in s.
     """
-    from replant.kernels.step.shared import regressors
-
-    n, inputs, samples = structure.poles, structure.zeros + 1, record.u.size
-    states = n + structure.is_biproper
-    full = Structure(n, states - 1, structure.delay, feedthrough=structure.is_biproper)
-    state = State.for_model(full, dt, record.input_hold)
-    theta = np.zeros(state.entries)
-    theta[:n] = parameters[:n]
-    theta[n + states - inputs : n + states] = parameters[n : n + inputs]
-    state.install(theta)
-    state.started = False
-    phi, zeta = np.empty((samples, theta.size)), np.empty((samples, theta.size))
-    target, forced = np.empty(samples), np.empty(samples)
-    regressors(
-        state.ints, state.reals, state.banks, record.u, record.y, record.intervals, phi, zeta, target, forced
-    )  # fmt: skip
-    columns = np.hstack([zeta[:, :n], phi[:, n:]])
-    if not (np.isfinite(columns).all() and np.isfinite(forced).all() and np.abs(columns).max() < LARGEST):
+    n = structure.poles
+    # with as many zeros as there can be, the columns hold every s^i/A u; the derivatives along b are the last of them
+    full = Structure(n, n - 1 + structure.is_biproper, structure.delay, feedthrough=structure.is_biproper)
+    model = AuxiliaryModel(full, dt, record.input_hold)
+    theta = np.zeros(model.entries)
+    theta[full.denominator] = parameters[structure.denominator]
+    own = slice(full.coefficients - structure.zeros - 1, full.coefficients)
+    theta[own] = parameters[structure.numerator]
+    done = model.run(theta, record)
+    slopes_of_a = done.zeta[:, full.denominator]
+    columns = np.hstack([slopes_of_a, done.phi[:, n:]])
+    if not (np.isfinite(columns).all() and np.isfinite(done.output).all() and np.abs(columns).max() < LARGEST):
         return None
-    of_input, nuisances = phi[:, n : n + states], phi[:, n + states :]
-    slopes = np.hstack([zeta[:, :n], of_input[:, states - inputs :]])
-    error = without((record.y - forced)[:, None], nuisances)[:, 0]
-    return ModelRun(structure, parameters, record.u, error, forced, of_input, slopes, nuisances)
+    states, nuisances = done.phi[:, full.numerator], done.phi[:, full.coefficients :]
+    slopes = np.hstack([slopes_of_a, done.phi[:, own]])
+    error = without(done.error[:, None], nuisances)[:, 0]
+    return ModelRun(structure, parameters, record.u, error, done.output, states, slopes, nuisances)

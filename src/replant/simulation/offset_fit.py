@@ -1,4 +1,4 @@
-"""The free run of a model beside the measured output, and how well they agree: fit in percent."""
+"""The free run of a model with offset and initial state fitted to the measured output, and the fit in percent."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from replant.statistics.linear_algebra import least_norm, quiet
 
 @dataclass(frozen=True)
 class Simulation:
-    """A free run of a model beside the measured output.
+    """The free run of a model, with offset and initial state fitted to a measured output.
 
     Attributes
     ----------
@@ -34,9 +34,18 @@ class Simulation:
 
 
 def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
-    r"""Return :math:`100 (1 - \|y - \hat y\| / \|y - \bar y\|)`; samples where either is NaN are left out.
+    r"""Return the fit in percent, :math:`100 (1 - \|y - \hat y\| / \|y - \bar y\|)`; samples with a NaN are left out.
 
-    100 is a perfect model, 0 no better than the mean, below 0 worse than the mean; NaN if the output is constant.
+    A perfect model has 100, the mean of the output 0, a worse model less than 0.  A constant output has no fit: NaN.
+
+    Parameters
+    ----------
+    measured, modelled : (K,) arrays
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the two differ in length, or one is not a vector of real numbers.
 
     Examples
     --------
@@ -65,18 +74,20 @@ def simulate(
     input_hold: str = "zoh",
     t: FloatArray | None = None,
 ) -> Simulation:
-    """Run ``model`` from the input alone; offset and initial state are those that fit ``y`` best (least squares).
+    """Run a model from the input alone, with the offset and initial state that fit ``y`` best (least squares).
 
     Parameters
     ----------
     model : TransferFunction
     u, y : (K,) arrays
-        Mapped input and measured output, working point subtracted or not (the offset takes it up).  Samples that are
-        not finite are bridged by the last finite input and left out of the fit.
+        Mapped input and measured output.  The working point need not be subtracted: the offset includes it.  An input
+        that is not finite is replaced by the last finite one, an output that is not finite is left out of the fit.
     dt : float
         Sampling time in s.
+    input_hold : {"zoh", "foh"}
+        What the input does between samples.
     t : (K,) array, optional
-        Time stamps in s, where the clock is not regular.
+        Time stamps in s of an irregular clock.
 
     Examples
     --------
@@ -101,9 +112,18 @@ def simulate(
 
 @quiet
 def initial_weights(forced: FloatArray, free: FloatArray, y: FloatArray) -> FloatArray | None:
-    """Return the offset and the initial state (n + 1,) with which a run from rest fits ``y`` best; None if none does.
+    """Return the offset and the initial state (n + 1,) that fit a run from rest to ``y`` best; None without a solution.
 
-    Zero stands for a response that leaves float64.
+    The weight of a response that leaves float64 is zero.
+
+    Parameters
+    ----------
+    forced : (K,) array
+        Output from rest.
+    free : (K, n) array
+        Responses to unit initial states.
+    y : (K,) array
+        Measured output; NaN is left out.
     """
     kept = np.isfinite(y) & np.isfinite(forced)
     if not kept.any() or not np.isfinite(forced).all():
@@ -113,7 +133,7 @@ def initial_weights(forced: FloatArray, free: FloatArray, y: FloatArray) -> Floa
     basis = basis[kept][:, usable]
     lengths = np.linalg.norm(basis, axis=0)
     lengths[lengths == 0.0] = 1.0
-    # a response that has died out, or that grows beyond reason, must not spoil the others: scaled columns
+    # the columns are scaled: the sizes of a response that dies out and of one that grows differ by many decades
     found, rank, _ = least_norm(basis / lengths, y[kept] - forced[kept], 1e-12)
     if rank == 0:
         return None
@@ -123,15 +143,25 @@ def initial_weights(forced: FloatArray, free: FloatArray, y: FloatArray) -> Floa
 
 
 def with_initial(forced: FloatArray, free: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return a run from rest (K,) with what offset and initial state (n + 1,) add."""
+    """Return the output (K,) of a run with an offset and an initial state.
+
+    Parameters
+    ----------
+    forced : (K,) array
+        Output from rest.
+    free : (K, n) array
+        Responses to unit initial states.
+    weights : (n + 1,) array
+        Offset and initial state.
+    """
     used = weights[1:] != 0.0
     return np.asarray(forced + weights[0] + free[:, used] @ weights[1:][used])
 
 
 def bridged(u: FloatArray, before: float = 0.0) -> tuple[FloatArray, float]:
-    """Return ``u`` (K,) with each entry that is not finite replaced by the last finite one, and that of the end.
+    """Return ``u`` (K,) with each entry that is not finite replaced by the last finite one, and its last entry.
 
-    ``before`` is the last one before the first.
+    ``before`` is the entry before the first one.
     """
     finite = np.isfinite(u)
     if not finite.all():

@@ -1,8 +1,8 @@
-r"""Score: how well a model explains a record that comes batch by batch, from the input alone and one step ahead.
+r"""Score: the fit of a model to a record that comes batch by batch, from the input alone and one step ahead.
 
-The initial state is fitted over the first 2^18 samples, so that a record of any length takes one pass; the offset over
-all of them.  With the residual e of that, the autoregression D(q) e = w of order 4 and the sum of w^2 follow from sums
-of products :math:`e_{k-i} e_{k-j}`: no second pass is needed for the fit one step ahead either.
+The initial state is fitted over the first 2^18 samples, the offset over all of them, so that a record of any length
+needs one pass.  The autoregression D(q) e = w of order 4 of the residual e, and the sum of w^2, follow from the sums of
+the products :math:`e_{k-i} e_{k-j}`: the fit one step ahead needs no second pass either.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _BoolArray = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 
 class Score:
-    """Runs a model from the input alone beside the measured output, and keeps what its fits are made of.
+    """Runs a model from the input alone, and keeps the sums that its fits to the measured output are made from.
 
     Parameters
     ----------
@@ -52,8 +52,8 @@ class Score:
     def take(self, u: FloatArray, y: FloatArray) -> FloatArray:
         """Take the next samples (K,); return the model's output, `shift` not yet added.
 
-        The first batch must hold `FITTED` samples, or all where there are fewer.  NaN in ``u`` is bridged by the last
-        input, NaN in ``y`` left out.
+        The first batch must hold `FITTED` samples, or all if there are fewer.  NaN in ``u`` is replaced by the last
+        input, NaN in ``y`` is left out.
         """
         u, self._input = bridged(u, self._input)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -72,15 +72,15 @@ class Score:
 
     @property
     def usable(self) -> bool:
-        """Whether there is anything to compare: a model within float64, and a measured output."""
+        """Whether there is something to compare: a modelled output within float64, and a measured output."""
         return not self._failed and self._output.count > 0
 
     @property
     def shift(self) -> float:
-        """What the offset of the whole record adds to that of the first batch; NaN where nothing is usable."""
+        """Offset of the whole record minus that of the first batch; NaN where the score is not usable."""
         if not self.usable:
             return math.nan
-        return self._error.mean if self._batches > 1 else 0.0  # over one batch, it is the least-squares solution
+        return self._error.mean if self._batches > 1 else 0.0  # of one batch the offset is the least-squares solution
 
     @property
     def offset(self) -> float:
@@ -94,7 +94,7 @@ class Score:
 
     @property
     def one_step(self) -> float:
-        """Fit in percent, one step ahead: the residual's own past taken into account."""
+        """Fit in percent, one step ahead: each residual predicted from the residuals before it."""
         return self._fit(self._error.innovation(self.shift)) if self.usable else math.nan
 
     def _fit(self, power: float) -> float:
@@ -125,25 +125,26 @@ class _OutputSums:
 
     @property
     def spread(self) -> float:
-        """Sum of (y - mean y)^2; 0 of an output that stands still."""
+        """Sum of (y - mean y)^2; 0 for a constant output."""
         if self._least == self._most:
             return 0.0
         return self._squares - self._sum**2 / self.count
 
 
 class _ErrorSums:
-    """Sums of products of the residual and its past, with the residual's mean still open."""
+    """Sums of products of the residual and its past, from which any mean can be subtracted afterwards."""
 
     def __init__(self) -> None:
         self._lags = LAGS
         self._past, self._known_past = np.zeros(LAGS), np.zeros(LAGS, bool)
         self._samples = 0
         size = LAGS + 2
-        #: Of (e_k .. e_{k-LAGS}, 1): over every sample (unknown ones are zeros), over those with a known past, the rest
+        #: Products of (e_k .. e_{k-LAGS}, 1) over every sample (unknown ones are zeros) and over those with a known
+        #: past, and of (e_k, 1) over the known ones that remain
         self._all, self._usable, self._rest = np.zeros((size, size)), np.zeros((size, size)), np.zeros((2, 2))
         self._head, self._known_head = np.zeros(0), np.zeros(0, bool)  # the first samples
-        self._pairs = np.zeros(LAGS + 1)  # known samples whose partner so many samples ago is known as well
-        self._sums = np.zeros(LAGS + 1)  # of e_k + e_{k-lag} over them
+        self._pairs = np.zeros(LAGS + 1)  # by lag: how many samples are known together with the one lag samples before
+        self._sums = np.zeros(LAGS + 1)  # by lag: the sum of e_k + e_{k-lag} over them
 
     def take(self, error: FloatArray, known: _BoolArray) -> None:
         """Take residuals (K,), zero where they are not known."""
@@ -166,7 +167,7 @@ class _ErrorSums:
         self._samples += count
 
     def _take_some(self, stack: FloatArray, there: _BoolArray) -> None:
-        """Take residuals and their past, where some of ``there``, the past ones and then these, are not known."""
+        """Take residuals of which some are unknown: row i of ``stack`` has lag i, ``there`` says which are known."""
         lags, count, error = self._lags, stack.shape[1], stack[0]
         known = there[lags:]
         for lag in range(lags + 1):
@@ -174,9 +175,9 @@ class _ErrorSums:
             self._pairs[lag] += np.count_nonzero(both)
             self._sums[lag] += float(((error + stack[lag]) * both).sum())
         self._all[0] += stack @ error
-        follows = np.convolve(~there, np.ones(lags + 1))[lags : lags + count] == 0  # on a known past
+        follows = np.convolve(~there, np.ones(lags + 1))[lags : lags + count] == 0  # all lags are known
         alone = known & ~follows
-        if self._samples == 0:  # before the record there is nothing, where the mean is not to be taken off either
+        if self._samples == 0:  # the first samples have zeros, without a mean, as their past: `_of_head` sums them
             self._head, self._known_head = error[:lags].copy(), known[:lags].copy()
             alone[:lags] = False
         usable = stack[:, follows]
@@ -193,7 +194,7 @@ class _ErrorSums:
         return float(self._covariances(mean)[0])
 
     def innovation(self, mean: float) -> float:
-        """Return the sum of w^2, w being the residual itself where its past is not known."""
+        """Return the sum of w^2; where the past of a residual is not known, w is the residual itself."""
         if self._samples <= self._lags:
             return self.power(mean)
         model = Autoregression.of_covariances(self._covariances(mean)).coefficients
@@ -202,7 +203,7 @@ class _ErrorSums:
         return float(weights @ self._usable @ weights + alone @ self._rest @ alone) + self._of_head(model, mean)
 
     def _of_head(self, model: FloatArray, mean: float) -> float:
-        """Return the part of the first samples, which have no past of full length."""
+        """Return the sum of w^2 over the first samples, which have no past of full length."""
         error = np.where(self._known_head, self._head - mean, 0.0)
         predicted = np.convolve(model, error)[: error.size]
         follows = np.cumsum(~self._known_head) == 0

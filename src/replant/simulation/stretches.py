@@ -1,4 +1,4 @@
-"""Stretches of samples that take no part, as rows [begin, end): bridged, rejected, or before an interruption."""
+"""Stretches of samples that are left out, as rows [begin, end): bridged, rejected, or before an interruption."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ NONE: IntArray = np.zeros((0, 2), np.int64)
 
 
 def stretches_of(flags: BoolArray, first: int = 0) -> IntArray:
-    """Return where flags (K,) are set, as rows [begin, end) (R, 2); the first flag is that of sample ``first``.
+    """Return where flags (K,) are set, as rows [begin, end), (R, 2); ``first`` is the sample of the first flag.
 
     Examples
     --------
@@ -25,7 +25,14 @@ def stretches_of(flags: BoolArray, first: int = 0) -> IntArray:
 
 
 def flags_of(stretches: IntArray, first: int, samples: int) -> BoolArray:
-    """Return which of so many samples from ``first`` on lie in stretches (R, 2), in ascending order.
+    """Return which samples (K,) of a range lie in stretches.
+
+    Parameters
+    ----------
+    stretches : (R, 2) array of int
+        In ascending order.
+    first, samples : int
+        The range: its first sample, and how many, K.
 
     Examples
     --------
@@ -40,7 +47,7 @@ def flags_of(stretches: IntArray, first: int, samples: int) -> BoolArray:
 
 
 def joined(stretches: IntArray, apart: int) -> IntArray:
-    """Return stretches (R, 2) in ascending order, those that are at most ``apart`` samples apart made one: for a plot.
+    """Return ascending stretches (R, 2) with those joined that are at most ``apart`` samples apart, for a plot.
 
     Examples
     --------

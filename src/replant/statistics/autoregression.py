@@ -1,6 +1,6 @@
-r"""Autoregression: the model :math:`D(q)\, e_k = w_k` that makes a residual white, fitted in one place for all.
+r"""Autoregression: the model :math:`D(q)\, e_k = w_k` that whitens a residual.
 
-The order is that of the recursion, `replant.kernels.monitoring.residual_colour`.
+Its order is that of the online recursion, `replant.kernels.monitoring.residual_colour`.
 
 Sources: Ljung (1999), "System Identification: Theory for the User", section 16.6; Soderstrom and Stoica (1989), "System
 Identification", section 11.2.
@@ -29,7 +29,7 @@ class Autoregression:
     coefficients : (p + 1,) array
         1, d_1 .. d_p, in falling powers of the shift q.
     power : float
-        Sum of w^2 over the samples that it was fitted to.
+        Sum of w^2 over the samples that the model was fitted to.
     """
 
     coefficients: FloatArray
@@ -58,7 +58,7 @@ class Autoregression:
         return cls(coefficients, float(power))
 
     def whiten(self, signals: FloatArray) -> FloatArray:
-        """Return D(q) x of ``signals`` (K, ...) along the first axis, (K - p, ...): from where the past is known."""
+        """Return D(q) x of ``signals`` (K, ...) along the first axis, from the first sample with p predecessors on."""
         model = self.coefficients
         lags = model.size - 1
         result = model[0] * signals[lags:]
@@ -67,7 +67,7 @@ class Autoregression:
         return np.asarray(result)
 
     def colour(self, signals: FloatArray) -> FloatArray:
-        """Return x / D(q) of ``signals`` (K, ...) along the first axis, from rest."""
+        """Return x / D(q) of ``signals`` (K, ...) along the first axis, from rest: (K, ...)."""
         from replant.kernels.filters.all_pole import all_pole
 
         channels = all_pole(self.coefficients, signals.reshape(signals.shape[0], -1).T)
@@ -76,10 +76,9 @@ class Autoregression:
 
 @quiet
 def one_step(residual: FloatArray) -> FloatArray:
-    """Return what is left of a free run's residual (K,) once its own past has been used to predict it.
+    """Return the one-step prediction error (K,) of a free run's residual (K,), modelled as an autoregression.
 
-    The residual is modelled as an autoregression; what is left is the error one step ahead.  Where the residual is not
-    finite, and for as many samples after as the model has coefficients, nothing is predicted.
+    A sample without a complete finite past keeps its residual: it cannot be predicted.
 
     Examples
     --------
@@ -97,7 +96,7 @@ def one_step(residual: FloatArray) -> FloatArray:
 
 
 def whiteness(error: FloatArray) -> float:
-    r"""Return the portmanteau statistic :math:`N \sum_\tau \hat r_e^2(\tau)` over its 99 % limit.
+    r"""Return the portmanteau statistic :math:`N \sum_\tau \hat r_e^2(\tau)` of a residual (K,) over its 99 % limit.
 
     Examples
     --------

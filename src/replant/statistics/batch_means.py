@@ -1,19 +1,22 @@
-r"""How far an estimate scatters, told from the path that led to it: no model of the noise is needed.
+r"""The variance of an estimate from the path that led to it, by batch means: no model of the noise is needed.
 
-The instrumental-variable estimate after k samples is theta_k = P_k sum zeta z.  In one of its coordinates, with p the
-entry of P on the diagonal, W = (theta_k - theta) / p_k is the sum of what each sample had to say, in the time
-tau = 1 / p_k that counts information.  Under white noise it is a Brownian motion; under noise of any colour its steps
-over blocks of samples are nearly independent once the blocks are longer than the noise remembers.  So their mean
-square, the method of batch means, gives the variance of the estimate whatever the noise is, slow drifts included, which
-an autoregression of low order takes for little.
+The instrumental-variable estimate after k samples is theta_k = P_k sum zeta z.  For one of its coordinates let p_k be
+the diagonal entry of P_k, and tau_k = 1 / p_k the information so far, which serves as time.  Then
 
-The last estimate takes the place of the unknown true value.  That makes a bridge of W, whose sum of squares falls short
-by the factor 1 - sum w^2, with w = d tau / tau the weights of the blocks: hence
+    W_k = (theta_k - theta) / p_k
+
+is a sum with one term from each sample.  Under white noise W is a Brownian motion in tau.  Under coloured noise its
+increments over blocks of samples are nearly independent once the blocks are longer than the noise's correlation.  The
+mean square of these increments is the method of batch means: it gives the variance of the estimate for any stationary
+noise, slow drifts included, which an autoregression of low order underestimates.
+
+The last estimate takes the place of the unknown theta.  W is then a Brownian bridge, whose sum of squares is smaller by
+the factor 1 - sum w^2, where w = dtau / tau are the weights of the blocks.  Hence
 
     var(theta) = p^2 sum dW^2 / (1 - sum w^2).
 
-Source: Chen, Lee, Tong and Zhang, "Statistical inference for model parameters in stochastic gradient descent", Annals
-of Statistics 48, 2020 (batch means of an estimate's path).
+Source: Chen, Lee, Tong and Zhang (2020), "Statistical inference for model parameters in stochastic gradient descent",
+Annals of Statistics 48 (batch means of an estimate's path).
 """
 
 from __future__ import annotations
@@ -36,14 +39,16 @@ LONGER = (2, 4, 8)
 def path_variances(
     estimates: FloatArray, known: FloatArray, least: float = LEAST_BLOCKS
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the variances (T,) of the last estimate, 0 where its path cannot tell, and how many blocks told each (T,).
+    """Return the variances (T,) of the last estimate, and the number of blocks (T,) that each one is made from.
+
+    A variance is 0 where the path has too few blocks.
 
     Parameters
     ----------
     estimates, known : (B, T) arrays
         Estimate and diagonal of P after each block; the last row is the present.
     least : float
-        Blocks of equal weight that a variance must be made of.
+        Fewest blocks of equal weight for a variance.
 
     Examples
     --------
@@ -58,18 +63,18 @@ def path_variances(
     steps = np.diff((estimates - estimates[-1]) / known, axis=0, prepend=0.0)
     weights = np.diff(known[-1] / known, axis=0, prepend=0.0)
     blocks = 1.0 / (weights**2).sum(axis=0)
-    tells = blocks >= least
-    variances = known[-1] ** 2 * (steps**2).sum(axis=0) / np.where(tells, 1.0 - 1.0 / blocks, np.inf)
+    enough = blocks >= least
+    variances = known[-1] ** 2 * (steps**2).sum(axis=0) / np.where(enough, 1.0 - 1.0 / blocks, np.inf)
     return np.asarray(variances), np.asarray(blocks)
 
 
 def no_less_than_scattered(covariance: FloatArray, estimates: FloatArray, known: FloatArray) -> FloatArray:
-    """Return a covariance (T, T), stretched where the path scatters more than it says.
+    """Return a covariance (T, T), stretched where the variances along the path exceed its own.
 
     Parameters
     ----------
     covariance : (T, T) array
-        By the residual's power and colour.
+        From the residual's power and colour.
     estimates, known : (B, T) arrays
         Estimate and diagonal of P after each block; the last row is the present.
     """
@@ -78,14 +83,14 @@ def no_less_than_scattered(covariance: FloatArray, estimates: FloatArray, known:
     variances, blocks = path_variances(estimates, known)
     slow = variances > np.diag(covariance) * (1.0 + BEYOND_CHANCE * np.sqrt(2.0 / blocks))
     for length in LONGER:
-        rows = slice((len(estimates) - 1) % length, None, length)  # the last one stays
+        rows = slice((len(estimates) - 1) % length, None, length)  # includes the last one
         longer, _ = path_variances(estimates[rows], known[rows], LEAST_BLOCKS / 2)
         variances = np.where(slow, np.maximum(variances, longer), variances)
     return stretch(covariance, variances)
 
 
 def stretch(covariance: FloatArray, variances: FloatArray) -> FloatArray:
-    """Return a covariance stretched, its correlations kept, where its variances are below these.
+    """Return a covariance (T, T) with at least the given variances (T,) and the same correlations.
 
     Examples
     --------
@@ -101,18 +106,19 @@ def stretch(covariance: FloatArray, variances: FloatArray) -> FloatArray:
 def path_of_record(
     zeta: FloatArray, error: FloatArray, theta: FloatArray, known: FloatArray, pull: FloatArray
 ) -> PathSlots:
-    """Return the path that a recursion would have taken to ``theta``, as `kernels.monitoring.estimate_path` keeps it.
+    """Return the path on which a recursion would have arrived at ``theta``, as `kernels.monitoring.estimate_path` does.
 
     Parameters
     ----------
     zeta : (K, T) array
     error : (K,) array
-        What ``theta`` leaves.
+        The residual at ``theta``.
     theta : (T,) array
+        The last estimate.
     known : (T, T) array
-        Information before the record,
+        Information from before the record.
     pull : (T,) array
-        ... and that times how far from ``theta`` the estimate was.
+        ``known`` times the distance from ``theta`` to the estimate before the record.
     """
     samples, size = zeta.shape
     step = -(-samples // ROOM)
@@ -129,6 +135,13 @@ def path_of_record(
 
 
 def rows_of(path: PathSlots, theta: FloatArray, known: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return estimates and diagonals of P (B, T) along a path as it is kept, the present ones last."""
+    """Return estimates and diagonals of P, (B, T) each, along a path that is kept.
+
+    Parameters
+    ----------
+    path : PathSlots
+    theta, known : (T,) arrays
+        The present estimate and diagonal of P, which become the last row.
+    """
     rows = path.rows[: int(path.kept)]
     return np.vstack([rows[:, 0], theta]), np.vstack([rows[:, 1], known])

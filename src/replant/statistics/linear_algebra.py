@@ -1,7 +1,7 @@
-"""Linear algebra on whatever a record makes: what has no answer is NaN or None, never LAPACK's exception or a warning.
+"""Linear algebra that neither raises nor warns: a problem without a solution gives NaN or None.
 
-A record may be constant, of 1e300 in size, or explained by half of the poles asked for.  Then matrices are singular,
-sums leave float64, and iterations do not converge.  That is an answer too: no model.
+A record may be constant, of size 1e300, or explained by half of the poles asked for.  Its matrices are then singular,
+its sums leave float64, or an iteration does not converge.  The caller takes this as "no model".
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ import numpy.typing as npt
 
 from replant.arguments import FloatArray
 
-#: Around numerics whose results are looked at afterwards: a number that has left float64 is found there.
+#: Silences NumPy's warnings around computations whose results are checked for being finite afterwards.
 quiet = np.errstate(over="ignore", divide="ignore", invalid="ignore")
 
 
 @quiet
 def roots(polynomial: FloatArray) -> npt.NDArray[np.complex128]:
-    """Return the roots of a polynomial in descending powers; NaN where float64 does not hold them.
+    """Return the roots of a polynomial in descending powers; NaN where they leave float64.
 
     Examples
     --------
@@ -32,7 +32,7 @@ def roots(polynomial: FloatArray) -> npt.NDArray[np.complex128]:
 
 @quiet
 def eigenvalues(symmetric: FloatArray) -> FloatArray:
-    """Return the eigenvalues (T,) of a symmetric matrix, ascending; NaN where it has none.
+    """Return the eigenvalues (T,) of a symmetric matrix (T, T), ascending; NaN where the matrix is not finite.
 
     Examples
     --------
@@ -49,7 +49,9 @@ def eigenvalues(symmetric: FloatArray) -> FloatArray:
 
 @quiet
 def solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
-    """Solve after equilibrating rows and columns; None where the matrix is singular or not finite.
+    """Return the solution (T,) of ``matrix`` x = ``right``, rows and columns equilibrated; None where singular.
+
+    None as well where the matrix (T, T), the right side (T,) or the solution is not finite.
 
     Examples
     --------
@@ -71,14 +73,21 @@ def solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
 
 @quiet
 def least_norm(columns: FloatArray, target: FloatArray, tolerance: float) -> tuple[FloatArray, int, FloatArray]:
-    """Return the least-squares solution of least norm (P,), the rank, and the singular values of the columns (K, P).
+    """Return the least-squares solution of least norm (P,), the rank, and the singular values of the columns.
 
-    Zeros, 0 and none where there is no solution.
+    Without a solution these are zeros, 0, and an empty array.
 
     Parameters
     ----------
+    columns : (K, P) array
+    target : (K,) array
     tolerance : float
         Singular values below this part of the largest count as zero.
+
+    Examples
+    --------
+    >>> least_norm(np.array([[1.0, 1.0], [1.0, 1.0]]), np.array([2.0, 2.0]), 1e-12)[:2]
+    (array([1., 1.]), 1)
     """
     nothing = np.zeros(columns.shape[1]), 0, np.zeros(0)
     if not (np.isfinite(columns).all() and np.isfinite(target).all()):
@@ -94,10 +103,11 @@ def least_norm(columns: FloatArray, target: FloatArray, tolerance: float) -> tup
 
 @quiet
 def pseudo_inverse(symmetric: FloatArray, tolerance: float) -> FloatArray:
-    """Return the pseudo-inverse of a symmetric matrix (T, T); NaN where it has none.
+    """Return the pseudo-inverse of a symmetric matrix; NaN where the matrix is not finite.
 
     Parameters
     ----------
+    symmetric : (T, T) array
     tolerance : float
         Eigenvalues below this part of the largest count as zero.
     """

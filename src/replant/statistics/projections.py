@@ -1,6 +1,6 @@
-"""Sums over samples of products of columns, and what is solved with them.
+"""Products of columns summed over the samples, and projections made from them.
 
-In blocks so small that the linear algebra behind NumPy does not start threads: on a busy machine those wait for each
+The sums are formed in blocks that are too small for BLAS to start threads: on a busy machine threads wait for each
 other many times longer than the work takes.
 """
 
@@ -15,7 +15,7 @@ WEAKEST = 1e-13  # eigenvalue of scaled sums, relative, below which a direction 
 
 
 def products(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return a' b of two records of columns, (K, P) and (K, Q).
+    """Return a' b (P, Q) of columns a (K, P) and b (K, Q).
 
     Examples
     --------
@@ -32,13 +32,13 @@ def products(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def lengths_of(columns: FloatArray) -> FloatArray:
-    """Return the Euclidean length of each column; 1 for one that is zero, so that one can divide by it."""
+    """Return the Euclidean length of each column (P,); 1 for a zero column, so that columns can be divided by it."""
     lengths = np.sqrt(np.einsum("ij,ij->j", columns, columns))
     return np.where(lengths > 0.0, lengths, 1.0)
 
 
 def orthogonal(matrix: FloatArray) -> FloatArray:
-    """Return T (P, R) with T' M T = 1 for a symmetric M of rank R; what is not there is left out."""
+    """Return T (P, R) with T' M T = 1 for a symmetric matrix M (P, P) of rank R; R is 0 where M is not finite."""
     if not np.isfinite(matrix).all():
         return np.zeros((len(matrix), 0))
     try:
@@ -50,7 +50,7 @@ def orthogonal(matrix: FloatArray) -> FloatArray:
 
 
 def without(columns: FloatArray, nuisances: FloatArray) -> FloatArray:
-    """Return columns (K, C) less what the nuisances (K, N) explain of them, in the sense of least squares."""
+    """Return columns (K, C) minus their least-squares projection onto the nuisances (K, N)."""
     nuisances = nuisances / lengths_of(nuisances)
     basis = orthogonal(products(nuisances, nuisances))
     weights = basis @ (basis.T @ products(nuisances, columns))

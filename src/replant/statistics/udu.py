@@ -1,4 +1,7 @@
-"""The covariance in factors: P = U D U', from an information matrix or from a diagonal."""
+"""U-D factors of a covariance, P = U D U', from an information matrix or from a covariance.
+
+Source: Bierman (1977), "Factorization Methods for Discrete Sequential Estimation", chapter 3.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +19,10 @@ LEAST_PIVOT = 1e-13  # of the equilibrated information: what the data do not tel
 def factor_information(information: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return U (T, T), unit upper triangular, and D (T,) with U D U' = information^-1.
 
-    By Cholesky's L D L' of the equilibrated matrix, so that the units of the parameters do not matter.  A direction
-    that the data do not tell has a pivot of rounding alone: it is floored, and what stands below it is taken for zero,
-    rounding as well.  Not finite where the information is not.
+    The information matrix (T, T) is equilibrated, so that the units of the parameters do not matter, and factored by
+    Cholesky's L D L'.  A direction that the data do not determine has a pivot that is rounding error: the pivot is
+    floored, and the entries below it, rounding errors as well, are taken as zero.  The direction then has a large,
+    finite variance.  The factors are not finite where the information is not.
 
     Examples
     --------
@@ -38,19 +42,19 @@ def factor_information(information: FloatArray) -> tuple[FloatArray, FloatArray]
         lower[j + 1 :, j] = rest[j + 1 :, j] / pivots[j]
         rest = rest - pivots[j] * np.outer(lower[:, j], lower[:, j]) * (np.arange(size) > j)[:, None]
     # S = C L V L' C  =>  S^-1 = C^-1 L'^-1 V^-1 L^-1 C^-1 = U D U' with U = C^-1 L'^-1 C
-    inverse = _inverse(lower, told=bool((pivots > LEAST_PIVOT).all()))
+    inverse = _inverse(lower, determined=bool((pivots > LEAST_PIVOT).all()))
     upper = np.triu(inverse.T / scale[:, None] * scale[None, :])
     np.fill_diagonal(upper, 1.0)
     return upper, 1.0 / (pivots * scale**2)
 
 
-def _inverse(lower: FloatArray, *, told: bool) -> FloatArray:
+def _inverse(lower: FloatArray, *, determined: bool) -> FloatArray:
     """Return the inverse of a unit lower triangular matrix (T, T).
 
-    Solved row by row it always has one.  Where the data tell every direction the general solver, which pivots, has no
-    trouble either, and its bits are those that estimates have had so far.
+    Forward substitution always succeeds.  Where the data determine every direction the general solver is taken: it
+    keeps the bits of earlier versions.
     """
-    if told:
+    if determined:
         with contextlib.suppress(np.linalg.LinAlgError):
             return np.asarray(np.linalg.inv(lower), np.float64)
     inverse = np.eye(len(lower))
@@ -61,7 +65,7 @@ def _inverse(lower: FloatArray, *, told: bool) -> FloatArray:
 
 @quiet
 def compose(upper: FloatArray, diagonal: FloatArray) -> FloatArray:
-    """Return U D U'.
+    """Return U D U' (T, T) of U (T, T) and D (T,).
 
     Examples
     --------
@@ -97,11 +101,13 @@ def factor_covariance(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @quiet
 def larger(coloured: FloatArray, white: FloatArray) -> FloatArray:
-    """Return the first covariance, stretched where its variances are below the second's.
+    """Return the covariance of an estimate under coloured noise, with at least the variances under white noise.
 
-    Where the residual is white both agree; where they do not, the larger one is the honest one.
+    Where the residual is white both agree; where they differ, the larger variance is the safe one.  A coloured variance
+    of zero, relative to the white one, means that the autoregression explains the residual to rounding; the white
+    covariance is then returned.
     """
     if not (np.diag(coloured) > np.finfo(float).eps * np.diag(white)).all():
-        return white  # a colour that explains the residual to rounding is none
+        return white
     stretch = np.sqrt(np.maximum(np.diag(white) / np.diag(coloured), 1.0))
     return np.asarray(coloured * np.outer(stretch, stretch))

@@ -27,7 +27,7 @@ def test_figure_6_shows_the_record_and_its_offline_estimates(actuator):
         assert len(drawn) == 3
         for filters, words in (("gbt", "the article's filters"), ("exact", "exact filters")):
             simulation = actuator.offline[filters].simulation
-            assert_drawn(drawn[f"{words}: free run {simulation.fit:.1f} %"], simulation.output, DT, begin)
+            assert_drawn(drawn[f"{words}: simulated fit {simulation.fit:.1f} %"], simulation.output, DT, begin)
         assert axis.get_xlim() == pytest.approx((window[0] * 20.0, window[1] * 20.0))
         assert axis.get_ylabel() == "displacement [mm]"
     assert top.get_ylabel() == "input [kV]"

@@ -88,11 +88,11 @@ def good(uncertain, tmp_path_factory) -> tuple[str, Page]:
 def test_top_says_model_verdict_and_fit(good, uncertain) -> None:
     text, page = good
     result = uncertain.result
-    marks = ('class="verdict good"', "<math", f"<dd>{result.simulation.fit:.1f} %", "Over time")
+    marks = ('class="verdict good"', "<math", f"<dd>{result.simulation.fit:.1f} %", "over time")
     order = [text.index(mark) for mark in marks]
     assert order == sorted(order)
     assert "Trusted" in page.text
-    for words in (f"{result.one_step:.1f} %", "4,000", "gain at rest [rpm/V]"):
+    for words in (f"{result.one_step:.1f} %", "4,000", "DC gain [rpm/V]"):
         assert words in page.text
 
 
@@ -134,9 +134,9 @@ def test_captions_tell_what_is_drawn(uncertain, plain) -> None:
     history = dataclasses.replace(plain.result.history, std=np.full_like(plain.result.history.parameters, np.nan))
     unknown = dataclasses.replace(without, result=dataclasses.replace(plain.result, history=history))
     assert "bands" not in words.of_transients(unknown)
-    assert "The first 20 s went into the first estimate." in words.of_transients(without)
+    assert "The first estimate is made from the first 20 s." in words.of_transients(without)
     size = np.sqrt(np.mean((plain.log.output - plain.result.simulation.output) ** 2))
-    assert f"the residual is {size:.3g} rpm in the root mean square" in words.of_fit(without)
+    assert f"root mean square of the residual is {size:.3g} rpm" in words.of_fit(without)
     assert words.of_bode(without).endswith("rpm/V.")
 
 
@@ -236,7 +236,7 @@ def first_words(page: Page) -> str:
 SAID = {
     "diverged": ["Diverged", "do not use"],
     "still": ["Not excited", "do not use"],
-    "three": ["Too short 3 samples cannot settle 4 parameters: record at least 40."],
+    "three": ["Too short 3 samples cannot determine 4 parameters: record at least 40."],
     "rejected": ["No sample used", "Every sample was rejected", "500 not finite"],
     "empty": ["No sample used", "empty"],
     "beyond float32": [],
@@ -253,7 +253,7 @@ def test_bad_news_come_first(bad_report) -> None:
     assert "identified online" in page.text
     if SAID[name]:
         assert 'class="verdict bad"' in text
-        assert "Not to be used" in page.text
+        assert "Do not use this model" in page.text
     assert "NaN" not in re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1]
     payload(text)
 

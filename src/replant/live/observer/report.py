@@ -13,7 +13,7 @@ from replant.data.logs import Log
 from replant.errors import ReplantError
 from replant.live.observer.view import View
 from replant.online.identifier import Identifier
-from replant.runs.run import History, Result
+from replant.runs.result import History, Result
 from replant.simulation.stretches import stretches_of
 from replant.statistics.autoregression import one_step
 

@@ -1,8 +1,8 @@
 """The actuator experiment of section 4, on a simulated rig: twelve online runs, least squares, and replant's default.
 
-The article's record is not published.  The rig of Table 6 stands in for it, with the laser's noise and the membrane's
-creep; its voltage steps at lengths from 10 ms to 20 s, so that the slow mode (0.1 rad/s) and the fast, hardly damped
-one (76.7 rad/s) both answer.  What the article leaves open is in `NOTES`.
+The article's record is not published.  The rig of Table 6 is simulated instead, with the laser's noise and the
+membrane's creep.  Its voltage has steps of 10 ms to 20 s, which excite both the slow mode (0.1 rad/s) and the fast,
+lightly damped one (76.7 rad/s).  `NOTES` lists the settings that the article does not print.
 """
 
 from __future__ import annotations
@@ -67,11 +67,11 @@ FURTHER = 5  # records, other than the experiment's own, that tell how much of t
 RUNS = len(FILTERS) * (len(OPTIMIZERS) * len(GAINS) + 1) + 1 + FURTHER
 
 NOTES = (
-    "The article's record is not published: a simulated rig with the parameters of Table 6 stands in for it, "
-    f"{SAMPLES:,} samples at 1 kHz, 1 um of laser noise, creep of 5 um in every tenfold of time.",
+    "The article's record is not published: a rig with the parameters of Table 6 is simulated instead, "
+    f"{SAMPLES:,} samples at 1 kHz, 1 um of laser noise, creep of 5 um a decade of time.",
     f"The article does not print g_n, the batch, the forgetting rate or Lambda(s). Here g_n is {GAINS['small gain']:g} "
     f"for the small and {GAINS['very small gain']:g} for the very small gain, both with a buffer of {BUFFER:,} and the "
-    f"{BATCH} updates a sample with which Table 1 comes out; the forgetting rate is {FORGETTING_RATE:g} /s, a memory "
+    f"{BATCH} updates a sample that reproduce Table 1; the forgetting rate is {FORGETTING_RATE:g} /s, a memory "
     "as long as the slow mode's time constant; Lambda(s) is (s + 50)^3.",
     "Gains in the article's units: 0.05 g_n for Gradient (1/s) and IntegralCost (1/s^2), multiplied by the sampling "
     "time, 5e-5 g_n for AMSGrad and Adam.",
@@ -80,7 +80,16 @@ NOTES = (
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """The rig and what was measured on it: input voltage u [kV] and displacement y [mm], (K,) each."""
+    """The rig and the record measured on it.
+
+    Attributes
+    ----------
+    rig : Rig
+    u : (K,) array
+        Input voltage in kV.
+    y : (K,) array
+        Displacement in mm.
+    """
 
     rig: Rig
     u: FloatArray
@@ -99,7 +108,7 @@ class Record:
         return np.asarray(preprocess.map_input(self.u) - float(preprocess.input_offset))
 
     def free_run(self, model: TransferFunction) -> float:
-        """Return the fit in percent of a model that runs from the input alone."""
+        """Return the fit in percent of a model simulated from the input alone."""
         return simulate(model, self.linear_input, self.y, self.rig.dt).fit
 
 
@@ -112,11 +121,11 @@ class Row:
     method, variant : str
         Optimizer and configuration, or `OFFLINE`, or `DEFAULT`.
     filters : str
-        A key of `FILTERS`; "own" of the default.
+        A key of `FILTERS`; "own" for the default.
     errors : dict
-        Of the last estimate by coefficient, in percent of the true value.
+        Errors of the last estimate by coefficient, in percent of the true value.
     free_run : float
-        Fit in percent of the model run from the input alone.
+        Fit in percent of the model simulated from the input alone.
     measures : Measures or None
         Of an online run.
     curves : dict
@@ -133,7 +142,7 @@ class Row:
 
     @property
     def label(self) -> str:
-        """Method, variant and filters in words."""
+        """Method, variant and filters, separated by commas."""
         return ", ".join(part for part in (self.method, self.variant, f"{self.filters} filters") if part)
 
 
@@ -149,7 +158,7 @@ class Actuator:
     goals : dict
         `fit_normalised` by filters.
     rows : tuple of Row
-        The twelve runs with either filters, least squares plain and normalised, and the default.
+        The twelve runs with both kinds of filters, least squares plain and normalised, and the default.
     elsewhere : tuple of Row
         The default on `FURTHER` records of the same rig and length, under other voltages and other noise.
     """
@@ -161,14 +170,25 @@ class Actuator:
     elsewhere: tuple[Row, ...]
 
     def row(self, method: str, variant: str = "", filters: str = "gbt") -> Row:
-        """Return one row; KeyError if there is none."""
+        """Return one row.
+
+        Parameters
+        ----------
+        method, variant, filters : str
+            As in the attributes of `Row`.
+
+        Raises
+        ------
+        KeyError
+            If there is no such row.
+        """
         for row in self.rows:
             if (row.method, row.variant, row.filters) == (method, variant, filters):
                 return row
         raise KeyError((method, variant, filters))
 
     def online_rows(self, filters: str = "gbt") -> list[Row]:
-        """Return the twelve runs of the article's methods, with its own filters or with others."""
+        """Return the twelve runs of the article's methods with one kind of filters."""
         return [row for row in self.rows if row.method in OPTIMIZERS and row.filters == filters]
 
 
@@ -186,7 +206,7 @@ def measure_rig(samples: int = SAMPLES, seed: int = 0) -> Record:
 
 
 def fit_offline(record: Record, on_run: Callable[[], None] = lambda: None) -> dict[str, FitResult]:
-    """Return least squares over the whole record, by filters: the article's way to its Table 6."""
+    """Return least squares over the whole record, by filters, as the article does for its Table 6."""
     fits = {}
     for name, chosen in FILTERS.items():
         fits[name] = fit(
@@ -203,9 +223,10 @@ def fit_offline(record: Record, on_run: Callable[[], None] = lambda: None) -> di
 
 
 def fit_normalised(record: Record, filters: str) -> FloatArray:
-    """Return least squares with each row divided by the m of (13): where every optimizer, which normalises, ends.
+    """Return the estimate of least squares with each row divided by m of (13).
 
-    m grows with the regressor, so that quiet stretches count for more than in `fit_offline`.
+    The optimizers normalise in the same way, so that they converge to this estimate.  Since m grows with the regressor,
+    stretches with a small regressor have more weight than in `fit_offline`.
     """
     rig = record.rig
     phi, target = regressors(STRUCTURE, rig.dt, FILTERS[filters], rig.preprocess, record.u, record.y)
@@ -214,7 +235,18 @@ def fit_normalised(record: Record, filters: str) -> FloatArray:
 
 
 def identifier(record: Record, method: str, variant: str, filters: str) -> Identifier:
-    """Return the identifier of one run before its first sample."""
+    """Return the identifier of one run before its first sample.
+
+    Parameters
+    ----------
+    record : Record
+    method : str
+        A key of `OPTIMIZERS`.
+    variant : str
+        A key of `GAINS`.
+    filters : str
+        A key of `FILTERS`.
+    """
     return Identifier(
         STRUCTURE,
         record.rig.dt,
@@ -232,7 +264,7 @@ def reproduce_actuator(record: Record | None = None, on_run: Callable[[], None] 
     Parameters
     ----------
     record : Record, optional
-        `measure_rig()` if left out.
+        By default `measure_rig()`.
     on_run : callable
         Called after each of the `RUNS`.
     """
@@ -280,7 +312,7 @@ def _offline_row(record: Record, variant: str, filters: str, parameters: FloatAr
 
 
 def run_default(record: Record) -> Row:
-    """Return what replant makes of a record if nothing but the structure is chosen."""
+    """Return the row of replant's default, for which only the structure is given."""
     request = Request(STRUCTURE, record.rig.dt, preprocess=record.rig.preprocess)
     result = run_online(request, record.u, record.y)
     assert result.history is not None

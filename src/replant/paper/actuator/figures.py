@@ -42,7 +42,7 @@ _LIMIT = {"color": "#555555", "ls": (0, (1, 1.5)), "lw": 1.0}
 
 
 def draw_record(record: Record, offline: Mapping[str, FitResult]) -> Any:
-    """Return Figure 6: (a) the input, (b) measured output and its offline estimates, (c, d) two windows of (b)."""
+    """Return Figure 6: (a) the input, (b) measured output and simulated outputs, (c, d) two windows of (b)."""
     canvas = blank_figure(7.0, 8.4)
     axes = canvas.subplots(4, 1, height_ratios=(1, 1.5, 1.5, 1.5))
     duration = record.u.size * record.rig.dt
@@ -51,7 +51,7 @@ def draw_record(record: Record, offline: Mapping[str, FitResult]) -> Any:
     for axis, window in zip(axes[1:], ((0.0, 1.0), *WINDOWS.values()), strict=True):
         _draw(axis, record.y, record, window, label="measured", **_MEASURED)
         for filters, words in _NAMES.items():
-            label = f"{words}: free run {offline[filters].simulation.fit:.1f} %"
+            label = f"{words}: simulated fit {offline[filters].simulation.fit:.1f} %"
             _draw(axis, offline[filters].simulation.output, record, window, label=label, **_MODEL[filters])
         axis.set_ylabel("displacement [mm]")
     for axis, letter, window in zip(axes, "abcd", ((0.0, 1.0), (0.0, 1.0), *WINDOWS.values()), strict=True):
@@ -65,10 +65,17 @@ def draw_record(record: Record, offline: Mapping[str, FitResult]) -> Any:
 
 
 def draw_transients(name: str, actuator: Actuator, filters: str = "gbt") -> Any:
-    """Return Figure 7 or 8: each coefficient's estimate over time, one column an optimizer, true values dashed.
+    """Return Figure 7 or 8: each coefficient's estimate over time, one column for each optimizer.
 
-    Where normalised least squares with the same filters ends is dotted: what each of these optimizers goes for.  It is
-    left out where it lies on the true value: dots between dashes would look like a third line.
+    True values are dashed.  The estimate of normalised least squares with the same filters, to which these optimizers
+    converge, is dotted, except where it coincides with the true value.
+
+    Parameters
+    ----------
+    name : {"fig7", "fig8"}
+    actuator : Actuator
+    filters : str
+        A key of `FILTERS`.
     """
     true = actuator.record.true
     canvas = blank_figure(7.0, 9.2)
@@ -79,7 +86,7 @@ def draw_transients(name: str, actuator: Actuator, filters: str = "gbt") -> Any:
         for i, (axis, coefficient) in enumerate(zip(column, true, strict=True)):
             runs = [(variant, actuator.row(method, variant, filters)) for variant in GAINS]
             goal = float(actuator.goals[filters][i])
-            drawn = [(_words(variant), (row.curves or {})[coefficient], _VARIANTS[variant]) for variant, row in runs]
+            drawn = [(_label(variant), (row.curves or {})[coefficient], _VARIANTS[variant]) for variant, row in runs]
             draw_panel(axis, drawn, true[coefficient])
             if abs(goal / true[coefficient] - 1.0) > TOLD_APART:
                 axis.axhline(goal, label="least squares, normalised", **_LIMIT)
@@ -93,12 +100,12 @@ def draw_transients(name: str, actuator: Actuator, filters: str = "gbt") -> Any:
     return canvas
 
 
-def _words(variant: str) -> str:
+def _label(variant: str) -> str:
     return variant if variant == "no buffer" else f"buffer, {variant}"
 
 
 def _limit(panels: Any, true: float) -> None:
-    """Show, in a row of panels, where every run begins and all it shows later, unless that is far from the truth."""
+    """Set the limits of a row of panels: the start and all later estimates, cut off far from the true value."""
     shown = [line.get_ydata()[len(line.get_ydata()) // 20 :] for axis in panels for line in axis.get_lines()]
     low, high = min(0.0, *(float(np.min(part)) for part in shown)), max(float(np.max(part)) for part in shown)
     low, high = max(low, -0.4 * true), min(high, 1.8 * true)

@@ -1,14 +1,14 @@
-r"""Measures of an online estimate over a record, coefficient by coefficient, against the true values.
+r"""Measures of an online estimate over a record, for each coefficient, by comparison with the true values.
 
 index
     :math:`J_p = \sum_k (\hat p(t_k) - p)^2`, (21), of the estimate before each sample's own update.
 error
-    Of the last estimate, in percent of the true value.
+    Error of the last estimate, in percent of the true value.
 settled
     Time in s from which on the estimate stays within 10 % of the true value; None if it ends outside.
 roughness
-    Standard deviation over the last tenth of the record about the straight line that fits it best, in percent of the
-    true value: how much the estimate trembles, without how far it still has to go.
+    Standard deviation over the last tenth of the record about the straight line that fits best, in percent of the
+    true value: the scatter of the estimate, without its remaining drift.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ BAND = 0.1  # of the true value, within which an estimate counts as settled
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """An estimate over a record of K samples, whole or thinned; between rows it is taken to stand still.
+    """An estimate over a record of K samples, complete or thinned; between rows it is taken as constant.
 
     Attributes
     ----------
     start : (P,) array
-        Before the first sample.
+        The estimate before the first sample.
     samples : (H,) array of int
-        After how many samples each row was taken, rising.
+        After how many samples each row was taken, ascending.
     parameters : (H, P) array
     length : int
         K.
@@ -47,13 +47,13 @@ class Course:
 
     @classmethod
     def of(cls, trace: Trace) -> Course:
-        """Return the course that a trace holds, every sample of it."""
+        """Return the course of a trace, with every sample."""
         return cls(trace.start, np.arange(1, len(trace) + 1), trace.parameters, len(trace))
 
 
 @dataclass(frozen=True)
 class Measures:
-    """The measures by coefficient; see the module."""
+    """The measures by coefficient, see the description of the module."""
 
     index: Mapping[str, float]
     error: Mapping[str, float]
@@ -67,7 +67,7 @@ class Measures:
 
     @property
     def all_settled(self) -> float | None:
-        """When the last coefficient came to stay within 10 %, in s; None if one did not."""
+        """Time in s from which on every coefficient stays within 10 %; None if one does not."""
         times = [time for time in self.settled.values() if time is not None]
         return max(times) if len(times) == len(self.settled) else None
 
@@ -80,6 +80,14 @@ class Measures:
 def measure(course: Course, true: Mapping[str, float], dt: float) -> Measures:
     """Return the measures of the first ``len(true)`` parameters of a course.
 
+    Parameters
+    ----------
+    course : Course
+    true : dict
+        True values by name, in the order of the parameters.
+    dt : float
+        Sampling time in s.
+
     Examples
     --------
     >>> course = Course(np.zeros(1), np.arange(1, 5), np.array([[1.0], [3.0], [2.1], [2.0]]), length=4)
@@ -89,7 +97,9 @@ def measure(course: Course, true: Mapping[str, float], dt: float) -> Measures:
     """
     values = course.parameters[:, : len(true)]
     target = np.array(list(true.values()))
-    held = np.diff(np.concatenate([[0], course.samples, [course.length]]))  # samples that each estimate, start on, held
+    held = np.diff(
+        np.concatenate([[0], course.samples, [course.length]])
+    )  # samples for which each estimate, from the start on, held
     squares = (np.vstack([course.start[None, : len(true)], values]) - target) ** 2
     relative = (values - target) / np.abs(target)
     tail = course.samples > 0.9 * course.length

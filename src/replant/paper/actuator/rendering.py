@@ -23,20 +23,21 @@ Texts = tuple[str, ...]
 TITLE = "The actuator: twelve online runs, least squares, and replant's default"
 LEGEND = (
     "a2 to b0: error of the last estimate, in percent of the true value.",
-    "filter: gbt is the article's, Tustin and one sample late; exact has no discretisation error; own, the default's.",
-    "normalised: each row of the regression divided by m, (13), as in the online runs.",
-    "J_sum: the article's index (21), summed over the coefficients; a1, the largest, outweighs the others.",
-    "replant's default collects the first tenth of the record for its first estimate; counted as 0 until then, that is "
-    "nearly all of its J.",
+    "filter: gbt is the article's, Tustin's rule and one sample late; exact has no discretisation error; own is the "
+    "default's.",
+    "normalised: each row of the regression is divided by m of (13), as in the online runs.",
+    "J_sum: the article's index (21), summed over the coefficients; a1, the largest coefficient, dominates the sum.",
+    "replant's default makes its first estimate from the first tenth of the record; until then the estimate counts as "
+    "0, which accounts for nearly all of its J.",
     "in 10%: time in s from which on every coefficient stays within 10 % of its true value.",
-    "rough: standard deviation over the last tenth about its own straight line, in percent of the true value; that of "
-    "the roughest coefficient.",
-    "free: fit in percent of the last model, run from the input alone.",
+    "rough: standard deviation over the last tenth of the record about the best straight line, in percent of the true "
+    "value; the largest of the coefficients.",
+    "free: fit in percent of the last model, simulated from the input alone.",
 )
 
 
 def as_json(actuator: Actuator) -> dict[str, dict[str, dict[str, float | None]]]:
-    """Return {row: {index: {ours, published}}}; the article has no such table, so ``published`` is None throughout.
+    """Return {row: {index: {ours, published}}}; ``published`` is None, because the article has no such table.
 
     Indices: J_* (21), error_* [%], settled_* [s], roughness_* [%] by coefficient, J_sum, settled, roughness, and
     free_run [%].  None where there is no figure.
@@ -78,7 +79,7 @@ def measure_tables(actuator: Actuator) -> Iterator[tuple[str, Texts, list[Texts]
 
 
 def as_rich(actuator: Actuator) -> RichTable:
-    """Return a table for the terminal: one section a run, one line a filter; it fits in 80 columns."""
+    """Return a table for the terminal, 80 columns wide: a section for each run, a line for each filter."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
@@ -98,7 +99,7 @@ def as_rich(actuator: Actuator) -> RichTable:
 
 
 def summary(actuator: Actuator) -> list[str]:
-    """Return what the table comes to: discretisation against optimizers, and the default against the best of them."""
+    """Return the conclusions: the effect of discretisation, the best of the optimizers, and the default."""
     best, bettered = (
         {name: min(abs(row.errors[name]) for row in actuator.online_rows(filters)) for name in actuator.record.true}
         for filters in ("gbt", "exact")
@@ -107,13 +108,13 @@ def summary(actuator: Actuator) -> list[str]:
     gbt, exact = (actuator.row(OFFLINE, NORMALISED, filters).errors for filters in ("gbt", "exact"))
     worst = {name: max(abs(row.errors[name]) for row in actuator.elsewhere) for name in default}
     return [
-        f"Normalised least squares, which every optimizer goes for, ends off by {_listed(gbt)} with the article's "
+        f"Normalised least squares, to which every optimizer converges, is off by {_listed(gbt)} with the article's "
         f"filters, by {_listed(exact)} with exact ones.",
-        f"Smallest final error of the article's twelve runs, coefficient by coefficient: "
+        f"Smallest final error of the article's twelve runs, for each coefficient: "
         f"{_listed(best)}; of the same runs with exact filters, {_listed(bettered)}.",
         f"Final error of replant's default: {_listed(default)}.",
-        f"On {len(actuator.elsewhere)} other records of the same rig, other voltage and other noise, it was at most "
-        f"{_listed(worst)}: the creep, which it takes for the slow mode, weighs on a0 and b0.",
+        f"On {len(actuator.elsewhere)} other records of the same rig, with other voltages and other noise, it was at "
+        f"most {_listed(worst)}: the creep, which resembles the slow mode, affects a0 and b0.",
     ]
 
 
@@ -152,7 +153,7 @@ def _markdown(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def _short(value: float | None) -> str:
-    """Write a figure in five characters where it can be.
+    """Return a figure in five characters if possible.
 
     Examples
     --------
@@ -175,7 +176,7 @@ def _scientific(value: float | None) -> str:
 
 
 def _listed(errors: Mapping[str, float]) -> str:
-    """Write errors by name, each with two digits.
+    """Return errors by name, each with two digits.
 
     Examples
     --------

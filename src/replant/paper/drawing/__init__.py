@@ -1,1 +1,1 @@
-"""What all figures of the article share."""
+"""Curves and panels that all figures of the article share."""

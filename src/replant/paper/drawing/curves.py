@@ -50,12 +50,31 @@ def thin(values: FloatArray, points: int = POINTS) -> npt.NDArray[np.intp]:
 
 
 def curve(values: FloatArray, dt: float, points: int = POINTS) -> Curve:
-    """Return a signal (K,) sampled every ``dt`` s from 0 on as a curve."""
+    """Return a signal as a curve.
+
+    Parameters
+    ----------
+    values : (K,) array
+        Samples from time 0 on.
+    dt : float
+        Sampling time in s.
+    points : int
+        See `thin`.
+    """
     kept = thin(values, points)
     return Curve(np.asarray(kept * dt, np.float64), values[kept])
 
 
 def transients(trace: Trace, dt: float, points: int = POINTS) -> dict[str, Curve]:
-    """Return each parameter's estimate over time by name, at t_k the one that (21) counts: before sample k's update."""
+    """Return each parameter's estimate over time, by name; at t_k that of (21), before the update of sample k.
+
+    Parameters
+    ----------
+    trace : Trace
+    dt : float
+        Sampling time in s.
+    points : int
+        See `thin`.
+    """
     before = trace.before()
     return {name: curve(before[:, i], dt, points) for i, name in enumerate(trace.names)}

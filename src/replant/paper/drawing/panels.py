@@ -1,4 +1,4 @@
-"""Panels: how transients are drawn, the same in every figure of the article."""
+"""Panels: the estimates over time, drawn in the same way in every figure of the article."""
 
 from __future__ import annotations
 
@@ -12,7 +12,15 @@ from replant.report.palette import TRUE, open_frame
 
 
 def draw_panel(axis: Any, curves: Iterable[tuple[str, Curve, Mapping[str, Any]]], true: float) -> None:
-    """Draw labelled curves, each in its style, over the true value."""
+    """Draw labelled curves and the true value.
+
+    Parameters
+    ----------
+    axis : matplotlib axes
+    curves : iterable of (str, Curve, dict)
+        Label, curve, and style of each.
+    true : float
+    """
     for label, curve, style in curves:
         axis.plot(curve.t, curve.values, label=label, **style)
     axis.axhline(true, label="true value", **TRUE)
@@ -20,7 +28,17 @@ def draw_panel(axis: Any, curves: Iterable[tuple[str, Curve, Mapping[str, Any]]]
 
 
 def limit(axis: Any, curves: Sequence[Curve], true: float, begin: float) -> None:
-    """Set an axis' limits by what the curves show from ``begin`` s on, with room to either side."""
+    """Set the limits of an axis to the range of the curves from a time on, with a margin.
+
+    Parameters
+    ----------
+    axis : matplotlib axes
+    curves : sequence of Curve
+    true : float
+        True value, which is shown as well.
+    begin : float
+        In s.
+    """
     shown = np.concatenate([curve.values[curve.t >= begin] for curve in curves] + [[true]])
     low, high = float(shown.min()), float(shown.max())
     margin = 0.5 * (high - low) or 0.1 * abs(true)
@@ -28,9 +46,16 @@ def limit(axis: Any, curves: Sequence[Curve], true: float, begin: float) -> None
 
 
 def legend_above(canvas: Any, title: str, columns: int) -> None:
-    """Write the title, and below it one legend of what any panel shows, outside of all.
+    """Write a title above all panels, and below it one legend of all curves.
 
-    It is filled column by column; blanks at its end keep matplotlib from spreading the entries evenly.
+    The legend is filled column by column; blank entries at its end keep matplotlib from distributing them evenly.
+
+    Parameters
+    ----------
+    canvas : matplotlib.figure.Figure
+    title : str
+    columns : int
+        Of the legend.
     """
     from matplotlib.lines import Line2D
 

@@ -67,9 +67,9 @@ class Plant:
         return dict(zip(names, self.den[1:] + self.num, strict=True))
 
     def record(self) -> tuple[FloatArray, FloatArray]:
-        """Return input and output (K,), both simulated from rest by Tustin's rule, the article's alpha of 0.5.
+        """Return input and output (K,), simulated from rest by Tustin's rule: the article's alpha of 0.5.
 
-        With it the output is C (x[k] + x[k+1]) / 2: the state's mean over the interval that begins at t_k.
+        The output is C (x[k] + x[k+1]) / 2, by the mean of the state over the interval that begins at t_k.
         """
         from replant.kernels.filters.simulate import filter_states
 
@@ -109,7 +109,7 @@ class Experiment:
 
     @property
     def structure(self) -> Structure:
-        """The plant's own structure, with the bias if it is identified."""
+        """The structure of the plant, with a bias if one is identified."""
         return Structure(poles=len(self.plant.den) - 1, zeros=len(self.plant.num) - 1, bias=self.bias)
 
     def identifier(self, seed: int = 0) -> Identifier:
@@ -124,7 +124,7 @@ class Experiment:
         )
 
     def indices(self, trace: Trace) -> dict[str, float]:
-        """Return J of each plant parameter and their sum, (21); the bias has no true value, so none of it."""
+        """Return J of each plant parameter and their sum, (21); the bias, which has no true value, is left out."""
         true = self.plant.true
         values = trace.index([true.get(name, np.nan) for name in trace.names])
         indices = {f"J_{name}": float(J) for name, J in zip(trace.names, values, strict=True) if name in true}
@@ -132,7 +132,16 @@ class Experiment:
 
 
 def trace(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, FloatArray] | None = None) -> Trace:
-    """Run an experiment; return the history of its estimate.  Parameters as of `run`."""
+    """Run an experiment; return the estimate after every sample.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    seed : int
+        Of the replay buffer; without effect if there is none.
+    record : tuple of two (K,) arrays, optional
+        Input and output, by default ``experiment.plant.record()``.
+    """
     u, y = experiment.plant.record() if record is None else record
     return experiment.identifier(seed).update_many(u, y)
 
@@ -140,7 +149,16 @@ def trace(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, Float
 def run_seeds(
     experiment: Experiment, seeds: Iterable[int], record: tuple[FloatArray, FloatArray]
 ) -> list[dict[str, float]]:
-    """Run an experiment with each of these seeds, all at once; return for each what `run` does."""
+    """Run an experiment with several seeds at once; return the performance indices of each.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    seeds : iterable of int
+        Of the replay buffer.
+    record : tuple of two (K,) arrays
+        Input and output.
+    """
     ensemble = Ensemble([experiment.identifier(seed) for seed in seeds])
     return [experiment.indices(trace) for trace in ensemble.trace(*record)]
 
@@ -154,7 +172,7 @@ def run(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, FloatAr
     seed : int
         Of the replay buffer; without effect if there is none.
     record : tuple of two (K,) arrays, optional
-        What ``experiment.plant.record()`` returned, for many seeds on one record; simulated if left out.
+        Input and output, by default ``experiment.plant.record()``.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""Figures 1-4 of the article as data, computed from the tables' own experiments and drawn.
+"""Figures 1-4 of the article, computed from the experiments of its tables.
 
-Each shows the parameters' transients, one panel a parameter, for rows of one table; a row with a buffer is drawn with
-the first of the table's seeds.
+Each figure shows the estimates over time, one panel for each parameter, for some rows of one table.  A row with a
+buffer is run with the first of the table's seeds.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from replant.report.palette import (
 
 @dataclass(frozen=True)
 class Line:
-    """One curve of a figure: which row of the table, its words in the legend, and how it looks."""
+    """One curve of a figure: the row of the table, its label in the legend, and its style."""
 
     row: str
     label: str
@@ -41,11 +41,11 @@ class Figure:
     table : Table
     lines : tuple of Line
     units : dict
-        Of each parameter, input and output being of the same unit.
+        Of each parameter, where input and output have the same unit.
     columns, legend_columns : int
         Of panels, and of the legend.
     settled : float
-        The limits hold what the curves show from this part of the record on; what shoots further, leaves the panel.
+        The limits are set by the curves from this part of the record on; larger values before it are cut off.
     """
 
     name: str
@@ -80,7 +80,7 @@ def compute(figure: Figure, on_run: Callable[[], None] = lambda: None) -> Transi
 
 
 def draw(figure: Figure, curves: Transients) -> Any:
-    """Return a matplotlib figure of what `compute` returned, true values dashed."""
+    """Return a matplotlib figure of curves that `compute` returned, with the true values dashed."""
     plant = figure.table.row(figure.lines[0].row).experiment.plant
     rows = -(-len(plant.true) // figure.columns)
     canvas = blank_figure(7.0, 1.0 + 2.1 * rows)

@@ -1,7 +1,7 @@
 """Tables 1-4 of the article as data: the settings of each row and its published figures.
 
-Where the article is silent or its text disagrees with its figures, the settings are those with which the figures come
-out; each table's notes name them.
+Where the article does not print a setting, or its text contradicts its figures, the setting is one that reproduces the
+figures; the notes of each table name it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Row:
     Attributes
     ----------
     label : str
-        As the article has it, and the batch for a row with buffer.
+        That of the article, with the batch for a row with buffer.
     experiment : Experiment
     published : tuple of float
         The printed figures, three digits each, in the order of the table's ``indices``.
@@ -35,7 +35,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Improvement:
-    """What the article's text says of a table: J_sum of row ``of`` is so many percent below that of row ``over``."""
+    """A claim of the article: J_sum of row ``of`` is ``published`` percent below that of row ``over``."""
 
     over: str
     of: str
@@ -50,12 +50,12 @@ class Table:
     ----------
     name, title : str
     heading : str
-        What the rows' labels are.
+        Heading of the column of labels.
     indices : tuple of str
         The table's figures, "J_a0" to "J_sum".
     rows : tuple of Row
     notes : tuple of str
-        Which settings are not, or not as, printed.
+        Settings that the article does not print, or prints differently.
     improvement : Improvement, optional
     """
 
@@ -68,7 +68,13 @@ class Table:
     improvement: Improvement | None = None
 
     def row(self, label: str) -> Row:
-        """Return the row with this label; KeyError if there is none."""
+        """Return the row with this label.
+
+        Raises
+        ------
+        KeyError
+            If there is none.
+        """
         for row in self.rows:
             if row.label == label:
                 return row
@@ -113,9 +119,9 @@ TABLE_1 = Table(
         Row("Gradient, no buffer", _g1(Gradient(2.0)), (8.41e2, 1.64e3, 2.48e3)),
     ),
     notes=(
-        "The article prints a batch of 20; its figures come out with 10 updates a sample. Both are shown; "
+        "The article prints a batch of 20, but 10 updates a sample reproduce its figures. Both are shown; "
         "with 20, J is lower.",
-        "The scaling, which the article does not print, is the one with which its figures come out.",
+        "The article does not print the scaling; this one reproduces its figures.",
     ),
 )
 
@@ -132,7 +138,7 @@ TABLE_2 = Table(
         Row("Gradient, amplitude 1", _g1(Gradient(2.0)), (8.41e2, 1.64e3, 2.48e3)),
         Row("Gradient, amplitude 0.1", _g1(Gradient(2.0), amplitude=0.1), (2.53e3, 1.36e4, 1.61e4)),
     ),
-    notes=("The scaling is that of Table 1, whatever the amplitude.",),
+    notes=("The scaling is that of Table 1 for every amplitude.",),
 )
 
 TABLE_3 = Table(
@@ -150,8 +156,8 @@ TABLE_3 = Table(
         ),
     ),
     notes=(
-        "The article's list of sigmas is taken in the order b1, b0, a1, a0, with which its figures come out; "
-        "that is not the order of its Appendix A.",
+        "The article's list of sigmas is taken in the order b1, b0, a1, a0, which reproduces its figures; "
+        "its Appendix A has another order.",
     ),
     improvement=Improvement(over="one", of="adjusted", published=57.68),
 )
@@ -166,8 +172,8 @@ TABLE_4 = Table(
         Row("without", _drifting(bias=False), (8.91e3, 7.56e2, 9.66e3)),
     ),
     notes=(
-        "The constant in the regressor is 0.1, as the article has it for its actuator, not the 1 of (24); "
-        "with it the figures come out.",
+        "The constant in the regressor is 0.1, as for the article's actuator, not the 1 of (24): 0.1 reproduces the "
+        "figures.",
     ),
 )
 

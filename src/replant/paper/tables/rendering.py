@@ -24,9 +24,9 @@ COLUMNS = ("index", "ours", "std", "published", "match")
 
 
 def as_json(results: Sequence[TableResult]) -> dict[str, dict[str, dict[str, dict[str, Any]]]]:
-    """Return {table: {row: {index: {ours, published, agrees}}}}, of a row with buffer std and seeds as well.
+    """Return {table: {row: {index: {ours, published, agrees}}}}; a row with buffer has std and seeds as well.
 
-    ``ours`` of a row with buffer is the mean over the seeds; ``agrees`` is `Cell.agrees`.
+    For a row with buffer ``ours`` is the mean over the seeds.  ``agrees`` is `Cell.agrees`.
     """
     return {
         result.table.name: {
@@ -53,14 +53,14 @@ def as_markdown(results: Sequence[TableResult]) -> str:
 
 
 def as_rich(result: TableResult) -> RichTable:
-    """Return a table for the terminal, without title and notes: one section a row, one line a figure."""
+    """Return a table for the terminal without title and notes: a section for each row, a line for each figure."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
     buffered = _has_std(result)
     table = Table(box=box.SIMPLE_HEAD, show_lines=True, pad_edge=False)
-    table.add_column(result.table.heading)  # the one that wraps on a narrow terminal
+    table.add_column(result.table.heading)  # wraps on a narrow terminal
     for name in COLUMNS:
         if buffered or name != "std":
             table.add_column(name, justify="left" if name in ("index", "match") else "right", no_wrap=True)
@@ -73,7 +73,7 @@ def as_rich(result: TableResult) -> RichTable:
 
 
 def notes(result: TableResult) -> list[str]:
-    """Return what a reader of this table must know."""
+    """Return the notes to a table."""
     lines = list(result.table.notes)
     seeds = max(row.seeds for row in result.rows)
     if seeds > 1:
@@ -82,13 +82,13 @@ def notes(result: TableResult) -> list[str]:
         printed, ours = result.improvement
         lines.append(
             f"The article's text gives the improvement of J_sum as {result.table.improvement.published} %. "
-            f"That does not follow from its own table, which gives {printed:.1f} %; ours gives {ours:.1f} %."
+            f"By its own table the improvement is {printed:.1f} %, by ours {ours:.1f} %."
         )
     return lines
 
 
 def summary(results: Sequence[TableResult]) -> list[str]:
-    """Return how many figures agree: of the rows without buffer, then of those with one, batch by batch."""
+    """Return how many figures agree: for the rows without buffer, then for those with a buffer, by batch size."""
     rows = [row for result in results for row in result.rows]
     lines = []
     for batch in sorted({row.batch for row in rows}, key=lambda batch: batch or 0):

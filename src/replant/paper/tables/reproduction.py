@@ -1,7 +1,7 @@
-"""Reproduction: run a table's experiments and put the figures beside the published ones.
+"""Reproduction: run the experiments of a table and compare the figures with the published ones.
 
-A row without a buffer has no chance in it and is run once.  A row with one is run over many seeds; its figure is the
-mean, and the standard deviation says how far the article's single run may lie from it.
+A row without a buffer is deterministic and is run once.  A row with a buffer is run with many seeds; its figure is the
+mean, and the standard deviation is that of a single run such as the article's.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ LIMIT = 3.0
 
 @dataclass(frozen=True)
 class Cell:
-    """One figure of a table: ours and the published one.
+    """A figure of a table, ours and the published one.
 
     Attributes
     ----------
     index : str
-        "J_a0" or the like.
+        The name of the index, such as "J_a0".
     ours : float
-        Of a row with buffer, the mean over the seeds.
+        For a row with buffer, the mean over the seeds.
     published : float
     std : float, optional
         Standard deviation over the seeds; None for a row without buffer.
@@ -64,7 +64,7 @@ class Cell:
 
     @property
     def verdict(self) -> str:
-        """The comparison in a word or three."""
+        """The result of the comparison: "equal", "differs", "within 3 std", or how many std away."""
         if self.distance is None:
             return "equal" if self.agrees else "differs"
         if self.agrees:
@@ -74,7 +74,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class RowResult:
-    """A row of a table with our figures; ``seeds`` is the number of runs, 1 without a buffer."""
+    """A row of a table with our figures; ``seeds`` is the number of runs: 1 without a buffer."""
 
     row: Row
     cells: tuple[Cell, ...]
@@ -82,7 +82,7 @@ class RowResult:
 
     @property
     def batch(self) -> int | None:
-        """The batch of a row with buffer; None without."""
+        """The batch size of a row with buffer; None without a buffer."""
         replay = self.row.experiment.replay
         return None if replay is None else replay.batch_size
 
@@ -102,7 +102,7 @@ class TableResult:
 
     @property
     def improvement(self) -> tuple[float, float] | None:
-        """The improvement of J_sum in percent: by the article's own table, and by ours; None if none is claimed."""
+        """The improvement of J_sum in percent, by the article's table and by ours; None if the article claims none."""
         claim = self.table.improvement
         if claim is None:
             return None
@@ -136,7 +136,7 @@ def runs(table: Table, seeds: int = SEEDS) -> int:
 
 
 def three_digits(value: float) -> str:
-    """Return a figure as the article prints it.
+    """Return a figure with three digits, as the article prints it.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-// The time plots: drawn by uPlot, all of one time axis; zoomed by mouse, by keyboard and by button.
+// The time plots, drawn by uPlot on one common time axis, zoomed by mouse, keyboard and buttons.
 (() => {
   "use strict";
   const sections = JSON.parse(document.getElementById("data").textContent);
@@ -59,7 +59,7 @@
   };
   const keys = { ArrowLeft: "left", ArrowRight: "right", "+": "in", "=": "in", "-": "out", Escape: "all", Home: "all" };
 
-  // the scale of y: as prepared while all of the time is shown, else what is in sight
+  // the limits of y: the prepared ones while the whole time is shown, else those of the visible samples
   const fitted = plan => (chart, low, high) => {
     if (plan.limits && shown[0] === full[0] && shown[1] === full[1]) return plan.limits;
     if (low == null || !isFinite(low) || !isFinite(high)) return plan.limits || [0, 1];
@@ -109,7 +109,7 @@
     return value;
   });
 
-  // what takes no part in fit and offset, behind the curves
+  // shade the samples that fit and offset leave out, behind the curves
   const shade = plan => chart => {
     const { ctx, bbox } = chart, [low, high] = [bbox.left, bbox.left + bbox.width];
     ctx.save();
@@ -188,7 +188,7 @@
 
   try {
     for (const plan of plans) made.push(build(plan));
-  } catch (error) { // the pictures that stand still take their place
+  } catch (error) { // the static pictures take their place
     document.documentElement.classList.remove("script");
     throw error;
   }

@@ -1,4 +1,4 @@
-"""Figures of a result, drawn with matplotlib into axes of yours or into a figure of their own, and returned.
+"""Figures of a result, drawn with matplotlib into given axes or into a new figure; the axes are returned.
 
 Examples
 --------
@@ -34,7 +34,7 @@ from replant.report.figures.style import (
     TRUTH,
 )
 from replant.report.figures.time import draw_excitation, draw_fit, draw_transients
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 __all__ = [
     "INK",
@@ -65,7 +65,29 @@ def save_figures(
     output_label: str = "output",
     truth: Sequence[float] | None = None,
 ) -> list[Path]:
-    """Draw fit and transients of ``result`` into ``folder`` as PNG and return their paths."""
+    """Draw the fit and the parameter estimates over time as PNG files, and return their paths.
+
+    Parameters
+    ----------
+    folder : Path
+        Created if missing.
+    result : Result
+    u, y : (K,) arrays
+        Raw input and output.
+    dt : float
+        Sampling time in s.
+    input_label, output_label : str
+        With the unit in brackets at the end, if it is known.
+    truth : (P,) sequence, optional
+        True parameters, of a simulated plant.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If ``u`` and ``y`` are not the record of the result.
+    MissingDependencyError
+        If matplotlib is not installed.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     labels = {"input_label": input_label, "output_label": output_label}
     drawn = {"fit": draw_fit(result, u, y, dt, **labels)}

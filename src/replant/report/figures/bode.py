@@ -10,7 +10,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.report.figures import style
 from replant.report.figures.poles import usable_uncertainty
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 POINTS = 400
 WIDEST_DB, WIDEST_DEGREES = 60.0, 180.0  # half-width at which a band is cut: beyond it nothing is known anyway
@@ -19,7 +19,7 @@ WIDEST_DB, WIDEST_DEGREES = 60.0, 180.0  # half-width at which a band is cut: be
 def draw_bode(
     result: Result, dt: float, *, axes: Any = None, input_label: str = "input", output_label: str = "output"
 ) -> Any:
-    """Draw magnitude and phase over the angular frequency, up to Nyquist's, with +-2 sigma where it is known.
+    """Draw magnitude and phase over angular frequency up to the Nyquist frequency, with a band of +-2 sigma if known.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def draw_bode(
     axes : two matplotlib axes, optional
         Drawn into; without them a figure is made.
     input_label, output_label : str
-        With the unit in brackets at the end, where it is known.
+        With the unit in brackets at the end, if it is known.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def draw_bode(
         style.tidy(axis)
     if not np.isfinite(magnitude).all():
         for axis in (top, bottom):
-            style.say(axis, "G(s) has no response to show")
+            style.say(axis, "the response of G(s) is not finite")
         return np.array([top, bottom], dtype=object)
     phase = np.degrees(np.unwrap(np.angle(response)))
     phase -= 360.0 * round(float(phase[0]) / 360.0)
@@ -62,7 +62,7 @@ def draw_bode(
 
 
 def frequencies(result: Result, dt: float) -> FloatArray:
-    """Return angular frequencies (F,) from well below the slowest root to well above the fastest, or to Nyquist's."""
+    """Return angular frequencies (F,) from 1/30 of the slowest root to 30 times the fastest, at most Nyquist's."""
     model = result.transfer_function
     sizes = np.abs(np.concatenate([model.poles, model.zeros]))
     nyquist = math.pi / dt

@@ -1,4 +1,4 @@
-"""What is left unexplained: the residual's correlation with itself and with the input."""
+"""The residual's correlations with itself and with the input, with their confidence limits."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ FEW = 60  # lags that can be told apart as stems
 def draw_correlations(found: Correlations | None, dt: float, *, axes: Any = None) -> Any:
     """Draw the residual's autocorrelation and its cross-correlation with the input, with 95 and 99 % limits.
 
-    A model that explains the record leaves 95 % of the lags within the inner limits.  Cross-correlation at negative
-    lags, input after residual, tells of feedback.
+    For a model that explains the record, 95 % of the lags lie within the inner limits.  Cross-correlation at negative
+    lags, where the input follows the residual, indicates feedback.
 
     Parameters
     ----------
@@ -37,14 +37,14 @@ def draw_correlations(found: Correlations | None, dt: float, *, axes: Any = None
     if axes is None:
         axes = style.new_axes(1, 2, (9.6, 3.4))
     left, right = style.given(axes, 2)
-    left.set_title("residual with itself", loc="left", color=style.INK, fontsize="medium")
+    left.set_title("autocorrelation of the residual", loc="left", color=style.INK, fontsize="medium")
     right.set_title("input with later residual", loc="left", color=style.INK, fontsize="medium")
     for axis in (left, right):
         style.tidy(axis)
         axis.set_xlabel("lag [s]")
         axis.set_ylabel("correlation")
         if found is None:
-            style.say(axis, "nothing to correlate")
+            style.say(axis, "too few samples, or a constant signal")
     if found is not None:
         lags = found.auto.size - 1
         _correlation(left, found.auto, 0, found.auto_std, dt)
@@ -56,7 +56,9 @@ def draw_correlations(found: Correlations | None, dt: float, *, axes: Any = None
 
 
 def reach(auto: FloatArray, std: float) -> float | None:
-    """Return how far the axis of an autocorrelation reaches where its limits would not be seen beside the 1 at lag 0.
+    """Return half the height of an autocorrelation's axis, if its limits would be too small beside the 1 at lag 0.
+
+    None if they can be seen on an axis that reaches to 1.
 
     Examples
     --------
@@ -78,7 +80,7 @@ def _correlation(axis: Any, values: FloatArray, first: int, std: float, dt: floa
     else:
         drawn = thin(values, 1200)
         axis.plot(dt * first + drawn.times(dt), drawn.values, color=style.RESIDUAL, lw=1.2)
-        for limit in (-BAND_95 * std, BAND_95 * std):  # again, where the curve may cover them
+        for limit in (-BAND_95 * std, BAND_95 * std):  # drawn again, because the curve may cover the bands
             axis.axhline(limit, color=style.INK, lw=0.8, ls=(0, (4, 3)))
     axis.set_xlim(dt * (first - 0.5), dt * (first + values.size - 0.5))
     style.legend(axis, 2)

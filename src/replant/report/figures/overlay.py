@@ -1,4 +1,4 @@
-"""Several methods over time, one upon the other."""
+"""The estimates of several methods over time, in common axes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from replant.report.figures import style
-from replant.runs.run import Result
+from replant.runs.result import Result
 from replant.runs.thinning import thin
 
 WIDEST = 1.5  # how far a panel reaches about the reference at the least, as a part of its size
@@ -24,23 +24,23 @@ def draw_overlay(
     input_label: str = "input",
     output_label: str = "output",
 ) -> Any:
-    """Draw each parameter's estimate over time by several methods, with its band of +-2 sigma where that is known.
+    """Draw each parameter's estimate over time by several methods, with its band of +-2 sigma if known.
 
-    A method of the whole record is a level line; one that had an estimate at the end only, a dot.
+    A fit of the whole record is a horizontal line; a method with an estimate only at the end is a dot.
 
     Parameters
     ----------
     results : dict of Result
-        By the name of the method, all of one structure.
+        By the name of the method; all of the same structure.
     dt : float
         Sampling time in s.
     reference : str, optional
-        The method about whose last estimate the panels are laid out, the first where left out: what shoots far
-        beyond it leaves the panel.
+        The method whose last estimate sets the limits of the panels, by default the first: curves far beyond it are
+        cut off.
     axes : P matplotlib axes, optional
         Drawn into; without them a figure is made.
     input_label, output_label : str
-        With the unit in brackets at the end, where it is known; of the input behind its map.
+        With the unit in brackets at the end, if it is known; of the input after its map.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def _draw(axis: Any, result: Result, i: int, dt: float, end: float, name: str, c
             axis.plot([0.0, end], [last, last], **look)
         return
     begin = style.first_estimate(history)
-    if begin == history.samples.size:  # nothing but the solution at the end
+    if begin == history.samples.size:  # only the solution at the end
         axis.plot([end], [last], marker="o", clip_on=False, **look)
         return
     t = np.asarray(history.samples[begin:] * dt, np.float64)
@@ -94,7 +94,15 @@ def _draw(axis: Any, result: Result, i: int, dt: float, end: float, name: str, c
 
 
 def limits(others: Sequence[Result], reference: Result, i: int) -> tuple[float, float]:
-    """Return limits that show where the reference goes, and the others as far as they stay within reason of it."""
+    """Return the limits of a panel: the reference is shown completely, the others as far as they stay near it.
+
+    Parameters
+    ----------
+    others : sequence of Result
+    reference : Result
+    i : int
+        Index of the parameter.
+    """
     low, high = _settled(reference, i)
     middle = float(reference.parameters[i])
     ends = [abs(float(other.parameters[i]) - middle) for other in others]
@@ -113,7 +121,7 @@ def _settled(result: Result, i: int) -> tuple[float, float]:
 
 
 def legend_columns(count: int, most: int) -> int:
-    """Return how many columns a legend of ``count`` entries takes so that its rows are about as long.
+    """Return how many columns, at most ``most``, give a legend of ``count`` entries rows of about equal length.
 
     Examples
     --------

@@ -10,14 +10,14 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.model.uncertainty import Uncertainty
 from replant.report.figures import style
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 UNSTABLE = 1e12  # the right half-plane is shaded as far as anybody may look
 RADIUS_95 = 2.448  # of the 95 % ellipse of two normal variables, in standard deviations
 
 
 def draw_poles_and_zeros(result: Result, *, ax: Any = None) -> Any:
-    """Draw poles (crosses) and zeros (circles), with ellipses that hold 95 % where a covariance is known.
+    """Draw poles (crosses) and zeros (circles), with their 95 % confidence ellipses if a covariance is known.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def draw_poles_and_zeros(result: Result, *, ax: Any = None) -> Any:
     style.tidy(axis)
     roots = np.concatenate([model.poles, model.zeros])
     if not (np.isfinite(roots).all() and np.abs(roots).max() < style.FARTHEST):
-        style.say(axis, "too far out to draw")
+        style.say(axis, "not finite, or too large to draw")
         return axis
     axis.axvspan(0.0, UNSTABLE, color=style.GRID, alpha=0.45, lw=0)
     axis.axhline(0, color=style.MUTED, lw=0.8)
@@ -61,21 +61,20 @@ def regions(result: Result) -> list[tuple[complex, FloatArray]]:
     if known is None:
         return []
     found = []
-    with np.errstate(all="ignore"):  # at a double root a region has no bounds
+    with np.errstate(all="ignore"):  # at a double root the region is unbounded
         modes = known.modes
     for mode in modes:
         found.append((mode.mode.pole, mode.covariance))
         if mode.mode.pole.imag > 0:
             mirror = np.array([[1.0, -1.0], [-1.0, 1.0]])
             found.append((mode.mode.pole.conjugate(), mode.covariance * mirror))
-    n, m = result.structure.poles, result.structure.zeros
-    numerator = known.covariance[n : n + m + 1, n : n + m + 1]
+    numerator = known.covariance[result.structure.numerator, result.structure.numerator]
     num = result.transfer_function.num
     return found + [(zero, zero_covariance(num, numerator, zero)) for zero in result.transfer_function.zeros.tolist()]
 
 
 def usable_uncertainty(result: Result) -> Uncertainty | None:
-    """Return the uncertainty of a result; None where it has no covariance, or one that is not finite."""
+    """Return the uncertainty of a result; None if it has no covariance, or one that is not finite."""
     if result.covariance is None or not np.isfinite(result.covariance).all():
         return None
     return Uncertainty(result.structure, result.parameters, result.covariance)
@@ -83,6 +82,15 @@ def usable_uncertainty(result: Result) -> Uncertainty | None:
 
 def zero_covariance(num: FloatArray, covariance: FloatArray, zero: complex) -> FloatArray:
     """Return the covariance (2, 2) of a zero's real and imaginary part: N(z) = 0 gives dz/db_i = -z^i / N'(z).
+
+    Parameters
+    ----------
+    num : (m + 1,) array
+        Numerator N, descending powers of s.
+    covariance : (m + 1, m + 1) array
+        Of ``num``.
+    zero : complex
+        In rad/s.
 
     Examples
     --------

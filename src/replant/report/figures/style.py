@@ -1,4 +1,4 @@
-"""What the figures share: colours, axes without clutter, tick labels, and symbols of parameters and their units."""
+"""Style of the figures: colours, axes, tick labels, limits, and the symbols and units of parameters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from replant.interop.units import without_unit
 from replant.model.structure import Structure
 from replant.report.numbers import number
 from replant.report.palette import BLUE, VERMILION, blank_figure
-from replant.runs.run import History, Result
+from replant.runs.result import History, Result
 
 # what was measured is wide and pale, the model thin and dark: told apart in grey as well
 MEASURED, MODEL, RESIDUAL, INPUT, TRUTH = "#8d99a3", VERMILION, BLUE, "#00785a", "#000000"
@@ -37,12 +37,27 @@ _SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 def new_axes(rows: int, columns: int, size: tuple[float, float], **options: Any) -> Any:
-    """Return an array (rows, columns) of axes on a new figure of ``size`` inches."""
+    """Return an array (rows, columns) of axes on a new figure.
+
+    Parameters
+    ----------
+    rows, columns : int
+    size : tuple of two floats
+        Width and height in inches.
+    **options
+        Passed on to `matplotlib.figure.Figure.subplots`.
+    """
     return blank_figure(*size).subplots(rows, columns, squeeze=False, **options)
 
 
 def given(axes: Any, count: int) -> list[Any]:
-    """Return ``axes``, one or any nesting of several, as a list of ``count``."""
+    """Return ``axes``, one or any nesting of several, as a list of ``count``.
+
+    Raises
+    ------
+    ValueError
+        If there are not as many.
+    """
     found = list(np.asarray(axes, dtype=object).ravel())
     if len(found) != count:
         raise ValueError(f"axes must be {count} axes, got {len(found)}")
@@ -50,7 +65,7 @@ def given(axes: Any, count: int) -> list[Any]:
 
 
 def tidy(axis: Any, *, grid: bool = True) -> None:
-    """Leave an axis with what is needed to read it."""
+    """Remove the top and right spine of an axis, set its colours and tick labels, and draw a grid."""
     axis.spines[["top", "right"]].set_visible(False)
     axis.spines[["left", "bottom"]].set_color(MUTED)
     axis.tick_params(colors=MUTED, which="both")
@@ -65,14 +80,14 @@ def tidy(axis: Any, *, grid: bool = True) -> None:
 
 
 def _plain(axis: Any) -> None:
-    """Label a linear axis with whole numbers, not with what is left of them beside an offset."""
+    """Label a linear axis with complete numbers, not with differences from an offset."""
     from matplotlib.ticker import FuncFormatter
 
     axis.set_major_formatter(FuncFormatter(lambda value, _: number(value, 8)))
 
 
 def label_time(axes: list[Any]) -> None:
-    """Name the time below every axis that has none beneath it."""
+    """Label the time axis of the lowest axis in each column."""
     places = [axis.get_subplotspec() for axis in axes]
     for axis, place in zip(axes, places, strict=True):
         beneath = place is not None and any(
@@ -84,7 +99,7 @@ def label_time(axes: list[Any]) -> None:
 
 
 def legend(axis: Any, columns: int) -> None:
-    """Put the legend above the axis, where it hides nothing."""
+    """Put the legend above the axis, outside of the plot."""
     axis.legend(
         loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, frameon=False, borderaxespad=0.1, labelcolor=INK,
         handlelength=1.6, columnspacing=1.4,
@@ -92,14 +107,14 @@ def legend(axis: Any, columns: int) -> None:
 
 
 def say(axis: Any, words: str) -> None:
-    """Write ``words`` where a curve would be, had it anything to show."""
+    """Write ``words`` in the middle of an axis that has no curve to show."""
     axis.text(0.5, 0.5, words, transform=axis.transAxes, ha="center", va="center", color=MUTED)
     axis.set_xticks([])
     axis.set_yticks([])
 
 
 def logarithmic(axis: Any) -> None:
-    """Label a logarithmic axis (an x- or y-axis of matplotlib) in plain figures."""
+    """Label the decades of a logarithmic axis, an x- or y-axis of matplotlib."""
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
     axis.set_major_formatter(FuncFormatter(lambda value, _: power_of_ten(value)))
@@ -121,7 +136,7 @@ def power_of_ten(value: float) -> str:
 
 
 def symbol(name: str) -> str:
-    """Return a parameter's name as it is written by hand.
+    """Return a parameter's name with its index as subscript.
 
     Examples
     --------
@@ -132,7 +147,13 @@ def symbol(name: str) -> str:
 
 
 def symbols(structure: Structure, input_label: str, output_label: str) -> list[str]:
-    """Return each parameter's symbol with its unit, in the order of the names; b has one where both signals have.
+    """Return each parameter's symbol with its unit, in the order of the names.
+
+    Parameters
+    ----------
+    structure : Structure
+    input_label, output_label : str
+        With the unit in brackets at the end; b has a unit only if both signals have one.
 
     Examples
     --------
@@ -162,15 +183,15 @@ def gain_unit(input_label: str, output_label: str) -> str:
 
 
 def plant_input(result: Result, label: str) -> str:
-    """Return the label of the input behind the input map, which the gain of G(s) refers to.
+    """Return the label of the mapped input, which is the input of G(s).
 
-    Where the map is not known, of an offline fit, the label is taken to be that of the mapped input.
+    The map of an offline fit is not known: the label is taken to be that of the mapped input.
     """
     return mapped_label(label, result.settings.preprocess.input_map if result.settings else "identity")
 
 
 def mapped_label(label: str, input_map: object) -> str:
-    """Return an input's label behind its map; a map of the user's own leaves no unit.
+    """Return the label of a mapped input; after a map of the user's own it has no unit.
 
     Examples
     --------
@@ -185,20 +206,20 @@ def mapped_label(label: str, input_map: object) -> str:
 
 
 def first_estimate(history: History) -> int:
-    """Return the first row with an estimate: zero throughout is none, samples are held back until there is one."""
+    """Return the first row with an estimate: during start-up, rows are zero."""
     moved = (history.parameters != 0.0).any(axis=1)
     return int(moved.argmax()) if moved.any() else history.samples.size
 
 
 def estimates(history: History) -> FloatArray:
-    """Return the estimate over time (H, P), NaN as long as there is none."""
+    """Return the estimate over time (H, P), NaN before the first one."""
     values = history.parameters.copy()
     values[: first_estimate(history)] = np.nan
     return values
 
 
 def settled_limits(values: FloatArray, extra: Sequence[float] = ()) -> tuple[float, float]:
-    """Return limits that show where an estimate goes, not how far it first shot: its last nine tenths and ``extra``."""
+    """Return limits that show the last nine tenths of an estimate, and the values ``extra``."""
     shown = np.concatenate([values[values.size // 10 :], np.asarray(extra, np.float64)])
     shown = np.clip(shown[np.isfinite(shown)], -FARTHEST, FARTHEST)
     if shown.size == 0:
@@ -209,7 +230,16 @@ def settled_limits(values: FloatArray, extra: Sequence[float] = ()) -> tuple[flo
 
 
 def near_the_end(values: FloatArray, std: FloatArray | None, true: float | None) -> list[float]:
-    """Return what limits must show beside the estimate: the last band, and the true value."""
+    """Return the values that the limits must show besides the estimate: its last band, and the true value.
+
+    Parameters
+    ----------
+    values : (H,) array
+        The estimate over time.
+    std : (H,) array or None
+        Its standard deviation.
+    true : float or None
+    """
     shown = [] if true is None else [true]
     if std is not None and values.size and math.isfinite(std[-1]):
         shown += [float(values[-1] - SIGMAS * std[-1]), float(values[-1] + SIGMAS * std[-1])]
@@ -217,7 +247,7 @@ def near_the_end(values: FloatArray, std: FloatArray | None, true: float | None)
 
 
 def residual_limits(residual: FloatArray, measured: FloatArray) -> tuple[float, float]:
-    """Return limits about zero that show the residual, as far as it stays within reason of the measured signal."""
+    """Return limits symmetric about zero that show the residual, at most twice the range of the measured signal."""
     finite, known = (np.clip(each[np.isfinite(each)], -FARTHEST, FARTHEST) for each in (residual, measured))
     span = float(np.abs(finite).max()) if finite.size else 0.0
     if span == 0.0:
@@ -227,7 +257,7 @@ def residual_limits(residual: FloatArray, measured: FloatArray) -> tuple[float, 
 
 
 def output_limits(measured: FloatArray, *others: FloatArray) -> tuple[float, float]:
-    """Return limits that show the measured signal whole, and others as far as they stay within reason of it."""
+    """Return limits that show the measured signal completely, and others up to its range beyond it."""
     finite = np.clip(measured[np.isfinite(measured)], -FARTHEST, FARTHEST)
     if finite.size == 0:
         return -1.0, 1.0
@@ -239,6 +269,6 @@ def output_limits(measured: FloatArray, *others: FloatArray) -> tuple[float, flo
         if known.size:
             bottom, top = min(bottom, float(known.min())), max(top, float(known.max()))
     bottom, top = max(bottom, low - span), min(top, high + span)
-    if top - bottom <= LEVEL * max(abs(low), abs(high)):  # what rounding leaves is not worth an axis
+    if top - bottom <= LEVEL * max(abs(low), abs(high)):  # the signal moves by rounding only
         bottom, top = bottom - 0.5 * (abs(high) or 1.0), top + 0.5 * (abs(high) or 1.0)
     return bottom - 0.05 * (top - bottom), top + 0.05 * (top - bottom)

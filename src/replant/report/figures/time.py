@@ -1,4 +1,4 @@
-"""Figures over time: the fit with its residual, the parameters' transients, the excitation."""
+"""Figures over time: the fit with its residual, the parameter estimates, and the excitation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from replant.assessment import WORST_CONDITION
 from replant.errors import InvalidArgumentError
 from replant.report.diagnostics import Excitation
 from replant.report.figures import style
-from replant.runs.run import Result
+from replant.runs.result import Result
 from replant.runs.thinning import Thinned, thin
 
 
@@ -26,23 +26,28 @@ def draw_fit(
     input_label: str = "input",
     output_label: str = "output",
 ) -> Any:
-    """Draw input, measured and simulated output, and their difference, over time; what takes no part is shaded.
+    """Draw input, measured and simulated output, and the residual over time; samples left out are shaded.
 
     Parameters
     ----------
     result : Result
     u, y : (K,) arrays
-        Raw input and output; the newest, of a record too long to be held, which is drawn from its overview.
+        Raw input and output.  Of a record that is too long for memory, the newest samples: its overview is drawn.
     dt : float
         Sampling time in s.
     axes : three matplotlib axes, optional
         Drawn into; without them a figure is made.
     input_label, output_label : str
-        With the unit in brackets at the end, where it is known.
+        With the unit in brackets at the end, if it is known.
 
     Returns
     -------
     array of three axes
+
+    Raises
+    ------
+    InvalidArgumentError
+        If ``u`` and ``y`` are not the record of the result.
     """
     if axes is None:
         axes = style.new_axes(3, 1, (9, 6.6), sharex=True, height_ratios=(1, 2, 1))
@@ -78,7 +83,7 @@ def draw_fit(
 
 
 def _shown(result: Result, u: FloatArray, y: FloatArray) -> list[Thinned]:
-    """Return input, measured and simulated output, and their difference, as they are drawn."""
+    """Return input, measured and simulated output, and residual, thinned for drawing."""
     shown, model = result.overview, result.simulation.output
     if shown is None:
         return [thin(signal, style.SHOWN) for signal in (u, y, model, result.residual(y))]
@@ -94,7 +99,7 @@ def draw_transients(
     input_label: str = "input",
     output_label: str = "output",
 ) -> Any:
-    """Draw each parameter's estimate over time, its band of +-2 sigma, and the true value where it is known.
+    """Draw each parameter's estimate over time, its band of +-2 sigma, and the true value if known.
 
     Parameters
     ----------
@@ -106,6 +111,8 @@ def draw_transients(
         True parameters.
     axes : P matplotlib axes, optional
         Drawn into; without them a figure is made.
+    input_label, output_label : str
+        With the unit in brackets at the end, if it is known.
 
     Returns
     -------
@@ -142,7 +149,7 @@ def draw_transients(
 def _transient(axis: Any, t: FloatArray, values: FloatArray, std: FloatArray | None, true: float | None) -> None:
     axis.set_xlim(0.0, float(t[-1]))
     if abs(float(values[-1])) > style.FARTHEST:
-        style.say(axis, "beyond every scale")
+        style.say(axis, "diverged: too large to draw")
         return
     if not np.isfinite(values).any():
         style.say(axis, "no estimate")
@@ -160,9 +167,9 @@ def _transient(axis: Any, t: FloatArray, values: FloatArray, std: FloatArray | N
 
 
 def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None) -> Any:
-    """Draw how well each window of the record tells the parameters apart.
+    """Draw how well the samples of each window of a record determine the parameters.
 
-    What cannot be told from none is drawn at the edge: an eigenvalue below 1e-12, a condition number above 1e10.
+    Values that are rounding errors are drawn at the edge: eigenvalues below 1e-12, condition numbers above 1e10.
 
     Parameters
     ----------
@@ -186,14 +193,14 @@ def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None) ->
     for axis in (top, bottom):
         style.tidy(axis)
         if found is None:
-            style.say(axis, "no regressors to judge")
+            style.say(axis, "no regressors")
     if found is None:
         return np.array([top, bottom], dtype=object)
     t = np.asarray(found.samples * dt, np.float64)
     _decades(top, t, np.clip(found.smallest, style.NO_EXCITATION, None), style.INPUT)
     _decades(bottom, t, np.clip(found.condition, None, style.NO_CONDITION), style.RESIDUAL, lowest=0.0)
     if found.condition.max() > WORST_CONDITION / 100:
-        bottom.axhline(WORST_CONDITION, color=style.MODEL, lw=1.1, ls=(0, (5, 3)), label="too poor to identify from")
+        bottom.axhline(WORST_CONDITION, color=style.MODEL, lw=1.1, ls=(0, (5, 3)), label="limit for identification")
         style.legend(bottom, 1)
     return np.array([top, bottom], dtype=object)
 
@@ -211,7 +218,7 @@ def _curve(axis: Any, drawn: Thinned, dt: float, **look: Any) -> None:
 
 
 def _shade(axis: Any, left_out: FloatArray) -> None:
-    """Shade from when to when samples take no part (L, 2)."""
+    """Shade the stretches (L, 2), in s, of samples that are left out."""
     if len(left_out):
         spans = [(begin, end - begin) for begin, end in left_out.tolist()]
         axis.broken_barh(spans, (0.0, 1.0), transform=axis.get_xaxis_transform(), color=style.MUTED, alpha=0.22, lw=0,

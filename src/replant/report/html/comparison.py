@@ -1,4 +1,4 @@
-"""A page that sets several methods side by side: their table, and their transients one upon the other."""
+"""The report of a comparison: a table of the methods, and their estimates over time in common axes."""
 
 from __future__ import annotations
 
@@ -37,30 +37,30 @@ from replant.report.numbers import duration, number, percent
 from replant.report.palette import blank_figure
 from replant.report.terminal.comparison import OUTCOME, cells_of, gravity_of
 from replant.runs.comparison import Contender, best
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 
 def write_comparison(
     path: Path, contenders: Sequence[Contender], log: Log, preprocess: Preprocess, command: str = ""
 ) -> Path:
-    """Write the comparison into one HTML file that opens offline, and return its path.
+    """Write the comparison into one self-contained HTML file, and return its path.
 
     Parameters
     ----------
     path : Path
-        The file to write; its folder is made where it is missing.
+        The file to write; its folder is created if missing.
     contenders : sequence of Contender
         At least one with a result.
     log : Log
     preprocess : Preprocess
-        Tells the input map, for the units.
+        Its input map determines the units.
     command : str
-        The command line that repeats it.
+        The command line that reproduces the comparison.
 
     Raises
     ------
     MissingDependencyError
-        Without matplotlib.
+        If matplotlib is not installed.
     """
     plant_label = style.mapped_label(log.input_name, preprocess.input_map)
     structure = next(entry.result.structure for entry in contenders if entry.result is not None)
@@ -68,9 +68,9 @@ def write_comparison(
     body = [
         section("", f'<p class="claim">{html.escape(claim(contenders))}</p>',
                 _html_table(contenders, labels, len(log)), _remarks(contenders, len(log))),
-        section("Over time", _figures(contenders, log, plant_label)),
-        section("To repeat this", code("shell", command) if command else "", _programs(contenders, log)),
-        section("Where it comes from", facts([*tables.of_record(log), ("versions", tables.versions())])),
+        section("Estimates over time", _figures(contenders, log, plant_label)),
+        section("How to reproduce this", code("shell", command) if command else "", _programs(contenders, log)),
+        section("Record and versions", facts([*tables.of_record(log), ("versions", tables.versions())])),
     ]  # fmt: skip
     lede = (
         f"{log.input_name} → {log.output_name}, {len(contenders)} methods on the same {len(log):,} samples, "
@@ -81,16 +81,16 @@ def write_comparison(
 
 
 def claim(contenders: Sequence[Contender]) -> str:
-    """Return the outcome in a sentence."""
+    """Return which method has the best simulated fit, as a sentence."""
     first = best(contenders)
     if first is None or first.result is None:
-        return "No method found a model that can be run."
+        return "No method found a model that can be simulated."
     top = first.result.simulation.fit
-    said = f"Run from the input alone, the model of {first.name} is closest to the output: {percent(top)}.".replace(
+    said = f"Simulated from the input alone, the model of {first.name} has the best fit: {percent(top)}.".replace(
         " %", "\u00a0%"
     )
     level = [entry.name for entry in contenders if entry is not first and _within(entry, top)]
-    return said + (f" Within half a point of it: {', '.join(level)}." if level else "")
+    return said + (f" Within half a percentage point: {', '.join(level)}." if level else "")
 
 
 def _within(entry: Contender, top: float, points: float = 0.5) -> bool:
@@ -110,7 +110,7 @@ def _html_table(contenders: Sequence[Contender], labels: Sequence[str], samples:
     headings = ("method", "verdict", "simulated fit", "one-step fit", "time", *labels)
     return (
         tables.table(headings, rows, "Methods compared", "table wide methods")
-        + '<p class="note">Estimate ± standard deviation, where the method tells one.</p>'
+        + '<p class="note">Estimate ± standard deviation, if the method gives one.</p>'
     )
 
 
@@ -121,23 +121,23 @@ def _two_lines(text: str) -> Html:
 
 
 def _remarks(contenders: Sequence[Contender], samples: int) -> str:
-    """Return what speaks against each model, the gravest first."""
-    news = []
+    """Return the findings against each model, the gravest first."""
+    remarks = []
     for entry in contenders:
         found = [Finding(BAD, "No model", f"{entry.problem[:1].upper()}{entry.problem[1:]}.")]
         if entry.result is not None:
             found = [each for each in findings(entry.result, samples) if each.gravity != GOOD]
-        news += [(each.gravity != BAD, entry.name, each) for each in found]
+        remarks += [(each.gravity != BAD, entry.name, each) for each in found]
     items = "".join(
         f"<li>{icon(each.gravity)}<div><b>{html.escape(name)}: {html.escape(each.headline.lower())}.</b> "
         f"{_shortened(each.text)}</div></li>"
-        for _, name, each in sorted(news, key=lambda entry: entry[0])
+        for _, name, each in sorted(remarks, key=lambda entry: entry[0])
     )
     return f'<ul class="remarks">{items}</ul>' if items else ""
 
 
 def _shortened(text: str) -> str:
-    """Return the first two sentences, the others to be unfolded.
+    """Return the first two sentences, and the others folded away.
 
     Examples
     --------
@@ -154,7 +154,7 @@ def _results(contenders: Sequence[Contender]) -> dict[str, Result]:
 
 
 def _swatches(contenders: Sequence[Contender]) -> dict[str, str]:
-    """Return, by method, a piece of the line that stands for it in the figures."""
+    """Return, by method, a sample of its line in the figures."""
     swatches = {}
     for name, (colour, dashes) in zip(_results(contenders), style.LINES, strict=False):
         pattern = "" if dashes == "solid" else f' stroke-dasharray="{" ".join(f"{1.4 * x:g}" for x in dashes[1])}"'
@@ -166,7 +166,7 @@ def _swatches(contenders: Sequence[Contender]) -> dict[str, str]:
 
 
 def _figures(contenders: Sequence[Contender], log: Log, plant_label: str) -> str:
-    """Return the transients, a picture for each coefficient, below one legend."""
+    """Return the estimates over time, a picture for each coefficient, below one legend."""
     results, first = _results(contenders), best(contenders)
     reference = first.name if first else next(iter(results))
     structure = results[reference].structure
@@ -181,19 +181,35 @@ def _figures(contenders: Sequence[Contender], log: Log, plant_label: str) -> str
     legend = "".join(f"<li>{mark}{html.escape(name)}</li>" for name, mark in _swatches(contenders).items())
     return (
         f'<figure><ul class="lines">{legend}</ul><div class="panels">{"".join(drawn)}</div>'
-        f"<figcaption>{html.escape(_words(contenders))}</figcaption></figure>"
+        f"<figcaption>{html.escape(_caption(contenders))}</figcaption></figure>"
     )
 
 
 def _ends(results: Mapping[str, Result], i: int) -> str:
-    """Return in words what a panel shows."""
+    """Return the text alternative of a panel."""
     name = next(iter(results.values())).structure.names[i]
     ends = ", ".join(f"{method} {number(float(result.parameters[i]))}" for method, result in results.items())
     return html.escape(f"{name} over time by method; at the end: {ends}")
 
 
 def save_overlay(path: Path, contenders: Sequence[Contender], log: Log, preprocess: Preprocess) -> Path:
-    """Draw the transients of all methods into a PNG file, and return its path."""
+    """Draw the estimates of all methods over time into a PNG file, and return its path.
+
+    Parameters
+    ----------
+    path : Path
+        The file to write; its folder is created if missing.
+    contenders : sequence of Contender
+        At least one with a result.
+    log : Log
+    preprocess : Preprocess
+        Its input map determines the units.
+
+    Raises
+    ------
+    MissingDependencyError
+        If matplotlib is not installed.
+    """
     results, first = _results(contenders), best(contenders)
     plant_label = style.mapped_label(log.input_name, preprocess.input_map)
     labels = {"input_label": plant_label, "output_label": log.output_name}
@@ -208,24 +224,24 @@ def save_overlay(path: Path, contenders: Sequence[Contender], log: Log, preproce
     return path
 
 
-def _words(contenders: Sequence[Contender]) -> str:
+def _caption(contenders: Sequence[Contender]) -> str:
     whole = [entry.name for entry in contenders if entry.result is not None and entry.result.history is None]
     said = "Each coefficient's estimate over time, by method"
     if whole:
-        said += f"; level: {' and '.join(whole)}, which fit{'s' if len(whole) == 1 else ''} the whole record at once"
+        said += f"; a horizontal line: {' and '.join(whole)}, fitted to the whole record at once"
     late = [name for name, result in _results(contenders).items() if _is_late(result)]
     if late:
-        said += f"; a dot: {' and '.join(late)}, which had an estimate at the end only"
-    return f"{said}. Bands are two standard deviations; what shoots far beyond the best model's value leaves the panel."
+        said += f"; a dot: {' and '.join(late)}, with an estimate only at the end"
+    return f"{said}. Bands are two standard deviations wide to either side; curves far from the best model are cut off."
 
 
 def _is_late(result: Result) -> bool:
-    """Whether an online run held its samples back until the record's end."""
+    """Return whether an online run had its first estimate at the end of the record."""
     return result.history is not None and not result.history.parameters.any()
 
 
 def _programs(contenders: Sequence[Contender], log: Log) -> str:
-    """Return the Python that repeats each method's part."""
+    """Return the Python programs that reproduce each method's result."""
     parts = []
     for entry in contenders:
         if entry.result is None:

@@ -1,4 +1,4 @@
-"""Material: a result with its record, and what both reports and figures make of them, computed once."""
+"""Material: a result with its record, and the signals and figures of the report, each computed once."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from replant.report.diagnostics import (
 )
 from replant.report.figures import style
 from replant.report.figures.poles import usable_uncertainty
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 
 class OverTime(NamedTuple):
-    """Signals over time as they are drawn (V,), from ``start`` s on, ``step`` s apart: the record, or its overview."""
+    """Signals for drawing, (V,) each, from ``start`` s on and ``step`` s apart: the record or its overview."""
 
     input: FloatArray
     output: FloatArray
@@ -39,14 +39,14 @@ class OverTime(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """What a report is made of.
+    """A result and its record, which a report is made from.
 
     Attributes
     ----------
     result : Result
     log : Log
     filter : StateVariableFilter or None
-        Behind the regressors; without it the excitation is not known.
+        The filter of the regressors; without it the excitation is not known.
     preprocess : Preprocess
     truth : (P,) sequence or None
         True parameters, of a simulated plant.
@@ -85,22 +85,22 @@ class Material:
 
     @property
     def plant_label(self) -> str:
-        """The name of the input behind its map."""
+        """The name of the mapped input."""
         return style.mapped_label(self.log.input_name, self.preprocess.input_map)
 
     @property
     def figure_label(self) -> str:
-        """The name of the input for figures, which look for the map in the settings of an online run."""
+        """The name of the input for the figures, which apply the input map of an online run's settings themselves."""
         return self.input_label if self.result.settings is not None else self.plant_label
 
     @cached_property
     def uncertainty(self) -> Uncertainty | None:
-        """Of the result; None where it has no usable covariance."""
+        """Uncertainty of the result; None without a usable covariance."""
         return usable_uncertainty(self.result)
 
     @cached_property
     def over_time(self) -> OverTime:
-        """What is drawn over time."""
+        """The signals that are drawn over time."""
         shown = self.result.overview
         if shown is None:
             return OverTime(self.u, self.y, self.result.simulation.output, self.residual, 0.0, self.dt)
@@ -109,22 +109,22 @@ class Material:
 
     @cached_property
     def residual(self) -> FloatArray:
-        """Measured less simulated output, (K,); NaN where the sample takes no part."""
+        """Measured minus simulated output, (K,); NaN for samples that are left out."""
         return self.result.residual(self.y)
 
     @cached_property
     def correlations(self) -> Correlations | None:
-        """Of the residual with itself and with the mapped input."""
+        """Correlations of the residual with itself and with the mapped input."""
         lags = correlation_lags(self.result, self.y.size, self.dt)
         return correlations(self.residual, self.preprocess.map_input(self.u), lags)
 
     @cached_property
     def excitation(self) -> Excitation | None:
-        """Of the regressors, along the record."""
+        """Excitation by the regressors along the record."""
         if self.filter is None or not self.y.size:
             return None
         try:
             found = excitation(regressors_of(self.result, self.filter, self.preprocess, self.u, self.y, self.dt))
             return found and replace(found, samples=found.samples + self.log.earlier)
-        except ReplantError:  # a working point that no sample could settle
+        except ReplantError:  # without a usable sample there is no working point
             return None

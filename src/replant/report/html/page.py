@@ -1,4 +1,4 @@
-"""Page: what every page of a report shares: its assets, its head, a figure with its words, a list of facts."""
+"""Elements that all report pages share: assets, head, sections, listings, lists of facts."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 from string import Template
 
-_ICONS = {  # told apart by shape as well as by colour
+_ICONS = {  # they differ in shape as well as in colour
     "good": '<circle cx="12" cy="12" r="11"/><path class="mark" d="M6.5 12.5l3.7 3.7 7.3-8"/>',
     "warn": '<path d="M12 1.5L23.5 22H.5z"/><path class="mark" d="M12 9v6M12 18v.6"/>',
     "bad": '<path d="M7.4 1h9.2L23 7.4v9.2L16.6 23H7.4L1 16.6V7.4z"/><path class="mark" d="M8 8l8 8M16 8l-8 8"/>',
@@ -21,13 +21,13 @@ NO_BREAK = "\u00a0"  # a space at which a line may not end
 
 
 class Html(str):
-    """Text that is HTML already, where plain text would be escaped."""
+    """Text that is HTML already; plain text is escaped."""
 
     __slots__ = ()
 
 
 def words(text: str) -> Html:
-    r"""Return plain text as HTML whose lines break before a plus-minus sign, if at all, and nowhere behind a figure.
+    r"""Return plain text as HTML without line breaks after a plus-minus sign or before a percent sign.
 
     Examples
     --------
@@ -39,34 +39,34 @@ def words(text: str) -> Html:
 
 @cache
 def asset(name: str) -> str:
-    """Return the text of a file that comes with the report."""
+    """Return the text of a file in ``report/assets``."""
     return resources.files("replant.report").joinpath("assets", name).read_text(encoding="utf-8")
 
 
 def style() -> str:
-    """Return the style sheet of every page: the palette, and what is made of it."""
+    """Return the style sheet of every page."""
     return asset("palette.css") + asset("report.css")
 
 
 def today() -> str:
-    """Return date and time as a page's foot says them."""
+    """Return date and time for the foot of a page."""
     return datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
 
 
 def heading(title: str) -> str:
-    """Return a title, escaped, that may break after its underscores: it is a file's name most of the time."""
+    """Return an escaped title that may break after underscores: it is usually the name of a file."""
     return html.escape(title).replace("_", "_<wbr>")
 
 
 def write_page(path: Path, *, title: str, eyebrow: str, lede: str, body: str) -> Path:
-    """Write a page without scripts into one file that holds everything, and return its path.
+    """Write a page without scripts into one self-contained file, and return its path.
 
     Parameters
     ----------
     path : Path
-        Its folder is made where it is missing.
+        Its folder is created if missing.
     title, eyebrow, lede : str
-        Plain text: the heading, the words above it, and those below it.
+        Plain text: the heading, the line above it, and the paragraph below it.
     body : str
         HTML.
     """
@@ -85,19 +85,29 @@ def write_page(path: Path, *, title: str, eyebrow: str, lede: str, body: str) ->
 
 
 def icon(gravity: str) -> str:
-    """Return the sign of "good", "warn" or "bad" news."""
+    """Return the icon of a gravity: "good", "warn" or "bad"."""
     return f'<svg class="icon {gravity}" viewBox="0 0 24 24" aria-hidden="true">{_ICONS[gravity]}</svg>'
 
 
 def section(name: str, *parts: str, anchor: str = "") -> str:
-    """Return a section of a page; ``parts`` are HTML, ``anchor`` is what a link to it names."""
+    """Return a section of a page.
+
+    Parameters
+    ----------
+    name : str
+        Its heading; empty for none.
+    *parts : str
+        HTML.
+    anchor : str
+        Target of links to the section.
+    """
     title = f"<h2>{html.escape(name)}</h2>" if name else ""
     place = f' id="{html.escape(anchor)}"' if anchor else ""
     return f"<section{place}>{title}{''.join(parts)}</section>"
 
 
 def facts(rows: Iterable[tuple[str, str]]) -> str:
-    """Return a list of names and what is to be said of each."""
+    """Return a list of terms and descriptions."""
     return "<dl>" + "".join(f"<dt>{html.escape(key)}</dt><dd>{html.escape(text)}</dd>" for key, text in rows) + "</dl>"
 
 

@@ -1,4 +1,4 @@
-"""The time plots as data for the script of the report: thinned, packed as base64 of float32."""
+"""Data of the time plots for the script of the report: thinned, and packed as base64 of float32."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def _chart(
     limits: tuple[float, float] | None = None,
     start: float = 0.0,
 ) -> dict[str, Any]:
-    """Return one chart: points of its curves are ``step`` s apart, before thinning."""
+    """Return one chart; before thinning, the points of its curves are ``step`` s apart."""
     thinned = next(curve for curve in curves if "data" in curve)
     return {
         "name": name,
@@ -129,7 +129,7 @@ def _curve(signal: FloatArray, role: str, label: str, kind: str = "line", points
 
 
 def within_reason(signal: FloatArray, limits: tuple[float, float]) -> FloatArray:
-    """Return a signal that goes not more than a hundred times as far as the picture: no canvas can draw further."""
+    """Return a signal clipped to a hundred times the height of the plot: a canvas cannot draw further."""
     span = 100.0 * (limits[1] - limits[0])
     return np.where(np.isfinite(signal), np.clip(signal, limits[0] - span, limits[1] + span), np.nan)
 

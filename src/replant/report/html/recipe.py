@@ -1,4 +1,4 @@
-"""How to get the same model again: the Python, and the command line, that repeat a run."""
+"""Python programs that reproduce a run or a fit."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any
 from replant.data.logs import Log
 from replant.offline.fit import FitResult
 from replant.regressor.scaling import Scaling
-from replant.runs.run import Result
+from replant.runs.result import Result
 from replant.settings import Settings
 
 WIDEST = 88  # characters of a line
 
 
 def identifier_as_python(settings: Settings) -> str:
-    """Return the Python that makes the same identifier."""
+    """Return the Python code that makes an identifier with these settings."""
     is_plain = settings.scaling == Scaling.none(settings.structure)
     parts = [
         f"    rp.{_call(settings.structure)}, dt={settings.dt!r},",
@@ -32,7 +32,7 @@ def identifier_as_python(settings: Settings) -> str:
 
 
 def run_as_python(result: Result, log: Log) -> str:
-    """Return the Python that repeats an online run over ``log``."""
+    """Return the Python program that repeats an online run over ``log``."""
     assert result.settings is not None
     lines = [
         identifier_as_python(result.settings),
@@ -43,7 +43,7 @@ def run_as_python(result: Result, log: Log) -> str:
 
 
 def fit_as_python(fitted: FitResult, log: Log) -> str:
-    """Return the Python that repeats an offline fit of ``log``."""
+    """Return the Python program that repeats an offline fit of ``log``."""
     state_filter = f"    filter=rp.{_call(fitted.filter.fixed)}," if fitted.filter.fixed else ""
     lines = [
         "fitted = rp.fit(",
@@ -69,7 +69,7 @@ def _open(log: Log) -> str:
 
 
 def _broken(name: str, value: Any) -> list[str]:
-    """Return an argument in one line, or in one for each of its own where that gets too long."""
+    """Return an argument as one line, or one line for each of its own arguments if that is too long."""
     line = f"    {name}=rp.{_call(value)},"
     if len(line) <= WIDEST:
         return [line]
@@ -77,7 +77,7 @@ def _broken(name: str, value: Any) -> list[str]:
 
 
 def _call(value: Any) -> str:
-    """Write a frozen dataclass as the call that makes it, defaults left out."""
+    """Return a frozen dataclass as the call that makes it, defaults left out."""
     return f"{type(value).__name__}({', '.join(_arguments(value))})"
 
 
@@ -90,7 +90,7 @@ def _arguments(value: Any) -> list[str]:
 
 
 def _argument(value: Any) -> str:
-    """Write numbers with the digits that matter, so that a line can be read."""
+    """Return a value as Python code, floats with six digits."""
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, tuple):

@@ -1,4 +1,4 @@
-"""The report: one HTML file that holds everything, opens without a network, zooms and prints."""
+"""The report of a result: one self-contained HTML file that needs no network, with zoomable plots, printable."""
 
 from __future__ import annotations
 
@@ -44,10 +44,11 @@ from replant.report.numbers import (
     percent,
     uncertain,
 )
-from replant.runs.run import Result
+from replant.runs.result import Result
 from replant.settings import Settings
 
 NO_MODEL = "<p>G(s) could not be estimated.</p>"
+DO_NOT_USE = '<p class="note">Do not use this model: see the verdict above.</p>'
 
 
 def write_report(
@@ -62,36 +63,36 @@ def write_report(
     python: str = "",
     title: str = "",
 ) -> Path:
-    """Write everything needed to trust or distrust ``result`` into one HTML file, and return its path.
+    """Write the report of ``result`` into one self-contained HTML file, and return its path.
 
     Parameters
     ----------
     path : Path
-        The file to write; its folder is made where it is missing.
+        The file to write; its folder is created if missing.
     result : Result
     log : Log
-        The record that the result came from; ``log.path`` need not exist, of a simulated record.
+        The record of the result; of a simulated record ``log.path`` need not exist.
     filter, preprocess : optional
-        Of an offline fit; those of an online run are in its settings.
+        Those of an offline fit; an online run has them in its settings.
     truth : (P,) sequence, optional
         True parameters, of a simulated plant.
     command, python : str
-        A command line and a Python program that repeat the result; the latter is written from the settings of an
-        online run where it is empty.
+        A command line and a Python program that reproduce the result.  By default the program is generated from the
+        settings of an online run.
     title : str
         By default the file's name.
 
     Raises
     ------
     MissingDependencyError
-        Without matplotlib, which the extra ``report`` brings, or without uPlot.
+        If matplotlib, which the extra ``report`` installs, or uPlot is missing.
     """
     settings = result.settings
     if settings is not None:
         filter, preprocess = filter or result.fixed_filter, preprocess or settings.preprocess  # noqa: A001
         python = python or recipe.run_as_python(result, log)
     material = Material(result, log, filter, preprocess or Preprocess(), truth)
-    with np.errstate(all="ignore"):  # what went wrong in the numbers is said in words
+    with np.errstate(all="ignore"):  # figures that are not finite are reported in words
         fields = _fields(material, title or log.path.name or "Simulated record", command, python)
     page = Template(asset("report.html")).substitute(fields)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -109,7 +110,7 @@ def _fields(material: Material, title: str, command: str, python: str) -> dict[s
         "lede": html.escape(_lede(material)),
         "date": today(),
         "verdict": _verdict(found),
-        "model_note": '<p class="note">Not to be used: see above.</p>' if found[0].gravity == BAD else "",
+        "model_note": DO_NOT_USE if found[0].gravity == BAD else "",
         "math": mathml(material.result.transfer_function) if material.result.parameters.any() else NO_MODEL,
         "figures": _figures(material),
         **_sections(material, plots),
@@ -126,14 +127,14 @@ def _fields(material: Material, title: str, command: str, python: str) -> dict[s
 
 
 def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dict[str, str]:
-    """Return the figures, each with the words that stand for it."""
+    """Return the figures, each with its caption."""
     with svg.look():
         fit = _figure(words.of_fit(material), svg.fit_picture(material), plots["fit"])
         transients = ""
         history = material.result.history
         if history is not None and history.samples.size:
             said, drawn = words.of_transients(material), svg.transient_pictures(material)
-            transients = f"<h3>Parameters</h3>{_figure(said, ''.join(drawn), plots['parameters'])}"
+            transients = f"<h3>Parameter estimates</h3>{_figure(said, ''.join(drawn), plots['parameters'])}"
         said = words.of_excitation(material)
         excitation = f"<h3>Excitation</h3>{_figure(said, svg.excitation_picture(material), plots['excitation'])}"
         auto, cross = svg.correlation_pictures(material)
@@ -149,7 +150,7 @@ def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dic
 
 
 def _figure(said: str, picture: str, plots: Sequence[dict[str, Any]] = ()) -> str:
-    """Return a figure: pictures that stand still and, where there are plots, room for those that zoom."""
+    """Return a figure: static pictures and, if there are plots, elements that the script draws zoomable ones into."""
     drawn = picture.replace("<svg", f'<svg role="img" aria-label="{html.escape(said)}"')
     rooms = "".join(_room(plot) for plot in plots)
     columns = " halves" if len(plots) > 1 and not any(plot["name"] == "output" for plot in plots) else ""
@@ -162,7 +163,7 @@ def _room(plot: dict[str, Any]) -> str:
     name, label = html.escape(plot["name"]), html.escape(plot["label"])
     words = "no estimate" if name.startswith("parameter") else "no finite values"
     nothing = f'<p class="nothing">{words}</p>' if plot["empty"] else ""
-    keys = "Arrow keys move, plus and minus zoom, Escape shows everything."
+    keys = "Arrow keys pan, plus and minus zoom, Escape shows everything."
     return (
         f'<div class="chart"><div class="head"><span class="name">{label}</span><span class="legend"></span></div>'
         f'<div class="plot" id="{name}" tabindex="0" role="group" aria-label="{label} over time. {keys}" '
@@ -182,7 +183,7 @@ def _lede(material: Material) -> str:
 
 
 def _method(settings: Settings) -> str:
-    """Return the estimator in words."""
+    """Return the name of the estimator."""
     if settings.instruments and isinstance(settings.optimizer, RecursiveLeastSquares):
         return "recursive refined instrumental variables"
     return type(settings.optimizer).__name__ + (" with instruments" if settings.instruments else "")
@@ -204,21 +205,21 @@ def _verdict(found: Sequence[Finding]) -> str:
 
 
 def _figures(material: Material) -> str:
-    """Return the numbers that come first."""
+    """Return the key figures."""
     result, known = material.result, material.uncertainty
     unit = style.gain_unit(material.plant_label, material.output_label)
     gain = uncertain(result.transfer_function.dc_gain, None if known is None else known.dc_gain_std)
     entries = [
         (percent(result.simulation.fit), "fit, simulated from the input alone"),
         (percent(result.one_step), "fit, one step ahead"),
-        (gain, f"gain at rest [{unit}]" if unit else "gain at rest"),
+        (gain, f"DC gain [{unit}]" if unit else "DC gain"),
         (f"{result.samples:,}", "samples used"),
     ]
     return "".join(f"<div><dd>{_in_small(text)}</dd><dt>{html.escape(name)}</dt></div>" for text, name in entries)
 
 
 def _in_small(text: str) -> str:
-    """Return a number with what follows its plus-minus sign in small print."""
+    """Return a number with its standard deviation in small print."""
     value, sign, std = html.escape(text).partition(" ± ")
     return f"{value} <small>± {std}</small>" if sign and "(" not in value else html.escape(text)
 

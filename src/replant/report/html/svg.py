@@ -1,4 +1,4 @@
-"""Static figures for a page: SVG whose text is text and whose colours follow the page's, light or dark."""
+"""Static figures for a page, as SVG with selectable text and with the colours of the page, light or dark."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from replant.report.palette import blank_figure
 HALF, WHOLE = 4.5, 7.4  # inches: half and whole width of the page
 MOST_TRANSIENTS = 6  # a picture, so that each fits on a sheet of paper
 
-# what the page's style sheet calls the figures' colours
+# the variables of the page's style sheet, by the figures' colours
 _VARIABLES = {
     style.MEASURED: "measured",
     style.MODEL: "model",
@@ -38,7 +38,7 @@ _SETTINGS: Any = {"svg.fonttype": "none", "font.size": 10.0, "axes.titlesize": 1
 
 
 def variable(colour: str) -> str:
-    """Return what the page's style sheet calls a colour of the figures.
+    """Return the variable of the page's style sheet for a colour of the figures.
 
     Examples
     --------
@@ -49,7 +49,7 @@ def variable(colour: str) -> str:
 
 
 def look() -> Any:
-    """Return a context within which the pictures below are to be made."""
+    """Return the matplotlib context in which the pictures below are made."""
     import matplotlib as mpl
 
     return mpl.rc_context(_SETTINGS)
@@ -64,7 +64,7 @@ def fit_picture(material: Material) -> str:
 
 
 def transient_pictures(material: Material) -> list[str]:
-    """Return the parameters over time, a few in each picture."""
+    """Return the parameter estimates over time, a few in each picture."""
     count = material.result.structure.size
     labels = {"input_label": material.figure_label, "output_label": material.output_label}
     pictures = []
@@ -111,9 +111,15 @@ def correlation_pictures(material: Material) -> tuple[str, str]:
 
 
 def svg(figure: Any, name: str, *, themed: bool = True) -> str:
-    """Return a figure as an ``svg`` element; ``name`` keeps its ids apart from other figures'.
+    """Return a matplotlib figure as an ``svg`` element.
 
-    Its colours follow the page's where ``themed``, else they are those that it was drawn in.
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    name : str
+        Prefix of the element's ids, so that they differ from those of other figures.
+    themed : bool
+        Whether the colours follow the page, or stay as drawn.
     """
     import matplotlib as mpl
 
@@ -134,5 +140,5 @@ def svg(figure: Any, name: str, *, themed: bool = True) -> str:
 
 
 def described(picture: str, words: str) -> str:
-    """Return an ``svg`` element as an image with a text that stands for it."""
+    """Return an ``svg`` element as an image with a text alternative."""
     return picture.replace("<svg", f'<svg role="img" aria-label="{html.escape(words)}"', 1)

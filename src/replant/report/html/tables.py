@@ -1,4 +1,4 @@
-"""The tables of the report: coefficients, poles and zeros, and where the record came from."""
+"""Tables of the report: coefficients, poles and zeros, and facts about the record."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from replant.report.numbers import (
     off_by,
     uncertain,
 )
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 UNCERTAIN = "Estimate ± standard deviation."
 NO_STD = "This estimator gives no standard deviations."
@@ -33,9 +33,17 @@ PACKAGES = ("replant", "numpy", "scipy", "numba", "matplotlib")
 
 
 def table(headings: Sequence[str], rows: Iterable[Sequence[str]], name: str, kind: str = "table") -> str:
-    """Return a table with its first column as row headings; cells are escaped, but for those that are `Html`.
+    """Return a table whose first column holds the row headings.
 
-    ``kind`` are classes of the style sheet.
+    Parameters
+    ----------
+    headings : sequence of str
+    rows : iterable of sequences of str
+        Plain text, which is escaped, or `Html`.
+    name : str
+        The table's name for screen readers.
+    kind : str
+        Classes of the style sheet.
     """
     head = "".join(f'<th scope="col">{_escaped(heading)}</th>' for heading in headings)
     body = "".join(
@@ -51,7 +59,7 @@ def _escaped(cell: str) -> str:
 
 
 def coefficients(material: Material) -> str:
-    """Return each coefficient with its unit and standard deviation, beside the true value where that is known."""
+    """Return the table of coefficients with units, standard deviations and, if known, true values."""
     result, known = material.result, material.uncertainty
     stds: Sequence[float | None] = [None] * result.structure.size if known is None else known.std.tolist()
     labels = style.symbols(result.structure, material.plant_label, material.output_label)
@@ -69,7 +77,7 @@ def coefficients(material: Material) -> str:
 
 
 def poles(material: Material) -> str:
-    """Return the poles as an engineer reads them, and the zeros."""
+    """Return the tables of poles, with frequency, damping and time constant, and of zeros."""
     result, known = material.result, material.uncertainty
     modes = result.transfer_function.modes
     spreads: Sequence[tuple[float | None, ...]] = [(None, None, None)] * len(modes)
@@ -98,7 +106,7 @@ def _zeros(result: Result) -> str:
 
 
 def origin(material: Material) -> str:
-    """Return where the record came from and what became of its samples."""
+    """Return facts about the record, the use of its samples, and the versions of the software."""
     log, result = material.log, material.result
     rejected = ", ".join(f"{count:,} {reason}" for reason, count in result.rejected.items() if count) or "none"
     return facts(
@@ -116,7 +124,7 @@ def origin(material: Material) -> str:
 def of_record(log: Log) -> list[tuple[str, str]]:
     """Return what is to be said of a record, as names and words."""
     return [
-        ("file", log.path.name or "none: simulated"),
+        ("file", log.path.name or "none: the record is simulated"),
         ("SHA-256", fingerprint(log.path)),
         ("input, output", f"{log.input_name}, {log.output_name}"),
         ("record", f"{len(log):,} samples, {duration(len(log) * log.dt)} at {number(log.dt, 6)} s"),
@@ -124,16 +132,16 @@ def of_record(log: Log) -> list[tuple[str, str]]:
 
 
 def fingerprint(path: Path) -> str:
-    """Return the SHA-256 of a file, in hexadecimal; words where there is no file."""
+    """Return the SHA-256 of a file, in hexadecimal; a remark if there is no file."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
-        return "no file to compute it from"
+        return "none: there is no file"
 
 
 def versions() -> str:
-    """Return what computed this."""
+    """Return the versions of the software that computed the result."""
     found = []
     for package in PACKAGES:
         try:

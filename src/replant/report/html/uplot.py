@@ -1,7 +1,7 @@
-"""uPlot, which draws the plots over time: its script and style sheet, for the report and the dashboard.
+"""The script and style sheet of uPlot, which draws the plots over time of report and dashboard.
 
-They come with the package but are no part of the repository: `hatch_build.py` fetches them when replant is installed.
-Where that was not possible those of the package uplot-python are taken.
+They belong to the package but not to the repository: `hatch_build.py` fetches them when the package is built.  Where
+that failed, those of the package uplot-python are used.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def uplot() -> tuple[str, str]:
     Raises
     ------
     MissingDependencyError
-        replant was installed where they could not be fetched, and uplot-python is not there either.
+        If the build could not fetch them, and uplot-python is not installed either.
     """
     own = resources.files("replant.report").joinpath("assets", "uplot")
     places = [(own, OWN)]

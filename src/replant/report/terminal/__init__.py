@@ -1,1 +1,1 @@
-"""Results as text for a terminal, and as JSON."""
+"""Results as text for the terminal and as JSON."""

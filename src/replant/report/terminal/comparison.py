@@ -1,4 +1,4 @@
-"""Several methods on the same record, as JSON and as a table for the terminal."""
+"""A comparison of methods as JSON and as a table for the terminal."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ GAP = 2  # spaces between columns of the terminal's table
 
 
 def as_json(contenders: Sequence[Contender]) -> dict[str, Any]:
-    """Return the JSON object of `run` by method; of one that found no model ``{"problem": why}``."""
+    """Return the JSON object of `run` by method; ``{"problem": reason}`` for a method that found no model."""
     return {
         entry.name: {"problem": entry.problem} if entry.result is None else result_as_json(entry.result)
         for entry in contenders
@@ -31,7 +31,7 @@ def as_json(contenders: Sequence[Contender]) -> dict[str, Any]:
 
 
 def cells_of(entry: Contender, size: int) -> list[str]:
-    """Return the row of a method: verdict, fits, time, then each coefficient with its std where that is known."""
+    """Return the row of a method: verdict, fits, time, and the ``size`` coefficients, with their std if known."""
     result = entry.result
     if result is None:
         return ["no model", *["–"] * (len(OUTCOME) - 1 + size)]
@@ -47,12 +47,23 @@ def cells_of(entry: Contender, size: int) -> list[str]:
 
 
 def gravity_of(entry: Contender, samples: int) -> str:
-    """Return how grave the gravest is that is to be said of a method's model, as `Finding.gravity`."""
+    """Return the gravity of the gravest finding about a method's model, see `Finding.gravity`."""
     return BAD if entry.result is None else findings(entry.result, samples)[0].gravity
 
 
 def print_comparison(console: Any, contenders: Sequence[Contender], structure: Structure, samples: int) -> None:
-    """Print one table, a row a method, the one that simulates best in bold; broken where the terminal is narrow."""
+    """Print a table with a row for each method, that of the best simulated fit in bold.
+
+    On a narrow terminal the columns are printed in several blocks.
+
+    Parameters
+    ----------
+    console : rich.console.Console
+    contenders : sequence of Contender
+    structure : Structure
+    samples : int
+        Length of the record.
+    """
     from rich.cells import cell_len
 
     headings = ["method", *OUTCOME, *structure.names]
@@ -71,7 +82,7 @@ def print_comparison(console: Any, contenders: Sequence[Contender], structure: S
 
 
 def _aligned(cells: Sequence[str]) -> list[str]:
-    """Return cells that, set to the right, have their plus-minus signs below each other, as `run` writes them.
+    """Return the cells of a right-aligned column with their plus-minus signs below each other.
 
     Examples
     --------
@@ -86,7 +97,7 @@ def _aligned(cells: Sequence[str]) -> list[str]:
 
 
 def _blocks(widths: Sequence[int], room: int) -> list[list[int]]:
-    """Return which columns stand beside each other: all, or first the outcome's, then as many as there is room for.
+    """Return the columns of each block: all in one if they fit, else the outcome first, then as many as fit.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A result in words and numbers: the JSON object of the command line, and the table that a person reads."""
+"""A result as the JSON object of the command line, and as tables for the terminal."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 from replant.model.transfer_function import TransferFunction
 from replant.report.numbers import WORST_PERCENT, off_by
-from replant.runs.run import Result
+from replant.runs.result import Result
 
 REASON_INDENT = 9  # columns, below the figures
 
@@ -38,12 +38,20 @@ def as_json(result: Result) -> dict[str, Any]:
 
 
 def print_result(console: Any, result: Result, *, truth: TransferFunction | None = None) -> None:
-    """Print what a control engineer wants to see first: G(s), coefficients, poles, fit, verdict."""
+    """Print G(s), coefficients, poles, fit and verdict.
+
+    Parameters
+    ----------
+    console : rich.console.Console
+    result : Result
+    truth : TransferFunction, optional
+        The true model, of a simulated plant.
+    """
     console.print()
     if result.parameters.any():
         _print_model(console, result, truth)
     else:
-        console.print("No model yet: nothing was learned.\n", highlight=False)
+        console.print("No model yet: the record gave no estimate.\n", highlight=False)
     rejected = ", ".join(f"{count} {reason}" for reason, count in result.rejected.items() if count)
     samples = f"{result.samples:,}" + (f", rejected: {rejected}" if rejected else "")
     console.print(f"Samples  {samples}", highlight=False)
@@ -69,14 +77,14 @@ def _print_model(console: Any, result: Result, truth: TransferFunction | None) -
 
 
 def wrapped(text: str, width: int) -> list[str]:
-    """Break text into lines, no figure apart from its unit.
+    """Return text in lines of at most ``width`` characters, without a break between a figure and its unit.
 
     Examples
     --------
-    >>> wrapped("the model fits the output to 83.0 %; its coefficients are known to 2.6 %", 36)
-    ['the model fits the output to 83.0 %;', 'its coefficients are known to 2.6 %']
-    >>> wrapped("its coefficients are known to 2.6 %", 34)
-    ['its coefficients are known to', '2.6 %']
+    >>> wrapped("the model fits the output to 83.0 %; a coefficient has moved by 2.6 %", 36)
+    ['the model fits the output to 83.0 %;', 'a coefficient has moved by 2.6 %']
+    >>> wrapped("a coefficient has moved by 2.6 %", 31)
+    ['a coefficient has moved by', '2.6 %']
     """
     glued = re.sub(r"(?<=\d) (?=(?:%|s|h)(?:\W|$))", "\N{NO-BREAK SPACE}", text)
     lines = textwrap.wrap(glued, max(width, 1), break_long_words=False, break_on_hyphens=False)
@@ -94,7 +102,7 @@ def _table(*headings: str) -> Any:
 
 
 def _parameter_table(result: Result, truth: TransferFunction | None) -> Any:
-    """Return coefficients with their standard deviations where known, beside the truth where that is known."""
+    """Return the table of coefficients, with standard deviations and true values if known."""
     known = result.uncertainty is not None
     headings = ["coefficient", "identified", *(["std"] if known else []), *(["true", "off by"] if truth else [])]
     table = _table(*headings)
@@ -108,7 +116,7 @@ def _parameter_table(result: Result, truth: TransferFunction | None) -> Any:
 
 
 def _mode_table(result: Result) -> Any:
-    """Return the poles as an engineer reads them, with standard deviations where known."""
+    """Return the table of poles: frequency, damping and time constant, with standard deviations if known."""
     table = _table("pole [rad/s]", "frequency [Hz]", "damping", "time constant [s]")
     uncertain = result.uncertainty.modes if result.uncertainty else None
     for i, mode in enumerate(result.transfer_function.modes):
@@ -119,7 +127,7 @@ def _mode_table(result: Result) -> Any:
         shown = [_with_std(figure, stds[k] if stds else math.nan) for k, figure in enumerate(figures)]
         pole = f"{mode.pole.real:.4g}" + (f" +- {mode.pole.imag:.4g}j" if mode.pole.imag else "")
         if not mode.pole.imag:
-            shown[1] = f"{mode.damping:.3g}"  # of a real pole it is one, or minus one, with certainty
+            shown[1] = f"{mode.damping:.3g}"  # of a real pole it is exactly 1 or -1
         table.add_row(pole, *shown)
     return table
 

@@ -1,4 +1,4 @@
-"""The choices that the data make: what is given stays, what is chosen fits the data and can be typed again."""
+"""Settings left to "auto": what is given stays, what is chosen suits the record and can be typed again."""
 
 from __future__ import annotations
 

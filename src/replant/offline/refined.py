@@ -1,0 +1,205 @@
+"""A refined instrumental-variable estimate of a record: its factors, its covariance and its relative uncertainty."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.engine.record import Record
+from replant.kernels.schema import FIXED, LAGS, ColourSlots, PathSlots
+from replant.model.structure import Structure
+from replant.simulation.auxiliary_model import Pass
+from replant.statistics.autoregression import Autoregression
+from replant.statistics.batch_means import no_less_than_scattered, path_of_record, rows_of
+from replant.statistics.linear_algebra import (
+    eigenvalues,
+    quiet,
+    roots,
+    solve,
+)
+from replant.statistics.udu import compose, factor_information, larger
+
+ACCEPTABLE = 0.25  # relative uncertainty up to which a start-up is long enough
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A refined instrumental-variable estimate of a record.
+
+    Attributes
+    ----------
+    theta : (T,) array
+        Parameters, then nuisances.
+    model : (T,) array
+        The same, with a denominator that can serve as a filter (an integrator's pole moved a little to the left).
+    upper, diagonal : (T, T), (T,) arrays
+        Factors U and D of (sum zeta zeta')^-1 = U D U'.
+    covariance : (T, T) array
+        Of ``theta``; the residual's colour and the scatter of the estimate along the record are taken into account.
+    variance : float
+        Of the residual, in the output's unit squared.
+    converged : bool
+        Whether the iteration converged.
+    uncertainty : float
+        Largest relative uncertainty of a coefficient, see `relative_uncertainty`.
+    colour : ColourSlots
+        Power and autocorrelation of the residual at the record's end, for a recursion that continues from it.
+    path : PathSlots
+        The estimates that a recursion would have passed through.
+    """
+
+    theta: FloatArray
+    model: FloatArray
+    upper: FloatArray
+    diagonal: FloatArray
+    covariance: FloatArray
+    variance: float
+    converged: bool
+    uncertainty: float
+    colour: ColourSlots
+    path: PathSlots
+
+    def condition(self, size: int) -> float:
+        """Return the condition number of the first ``size`` parameters, comparable with that of a scaled regressor.
+
+        It is the square root of the condition number of their scaled information matrix, which is the ratio of the
+        largest to the smallest singular value of a regressor with that information.
+        """
+        covariance = compose(self.upper, self.diagonal)[:size, :size]
+        scale = np.sqrt(np.diag(covariance))
+        if not (np.isfinite(scale).all() and (scale > 0).all()):
+            return math.inf
+        values = eigenvalues(covariance / np.outer(scale, scale))
+        return float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else math.inf
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether float64 holds the estimate and its factors; a covariance outside of float64 is an unknown one."""
+        parts = self.theta, self.model, self.upper, self.diagonal, self.variance
+        return all(bool(np.isfinite(part).all()) for part in parts)
+
+    @property
+    def acceptable(self) -> bool:
+        """Whether the estimate can start a recursion."""
+        return self.converged and self.uncertainty < ACCEPTABLE
+
+
+@dataclass(frozen=True, eq=False)
+class PriorInformation:
+    """Information about the parameters from before the record.
+
+    Attributes
+    ----------
+    weight : (T,) array
+        What it adds to the diagonal of sum zeta zeta'.
+    pull : (T,) array
+        ``weight`` times the distance from the estimate to the prior's mean.
+    """
+
+    weight: FloatArray
+    pull: FloatArray
+
+    @classmethod
+    def none(cls, size: int) -> PriorInformation:
+        """Return the absence of prior information about ``size`` entries."""
+        return cls(np.zeros(size), np.zeros(size))
+
+
+@quiet
+def conclude(
+    structure: Structure,
+    record: Record,
+    slowest: float,
+    model: FloatArray,
+    done: Pass,
+    converged: bool,
+    prior: PriorInformation | None = None,
+) -> Refined | None:
+    """Return the estimate that the last pass of an iteration comes to, with its covariance; None if not finite.
+
+    Parameters
+    ----------
+    structure : Structure
+    record : Record
+    slowest : float
+        Margin of stability in rad/s, to the left of which every pole of ``model`` lies.
+    model : (T,) array
+        The model of the last pass.
+    done : Pass
+        The last pass.
+    converged : bool
+        Whether the iteration converged.
+    prior : PriorInformation, optional
+        Of a fit with a prior.
+    """
+    samples, size = record.u.size, model.size
+    theta, error = model, done.error
+    if prior is None and roots(np.concatenate([[1.0], model[structure.denominator]])).real.max() > -4.0 * slowest:
+        # a pole lies at the margin, as an integrator's does: one step without the margin gives the estimate
+        step = solve(done.zeta.T @ done.phi, done.zeta.T @ done.error)
+        if step is not None:
+            theta, converged = model + step, True
+            error = done.target - done.phi @ theta
+    prior = PriorInformation.none(size) if prior is None else prior
+    variance = float(error @ error) / max(samples - size, 1)
+    before = np.diag(prior.weight)
+    upper, diagonal = factor_information(done.zeta.T @ done.zeta + before)
+    inverse = compose(upper, diagonal)
+    colour, innovation = _colour(done.zeta, error)
+    innovation /= max(samples - size, 1)
+    covariance = innovation * inverse @ colour.squares @ inverse
+    covariance = larger(covariance, variance * inverse)
+    # before the scatter along the path is added: a start-up has few blocks, and their chance must not decide its length
+    uncertainty = relative_uncertainty(structure, model, covariance, done.phi, record)
+    path = path_of_record(done.zeta, error, theta, before, prior.pull)
+    covariance = no_less_than_scattered(covariance, *rows_of(path, theta, np.diag(inverse)))
+    refined = Refined(theta, model, upper, diagonal, covariance, variance, converged, uncertainty, colour, path)
+    return refined if refined.is_finite else None
+
+
+def relative_uncertainty(
+    structure: Structure, model: FloatArray, covariance: FloatArray, phi: FloatArray, record: Record
+) -> float:
+    """Return the largest relative standard deviation of a coefficient: below 0.25 a start-up is long enough.
+
+    For a_i it is std(a_i) over the coefficient of prod(s + abs(pole)), which is the size that a_i would have if all
+    poles were real; a pole slower than the record is long counts as one just as long.  For b_j it is half of the output
+    that one std(b_j) makes, over the measured output.
+
+    Parameters
+    ----------
+    structure : Structure
+    model : (T,) array
+        Parameters, then nuisances.
+    covariance : (T, T) array
+        Of ``model``.
+    phi : (K, T) array
+        The regressors at ``model``.
+    record : Record
+    """
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    magnitudes = np.abs(roots(np.concatenate([[1.0], model[structure.denominator]])))
+    sizes = np.poly(-np.maximum(magnitudes, 1.0 / record.span))[1:]
+    largest = float((std[structure.denominator] / np.maximum(sizes, 1e-300)).max())
+    lengths = np.linalg.norm(phi[:, structure.numerator], axis=0)
+    outputs = std[structure.numerator] * lengths / max(float(np.linalg.norm(record.y)), 1e-300)
+    return max(largest, float((0.5 * outputs).max()))
+
+
+def _colour(zeta: FloatArray, error: FloatArray) -> tuple[ColourSlots, float]:
+    """Return power and autoregression of the residual at the record's end, and the innovation's sum of squares."""
+    samples, size = zeta.shape
+    colour = ColourSlots.zeros(FIXED | {"T": size})
+    colour.covariances[:] = [error[lag:] @ error[: samples - lag] for lag in range(LAGS + 1)]
+    noise = Autoregression.of_covariances(colour.covariances)
+    filtered = noise.colour(zeta)
+    colour.model[:] = noise.coefficients
+    colour.count, colour.power = samples, float(error @ error)
+    colour.errors[:] = error[-LAGS:][::-1]
+    for age in range(min(LAGS, samples)):
+        colour.filtered[-age % LAGS] = filtered[-1 - age]
+    colour.squares[:] = filtered.T @ filtered
+    return colour, noise.power
