@@ -1,4 +1,4 @@
-"""Alarm: wakes a thread that waits for bytes; it may be rung from a signal handler, which may take no lock."""
+"""Stop request: ends a thread that waits for bytes; a signal handler may make it, so it takes no lock."""
 
 from __future__ import annotations
 
@@ -10,58 +10,69 @@ from typing import Protocol
 
 
 class HasFile(Protocol):
-    """A socket, or whatever else `select` can wait for."""
+    """A socket, or any other object that `select` can wait for."""
 
     def fileno(self) -> int:
         """Return the file descriptor."""
         ...
 
 
-class Alarm:
-    """Rung once, for good.  While entered it also wakes whoever waits.
+class StopRequest:
+    """A request to stop, made once and never withdrawn.  Within a ``with`` block it also wakes the waiting thread.
+
+    Attributes
+    ----------
+    requested : bool
 
     Examples
     --------
-    >>> alarm = Alarm()
-    >>> with alarm:
-    ...     alarm.ring()
-    ...     alarm.wait(60.0)
+    >>> stop = StopRequest()
+    >>> with stop:
+    ...     stop.request()
+    ...     stop.wait(60.0)
     True
     """
 
     def __init__(self) -> None:
-        self.rung = False
-        self._ends: tuple[socket.socket, socket.socket] | None = None
+        self.requested = False
+        self._sockets: tuple[socket.socket, socket.socket] | None = None
 
-    def __enter__(self) -> Alarm:
+    def __enter__(self) -> StopRequest:
         receiver, sender = socket.socketpair()
         sender.setblocking(False)
-        self._ends = receiver, sender
+        self._sockets = receiver, sender
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._ends is not None:
-            for end in self._ends:
+        if self._sockets is not None:
+            for end in self._sockets:
                 end.close()
 
-    def ring(self) -> None:
-        """Wake the waiting thread."""
-        self.rung = True
-        if self._ends is not None:
-            with contextlib.suppress(OSError):  # rung often enough already, or nobody is left to wake
-                self._ends[1].send(b"\0")
+    def request(self) -> None:
+        """Request the stop, and wake the waiting thread."""
+        self.requested = True
+        if self._sockets is not None:
+            # the buffer is full after many requests; the sockets are closed after the ``with`` block
+            with contextlib.suppress(OSError):
+                self._sockets[1].send(b"\0")
 
     def wait(self, timeout: float) -> bool:
-        """Wait ``timeout`` s or until rung; tell whether it was."""
-        self.ready(None, timeout)
-        return self.rung
+        """Wait for the request, at most ``timeout`` s; return whether it was made."""
+        self.wait_readable(None, timeout)
+        return self.requested
 
-    def ready(self, other: HasFile | int | None, timeout: float) -> bool:
-        """Wait until ``other`` can be read, at most ``timeout`` s; tell whether it can, and the alarm is silent."""
-        if self.rung or self._ends is None:
+    def wait_readable(self, file: HasFile | int | None, timeout: float) -> bool:
+        """Wait until ``file`` can be read, at most ``timeout`` s.
+
+        Returns
+        -------
+        bool
+            Whether the file can be read and no stop was requested.
+        """
+        if self.requested or self._sockets is None:
             return False
-        files = [self._ends[0]] if other is None else [self._ends[0], other]
+        files = [self._sockets[0]] if file is None else [self._sockets[0], file]
         readable, _, _ = select.select(files, [], [], timeout)
-        return bool(readable) and not self.rung
+        return bool(readable) and not self.requested
