@@ -152,7 +152,7 @@ def test_a_session_that_has_ended_is_said_and_not_looked_for(browser, feed: Feed
     with serve(hub) as served:
         page = Page(browser, served.url, color_scheme=scheme)
         hub.publish({**feed.hub.newest, "samples": 123_456})
-        served.say_goodbye()
+        served.announce_end()
     page.until(lambda: page.text("link") == "session has ended")
     page.page.wait_for_timeout(2000)  # several of the pauses after which it would have tried again
     assert page.complaints == []

@@ -122,15 +122,15 @@ def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
 
 async def _stream(hub: Hub, socket: WebSocket) -> None:
     """Send views until the last one, or until the browser leaves, or speaks: it has nothing to say here."""
-    if hub.guests >= min(MOST_WATCHING, most_connections() // 2):
+    if hub.browsers >= min(MOST_WATCHING, most_connections() // 2):
         await socket.close(_TRY_LATER, "too many are watching")
         return
-    hub.guests += 1
+    hub.browsers += 1
     try:
         await socket.accept()
         await _converse(hub, socket)
     finally:
-        hub.guests -= 1
+        hub.browsers -= 1
 
 
 async def _converse(hub: Hub, socket: WebSocket) -> None:

@@ -70,7 +70,7 @@ class Hub:
         self._report = report
         self.notice = notice
         self.ended = False
-        self.guests = 0  # browsers that have been let in and not been seen off
+        self.browsers = 0  # browsers that have been let in and not been seen off
         self._newest: tuple[int, dict[str, Any] | None] = (0, None)
         self._frame: Frame | None = None
         self._waiting: set[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = set()
@@ -132,7 +132,7 @@ class Hub:
 
     @property
     def watching(self) -> int:
-        """How many subscribers there are: guests that have been shown a view, or wait for the next."""
+        """How many subscribers there are: browsers that have been shown a view, or wait for the next."""
         return len(self._waiting)
 
     def command(self, name: str) -> None:

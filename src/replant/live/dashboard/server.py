@@ -58,11 +58,11 @@ class Dashboard:
         """Whether it is being served."""
         return self._thread.is_alive()
 
-    def say_goodbye(self) -> None:
+    def announce_end(self) -> None:
         """Tell all browsers that no view follows the newest, so that they need not come back."""
         self._hub.end()
         given_up = time.monotonic() + GRACE
-        while self._hub.guests and self.alive and time.monotonic() < given_up:
+        while self._hub.browsers and self.alive and time.monotonic() < given_up:
             time.sleep(0.01)
 
     def stop(self) -> None:
