@@ -108,7 +108,7 @@ class SourceCommand(click.Command):
     is_flag=False,
     flag_value=DASHBOARD,
     metavar="[HOST:PORT]",
-    help=f"Serve the dashboard, by default at {DASHBOARD}.  The source demo always serves it, unless this is off.",
+    help=f"Serve the dashboard, by default at {DASHBOARD}.  The source demo serves it, too; off disables it.",
 )
 @click.option(
     "--token",

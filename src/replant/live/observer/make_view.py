@@ -132,9 +132,8 @@ def _window(identifier: Identifier, model: TransferFunction | None, at: float) -
         output, fit = run.output, run.fit
     left_out = _left_out(t, judged)
     if u.size > POINTS:
-        width = -(-u.size // (POINTS // 2))
-        places = np.minimum(np.arange(0, 2 * -(-u.size // width)) * width // 2 + width // 4, u.size - 1)
-        t, u, y, output = t[places], *(thin(signal, POINTS).values for signal in (u, y, output))
+        drawn = [thin(signal, POINTS) for signal in (u, y, output)]
+        t, (u, y, output) = t[drawn[0].indices(t.size)], (signal.values for signal in drawn)
     return Window(t, u, y, output, left_out), fit
 
 
