@@ -150,8 +150,8 @@ def test_without_a_process_nothing_is_said_of_the_present_and_nothing_waits(mort
     wait_for(lambda: pid(mortal) is None)
     assert mortal.view is None
     assert mortal.last is not None
-    assert not mortal.hand(identifier(100), SessionInfo(), learned=True)
-    mortal.look_again(identifier(100), SessionInfo())  # does not wait for what cannot come
+    assert not mortal.hand_over(identifier(100), SessionInfo(), learned=True)
+    mortal.wait_for_view(identifier(100), SessionInfo())  # returns at once: no view can come
 
 
 def test_a_start_that_fails_is_tried_again(
