@@ -21,7 +21,7 @@ from replant.checkpoint.values import KINDS
 from replant.engine.dimensions import Dimensions
 from replant.rigs import Rig
 from replant.settings import Request, Settings
-from support.builders import identifier, record, state
+from support.builders import engine_state, identifier, record, state
 
 WHOLE = [np.int8, np.uint8, np.int16, np.uint16, np.int32, np.uint32, np.int64, np.uint64]
 REAL = [np.float16, np.float32, np.float64, np.longdouble, Decimal, Fraction]
@@ -194,7 +194,9 @@ def test_narrow_numbers_of_a_structure_do_not_wrap() -> None:
     changes: dict[str, Any] = {"optimizer": rp.Gradient(1.0), "replay": None}
     narrow = identifier(structure=rp.Structure(np.uint8(5), np.uint8(0)), **changes)
     wide = identifier(structure=rp.Structure(5), **changes)
-    assert [array.shape for array in narrow._state.arrays] == [array.shape for array in wide._state.arrays]
+    assert [array.shape for array in engine_state(narrow).arrays] == [
+        array.shape for array in engine_state(wide).arrays
+    ]
     u, y = np.ones(100), np.arange(100.0)
     for one in (narrow, wide):
         one.update_many(u, y)

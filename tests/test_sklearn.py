@@ -138,7 +138,7 @@ def test_one_column_of_several_is_the_input() -> None:
     np.testing.assert_array_equal(model.parameters_, TransferFunctionRegressor(dt=DT).fit(X, y).parameters_)
     with pytest.raises(rp.InvalidArgumentError, match=r"one column, the input, got 2: .*column="):
         TransferFunctionRegressor(dt=DT).fit(wide, y)
-    with pytest.raises(rp.InvalidArgumentError, match="2 columns, numbered from 0: there is no column 2"):
+    with pytest.raises(rp.InvalidArgumentError, match="2 columns, numbered from 0, and no column 2"):
         TransferFunctionRegressor(dt=DT, column=2).fit(wide, y)
 
 

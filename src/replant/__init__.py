@@ -54,7 +54,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public name; the first one asked for loads all, so that `replant --help` waits for none of them."""
+    """Return a public name; the first use of one imports all of them, which `replant --help` thus does not."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from replant import public

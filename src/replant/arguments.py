@@ -1,4 +1,4 @@
-"""Checks of arguments, worded once: each returns the value in the type that the code works with, or raises."""
+"""Checks of arguments: each returns the value in the type that the code works with, or raises."""
 
 from __future__ import annotations
 
@@ -17,27 +17,59 @@ BoolArray = npt.NDArray[np.bool_]
 
 
 def keep(instance: object, name: str, check: Callable[..., Any], *limits: Any, called: str = "", **how: Any) -> None:
-    """Check a field of a frozen object, and put what the check returns in its place.
+    """Check a field of a frozen object, and replace it by the value that the check returns.
 
-    What the caller passed is never kept: a narrow integer wraps in the arithmetic that it enters, an array may be
-    changed later.
+    The object never holds the value that the caller passed: a narrow integer would wrap in arithmetic, and an array
+    could be changed later.
 
     Parameters
     ----------
     instance : object
         A frozen dataclass, in its ``__post_init__``.
     name : str
-        Of the field.
+        Name of the field.
     check : callable
-        Takes the argument's name, its value, ``limits`` and ``how``; returns the value to keep, or raises.
+        Called with the argument's name, its value, ``limits`` and ``how``; returns the value to keep, or raises.
+    *limits, **how
+        Further arguments of ``check``.
     called : str, optional
-        The argument's name in messages, where it is not that of the field.
+        The argument's name in messages, if it is not that of the field.
+
+    Raises
+    ------
+    InvalidArgumentError, ArgumentTypeError
+        If the check fails.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> @dataclass(frozen=True)
+    ... class Clock:
+    ...     dt: float
+    ...
+    ...     def __post_init__(self) -> None:
+    ...         keep(self, "dt", positive)
+    >>> Clock(1)
+    Clock(dt=1.0)
     """
     object.__setattr__(instance, name, check(called or name, getattr(instance, name), *limits, **how))
 
 
 def number(name: str, value: Any) -> float:
-    """Return ``value`` as a float; text, None, arrays and complex numbers are refused by name."""
+    """Return ``value`` as a float; ``name`` is its name in messages, here and in all checks below.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If the value is text, None, an array or a complex number.
+    InvalidArgumentError
+        If it is outside of the range of float64.
+
+    Examples
+    --------
+    >>> number("dt", 1)
+    1.0
+    """
     text_or_complex = isinstance(value, str | bytes | complex)
     of_numpy = isinstance(value, np.ndarray | np.generic)
     if text_or_complex or (of_numpy and (value.ndim > 0 or value.dtype.kind not in "fiub")):
@@ -51,7 +83,20 @@ def number(name: str, value: Any) -> float:
 
 
 def finite(name: str, value: Any) -> float:
-    """Return ``value`` as a finite float."""
+    """Return ``value`` as a finite float.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it is not a number.
+    InvalidArgumentError
+        If it is not finite.
+
+    Examples
+    --------
+    >>> finite("gain", -2)
+    -2.0
+    """
     result = number(name, value)
     if not math.isfinite(result):
         raise InvalidArgumentError(f"{name} must be finite, got {result}")
@@ -59,7 +104,21 @@ def finite(name: str, value: Any) -> float:
 
 
 def positive(name: str, value: Any) -> float:
-    """Return ``value`` as a finite float above zero."""
+    """Return ``value`` as a finite float above zero.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it is not a number.
+    InvalidArgumentError
+        If it is not finite, or not above zero.
+
+    Examples
+    --------
+    >>> positive("dt", 0.0)
+    Traceback (most recent call last):
+    replant.errors.InvalidArgumentError: dt must be greater than 0, got 0
+    """
     result = finite(name, value)
     if result <= 0:
         raise InvalidArgumentError(f"{name} must be greater than 0, got {result:g}")
@@ -67,7 +126,20 @@ def positive(name: str, value: Any) -> float:
 
 
 def not_negative(name: str, value: Any) -> float:
-    """Return ``value`` as a finite float of at least zero."""
+    """Return ``value`` as a finite float of at least zero.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it is not a number.
+    InvalidArgumentError
+        If it is not finite, or negative.
+
+    Examples
+    --------
+    >>> not_negative("noise", 0)
+    0.0
+    """
     result = finite(name, value)
     if result < 0:
         raise InvalidArgumentError(f"{name} must be at least 0, got {result:g}")
@@ -75,7 +147,30 @@ def not_negative(name: str, value: Any) -> float:
 
 
 def between(name: str, value: Any, low: float, high: float, *, closed: str = "left") -> float:
-    """Return ``value`` as a float in [low, high) (``closed="left"``) or [low, high] (``closed="both"``)."""
+    """Return ``value`` as a float in an interval.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for messages.
+    value : object
+    low, high : float
+        Bounds of the interval.
+    closed : {"left", "both"}
+        [low, high) or [low, high].
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it is not a number.
+    InvalidArgumentError
+        If it lies outside.
+
+    Examples
+    --------
+    >>> between("forgetting_factor", 0.99, 0.0, 1.0)
+    0.99
+    """
     result = finite(name, value)
     inside = low <= result <= high if closed == "both" else low <= result < high
     if not inside:
@@ -85,7 +180,28 @@ def between(name: str, value: Any, low: float, high: float, *, closed: str = "le
 
 
 def whole(name: str, value: Any, least: int) -> int:
-    """Return ``value`` as an int of at least ``least``; 2.0 is not a whole number here, nor is True."""
+    """Return ``value`` as an int; neither 2.0 nor True is accepted.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for messages.
+    value : object
+    least : int
+        The smallest value allowed.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it is not a whole number.
+    InvalidArgumentError
+        If it is less than ``least``.
+
+    Examples
+    --------
+    >>> whole("poles", np.int8(2), 1)
+    2
+    """
     if isinstance(value, bool) or (isinstance(value, np.ndarray) and value.ndim > 0):
         raise ArgumentTypeError(f"{name} must be a whole number, got {_describe(value)}")
     try:
@@ -98,7 +214,26 @@ def whole(name: str, value: Any, least: int) -> int:
 
 
 def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
-    """Return the one of the words in ``choices`` that ``value`` is."""
+    """Return ``value``, which must be one of several words.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for messages.
+    value : object
+    choices : sequence of str
+        The words allowed.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If it is none of them.
+
+    Examples
+    --------
+    >>> one_of("method", "srivc", ("srivc", "least_squares"))
+    'srivc'
+    """
     if not isinstance(value, str) or value not in choices:
         listed = ", ".join(repr(choice) for choice in choices)
         raise InvalidArgumentError(f"{name} must be one of {listed}, got {value!r}")
@@ -106,14 +241,44 @@ def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
 
 
 def truth(name: str, value: Any) -> bool:
-    """Return ``value`` as a bool; 1 is not a truth value here."""
+    """Return ``value`` as a bool; 1 and 0 are not accepted.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it is not a bool.
+
+    Examples
+    --------
+    >>> truth("bias", np.True_)
+    True
+    """
     if not isinstance(value, bool | np.bool_):
         raise ArgumentTypeError(f"{name} must be True or False, got {value!r}")
     return bool(value)
 
 
 def instance(name: str, value: Any, *kinds: Any) -> Any:
-    """Return ``value`` if it is of one of these ``kinds``: classes, or words and None, which stand for themselves."""
+    """Return ``value`` if it is an instance of a class, or equal to a word or None.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for messages.
+    value : object
+    *kinds : class, str or None
+        The classes and values allowed.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it is none of them.
+
+    Examples
+    --------
+    >>> instance("replay", "auto", dict, "auto", None)
+    'auto'
+    """
     classes = tuple(kind for kind in kinds if isinstance(kind, type))
     if isinstance(value, classes):
         return value
@@ -127,7 +292,19 @@ def instance(name: str, value: Any, *kinds: Any) -> Any:
 
 
 def array_of_reals(name: str, value: Any) -> FloatArray:
-    """Return ``value`` as a contiguous float64 array of its own shape; text, None and complex numbers are refused."""
+    """Return ``value`` as a contiguous float64 array of its own shape.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it holds text, None or complex numbers, or has no regular shape.
+
+    Examples
+    --------
+    >>> array_of_reals("A", [[1, 2], [3, 4]])
+    array([[1., 2.],
+           [3., 4.]])
+    """
     try:
         array = np.asarray(value)
     except ValueError as cause:
@@ -138,7 +315,20 @@ def array_of_reals(name: str, value: Any) -> FloatArray:
 
 
 def vector(name: str, value: Any) -> FloatArray:
-    """Return ``value`` as a contiguous float64 vector (K,); a column (K, 1) or a scalar is refused by its shape."""
+    """Return ``value`` as a contiguous float64 vector (K,).
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it does not hold real numbers.
+    InvalidArgumentError
+        If it has another shape, such as (K, 1) or ().
+
+    Examples
+    --------
+    >>> vector("u", [1, 2])
+    array([1., 2.])
+    """
     array = array_of_reals(name, value)
     if array.ndim != 1:
         raise InvalidArgumentError(f"{name} must be a vector of shape (K,), got shape {array.shape}")
@@ -146,7 +336,20 @@ def vector(name: str, value: Any) -> FloatArray:
 
 
 def record(u: Any, y: Any) -> tuple[FloatArray, FloatArray]:
-    """Return input and output as vectors of one length."""
+    """Return input and output as vectors (K,) of equal length.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If one of them does not hold real numbers.
+    InvalidArgumentError
+        If one of them is not a vector, or their lengths differ.
+
+    Examples
+    --------
+    >>> record([1, 2], [0, 1])
+    (array([1., 2.]), array([0., 1.]))
+    """
     u_vector, y_vector = vector("u", u), vector("y", y)
     if u_vector.size != y_vector.size:
         raise InvalidArgumentError(
@@ -156,7 +359,20 @@ def record(u: Any, y: Any) -> tuple[FloatArray, FloatArray]:
 
 
 def stamps_of(t: Any, samples: int) -> FloatArray:
-    """Return time stamps as a vector (K,), one for each sample."""
+    """Return time stamps as a vector (K,), one for each of K ``samples``.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If they are not real numbers.
+    InvalidArgumentError
+        If there are more or fewer.
+
+    Examples
+    --------
+    >>> stamps_of([0.0, 0.1], samples=2)
+    array([0. , 0.1])
+    """
     stamps = vector("t", t)
     if stamps.size != samples:
         raise InvalidArgumentError(f"t must have one stamp for each of {samples} samples, got {stamps.size}")
@@ -164,7 +380,20 @@ def stamps_of(t: Any, samples: int) -> FloatArray:
 
 
 def coefficients(name: str, value: Any) -> FloatArray:
-    """Return polynomial coefficients, descending powers, as a finite read-only vector of at least one entry."""
+    """Return polynomial coefficients, in descending powers, as a finite read-only vector of at least one entry.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If they are not real numbers.
+    InvalidArgumentError
+        If there is none, or one is not finite.
+
+    Examples
+    --------
+    >>> coefficients("den", [1, 4, 3])
+    array([1., 4., 3.])
+    """
     result = np.atleast_1d(array_of_reals(name, value)).copy()
     if result.ndim != 1 or result.size == 0:
         raise InvalidArgumentError(f"{name} must be a non-empty list of coefficients, got shape {result.shape}")
@@ -175,12 +404,39 @@ def coefficients(name: str, value: Any) -> FloatArray:
 
 
 def numbers(name: str, value: Any) -> tuple[float, ...]:
-    """Return finite numbers, one or more, as a tuple of floats."""
+    """Return one or more finite numbers as a tuple of floats; raises as `coefficients` does.
+
+    Examples
+    --------
+    >>> numbers("sigmas", [1, 2])
+    (1.0, 2.0)
+    """
     return tuple(coefficients(name, value).tolist())
 
 
 def owned(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
-    """Return a read-only copy of ``value`` as a float64 array of this ``shape``."""
+    """Return a read-only copy of ``value`` as a float64 array.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for messages.
+    value : array_like
+    shape : tuple of int
+        The shape that it must have.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it does not hold real numbers.
+    InvalidArgumentError
+        If it has another shape.
+
+    Examples
+    --------
+    >>> owned("covariance", [[1, 0], [0, 1]], (2, 2)).flags.writeable
+    False
+    """
     array = array_of_reals(name, value).copy()
     if array.shape != shape:
         raise InvalidArgumentError(f"{name} must have shape {shape}, got {array.shape}")

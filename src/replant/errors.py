@@ -1,4 +1,4 @@
-"""The errors that replant raises for a user's mistake: one hierarchy, each message one line that says what to do."""
+"""The errors that replant raises for a user's mistake: one hierarchy; each message is one line that says what to do."""
 
 from __future__ import annotations
 
@@ -8,36 +8,36 @@ class ReplantError(Exception):
 
 
 class InvalidArgumentError(ReplantError, ValueError):
-    """An argument whose value cannot be used: the message names it and what is allowed."""
+    """The value of an argument cannot be used: the message names the argument and the values allowed."""
 
 
 class ArgumentTypeError(ReplantError, TypeError):
-    """An argument of the wrong type: the message names it and the type that came."""
+    """An argument has the wrong type: the message names the argument and the type that was passed."""
 
 
 class LogError(ReplantError, ValueError):
-    """A log file that cannot be read as asked: the message names the file, the column and the row."""
+    """A log file cannot be read: the message names the file, and column and row where they matter."""
 
 
 class MissingDependencyError(ReplantError, ImportError):
-    """An optional package that is not installed: the message names the extra that brings it."""
+    """An optional package is not installed: the message names the extra that installs it."""
 
 
 class SystemRefusedError(ReplantError):
-    """The system gives no more memory, files, threads or room: the message says what it was for, and what to do."""
+    """The system grants no more memory, files, threads or disk space: the message says for what, and what to do."""
 
 
 class UnsupportedDependencyError(ReplantError, ImportError):
-    """A package in a version that replant is not tested with: the message names it and the versions that fit."""
+    """A package has a version that replant is not tested with: the message names it and the versions allowed."""
 
 
 class CheckpointError(ReplantError):
-    """A checkpoint that cannot be written or read: the message names the file, why, and what is left as it was."""
+    """A checkpoint cannot be written or read: the message names the file and the reason."""
 
 
 class DamagedCheckpointError(CheckpointError, ValueError):
-    """Bytes that are not a whole checkpoint which this version can read: the message says what is wrong with them."""
+    """The bytes are not a complete checkpoint that this version can read: the message says what is wrong."""
 
 
 class MissingCheckpointError(CheckpointError, FileNotFoundError):
-    """No checkpoint under that name, nor a previous one beside it."""
+    """There is no checkpoint under this name, nor a previous one beside it."""

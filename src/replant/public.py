@@ -1,4 +1,4 @@
-"""What `import replant` offers, each name from the module that holds it; loaded when the first of them is used."""
+"""The public names of `replant`, imported from their modules; `replant` imports this module at the first use of one."""
 
 from replant.assessment import fit_percent as fit_percent
 from replant.online.resume import load as load

@@ -1,4 +1,4 @@
-"""Simulated rigs: a true plant behind a nonlinear input, a working point, slow creep and a noisy sensor."""
+"""Simulated rigs: a plant with a nonlinear input, a working point, slow creep and a noisy sensor."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ DEAP = TransferFunction([51.47, 7.722], [1.0, 3.292, 5891.0, 595.7])
 
 @dataclass(frozen=True)
 class Rig:
-    """A plant as a control engineer meets it: y = y_R + G (map(u) - map(u_R)) + creep + noise.
+    """A simulated rig: y = y_R + G (map(u) - map(u_R)) + creep + noise.
 
     Attributes
     ----------
     plant : TransferFunction
-        The truth.
+        The true plant G.
     dt : float
         Sampling time in s; the input is held between samples.
     input_map : {"identity", "square"}
     input_rest, output_rest : float
-        Working point: the input at rest, before the map, and the output that it makes.
+        Working point: the input at rest u_R, before the map, and the output y_R that it gives.
     noise : float
         Standard deviation of the sensor's white noise, in the unit of y.
     creep : float
-        How far the output creeps off in every tenfold of time, in the unit of y: creep * log10(1 + t / 1 s).
+        Creep of the output for each decade of time, in the unit of y: creep * log10(1 + t / 1 s).
     """
 
     plant: TransferFunction
@@ -64,7 +64,7 @@ class Rig:
 
     @property
     def preprocess(self) -> Preprocess:
-        """The input map and working point that an identifier needs to see the linear plant."""
+        """The input map and working point with which an identifier finds the linear plant."""
         rest = Preprocess(self.input_map).map_input(np.array([self.input_rest]))[0]
         return Preprocess(self.input_map, float(rest), self.output_rest)
 
@@ -82,7 +82,7 @@ class Rig:
         return still + self.crept(u.size) if self.creep else still
 
     def crept(self, samples: int) -> FloatArray:
-        """Return what the creep adds to the output (K,).
+        """Return the creep (K,) that is added to the output.
 
         Examples
         --------
@@ -96,15 +96,15 @@ def deap_rig(noise: float = 1e-3, creep: float = 0.0) -> Rig:
     """Return the dielectric elastomer actuator of the article's section 4, simulated.
 
     A pre-stretched VHB membrane (1 mm before, 200 um after stretching; plate 120 mm, disc 20 mm, Table 5) carries a
-    mass; the voltage u_A [kV] softens it, a laser reads the displacement y_L [mm].  Sampled at 1 kHz.  The true plant
-    has one slow pole at -0.101 rad/s and a hardly damped pair at 12.2 Hz.
+    mass; the voltage u_A [kV] softens it, and a laser measures the displacement y_L [mm] at 1 kHz.  The true plant has
+    one slow pole at -0.101 rad/s and a lightly damped pair at 12.2 Hz.
 
     Parameters
     ----------
     noise : float
         Standard deviation of the laser's noise in mm.
     creep : float
-        Of the membrane under its mass, in mm in every tenfold of time.
+        Creep of the membrane under its mass, in mm for each decade of time.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Settings: every choice of an identifier, as asked for and as made definite."""
+"""Settings: every choice of an identifier, as requested (`Request`) and as resolved from the data (`Settings`)."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
 
 AUTO = "auto"
-LONGEST_DELAY = 1_000_000  # sampling times; every input of that long is kept
+LONGEST_DELAY = 1_000_000  # sampling times; the inputs of the whole dead time are kept
 DEFAULT_OPTIMIZER = "recursive-least-squares"
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What an identifier works with, nothing left to "auto": printed, it repeats the identifier.
+    """The settings of a running identifier, none of them "auto".  An identifier made with them repeats this one.
 
     Attributes
     ----------
@@ -43,9 +43,9 @@ class Settings:
     instruments : bool
     normalize : bool
     preprocess : Preprocess
-        With numbers for working points.
+        With numbers for the working point.
     startup : int
-        Samples that were held back.
+        Number of samples that the start-up held back.
     """
 
     structure: Structure
@@ -77,7 +77,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Request:
-    """What the user asked for: the same as `Settings`, where "auto" leaves a choice to the data."""
+    """The settings that the user requested, as in `Settings`; "auto" leaves a choice to the data."""
 
     structure: Structure
     dt: float
@@ -107,15 +107,17 @@ class Request:
         remembers = isinstance(self.optimizer, Optimizer) and self.optimizer.keeps_covariance
         if remembers and isinstance(self.replay, Replay):
             name = type(self.optimizer).__name__
-            raise InvalidArgumentError(f"{name} remembers every sample by itself: replay must be None, not a buffer")
+            raise InvalidArgumentError(f"{name} uses every sample already: replay must be None, not a buffer")
         if isinstance(self.filter, Filter) and self.filter.fixed:
-            self.filter.fixed.discretize(self.structure.poles, self.dt, self.structure.delay)  # raises what cannot work
+            self.filter.fixed.discretize(
+                self.structure.poles, self.dt, self.structure.delay
+            )  # raises if it cannot be discretised
 
     @property
     def wants_instruments(self) -> bool:
-        """Whether instruments are asked for, or go with what is asked for.
+        """Whether instruments are used.
 
-        Left to "auto", they come with the refined filter and with the optimizers that keep a covariance.
+        With "auto" they are used with the refined filter, and with the optimizers that keep a covariance.
         """
         if isinstance(self.instruments, bool):
             return self.instruments
@@ -128,19 +130,19 @@ class Request:
 
     @property
     def least_startup(self) -> int:
-        """How many samples a first model needs at the least."""
+        """The smallest number of samples for a first model."""
         return 4 * (2 * self.structure.poles + self.structure.zeros + 2) if self.wants_instruments else 1
 
     @property
     def first_hold(self) -> int:
-        """How many samples are held back at first; none where nothing waits for them."""
+        """Number of samples that the start-up holds back at first; 0 if no choice needs them."""
         if self.asks_for_data:
             return max(self.startup, self.least_startup)
         return 0 if self.preprocess.needs == "nothing" else 1
 
     @property
     def asks_for_data(self) -> bool:
-        """Whether a choice waits for a record of samples; those of optimizer and replay do not."""
+        """Whether a choice needs a record of samples; those of optimizer and replay do not."""
         waits = isinstance(self.filter, str) or isinstance(self.scaling, str) or self.preprocess.needs == "mean"
         return waits or self.wants_instruments
 
@@ -151,7 +153,7 @@ def _switch(name: str, value: Any) -> bool | str:
 
 
 def _check_together(chosen: Settings | Request) -> None:
-    """Raise InvalidArgumentError where choices do not go together."""
+    """Raise InvalidArgumentError if choices do not fit together."""
     if chosen.structure.delay > LONGEST_DELAY * chosen.dt:
         raise InvalidArgumentError(
             f"delay must be at most {LONGEST_DELAY:,} sampling times, got {chosen.structure.delay / chosen.dt:.3g}"

@@ -1,4 +1,4 @@
-"""Test signals: square wave, PRBS, random steps, multisine, chirp.  All sampled; amplitudes in the unit you like."""
+"""Test signals, sampled: square wave, PRBS, random steps, multisine, chirp.  Amplitudes may have any unit."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from replant.arguments import (
 )
 from replant.errors import InvalidArgumentError
 
-# Feedback taps (stages counted from 1) that make a shift register run through all 2^n - 1 states.
+# Feedback taps (stages counted from 1) with which a shift register runs through all 2^n - 1 states.  SciPy's own taps
+# give other sequences of the same length; these stay so that a seed keeps its sequence.
 _TAPS = {
     2: (2, 1), 3: (3, 2), 4: (4, 3), 5: (5, 3), 6: (6, 5), 7: (7, 6), 8: (8, 6, 5, 4), 9: (9, 5), 10: (10, 7),
     11: (11, 9), 12: (12, 11, 10, 4), 13: (13, 12, 11, 8), 14: (14, 13, 12, 2), 15: (15, 14), 16: (16, 15, 13, 4),
@@ -30,9 +31,16 @@ def square(samples: int, period: float, dt: float, amplitude: float = 1.0) -> Fl
     Parameters
     ----------
     samples : int
-    period, dt : float
-        In s.
+    period : float
+        Period in s.
+    dt : float
+        Sampling time in s.
     amplitude : float
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the period is shorter than two samples, or an argument is outside of its range.
 
     Examples
     --------
@@ -58,7 +66,12 @@ def prbs(samples: int, *, bits: int = 10, hold: int = 1, amplitude: float = 1.0,
         Samples that each value is held.
     amplitude : float
     seed : int
-        First state of the register, 1 to 2^bits - 1: where the sequence starts.
+        First state of the register, 1 to 2^bits - 1; it determines where the sequence starts.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If ``bits`` is not 2 to 18, or another argument is outside of its range.
 
     Examples
     --------
@@ -71,22 +84,20 @@ def prbs(samples: int, *, bits: int = 10, hold: int = 1, amplitude: float = 1.0,
     amplitude = finite("amplitude", amplitude)
     if bits not in _TAPS:
         raise InvalidArgumentError(f"bits must be 2 to 18, got {bits}")
-    state = whole("seed", seed, 1) % (2**bits - 1) or 1
+    from scipy.signal import max_len_seq
+
+    number = whole("seed", seed, 1) % (2**bits - 1) or 1
+    state = [number >> stage & 1 for stage in range(bits)]
     length = -(-samples // hold)
-    values = np.empty(min(length, 2**bits - 1))
-    for k in range(values.size):
-        values[k] = 1.0 if state & 1 else -1.0
-        feedback = 0
-        for tap in _TAPS[bits]:
-            feedback ^= state >> (bits - tap)
-        state = state >> 1 | (feedback & 1) << (bits - 1)
-    return amplitude * np.repeat(np.resize(values, length), hold)[:samples]
+    taps = [bits - tap for tap in _TAPS[bits][1:]]
+    sequence, _ = max_len_seq(bits, state, min(length, 2**bits - 1), taps)
+    return amplitude * np.repeat(np.resize(2.0 * sequence - 1.0, length), hold)[:samples]
 
 
 def random_steps(samples: int, *, shortest: int, longest: int, low: float, high: float, seed: int = 0) -> FloatArray:
-    """Return steps (K,) of random height in [low, high] and random length, spread evenly in the logarithm.
+    """Return steps (K,) of random height, uniform in [low, high], and random length, uniform in its logarithm.
 
-    Long and short steps together excite slow and fast modes alike.
+    Long and short steps together excite slow and fast modes.
 
     Parameters
     ----------
@@ -96,6 +107,11 @@ def random_steps(samples: int, *, shortest: int, longest: int, low: float, high:
     low, high : float
         Bounds of a step's height.
     seed : int
+
+    Raises
+    ------
+    InvalidArgumentError
+        If ``shortest`` exceeds ``longest``, or an argument is outside of its range.
 
     Examples
     --------
@@ -129,6 +145,11 @@ def multisine(samples: int, dt: float, frequencies: FloatArray, amplitude: float
         In Hz, each below 1 / (2 dt).
     amplitude : float
 
+    Raises
+    ------
+    InvalidArgumentError
+        If a frequency is outside of its range.
+
     Examples
     --------
     >>> u = multisine(1000, 0.01, np.array([0.1, 0.2, 0.4]))
@@ -151,13 +172,23 @@ def multisine(samples: int, dt: float, frequencies: FloatArray, amplitude: float
 
 
 def chirp(samples: int, dt: float, first: float, last: float, amplitude: float = 1.0) -> FloatArray:
-    """Return a sine (K,) whose frequency runs from ``first`` to ``last`` Hz, evenly in the logarithm.
+    """Return a sine (K,) whose frequency changes exponentially with time.
+
+    Parameters
+    ----------
+    samples : int
+    dt : float
+        Sampling time in s.
+    first, last : float
+        Frequencies in Hz at the beginning and the end.
+    amplitude : float
 
     Examples
     --------
     >>> float(chirp(5, 0.1, first=0.5, last=2.0)[0])
     0.0
     """
+    # `scipy.signal.chirp` is a cosine; with a phase of -90 degrees it differs in the last digits, and is not 0 at t = 0
     samples, dt, amplitude = whole("samples", samples, 1), positive("dt", dt), finite("amplitude", amplitude)
     first, last = positive("first", first), positive("last", last)
     ratio, t = last / first, np.arange(samples) * dt
@@ -169,7 +200,14 @@ def chirp(samples: int, dt: float, first: float, last: float, amplitude: float =
 
 
 def white_noise(samples: int, rms: float, seed: int = 0) -> FloatArray:
-    """Return normal white noise (K,) of standard deviation ``rms``.
+    """Return normally distributed white noise (K,).
+
+    Parameters
+    ----------
+    samples : int
+    rms : float
+        Standard deviation.
+    seed : int
 
     Examples
     --------

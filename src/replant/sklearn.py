@@ -92,7 +92,7 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         self.column = column
 
     def fit(self, X: Any, y: Any) -> Self:
-        """Fit the whole record, rows in the order of time; what was learned before is forgotten.
+        """Fit the whole record, rows in the order of time; earlier results are dropped.
 
         Parameters
         ----------
@@ -106,20 +106,20 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         InvalidArgumentError
             If the record is too short, or a parameter of the constructor cannot be used.
         """
-        structure, method = self._chosen()
-        u, y = self._record(X, y, structure.size + 1, reset=True)
+        structure, method = self._structure_and_method()
+        u, y = self._checked_record(X, y, structure.size + 1, reset=True)
         found = fit(u, y, self.dt, structure, method=method, preprocess=Preprocess("identity", "mean", "mean"))
         std = np.full(structure.size, np.nan) if found.uncertainty is None else found.uncertainty.std
-        self._keep(found.transfer_function, found.parameters, std)
+        self._set_model(found.transfer_function, found.parameters, std)
         self._set_working_point(float(found.preprocess.input_offset), found.simulation.offset)
         self._identifier: Identifier | None = None
         return self
 
     def partial_fit(self, X: Any, y: Any) -> Self:
-        """Go on with the rows that came next, online; at first, after ``fit`` or with other parameters, begin anew.
+        """Continue online with the rows that follow; the first call, also after ``fit`` or new parameters, starts anew.
 
-        Memory does not grow with the stream.  While the identifier still holds samples back for its start-up, the model
-        is the one that these alone give.  Give rows in chunks: each call costs some milliseconds beside its rows.
+        Memory does not grow with the stream.  While the identifier holds samples back for its start-up, the model is
+        the one of these samples alone.  Give rows in chunks: each call costs some milliseconds in addition to its rows.
 
         Parameters
         ----------
@@ -128,25 +128,25 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         y : (K,) array
             Output.
         """
-        structure, _ = self._chosen()
+        structure, _ = self._structure_and_method()
         ident: Identifier | None = getattr(self, "_identifier", None)
         if ident is None or (ident.structure, ident.dt) != (structure, self.dt):
-            u, y = self._record(X, y, 1, reset=True)
+            u, y = self._checked_record(X, y, 1, reset=True)
             ident = Identifier(structure, self.dt, preprocess=Preprocess("identity", "mean", "mean"))
             self._identifier, self._recent = ident, np.empty((0, 2))
         else:
-            u, y = self._record(X, y, 1, reset=False)
+            u, y = self._checked_record(X, y, 1, reset=False)
         ident.update_many(u, y)
         self._recent = np.concatenate([self._recent, np.column_stack([u, y])])[-RECENT:]
         self._adopt(ident)
         return self
 
     def _adopt(self, ident: Identifier) -> None:
-        """Take over the identifier's model; while it is starting, the one that it would begin with."""
+        """Use the identifier's model; during its start-up, the model that it would begin with."""
         if ident.settings is None:
             ident = ident.clone()
             ident.finish_startup()
-        self._keep(ident.transfer_function, ident.parameters, ident.uncertainty.std)
+        self._set_model(ident.transfer_function, ident.parameters, ident.uncertainty.std)
         u, y = self._recent.T
         input_offset = float(ident.settings.preprocess.input_offset) if ident.settings else float(u.mean())
         run = simulate(ident.transfer_function, u - input_offset, y, self.dt)
@@ -173,13 +173,13 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
-        tags.regressor_tags.poor_score = True  # of rows that are no record of a dynamic system
+        tags.regressor_tags.poor_score = True  # on scikit-learn's test data, which are no record of a dynamic system
         return tags
 
-    def _chosen(self) -> tuple[Structure, str]:
+    def _structure_and_method(self) -> tuple[Structure, str]:
         return Structure(self.poles, self.zeros, self.delay), one_of("method", self.method, METHODS)
 
-    def _record(self, X: Any, y: Any, least: int, *, reset: bool) -> tuple[FloatArray, FloatArray]:
+    def _checked_record(self, X: Any, y: Any, least: int, *, reset: bool) -> tuple[FloatArray, FloatArray]:
         """Return input and output, checked as scikit-learn checks them."""
         X, y = validate_data(
             self, X, y, reset=reset, dtype=np.float64, y_numeric=True, ensure_min_samples=least
@@ -190,15 +190,15 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         if self.column is None:
             if X.shape[1] != 1:
                 raise InvalidArgumentError(
-                    f"X must have one column, the input, got {X.shape[1]}: say which it is with column="
+                    f"X must have one column, the input, got {X.shape[1]}: choose one with column="
                 )
             return np.ascontiguousarray(X[:, 0])
         column = whole("column", self.column, 0)
         if column >= X.shape[1]:
-            raise InvalidArgumentError(f"X has {X.shape[1]} columns, numbered from 0: there is no column {column}")
+            raise InvalidArgumentError(f"X has {X.shape[1]} columns, numbered from 0, and no column {column}")
         return np.ascontiguousarray(X[:, column])
 
-    def _keep(self, model: TransferFunction, parameters: FloatArray, std: FloatArray) -> None:
+    def _set_model(self, model: TransferFunction, parameters: FloatArray, std: FloatArray) -> None:
         self.transfer_function_, self.parameters_, self.std_ = model, parameters, std
 
     def _set_working_point(self, input_offset: float, output_offset: float) -> None:

@@ -22,7 +22,7 @@ from replant.checkpoint.encoding import (
     decode,
 )
 from replant.kernels import schema as at
-from support.builders import identifier, random_plant, record
+from support.builders import engine_state, identifier, random_plant, record
 
 
 def running(samples: int = 3) -> rp.Identifier:
@@ -159,7 +159,7 @@ def test_forged_positions_do_not_reach_the_kernels(kind: str) -> None:
     assert ident.status == "running"
     header, body = parts(ident.to_bytes())
     (name, _, (size,), rows), *_ = header["arrays"]
-    assert (name, size) == ("ints", len(ident._state.ints))
+    assert (name, size) == ("ints", len(engine_state(ident).ints))
     refused = 0
     for slot in range(rows):
         for bit in (0, 1, 4, 20, 40, 62, 63):
@@ -210,10 +210,10 @@ BUFFER = 3  # its place in the header's list of arrays
         (change("attributes/_settings/Settings/dt", "soon"), "identifier"),
         (change("attributes/_hold", "long"), "hold is a str"),
         (change("attributes/_request", None), "request is a NoneType"),
-        (change("attributes/_news", 1), "holds other things"),
-        (change("attributes", {}), "holds other things"),
-        (change("layout", "0123456789abcdef"), "lays the state out otherwise"),
-        (change("layout", None), "lays the state out otherwise"),
+        (change("attributes/_news", 1), "has other attributes"),
+        (change("attributes", {}), "has other attributes"),
+        (change("layout", "0123456789abcdef"), "the state has another layout"),
+        (change("layout", None), "the state has another layout"),
         (change("progress/where", [1]), "progress must map"),
         (change("progress", []), "identifier"),
     ],
@@ -374,9 +374,9 @@ def test_rows_that_were_never_written_cost_nothing() -> None:
         wide.update_many(np.ones(100), np.ones(100))
         sizes.append(len(wide.to_bytes()))
     assert sizes[0] < 30_000
-    row = 8 * (wide._state.buffer.shape[1] + 3)  # the buffer's and that of the raw samples
+    row = 8 * (engine_state(wide).buffer.shape[1] + 3)  # the buffer's and that of the raw samples
     assert abs(sizes[2] - sizes[1] - 100 * row) <= 16
-    assert rp.Identifier.from_bytes(wide.to_bytes())._state.buffer.shape == wide._state.buffer.shape
+    assert engine_state(rp.Identifier.from_bytes(wide.to_bytes())).buffer.shape == engine_state(wide).buffer.shape
 
 
 def test_a_negative_zero_is_no_row_that_was_never_written() -> None:
@@ -392,4 +392,4 @@ def test_the_size_stays_once_the_rings_are_full() -> None:
     size = len(ident.to_bytes())
     ident.update_many(np.ones(50_000), np.ones(50_000))
     assert abs(len(ident.to_bytes()) - size) <= 8
-    assert ident._state.samples == 61_003
+    assert ident.samples == 61_003

@@ -15,7 +15,7 @@ from replant.kernels import schema as at
 from replant.kernels.filters import bank
 from replant.kernels.schema import ROOM
 from replant.kernels.slots import Slot
-from support.builders import identifier
+from support.builders import engine_state, identifier
 
 
 @pytest.fixture(autouse=True)
@@ -56,7 +56,8 @@ def test_shapes_are_known_from_the_settings_alone(kind: str) -> None:
         ident = rp.Identifier.from_bytes(seed(kind, samples, False))
         if ident.settings is not None:
             assert shapes_of(ident.settings) == {
-                field.name: getattr(ident._state, field.name).shape for field in dataclasses.fields(ident._state)
+                field.name: getattr(engine_state(ident), field.name).shape
+                for field in dataclasses.fields(engine_state(ident))
             }
 
 
@@ -66,9 +67,9 @@ def test_a_whole_number_outside_of_its_range_is_refused(slot: Slot, value: int) 
     ident = identifier()
     ident.update_many(np.ones(20), np.ones(20))
     assert ident.settings is not None
-    ident._state.ints[slot.index] = value
+    engine_state(ident).ints[slot.index] = value
     with pytest.raises(rp.DamagedCheckpointError):
-        check_state(ident._state, ident.settings, 0)
+        check_state(engine_state(ident), ident.settings, 0)
 
 
 @pytest.mark.parametrize("array", ["reals", "banks", "buffer", "recent"])
@@ -78,9 +79,9 @@ def test_a_number_that_must_be_finite_is_refused_where_it_is_not(array: str, val
     ident.update_many(np.ones(20), np.ones(20))
     assert ident.settings is not None
     place = (at.INPUT_NOW,) if array == "reals" else (0, 0)
-    getattr(ident._state, array)[place] = value
-    with pytest.raises(rp.DamagedCheckpointError, match="cannot be"):
-        check_state(ident._state, ident.settings, 0)
+    getattr(engine_state(ident), array)[place] = value
+    with pytest.raises(rp.DamagedCheckpointError, match="not valid"):
+        check_state(engine_state(ident), ident.settings, 0)
 
 
 def test_nothing_compiled_runs_before_a_state_is_found_sound(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,7 +93,7 @@ def test_nothing_compiled_runs_before_a_state_is_found_sound(monkeypatch: pytest
         raise AssertionError("a kernel ran")
 
     monkeypatch.setattr(bank, "set_denominator", called)
-    check_state(ident._state, ident.settings, 0)
+    check_state(engine_state(ident), ident.settings, 0)
 
 
 def test_an_identifier_without_a_sample_is_assessed() -> None:
@@ -107,26 +108,26 @@ def test_a_position_outside_of_its_array_is_refused(slot: str, value: int) -> No
     ident = identifier()
     ident.update_many(np.ones(20), np.ones(20))
     assert ident.settings is not None
-    check_state(ident._state, ident.settings, 0)
-    ident._state.ints[getattr(at, slot)] = value
+    check_state(engine_state(ident), ident.settings, 0)
+    engine_state(ident).ints[getattr(at, slot)] = value
     with pytest.raises(rp.DamagedCheckpointError, match="outside"):
-        check_state(ident._state, ident.settings, 0)
+        check_state(engine_state(ident), ident.settings, 0)
 
 
 @pytest.mark.parametrize("value", [-1.0, bank.KEPT, np.nan, np.inf])
 def test_a_discretisation_outside_of_its_bank_is_refused(value: float) -> None:
     ident = identifier()
     assert ident.settings is not None
-    ident._state.banks[2, bank.NEXT] = value
+    engine_state(ident).banks[2, bank.NEXT] = value
     with pytest.raises(rp.DamagedCheckpointError, match="outside"):
-        check_state(ident._state, ident.settings, 0)
+        check_state(engine_state(ident), ident.settings, 0)
 
 
 @pytest.mark.parametrize("value", [-1.0, ROOM + 1.0, np.nan, np.inf])
 def test_a_path_of_more_rows_than_there_is_room_for_is_refused(value: float) -> None:
     ident = identifier()
     assert ident.settings is not None
-    state = ident._state
+    state = engine_state(ident)
     state.path.kept = value
     with pytest.raises(rp.DamagedCheckpointError, match="outside"):
         check_state(state, ident.settings, 0)
@@ -137,4 +138,4 @@ def test_waiting_for_a_sample_that_has_passed_is_refused() -> None:
     ident.update_many(np.ones(20), np.ones(20))
     assert ident.settings is not None
     with pytest.raises(rp.DamagedCheckpointError, match="has passed"):
-        check_state(ident._state, ident.settings, 20)
+        check_state(engine_state(ident), ident.settings, 20)

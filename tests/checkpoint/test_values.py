@@ -108,10 +108,10 @@ Gradient = dataclass(frozen=True)(type("Gradient", (rp.Gradient,), {"__annotatio
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"preprocess": rp.Preprocess(squared)}, "preprocess.input_map cannot be kept in a checkpoint: squared is"),
-        ({"preprocess": rp.Preprocess(np.cbrt)}, "preprocess.input_map cannot be kept in a checkpoint: cbrt is"),
-        ({"optimizer": Own(1.0)}, "optimizer cannot be kept in a checkpoint: it is a Own"),
-        ({"optimizer": Gradient(1.0)}, "optimizer cannot be kept in a checkpoint: it is a Gradient"),
+        ({"preprocess": rp.Preprocess(squared)}, "preprocess.input_map cannot be stored in a checkpoint: squared is"),
+        ({"preprocess": rp.Preprocess(np.cbrt)}, "preprocess.input_map cannot be stored in a checkpoint: cbrt is"),
+        ({"optimizer": Own(1.0)}, "optimizer cannot be stored in a checkpoint: it is a Own"),
+        ({"optimizer": Gradient(1.0)}, "optimizer cannot be stored in a checkpoint: it is a Gradient"),
     ],
 )
 def test_what_cannot_be_told_is_refused_by_name(changes: dict[str, Any], words: str) -> None:
@@ -123,7 +123,7 @@ def test_what_cannot_be_told_is_refused_by_name(changes: dict[str, Any], words: 
 
 @pytest.mark.parametrize("value", [Thing(), b"x", 1j, {1, 2}, np.longdouble(1), np.array(["a"]), np.array([Thing()])])
 def test_other_things_are_refused(value: Any) -> None:
-    with pytest.raises(rp.InvalidArgumentError, match="thing cannot be kept"):
+    with pytest.raises(rp.InvalidArgumentError, match="thing cannot be stored"):
         to_plain("thing", value)
 
 

@@ -315,7 +315,7 @@ def test_a_sampling_time_that_the_stamps_contradict_is_said(capsys, log: Path, c
     code, out, err = call(capsys, command, log, *COLUMNS, "--dt", 50, "--json")
     assert code == 0
     assert json.loads(out)["samples"] == 2000
-    assert err == f"replant: note: {log}: column 't' steps by 0.05 s where --dt says 50 s; --dt is taken\n"
+    assert err == f"replant: note: {log}: column 't' steps by 0.05 s, but --dt is 50 s; --dt is used\n"
     for dt in (0.05, 0.052):  # the very one; the mean interval where samples were lost
         assert call(capsys, command, log, *COLUMNS, "--dt", dt, "--json")[2] == ""
 

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from replant.cli.encoding import PLAIN, spare_the_streams
+from replant.cli.encoding import PLAIN, replace_unencodable
 
 
 @pytest.mark.parametrize(
@@ -22,7 +22,7 @@ def test_what_a_stream_lacks_is_written_plainly(monkeypatch: pytest.MonkeyPatch,
     streams = [io.TextIOWrapper(io.BytesIO(), encoding=encoding) for _ in range(2)]
     monkeypatch.setattr(sys, "stdout", streams[0])
     monkeypatch.setattr(sys, "stderr", streams[1])
-    spare_the_streams()
+    replace_unencodable()
     for stream in streams:
         assert stream.errors == PLAIN
         stream.write("(1.2 ± 0.1)×10⁻⁷ − ∞, ü, 数")
@@ -32,6 +32,6 @@ def test_what_a_stream_lacks_is_written_plainly(monkeypatch: pytest.MonkeyPatch,
 
 def test_a_stream_that_is_no_file_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdout", io.StringIO())
-    spare_the_streams()
+    replace_unencodable()
     print("±")
     assert sys.stdout.getvalue() == "±\n"  # type: ignore[attr-defined]

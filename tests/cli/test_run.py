@@ -17,7 +17,7 @@ import pytest
 import replant as rp
 from replant.cli import main, options
 from replant.cli import run as run_command
-from replant.cli.output import COMPILING, announced_compiling, in_thousands
+from replant.cli.output import COMPILING, announced_compiling
 from replant.data.logs import open_recording, read_columns
 from replant.runs import run as online_run
 
@@ -156,11 +156,6 @@ def test_compiling_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
     with announced_compiling():
         assert (doubled(2.0), tripled(2.0)) == (4.0, 6.0)
     assert capsys.readouterr().err == ""
-
-
-@pytest.mark.parametrize(("value", "text"), [(999.0, "999"), (1000.0, "1 k"), (2.5e9, "2.5 G")])
-def test_a_rate_in_three_digits(value: float, text: str) -> None:
-    assert in_thousands(value) == text
 
 
 PEAK = """

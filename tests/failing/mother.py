@@ -98,19 +98,21 @@ def prepare(model: list[str]) -> None:
     from replant.data.streams import (
         tcp,
     )
-    from replant.live.observer.history import History
-    from replant.live.observer.make_view import look
-    from replant.live.observer.view import Pulse
-    from replant.live.session.warm_up import _record, warm
+    from replant.live.observer.history import EstimateHistory
+    from replant.live.observer.make_view import make_view
+    from replant.live.observer.view import SessionInfo
+    from replant.live.session.warm_up import _simulated_record, warm_up
 
     context = replant.cli.live.command.make_context("live", ["-", *model])
     request = replant.cli.live._request(context.params)
-    warm(request, lambda line: None)
+    warm_up(request, lambda line: None)
     identifier = Identifier(**vars(request))
-    identifier.update_many(*_record(request))
+    identifier.update_many(*_simulated_record(request))
     identifier.assess()
-    view = look(identifier, Pulse(0.0, "", "connected", {}, 0.0, 0.0), History(identifier.structure.size))
-    rich.console.Console(file=io.StringIO()).print(replant.live.observer.terminal.screen(view))
+    view = make_view(
+        identifier, SessionInfo(0.0, "", "connected", {}, 0.0, 0.0), EstimateHistory(identifier.structure.size)
+    )
+    rich.console.Console(file=io.StringIO()).print(replant.live.observer.terminal.render(view))
     pyarrow.parquet.write_table(pyarrow.table({"words": pyarrow.array(["once"])}), io.BytesIO())  # imports pandas
     rig = tcp.TcpSource("", "127.0.0.1", 1)
     socket.getaddrinfo("127.0.0.1", rig._place[1])
@@ -123,20 +125,20 @@ def session(case: dict[str, Any]) -> None:
         file = os.open(case[name], flags)
         os.dup2(file, number)
         os.close(file)
-    import replant.live.observer.client
+    import replant.live.observer.spawn
     import replant.live.run
     from replant.cli import main
 
-    replant.live.run.warm = lambda *arguments: None  # done before the fork
+    replant.live.run.warm_up = lambda *arguments: None  # done before the fork
     if case["fork"]:  # a spawned observer imports everything anew, which takes seconds
-        begin, context = replant.live.observer.client.observe, multiprocessing.get_context("fork")
+        begin, context = replant.live.observer.spawn.observe, multiprocessing.get_context("fork")
         multiprocessing.get_context = lambda method=None: context  # type: ignore[assignment]
 
         def observe(*arguments: Any) -> None:
             play("observer")
             begin(*arguments)
 
-        replant.live.observer.client.observe = observe
+        replant.live.observer.spawn.observe = observe
     sys.argv = ["replant", *case["arguments"]]
     play("session")
     main()

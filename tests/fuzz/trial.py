@@ -132,7 +132,7 @@ def _loaded(data: bytes) -> rp.Identifier | None:
     try:
         return rp.Identifier.from_bytes(data)
     except rp.DamagedCheckpointError as error:
-        if "numbers that cannot be" in str(error) or "raw samples that cannot be" in str(error):
+        if "numbers that are not valid" in str(error) or "raw samples that are not valid" in str(error):
             return None
         raise FindingError(f"what it saved is refused: {error}") from error
 

@@ -71,7 +71,7 @@ TWO = np.eye(2)
         (control.ss(-TWO, TWO, TWO, 0 * TWO), "one input and one output, got 2 and 2"),
         (control.tf([1.0], [1.0, 0.5], 0.1), "discrete time (dt = 0.1 s)"),
         (control.ss(-0.5, 1.0, 1.0, 0.0, True), "discrete time:"),
-        (control.tf([1.0, 0.0, 0.0], [1.0, 2.0]), "improper, its numerator of order 2 and its denominator of order 1"),
+        (control.tf([1.0, 0.0, 0.0], [1.0, 2.0]), "improper, its numerator has order 2 and its denominator order 1"),
     ],
 )
 def test_what_python_control_knows_and_we_do_not(system: object, words: str) -> None:
@@ -86,7 +86,7 @@ def test_what_python_control_knows_and_we_do_not(system: object, words: str) -> 
         (signal.StateSpace(-TWO, TWO, TWO, 0 * TWO), "one input and one output, got 2 and 2"),
         (signal.TransferFunction([[1.0, 0.0], [0.0, 1.0]], [1.0, 2.0]), "one input and one output, got 1 and 2"),
         (signal.TransferFunction([1.0], [1.0, 0.5], dt=0.1), "discrete time (dt = 0.1 s)"),
-        (signal.ZerosPolesGain([1.0, 2.0], [-1.0], 1.0), "improper, its numerator of order 2"),
+        (signal.ZerosPolesGain([1.0, 2.0], [-1.0], 1.0), "improper, its numerator has order 2"),
     ],
 )
 def test_what_scipy_knows_and_we_do_not(system: object, words: str) -> None:

@@ -22,7 +22,7 @@ from failing.cases import ERRORS, LARGE, SAMPLES, Fault, Mother, Outcome, findin
 from replant import cli
 from replant.errors import SystemRefusedError
 from replant.kernels.codegen import decorators
-from replant.live.outputs.disk_writer import Background
+from replant.live.outputs.disk_writer import DiskWriter
 from replant.live.outputs.notices import Notices
 from replant.live.session import warm_up as warming
 from replant.online import saving
@@ -146,7 +146,7 @@ def test_memory_that_is_refused_while_learning_ends_with_the_checkpoint_before(
     with pytest.raises(SystemRefusedError, match="after 0 samples: out of memory; free memory"):
         session.run()
     assert path.read_bytes() == kept
-    assert "replant: the checkpoint stays as it was last written" in observer.shown
+    assert "replant: no last checkpoint: learning was interrupted; the one before is kept" in observer.shown
     assert sink.closed
 
 
@@ -155,21 +155,21 @@ def test_what_is_no_part_of_learning_is_spared(error: Exception, monkeypatch: py
     u, y = record()
 
     class Refused(FakeObserver):
-        def hand(self, *arguments: Any, **more: Any) -> bool:
+        def hand_over(self, *arguments: Any, **more: Any) -> bool:
             raise error
 
-        look_again = hand
+        wait_for_view = hand_over
 
     session, observer = make(FakeSource(u, y), observer=Refused(), sinks=[FakeSink(error)])
     assert session.run()
     assert session.progress.taken == u.size
     assert len([line for line in observer.shown if line.startswith("replant: observer: ")]) == 1
-    assert len([line for line in observer.shown if line.endswith("going on")]) == len(observer.shown)
+    assert len([line for line in observer.shown if line.endswith("identification continues")]) == len(observer.shown)
 
 
 def test_a_mistake_of_ours_is_no_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
     session, observer = make(FakeSource(*record()))
-    monkeypatch.setattr(observer, "hand", lambda *arguments, **more: 1 // 0)
+    monkeypatch.setattr(observer, "hand_over", lambda *arguments, **more: 1 // 0)
     with pytest.raises(ZeroDivisionError):
         session.run()
 
@@ -183,11 +183,11 @@ def test_jobs_go_on_where_not_even_a_failure_can_be_said() -> None:
     def fail() -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    background = Background(Notices(refuse))
+    disk_writer = DiskWriter(Notices(refuse))
     for job in (fail, lambda: done.append(1)):
-        assert background.submit("job", job)
-    background.wait()
-    background.close()
+        assert disk_writer.submit("job", job)
+    disk_writer.wait()
+    disk_writer.close()
     assert done == [1]
 
 
@@ -254,7 +254,7 @@ def test_kernels_that_cannot_be_kept_are_used_and_it_is_said(monkeypatch: pytest
     decorators._go_on_without(cache)
     cache.save_overload("signature", "compiled now")
     said: list[str] = []
-    warming.warm(REQUEST, said.append)
-    assert [line for line in said if "kept" in line] == [
-        "replant: the compiled kernels cannot be kept (No space left on device): the next start compiles them again"
+    warming.warm_up(REQUEST, said.append)
+    assert [line for line in said if "stored" in line] == [
+        "replant: the compiled kernels cannot be stored (No space left on device): the next start compiles them again"
     ]

@@ -15,9 +15,9 @@ from scipy.signal import cont2discrete, tf2ss
 
 import replant as rp
 from replant.data.streams import Batch, open_source
-from replant.data.streams.demo import lively_voltage
-from replant.live.outputs.message import Estimate
-from replant.live.session.session import Limits
+from replant.data.streams.demo import demo_voltage
+from replant.live.outputs.message import EstimateMessage
+from replant.live.session.limits import Limits
 from replant.online import saving
 from replant.rigs import deap_rig
 from replant.settings import Request
@@ -44,7 +44,7 @@ class InStep(FakeSource):
             yield Batch(np.zeros(0), np.zeros(0), None, None, 0.0)  # the verdict is there
 
 
-def told(request: Request, u: np.ndarray, y: np.ndarray, step: int = STEP) -> list[Estimate]:
+def told(request: Request, u: np.ndarray, y: np.ndarray, step: int = STEP) -> list[EstimateMessage]:
     """Return what a controller is told at the end of each step, from the last good one on."""
     sink, source = FakeSink(), InStep(u, y)
     source.step = step
@@ -64,7 +64,7 @@ def slow(samples: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 def light(samples: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """The demo's rig: a hardly damped pair at 12 Hz, and a pole of ten seconds."""
-    u = lively_voltage(samples, seed)
+    u = demo_voltage(samples, seed)
     return u, RIG.measure(u, seed + 1)
 
 
@@ -108,7 +108,7 @@ Jumps = dict[int, tuple[int, float]]  # at which sample which coefficient jumps 
 
 def jumping(jumps: Jumps, samples: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a record of the demo's rig, whose parameters jump while its states go on, and what is true in the end."""
-    u, parameters = lively_voltage(samples, seed), np.concatenate([RIG.plant.den[1:], RIG.plant.num])
+    u, parameters = demo_voltage(samples, seed), np.concatenate([RIG.plant.den[1:], RIG.plant.num])
     moved, y, state = u**2 - 16.0, np.empty(samples), np.zeros(3)
     for begin, end in itertools.pairwise([0, *jumps, samples]):
         entry, factor = jumps.get(begin, (0, 1.0))
@@ -220,7 +220,7 @@ def test_noise_between_the_lines_changes_nothing() -> None:
     identifier = rp.Identifier(**vars(REQUEST))
     identifier.update_many(u, y, t)
     assert session.identifier.to_bytes() == identifier.to_bytes()
-    assert sum(session.pulse.counters.values()) == 20
+    assert sum(session.info.counters.values()) == 20
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -300,4 +300,4 @@ def assert_went_on(identifier: rp.Identifier, observer: FakeObserver, path: Path
     said = [line for line in observer.shown if str(path) in line]
     assert len(said) == 2, observer.shown  # once while it runs, once for the last one
     assert all(reason in line for line in said)
-    assert "going on" in said[0]
+    assert "identification continues" in said[0]

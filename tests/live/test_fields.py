@@ -19,12 +19,13 @@ import pytest
 
 import replant as rp
 from replant.data.streams import Batch
-from replant.data.streams.lines import Lines
+from replant.data.streams.lines import LineSplitter
 from replant.data.streams.parser import Parser
 from replant.data.streams.payload import MAGIC, Payloads
 from replant.data.streams.reader import Reader
 from replant.data.streams.rows import BY_WIDTH, FIELDS
 from replant.settings import Request
+from support.builders import engine_state
 from support.live_fakes import DT, PLANT, JudgingObserver, make, record
 
 STARTUP, SAMPLES, BLOCK = 100, 390, 10
@@ -142,7 +143,7 @@ class Wire(Reader):
         super().__init__("wire://", waits=True, replays=form.replays)
         said = columns if form.bare or columns not in BY_WIDTH.values() else None
         parser = Parser(self._counts, said)
-        lines, payloads = Lines(self._counts), Payloads(parser, bare=form.bare)
+        lines, payloads = LineSplitter(self._counts), Payloads(parser, bare=form.bare)
         self._parse = (
             (lambda data: parser.parse(lines.split(data), 0.0))
             if form.lines
@@ -159,10 +160,10 @@ class Wire(Reader):
         self._connected(again=False)
         for block in self._blocks:
             self._deliver(self._parse(block))
-            yield self._inbox.take(0.0)
+            yield self._inbox.get(0.0)
             assert self.identifier is not None
             running = self.identifier.settings is not None
-            self.learned.append(self.identifier._state.learned if running else self.identifier.samples)
+            self.learned.append(engine_state(self.identifier).learned if running else self.identifier.samples)
 
 
 def samples_of(u: np.ndarray, y: np.ndarray) -> list[Sample]:

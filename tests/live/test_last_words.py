@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from replant.live.outputs.message import ENDED, WAITING, Estimate
+from replant.live.outputs.message import ENDED, WAITING, EstimateMessage
 from replant.live.outputs.notices import Notices
 from replant.live.outputs.outlets import Outlets
 from replant.live.outputs.sinks import open_sink
@@ -121,9 +121,11 @@ def test_what_a_dead_session_left_is_replaced_before_the_first_sample(broker: Br
     """Also by a session that never gets one, and again after the broker has lost everything."""
     controller.publish({"trusted": 1, "status": "running", "verdict": "trusted"})
     controller.until(trusted=True)
-    outlets = Outlets([open_sink(f"{broker.url}/{TOPIC}")], None, 5.0, notices=Notices(print), gone=lambda: None)
+    outlets = Outlets(
+        [open_sink(f"{broker.url}/{TOPIC}")], None, 5.0, notices=Notices(print), on_reader_gone=lambda: None
+    )
     unknown = np.full(2, np.nan)
-    outlets.begin(Estimate(0.0, None, 0, ("a0", "b0"), unknown, unknown, "starting", "unknown"))
+    outlets.start(EstimateMessage(0.0, None, 0, ("a0", "b0"), unknown, unknown, "starting", "unknown"))
     assert controller.until(trusted=False)["status"] == WAITING
     broker.kill()
     controller.forget()

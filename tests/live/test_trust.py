@@ -20,12 +20,12 @@ from replant.live.outputs.message import (
     ENDED,
     UNKNOWN,
     WAITING,
-    Estimate,
+    EstimateMessage,
     time_to_live,
 )
 from replant.live.outputs.notices import Notices
 from replant.live.outputs.outlets import Outlets
-from replant.live.outputs.sinks import Lines
+from replant.live.outputs.sinks import LineSink
 from support.live_command import wait_for
 from support.live_fakes import DT, FakeObserver, FakeSink, FakeSource, JudgingObserver, make, record
 
@@ -33,8 +33,8 @@ TTL = 5.0
 NAMES = ("a0", "b0")
 
 
-def estimate(verdict: str = "trusted", samples: int = 1, ttl: float = 0.0) -> Estimate:
-    return Estimate(0.0, None, samples, NAMES, np.ones(2), np.ones(2), "running", verdict, ttl)
+def estimate(verdict: str = "trusted", samples: int = 1, ttl: float = 0.0) -> EstimateMessage:
+    return EstimateMessage(0.0, None, samples, NAMES, np.ones(2), np.ones(2), "running", verdict, ttl)
 
 
 class Clock:
@@ -55,7 +55,7 @@ class Consumer:
         self._message: dict[str, Any] = {"trusted": 0}
         self._until = 0.0
 
-    def send(self, estimate: Estimate) -> None:
+    def send(self, estimate: EstimateMessage) -> None:
         fate = self._fate()
         self.behind = fate == "slow"
         if fate == "error":
@@ -95,8 +95,8 @@ def test_nobody_trusts_for_longer_than_the_time_to_live(seed: int) -> None:
     """
     clock, generator = Clock(), np.random.default_rng(seed)
     outside = consumers(clock, generator)
-    outlets = Outlets(outside, None, TTL, notices=Notices(lambda line: None), gone=lambda: None, now=clock)
-    outlets._newest = estimate()  # as `begin` does, without its thread
+    outlets = Outlets(outside, None, TTL, notices=Notices(lambda line: None), on_reader_gone=lambda: None, now=clock)
+    outlets._newest = estimate()  # as `start` does, without its thread
     newest, accepted, held = estimate(), -np.inf, 0
     phase, phase_ends = "samples", clock() + 20.0
     while clock() < 1300.0:
@@ -112,7 +112,7 @@ def test_nobody_trusts_for_longer_than_the_time_to_live(seed: int) -> None:
             outlets.mark()
         if phase != "stuck":  # the session's own thread waits for a disk, a solution, a source
             outlets.send(lambda: newest)  # noqa: B023 - called at once
-        outlets.look()
+        outlets.check()
         overdue = clock() - accepted - TTL
         for consumer in outside:
             held += consumer.trusts
@@ -125,7 +125,7 @@ def test_nobody_trusts_for_longer_than_the_time_to_live(seed: int) -> None:
 
 def test_the_rest_of_the_time_to_live_goes_along() -> None:
     clock, sink = Clock(), FakeSink()
-    outlets = Outlets([sink], None, TTL, notices=Notices(print), gone=lambda: None, now=clock)
+    outlets = Outlets([sink], None, TTL, notices=Notices(print), on_reader_gone=lambda: None, now=clock)
     outlets.mark()
     outlets.send(estimate)
     outlets.accepted()
@@ -142,13 +142,13 @@ def test_the_rest_of_the_time_to_live_goes_along() -> None:
 
 def test_what_is_not_trusted_stays_so_and_is_not_said_again() -> None:
     clock, sink = Clock(), FakeSink()
-    outlets = Outlets([sink], None, TTL, notices=Notices(print), gone=lambda: None, now=clock)
+    outlets = Outlets([sink], None, TTL, notices=Notices(print), on_reader_gone=lambda: None, now=clock)
     outlets.accepted()
     outlets.mark()
     outlets.send(lambda: estimate("converging"))
     clock.now += 100.0
     for _ in range(10):
-        outlets.look()
+        outlets.check()
     assert len(sink.sent) == 1
 
 
@@ -219,7 +219,7 @@ def test_without_accepted_samples_trust_is_taken_back(after: Callable[[Paced], I
         running.join()
     assert not any(one.trusted for one in sink.sent[sink.sent.index(last) :])
     assert sink.sent[-1].status == ENDED
-    assert observer.pulses[-1].silence == 0.0  # the summary is one on all samples, however long it took to end
+    assert observer.infos[-1].silence == 0.0  # the summary is one on all samples, however long it took to end
 
 
 def test_trust_comes_back_with_the_samples() -> None:
@@ -240,7 +240,7 @@ def test_trust_comes_back_with_the_samples() -> None:
     running.join()
     assert any(one.trusted for one in sink.sent[before:])
     assert sink.sent[-1].status == ENDED
-    assert max(pulse.silence for pulse in observer.pulses) < 60.0
+    assert max(info.silence for info in observer.infos) < 60.0
 
 
 def fails(error: BaseException) -> Callable[[Paced], Iterator[Batch]]:
@@ -274,7 +274,7 @@ def test_a_sink_that_raises_what_it_should_not_harms_no_other() -> None:
     session, observer = make(FakeSource(*record(500)), observer=JudgingObserver(), sinks=[bad, good])
     assert session.run()
     assert good.sent[-1].status == ENDED
-    assert observer.shown == ["replant: fake sink: no such payload; going on"]
+    assert observer.shown == ["replant: fake sink: no such payload; identification continues"]
 
 
 def test_a_resumed_session_is_not_trusted_before_its_first_sample() -> None:
@@ -308,7 +308,7 @@ def pipe() -> Iterator[tuple[int, int]]:
 
 def test_a_slow_reader_finds_one_trusted_line_at_the_most(pipe: tuple[int, int]) -> None:
     reading, writing = pipe
-    sink = Lines(writing)
+    sink = LineSink(writing)
     trusted, doubted = estimate(ttl=TTL), estimate("converging", ttl=TTL)
     for _ in range(100):
         sink.send(trusted)
@@ -324,7 +324,7 @@ def test_a_slow_reader_finds_one_trusted_line_at_the_most(pipe: tuple[int, int])
 
 def test_a_reader_that_never_reads_holds_nobody_up(pipe: tuple[int, int]) -> None:
     reading, writing = pipe
-    sink = Lines(writing)
+    sink = LineSink(writing)
     for _ in range(10_000):
         sink.send(estimate("converging"))
     assert sink.behind
@@ -337,7 +337,7 @@ def test_a_reader_that_never_reads_holds_nobody_up(pipe: tuple[int, int]) -> Non
 
 def test_a_reader_that_leaves_lines_behind_is_noticed(pipe: tuple[int, int]) -> None:
     reading, writing = pipe
-    sink = Lines(writing)
+    sink = LineSink(writing)
     sink.send(estimate(ttl=TTL))
     os.close(reading)
     with pytest.raises(BrokenPipeError):
@@ -347,7 +347,7 @@ def test_a_reader_that_leaves_lines_behind_is_noticed(pipe: tuple[int, int]) -> 
 def test_a_slow_reader_gets_the_newest_when_it_reads_again(pipe: tuple[int, int]) -> None:
     reading, writing = pipe
     source = Paced(is_silent)
-    session, _ = make(source, observer=JudgingObserver(), sinks=[Lines(writing)], ttl=3600.0)
+    session, _ = make(source, observer=JudgingObserver(), sinks=[LineSink(writing)], ttl=3600.0)
     running = threading.Thread(target=session.run)
     running.start()
     wait_for(lambda: session.progress.taken == 1500)

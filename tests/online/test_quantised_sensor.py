@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.data.streams.demo import lively_voltage
+from replant.data.streams.demo import demo_voltage
 from replant.rigs import deap_rig
 from support.builders import true_parameters
 
@@ -35,7 +35,7 @@ SCALES = {"8 bits": bits(8), "10 bits": bits(10), "12 bits": bits(12), "4 digits
 def measured(name: str, samples: int, noise: float) -> tuple[rp.Identifier, np.ndarray, np.ndarray, np.ndarray]:
     """Return who identifies it, the record, and what is true."""
     if name == "demo":
-        u = lively_voltage(samples, 3)
+        u = demo_voltage(samples, 3)
         preprocess = rp.Preprocess("square", "mean", "mean")
         ident = rp.Identifier(rp.Structure(3, 1), RIG.dt, preprocess=preprocess)
         return ident, u, RIG.measure(u, 4), true_parameters(RIG.plant, 1)
@@ -96,7 +96,7 @@ def test_a_sensor_with_steps_that_fails_is_told_and_not_learned(name: str, fault
 def test_a_resonance_whose_crests_are_cut_is_told_and_not_learned() -> None:
     """The demo's rig after a minute: its parameters are known to a third of a percent, and hold within one."""
     for seed, level in ((0, 0.8), (1, 0.5), (2, 1.2)):
-        u = lively_voltage(66_000, seed)
+        u = demo_voltage(66_000, seed)
         y = RIG.measure(u, seed + 1)
         ident = rp.Identifier(rp.Structure(3, 1), RIG.dt, preprocess=rp.Preprocess("square", "mean", "mean"))
         ident.update_many(u[:60_000], y[:60_000])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from replant.optimizers import OPTIMIZERS
 from replant.runs.result import result_of_fit
 from replant.runs.run import run_online
 from replant.settings import Request
+from support import live_fakes
 from support.builders import AWKWARD, DT, binary, irregular_record, state
 from support.places import ROOT
 
@@ -285,3 +287,16 @@ def test_one_pole_for_a_real_rig_is_trusted_with_a_caveat_or_not_at_all(datasets
     verdict = run_online(request, log.input, log.output).verdict
     assert verdict.status == LOGS[name]
     assert "the input could explain another" in " ".join(verdict.reasons)
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e60, 1e140])
+def test_no_reason_holds_a_number_without_end(factor: float) -> None:
+    """A model that has nothing to do with the output fits it worse than any number tells."""
+    u, y = live_fakes.record(500)
+    identifier = rp.Identifier(**vars(live_fakes.REQUEST))
+    identifier.update_many(u, y)
+    identifier.freeze()
+    identifier.update_many(factor * u, y)
+    reasons = identifier.assess().reasons
+    assert any("fit below -1000 %" in reason for reason in reasons)
+    assert not any(re.search(r"[\d,]{15}", reason) for reason in reasons)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.report.numbers import mathml, number, uncertain
+from replant.report.numbers import grouped, mathml, number, uncertain, with_prefix, with_std
 
 
 def written(math: str) -> str:
@@ -59,3 +59,15 @@ def test_standard_deviation_sets_the_digits(value: float, std: float, text: str)
 def test_any_number_can_be_written(value: float) -> None:
     assert number(value)
     assert uncertain(value, abs(value) / 7 or 1.0)
+
+
+@pytest.mark.parametrize(("value", "text"), [(999.0, "999"), (1000.0, "1 k"), (2.5e9, "2.5 G")])
+def test_a_rate_in_three_digits(value: float, text: str) -> None:
+    assert with_prefix(value) == text
+
+
+@pytest.mark.parametrize("value", [0.0, -1e300, 1e-300, 5e-324, 1.7976931348623157e308, np.nan, np.inf, 10**400])
+def test_a_number_at_the_terminal_is_short_whatever_its_size(value: float) -> None:
+    assert len(grouped(value)) < 25
+    if isinstance(value, float):
+        assert len(with_std(value, abs(value))) < 30

@@ -10,7 +10,7 @@ import pytest
 
 from support.waiting import PATIENCE
 
-OPTIONS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+OPTIONS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-disk_writer-networking"]
 OPTIONS += ["--disable-component-update", "--disable-sync"]
 
 # every piece of text that is shown, with its colour, what lies behind it and its size

@@ -21,10 +21,10 @@ from replant.online import saving
 from support.live_fakes import DT, REQUEST
 from support.waiting import PATIENCE, wait_until
 
-#: The command, but for the patience that a session has at its end with an observer that is still starting.
+#: The command, with a long limit on the wait for the last view: the observer may still be starting then.
 COMMAND = f"""
-from replant.live import observer
-observer.PATIENCE = {PATIENCE}
+from replant.live.observer import client
+client.LAST_VIEW_TIMEOUT = {PATIENCE}
 from replant.cli import main
 main()
 """

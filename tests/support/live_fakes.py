@@ -12,11 +12,11 @@ import numpy as np
 
 import replant as rp
 from replant.data.streams import Batch, Source
-from replant.live.observer.view import Pulse
-from replant.live.outputs.disk_writer import Background
-from replant.live.outputs.message import Estimate
+from replant.live.observer.view import SessionInfo
+from replant.live.outputs.disk_writer import DiskWriter
+from replant.live.outputs.message import EstimateMessage
 from replant.live.outputs.notices import Notices
-from replant.live.session.checkpointing import Keeper
+from replant.live.session.checkpointing import CheckpointWriter
 from replant.live.session.session import Session
 from replant.settings import Request
 
@@ -74,7 +74,7 @@ class FakeObserver:
     def __init__(self, view: Any = None, commands: tuple[str, ...] = ()) -> None:
         self.view = self.last = view
         self.shown: list[str] = []
-        self.pulses: list[Pulse] = []
+        self.infos: list[SessionInfo] = []
         self._commands = list(commands)
 
     def show(self, line: str) -> None:
@@ -87,22 +87,22 @@ class FakeObserver:
     def ask(self, name: str) -> None:
         self._commands.append(name)
 
-    def hand(self, identifier: rp.Identifier, pulse: Pulse, *, learned: bool) -> bool:
-        self.pulses.append(pulse)
+    def hand_over(self, identifier: rp.Identifier, info: SessionInfo, *, learned: bool) -> bool:
+        self.infos.append(info)
         return True
 
-    def look_again(self, identifier: rp.Identifier, pulse: Pulse) -> None:
-        self.pulses.append(pulse)
+    def wait_for_view(self, identifier: rp.Identifier, info: SessionInfo) -> None:
+        self.infos.append(info)
 
 
 class FakeSink:
     name, interval, behind = "fake sink", 0.0, False
 
     def __init__(self, failure: Exception | None = None) -> None:
-        self.sent: list[Estimate] = []
+        self.sent: list[EstimateMessage] = []
         self.closed, self._failure = False, failure
 
-    def send(self, estimate: Estimate) -> None:
+    def send(self, estimate: EstimateMessage) -> None:
         if self._failure is not None:
             raise self._failure
         self.sent.append(estimate)
@@ -114,10 +114,10 @@ class FakeSink:
 class JudgingObserver(FakeObserver):
     """Has a verdict on every state that it is handed, at once: what a real one finds, without its delay."""
 
-    def hand(self, identifier: rp.Identifier, pulse: Pulse, *, learned: bool) -> bool:
+    def hand_over(self, identifier: rp.Identifier, info: SessionInfo, *, learned: bool) -> bool:
         assessment = identifier.assess()
         self.view = self.last = SimpleNamespace(verdict=assessment.status, std=identifier.uncertainty.std)
-        return super().hand(identifier, pulse, learned=learned)
+        return super().hand_over(identifier, info, learned=learned)
 
 
 def make(
@@ -126,10 +126,10 @@ def make(
 ) -> tuple[Session, FakeObserver]:  # fmt: skip
     observer = observer or FakeObserver()
     notices = Notices(observer.show)
-    background = Background(notices)
-    keeper = None if path is None else Keeper(path, every, background)
+    disk_writer = DiskWriter(notices)
+    checkpoints = None if path is None else CheckpointWriter(path, every, disk_writer)
     session = Session(
-        source, identifier or rp.Identifier(**vars(REQUEST)), background=background, notices=notices,
-        observer=observer, keeper=keeper, **arguments,
+        source, identifier or rp.Identifier(**vars(REQUEST)), disk_writer=disk_writer, notices=notices,
+        observer=observer, checkpoints=checkpoints, **arguments,
     )  # fmt: skip
     return session, observer

@@ -1,6 +1,6 @@
-"""Checkpoint: the bytes of an identifier, their check, and a file that is whole at every moment.
+"""Checkpoint: an identifier as bytes, the check of these bytes, and a file that is complete at every moment.
 
-`replant.online.saving` saves an identifier with them and loads it again.
+`replant.online.saving` uses them to save an identifier and to load it again.
 """
 
 import importlib

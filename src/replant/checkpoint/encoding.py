@@ -1,12 +1,12 @@
-"""The bytes of a checkpoint: everything that an identifier knows, exactly; nothing in them is ever executed.
+"""The bytes of a checkpoint: the complete state of an identifier, exactly; they contain no code.
 
     magic (8), version (uint32), length of the header (uint32),
-    header: JSON in ASCII, padded by blanks to a multiple of 8; what is not an array, and name, type, shape and rows
-        stored of each array,
-    the arrays, raw, one after the other: rows at the end that are all zero bits are not stored,
-    SHA-256 of all that is above (32).
+    header: JSON in ASCII, padded by blanks to a multiple of 8: every value that is not an array, and for each array its
+        name, type, shape and number of stored rows,
+    the arrays, one after the other: rows at the end whose bits are all zero are not stored,
+    SHA-256 of all bytes above (32).
 
-All numbers are little-endian.  The checksum tells damage, not forgery: it is no signature.
+All numbers are little-endian.  The checksum detects damage, not forgery: it is no signature.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ DIGEST = 32
 LONGEST_HEADER = 2**20
 LARGEST = 2**34  # bytes of one array, rows not stored included: a state beyond 16 GiB is none
 
-#: The plain attributes of an identifier and what they are.  Those of the second kind are there once it has begun.
+#: The attributes of an identifier that are no arrays, and their types; `RUNNING`: only after the start-up.
 ATTRIBUTES: dict[str, type | tuple[type, ...]] = {
     "_request": Request,
     "_settings": (Settings, type(None)),
@@ -54,13 +54,13 @@ ATTRIBUTES: dict[str, type | tuple[type, ...]] = {
     "_resolve_at": int,
 }
 RUNNING: dict[str, type] = {"_regular": bool}
-#: Kept as arrays.
+#: Attributes that are stored as arrays.
 HELD, STATE = "_held", "_state"
 
 #: The header's entries.
 HEADER = LAYOUT, ATTRIBUTE, PROGRESS, ARRAYS = "layout", "attributes", "progress", "arrays"
 
-#: The arrays of a running identifier, in their order, and of one that is starting.
+#: The arrays of a running identifier, in their order, and their types.
 STATE_ARRAYS = tuple(field.name for field in fields(State))
 TYPES = {"ints": "<i8"}
 FLOAT = "<f8"
@@ -68,14 +68,14 @@ FLOAT = "<f8"
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """What a checkpoint holds.
+    """The content of a checkpoint.
 
     Attributes
     ----------
     attributes : dict
-        Of the identifier, but for those that follow from them.
+        Attributes of the identifier, without those that follow from others.
     progress : dict
-        What the caller gave along: how far the source was read, counters.
+        Entries of the caller, such as the number of samples read and counters.
     """
 
     attributes: dict[str, Any]
@@ -88,13 +88,13 @@ def encode(attributes: Mapping[str, Any], progress: Progress | None = None) -> b
     Raises
     ------
     InvalidArgumentError
-        If a setting or an entry of ``progress`` cannot be stored: a function of the user's own, for example.
+        If a setting or an entry of ``progress`` cannot be stored, for example a function; or if it is too large.
     """
     running = attributes["_settings"] is not None
     arrays = _arrays_of(attributes, running)
     written = {name: len(array) for name, array in arrays.items()}
     if running:
-        written["buffer"] = attributes[STATE].buffer_filled  # a wide one is not looked through for it
+        written["buffer"] = attributes[STATE].buffer_filled  # searching a large buffer for its used rows would be slow
     kept = {name: array[: _rows_in_use(array[: written[name]])] for name, array in arrays.items()}
     header = _header(
         {
@@ -115,23 +115,23 @@ def encode(attributes: Mapping[str, Any], progress: Progress | None = None) -> b
 
 
 def decode(data: bytes | bytearray | memoryview) -> Contents:
-    """Return what `encode` was given.
+    """Return the arguments of `encode`.
 
     Raises
     ------
     DamagedCheckpointError
-        For anything but the bytes that `encode` of this version made: one line says what is wrong.
+        If the bytes are not those that `encode` of this version makes; the message says in one line what is wrong.
     ArgumentTypeError
-        If these are no bytes at all.
+        If ``data`` is not bytes.
     """
     if not isinstance(data, bytes | bytearray | memoryview):
         raise ArgumentTypeError(f"data must be bytes, got {type(data).__name__}")
     header, body = _parts(bytes(data))
     try:
         return _contents(header, body)
-    except (DamagedCheckpointError, MemoryError):  # without memory a good one is no damaged one
+    except (DamagedCheckpointError, MemoryError):  # a lack of memory does not mean that the checkpoint is damaged
         raise
-    except Exception as error:  # a header that is not ours fails in almost any way
+    except Exception as error:  # a forged header fails with almost any exception
         reason = " ".join(str(error).split()) or type(error).__name__
         raise DamagedCheckpointError(f"it does not describe an identifier of this version ({reason[:120]})") from error
 
@@ -165,10 +165,10 @@ def _checked(progress: Progress | None) -> dict[str, int | float | str]:
 
 
 def _rows_in_use(array: np.ndarray[Any, Any]) -> int:
-    """Return how many rows there are up to the last one that has a bit set: a wide buffer is filled slowly."""
+    """Return the number of rows up to the last one with a bit set; a large buffer is often mostly empty."""
     bits = array.view(np.uint64)
     low, high = 0, len(bits)
-    while low < high:  # whether all is zero from a row on is monotone in that row
+    while low < high:  # bisection: "all rows from this one on are zero" is monotone in the row
         middle = (low + high) // 2
         if bits[middle:].any():
             low = middle + 1
@@ -178,7 +178,7 @@ def _rows_in_use(array: np.ndarray[Any, Any]) -> int:
 
 
 def _parts(data: bytes) -> tuple[dict[str, Any], memoryview]:
-    """Return header and arrays of bytes that are whole."""
+    """Return header and arrays, after a check that the bytes are complete and undamaged."""
     if not data:
         raise DamagedCheckpointError("it is empty")
     if data[: len(MAGIC)] != MAGIC:
@@ -206,32 +206,32 @@ def _parts(data: bytes) -> tuple[dict[str, Any], memoryview]:
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(dict(pairs)) != len(pairs):
-        raise ValueError("an entry that comes twice")
+        raise ValueError("an entry occurs twice")
     return dict(pairs)
 
 
 def _finite(text: str) -> float:
     if not math.isfinite(value := float(text)):
-        raise ValueError(f"{text} is no number of JSON")
+        raise ValueError(f"{text} is not a number in JSON")
     return value
 
 
 def _contents(header: dict[str, Any], body: memoryview) -> Contents:
-    """Return what a header and its arrays describe: first what sizes follow from, then sizes, then numbers."""
+    """Return the content that header and arrays describe; settings are checked first, then sizes, then numbers."""
     if set(header) != set(HEADER):
-        raise DamagedCheckpointError("its header holds other things")
+        raise DamagedCheckpointError("its header has other entries")
     attributes = {name: from_plain(plain) for name, plain in header[ATTRIBUTE].items()}
     for name, value in attributes.items():
-        if isinstance(value, np.generic):  # an identifier once kept what its caller had passed
+        if isinstance(value, np.generic):  # earlier versions stored NumPy numbers as the caller had passed them
             attributes[name] = value.item()
     running = attributes.get("_settings") is not None
     if list(attributes) != _names(running):
-        raise DamagedCheckpointError("it is of another version of replant: it holds other things")
+        raise DamagedCheckpointError("it is of another version of replant: it has other attributes")
     for name, kind in {**ATTRIBUTES, **(RUNNING if running else {})}.items():
         if type(attributes[name]) not in (kind if isinstance(kind, tuple) else (kind,)):
             raise TypeError(f"{name.lstrip('_')} is a {type(attributes[name]).__name__}")
     if header[LAYOUT] != (layout_of_state() if running else None):
-        raise DamagedCheckpointError("it is of another version of replant, which lays the state out otherwise")
+        raise DamagedCheckpointError("it is of another version of replant, in which the state has another layout")
     check_start(attributes["_request"], attributes["_hold"], attributes["_held_rejects"], attributes["_strays"])
     read = _running if running else _starting
     attributes |= read(attributes, header[ARRAYS], body)
@@ -240,11 +240,11 @@ def _contents(header: dict[str, Any], body: memoryview) -> Contents:
 
 
 def _running(attributes: dict[str, Any], declared: list[Any], body: memoryview) -> dict[str, Any]:
-    """Return the attributes of a running identifier that are kept as arrays."""
+    """Return the attributes of a running identifier that are stored as arrays."""
     settings: Settings = attributes["_settings"]
     check_settings(settings, attributes["_request"], attributes["_hold"])
     state = State(**_arrays(declared, body, shapes_of(settings)))
-    *_, (_, _, _, rows), _ = declared  # of the buffer; no row that a sample was written to is all zero
+    *_, (_, _, _, rows), _ = declared  # of the buffer; a row with a sample is never all zero
     if not 0 <= state.buffer_filled <= rows:
         raise DamagedCheckpointError("its buffer holds fewer samples than its state says")
     check_state(state, settings, attributes["_resolve_at"])
@@ -252,20 +252,20 @@ def _running(attributes: dict[str, Any], declared: list[Any], body: memoryview) 
 
 
 def _starting(attributes: dict[str, Any], declared: list[Any], body: memoryview) -> dict[str, Any]:
-    """Return the same of one that is starting."""
+    """Return the attributes of a starting identifier that are stored as arrays."""
     if attributes["_resolve_at"] != 0:
-        raise DamagedCheckpointError("it has no record yet that could be solved again")
-    # the samples are those in the file, and perhaps one more whose bits are all zero: as many as the file is large
+        raise DamagedCheckpointError("it plans to solve its record again, and has none yet")
+    # the file's size bounds the number of samples; at most one more has only zero bits, and is not stored
     ((*_, (samples, _), _),) = declared
     if type(samples) is not int or not 0 <= samples <= len(body) // 24 + 1:
-        raise DamagedCheckpointError("its samples are declared too many")
+        raise DamagedCheckpointError("it declares more samples than it holds")
     held = [tuple(row) for row in _arrays(declared, body, {HELD: (samples, 3)})[HELD].tolist()]
     check_held(held, attributes["_request"], attributes["_hold"])
     return {HELD: held}
 
 
 def _arrays(declared: list[Any], body: memoryview, shapes: dict[str, tuple[int, ...]]) -> dict[str, Any]:
-    """Return arrays of these shapes, all that is declared compared before the first is allocated."""
+    """Return arrays of these shapes; all declarations are checked before the first array is allocated."""
     if [name for name, *_ in declared] != list(shapes):
         raise ValueError("other arrays")
     if sum(8 * math.prod(shape) for shape in shapes.values()) > LARGEST:
@@ -277,7 +277,7 @@ def _arrays(declared: list[Any], body: memoryview, shapes: dict[str, tuple[int, 
             raise ValueError(f"{name} is declared as {kind!r:.40} {shape!r:.60}")
         if tuple(shape) != shapes[name]:
             raise DamagedCheckpointError(
-                f"its {name} have the shape {str(shape)[:60]}, its settings need {list(shapes[name])}"
+                f"its {name} have the shape {str(shape)[:60]}, and its settings need {list(shapes[name])}"
             )
         if rows > shape[0]:
             raise ValueError(f"{name} is declared too large")

@@ -1,8 +1,11 @@
-"""A file that is whole at every moment: written beside, synced, put in place; the previous one is kept.
+"""A file that is complete at every moment: written under another name, synced, renamed; the previous one is kept.
 
-The order makes it so.  The file is replaced in one step, by bytes that are on the disk already; what it was has got a
-second name before, and takes the place of the previous one when the new file is safe.  The previous one is thus given
-up last: should the file have been damaged meanwhile, there is another until the new one is there.
+1. The new content is written to a file ``.new`` and forced to the disk.
+2. The present file gets the second name ``.old``.
+3. ``.new`` is renamed to the file's name, which replaces the file in one step.
+4. ``.old`` is renamed to ``.previous``, which replaces the previous file.
+
+The previous file is thus replaced last: if the present file is damaged, the previous one exists until the new one does.
 """
 
 from __future__ import annotations
@@ -15,26 +18,36 @@ import stat
 from pathlib import Path
 
 from replant.errors import CheckpointError, MissingCheckpointError
+from replant.system.refusals import reason_of
 
 AnyPath = str | os.PathLike[str]
 
-LARGEST = 2**36  # bytes; more is no checkpoint
+LARGEST = 2**36  # bytes; no checkpoint is larger
 
 
 def write(path: AnyPath, data: bytes) -> None:
-    """Put ``data`` in the place of the file ``path``, and keep what was there as ``path`` + ".previous".
+    """Replace the content of the file ``path`` by ``data``, and keep the file before as ``path`` + ".previous".
 
-    When it returns, the data are on the disk.  One process may write a file; any may read it meanwhile.
+    When the function returns, the data are on the disk.  Only one process may write a file; any may read it meanwhile.
 
     Raises
     ------
     CheckpointError
-        If it cannot be written: no such folder, a full or read-only disk.  The file is then as it was.
+        If the file cannot be written, because of a missing folder or a full disk for example.  It is then unchanged.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write(Path(folder, "rig"), b"first")
+    ...     write(Path(folder, "rig"), b"second")
+    ...     read(Path(folder, "rig")), read(previous(Path(folder, "rig")))
+    (b'second', b'first')
     """
-    file = _behind(path)
+    file = _resolve_link(path)
     try:
-        if file.exists() and not file.is_file():  # not even root shall replace a device
-            raise OSError(errno.EINVAL, "there is something that is not a file")
+        if file.exists() and not file.is_file():  # root could replace a device
+            raise OSError(errno.EINVAL, "the path is not that of a regular file")
         _replace(file, data)
     except (OSError, ValueError) as error:
         raise CheckpointError(f"{path}: the checkpoint could not be written ({reason_of(error)})") from error
@@ -45,8 +58,16 @@ def read(path: AnyPath) -> bytes:
 
     Raises
     ------
-    MissingCheckpointError, CheckpointError
-        If there is none, or it cannot be read.
+    MissingCheckpointError
+        If there is no such file.
+    CheckpointError
+        If it cannot be read.
+
+    Examples
+    --------
+    >>> read("no-such-file")
+    Traceback (most recent call last):
+    replant.errors.MissingCheckpointError: no-such-file: no such file
     """
     try:
         status = Path(path).stat()
@@ -62,41 +83,41 @@ def read(path: AnyPath) -> bytes:
 
 
 def previous(path: AnyPath) -> Path:
-    """Return the name under which `write` keeps what was there before."""
-    return _beside(_behind(path), ".previous")
+    """Return the path under which `write` keeps the previous file.
+
+    Examples
+    --------
+    >>> previous("rig.replant").name
+    'rig.replant.previous'
+    """
+    return _with_ending(_resolve_link(path), ".previous")
 
 
-def reason_of(error: Exception) -> str:
-    """Return the system's own words for an error, on one line."""
-    words = (error.strerror if isinstance(error, OSError) else None) or str(error)
-    return " ".join(words.split()) or type(error).__name__
-
-
-def _behind(path: AnyPath) -> Path:
-    """Return the file behind a link, for a link to stay one."""
+def _resolve_link(path: AnyPath) -> Path:
+    """Return the file that a link points to, so that `write` does not replace the link."""
     try:
         return Path(path).resolve()
     except (OSError, ValueError, RuntimeError) as error:  # a circle of links, a zero byte
         raise CheckpointError(f"{path}: no file can have this name ({reason_of(error)})") from error
 
 
-def _beside(file: Path, ending: str) -> Path:
+def _with_ending(file: Path, ending: str) -> Path:
     return file.with_name(file.name + ending)
 
 
 def _replace(file: Path, data: bytes) -> None:
-    new, old = _beside(file, ".new"), _beside(file, ".old")
+    new, old = _with_ending(file, ".new"), _with_ending(file, ".old")
     try:
         _clear(new, old)  # left by a process that was killed
         with new.open("xb") as stream:
             stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())
-        kept = _keep(file, old)
+        linked = _link_or_copy(file, old)
         new.replace(file)
         _sync_folder(file.parent)
-        if kept:
-            old.replace(_beside(file, ".previous"))
+        if linked:
+            old.replace(_with_ending(file, ".previous"))
     finally:
         with contextlib.suppress(OSError):
             _clear(new, old)
@@ -107,8 +128,8 @@ def _clear(*files: Path) -> None:
         file.unlink(missing_ok=True)
 
 
-def _keep(file: Path, old: Path) -> bool:
-    """Give the file a second name, or copy it where the disk knows no second names; return whether there is one."""
+def _link_or_copy(file: Path, old: Path) -> bool:
+    """Give the file a second name, or copy it on a disk without hard links; return whether the file exists."""
     try:
         old.hardlink_to(file)
     except FileNotFoundError:
@@ -121,7 +142,7 @@ def _keep(file: Path, old: Path) -> bool:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Bring a change of names down to the disk, where the system can."""
+    """Force a change of names to the disk, where the system can."""
     if os.name == "nt":
         return
     descriptor = os.open(folder, os.O_RDONLY)

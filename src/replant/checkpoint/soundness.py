@@ -1,7 +1,7 @@
-"""Whether what a checkpoint holds fits together: settings, sizes, every position inside its array, every number.
+"""Soundness: the content of a checkpoint fits together: settings, sizes, positions inside their arrays, all numbers.
 
-The kernels do not check their indices; what they work on must be sound before they see it.  Nothing compiled runs
-here: what the settings make of a state is laid out anew in plain whole numbers, and compared.
+The kernels do not check their indices, so a state must be sound before they use it.  No compiled code runs here: the
+layout of a state is computed from the settings in Python, and compared.
 """
 
 from __future__ import annotations
@@ -43,13 +43,19 @@ from replant.settings import (
     Settings,
 )
 
-#: What the settings alone decide, beside the offsets of the blocks.
+#: The slots whose values follow from the settings alone, besides the offsets of the blocks.
 DECIDED = [slot for slot in (*StateSlots.integers, *StateSlots.scalars, *StateSlots.blocks) if slot.writer == LAYOUT]
 
 
 @cache
 def layout_of_state() -> str:
-    """Return a fingerprint of where each number lies in a state: another one means another version of the kernels."""
+    """Return a fingerprint of the layout of a state; versions of the kernels with different layouts differ in it.
+
+    Examples
+    --------
+    >>> len(layout_of_state())
+    16
+    """
     from replant.kernels.filters import bank
 
     slots = [
@@ -63,28 +69,58 @@ def layout_of_state() -> str:
 
 
 def shapes_of(settings: Settings) -> dict[str, tuple[int, ...]]:
-    """Return the shape of each array of an identifier with these settings."""
+    """Return the shape of each array of a running identifier with these settings."""
     return Dimensions.of_settings(settings, RECENT).shapes
 
 
 def check_start(request: Request, hold: int, rejects: dict[Any, Any], strays: list[Any]) -> None:
-    """Raise DamagedCheckpointError unless so many samples are held back for this request, and rejections counted."""
+    """Check the values that belong to the start-up.
+
+    Parameters
+    ----------
+    request : Request
+    hold : int
+        Number of samples that the start-up holds back.
+    rejects : dict
+        Number of rejected samples by reason.
+    strays : list of float
+        Time stamps that leapt and were not confirmed, in s.
+
+    Raises
+    ------
+    DamagedCheckpointError
+        If ``hold`` does not follow from the request, or the others have wrong types or values.
+    """
     holds = [request.first_hold]
     while request.wants_instruments and 2 * holds[-1] <= LONGEST_STARTUP:
         holds.append(2 * holds[-1])
     if type(hold) is not int or hold not in holds:
         raise DamagedCheckpointError("it holds back other samples for its start-up than its settings say")
     if list(rejects) != list(REASONS) or any(type(n) is not int or not 0 <= n < NEVER for n in rejects.values()):
-        raise DamagedCheckpointError("it does not say how many samples were rejected for which reason")
+        raise DamagedCheckpointError("its numbers of rejected samples are not valid")
     if len(strays) > MOST_EARLIER or not all(type(stamp) is float and math.isfinite(stamp) for stamp in strays):
-        raise DamagedCheckpointError("its stray time stamps are none")
+        raise DamagedCheckpointError("its stray time stamps are not valid")
 
 
 def check_held(held: list[tuple[float, float, float]], request: Request, hold: int) -> None:
-    """Raise DamagedCheckpointError unless samples held back are such as an identifier accepts."""
+    """Check the samples that a starting identifier holds back.
+
+    Parameters
+    ----------
+    held : list of (float, float, float)
+        Input, output and time stamp in s of each sample.
+    request : Request
+    hold : int
+        Number of samples that the start-up holds back.
+
+    Raises
+    ------
+    DamagedCheckpointError
+        If there are too many, or an identifier would have rejected one.
+    """
     from replant.regressor.preprocess import screen
 
-    if len(held) > hold:  # as many where the newest awaits its successor
+    if len(held) > hold:  # equal while the newest sample waits for its successor
         raise DamagedCheckpointError("it holds back more samples than it waits for")
     u, y, t = np.array(held, np.float64).reshape(-1, 3).T
     if not screen(request.preprocess.map_input(u), y)[0].all() or np.isinf(t).any() or (t[1:] <= t[:-1]).any():
@@ -92,7 +128,20 @@ def check_held(held: list[tuple[float, float, float]], request: Request, hold: i
 
 
 def check_settings(settings: Settings, request: Request, hold: int) -> None:
-    """Raise DamagedCheckpointError unless what was asked for can have led to these settings."""
+    """Check that settings follow from a request.
+
+    Parameters
+    ----------
+    settings : Settings
+    request : Request
+    hold : int
+        Number of samples that the start-up held back.
+
+    Raises
+    ------
+    DamagedCheckpointError
+        If they differ in a choice that the request makes.
+    """
     optimizer, asked = type(settings.optimizer), request.optimizer
     agrees = {
         "structure": settings.structure == request.structure,
@@ -110,19 +159,24 @@ def check_settings(settings: Settings, request: Request, hold: int) -> None:
     }
     wrong = next((name for name, right in agrees.items() if not right), None)
     if wrong is not None:
-        raise DamagedCheckpointError(f"its settings and what was asked for differ in {wrong}")
+        raise DamagedCheckpointError(f"its settings and its request differ in {wrong}")
 
 
 def check_state(state: State, settings: Settings, resolve_at: int) -> None:
-    """Raise DamagedCheckpointError unless the kernels can work on this state.
+    """Check that the kernels can work on a state.
 
     Parameters
     ----------
     state : State
-        Of the right shapes; see `shapes_of`.
+        It has the right shapes, see `shapes_of`.
     settings : Settings
     resolve_at : int
-        How many samples the next solution of the whole record waits for, 0 for none.
+        Number of samples at which the whole record is solved again; 0: never.
+
+    Raises
+    ------
+    DamagedCheckpointError
+        If a number has no valid value.
     """
     _check_decided(state, State.laid_out(settings, len(state.recent)), settings)
     _check_positions(state)
@@ -133,13 +187,13 @@ def check_state(state: State, settings: Settings, resolve_at: int) -> None:
         ("raw samples", _raw_samples_are_sound(state)),
     ):
         if not sound:
-            raise DamagedCheckpointError(f"its state holds {what} that cannot be")
+            raise DamagedCheckpointError(f"its state holds {what} that are not valid")
 
 
 def _check_decided(state: State, fresh: State, settings: Settings) -> None:
-    """What is laid out from the settings must be as they lay it out: sizes, offsets, scaling, the optimizer's numbers.
+    """Check the numbers that follow from the settings: sizes, offsets, scaling, the optimizer's numbers.
 
-    Blocks are looked at last: where they begin is known to be right by then.
+    The blocks' contents are compared last, after a check of their offsets.
     """
     for block in StateSlots.blocks:
         if state.ints[block.index] != fresh.ints[block.index]:
@@ -147,14 +201,14 @@ def _check_decided(state: State, fresh: State, settings: Settings) -> None:
     for slot in DECIDED:
         differs = np.asarray(getattr(state, slot.name) != getattr(fresh, slot.name))
         if slot is StateSlots.settings and settings.filter.follows_estimate and not settings.optimizer.keeps_colour:
-            chosen = 1 + settings.structure.size  # the walk of the constant, which the start-up chooses
+            chosen = 1 + settings.structure.size  # the random walk of the offset, which the start-up chooses
             differs[chosen] = not 0.0 <= state.settings[chosen] < math.inf
         if differs.any():
             raise DamagedCheckpointError(f"its state and its settings differ in {slot.name}")
 
 
 def _check_positions(state: State) -> None:
-    """Whole numbers lie in the ranges that the schema gives them; numbers that serve as positions are whole."""
+    """Check that integers lie in the ranges of the schema, and that numbers used as positions are whole."""
     from replant.kernels.filters import bank
 
     rows, size = state.ints[ROWS:], len(state.recent)
@@ -171,7 +225,7 @@ def _check_positions(state: State) -> None:
 
 def _check_due(state: State, resolve_at: int) -> None:
     if type(resolve_at) is not int or not 0 <= resolve_at < NEVER:
-        raise DamagedCheckpointError("it does not say when its record is solved again")
+        raise DamagedCheckpointError("its time of solving the record again is not valid")
     if state.attention:  # it was interrupted before it could do what was due
         return
     dues = [due for due in (resolve_at, state.look_at) if due]

@@ -1,4 +1,4 @@
-"""Settings as plain JSON and back, exactly: numbers to the bit, every kind of object by its name."""
+"""Values: settings as plain JSON and back, exactly: numbers to the bit, objects by the name of their class."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
 from replant.settings import Request, Settings
 
-#: Every kind of object that settings are made of, by name.  Optimizers come from their own list.
+#: The classes of the objects in settings, by name.
 KINDS: dict[str, type] = {
     kind.__name__: kind
     for kind in (
@@ -34,19 +34,19 @@ KINDS: dict[str, type] = {
     )
 }
 
-#: The floats that JSON has no word for.
+#: The floats that JSON cannot express.
 UNUSUAL = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}
-#: NumPy's kinds of number that are stored.
+#: NumPy's types of numbers that can be stored.
 NUMBERS = ("|b1", "|i1", "|u1", "<i2", "<u2", "<i4", "<u4", "<i8", "<u8", "<f2", "<f4", "<f8")
 
 
 def to_plain(name: str, value: Any) -> Any:
-    """Return ``value`` as what JSON can hold; what JSON has no word for becomes an object of one tag.
+    """Return ``value`` in terms of JSON; a value that JSON cannot express becomes an object with one tag.
 
     Raises
     ------
     InvalidArgumentError
-        For what cannot be told in words, as a function; the message names it.
+        If the value cannot be stored, such as a function; the message calls it ``name``.
 
     Examples
     --------
@@ -73,26 +73,26 @@ def to_plain(name: str, value: Any) -> Any:
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         inside = f"{name}." if name else ""
         return {kind.__name__: {key: to_plain(f"{inside}{key}", entry) for key, entry in fields.items()}}
-    raise InvalidArgumentError(f"{name} cannot be kept in a checkpoint: {_why(name, value)}")
+    raise InvalidArgumentError(f"{name} cannot be stored in a checkpoint: {_reason(name, value)}")
 
 
-def _why(name: str, value: Any) -> str:
+def _reason(name: str, value: Any) -> str:
     if callable(value):
         called = getattr(value, "__name__", type(value).__name__)
-        remedy = "give the identifier the input that it has mapped" if name.endswith("input_map") else "give a value"
+        remedy = "map the input before the identifier" if name.endswith("input_map") else "give a value"
         return f"{called} is a function, and code is not stored; {remedy} instead"
     return f"it is a {type(value).__name__}, and only replant's own objects, numbers, lists and NumPy arrays are stored"
 
 
 def from_plain(plain: Any) -> Any:
-    """Return what `to_plain` was given.
+    """Return the value that `to_plain` was given.
 
-    Objects are built by their constructors, so that nothing comes in which these would refuse.
+    Objects are built by their constructors, which refuse invalid values.
 
     Raises
     ------
     ValueError, TypeError
-        For anything that `to_plain` does not write.
+        If `to_plain` cannot have written this.
 
     Examples
     --------
@@ -120,7 +120,7 @@ def from_plain(plain: Any) -> Any:
     fields = {key: from_plain(entry) for key, entry in inner.items()}
     if set(fields) != {field.name for field in dataclasses.fields(kind)}:
         raise ValueError(f"{tag} has other settings here")
-    with warnings.catch_warnings():  # whoever chose these settings has been warned already
+    with warnings.catch_warnings():  # the user was warned when the settings were chosen
         warnings.simplefilter("ignore")
         built = kind(**fields)
     for key, entry in fields.items():

@@ -1,4 +1,4 @@
-"""The command line: one file a command, loaded only when it is called, so that ``--help`` is instant."""
+"""The command line: one file for each command, imported only when the command is called, so that ``--help`` is fast."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from typing import Any, NoReturn
 import click
 
 from replant import __version__
-from replant.cli.encoding import spare_the_streams
+from replant.cli.encoding import replace_unencodable
 from replant.errors import ReplantError
 from replant.system.refusals import refusal
 
-# The commands by name: the module of replant.cli that holds the click command ``command``, and its line of help.
+# For each command: the module of replant.cli with the click command ``command``, and the command's line of help.
 COMMANDS = {
-    "run": ("run", "Identify G(s) online, one pass over a recorded log."),
-    "fit": ("fit", "Fit G(s) to a whole recorded log at once, the batch reference."),
+    "run": ("run", "Identify G(s) online, in one pass over a recorded log."),
+    "fit": ("fit", "Fit G(s) to a whole recorded log at once (batch); search structures."),
     "compare": ("compare", "Compare methods on the same recorded log."),
-    "live": ("live", "Identify G(s) from live samples: serial, TCP, UDP, MQTT, a pipe; with a dashboard."),
+    "live": ("live", "Identify G(s) from live samples (serial, TCP, UDP, MQTT, pipe), with a dashboard."),
     "demo": ("demo", "Identify a simulated actuator while it runs, with plots."),
     "reproduce": ("reproduce", "Reproduce the article's tables, beside the published figures."),
 }
 
 
 class _LazyGroup(click.Group):
-    """A group that imports a command's module when the command is called, not before."""
+    """A group that imports a command's module only when the command is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -60,8 +60,17 @@ def cli(ctx: click.Context) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> Any:
-    """Run the command line; a user's mistake, or what the system refuses, ends in one line on stderr and code 2."""
-    spare_the_streams()
+    """Run the command line.
+
+    A user's mistake, or a refusal of the system, prints one line to standard error and exits with code 2.
+
+    Examples
+    --------
+    >>> main(["--version"])
+    replant, version ...
+    0
+    """
+    replace_unencodable()
     try:
         return cli.main(args=None if arguments is None else list(arguments), prog_name="replant", standalone_mode=False)
     except click.exceptions.Exit as stop:
@@ -73,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> Any:
     except ReplantError as mistake:
         _end(str(mistake))
     except ImportError as mistake:  # the system may also refuse to load a library
-        _end(f"{mistake}; install replant again, or see whether open files and memory are left")
+        _end(f"{mistake}; install replant again, or check the limits on open files and memory")
     except (OSError, MemoryError, RuntimeError) as error:
         reason = refusal(error)
         if reason is None:
@@ -82,7 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> Any:
 
 
 def _end(message: str, code: int = 2) -> NoReturn:
-    """Say why in one line and exit.  What standard output could not take is given up, lest it fail again at exit."""
+    """Print the reason in one line and exit.  Standard output is flushed here, where a failure can be ignored."""
     with contextlib.suppress(OSError, ValueError):
         sys.stdout.flush()
     with contextlib.suppress(OSError):
@@ -91,7 +100,7 @@ def _end(message: str, code: int = 2) -> NoReturn:
 
 
 def _hint(mistake: click.ClickException) -> str:
-    """Return where to look up what is missing, or how it is called."""
+    """Return where to find help about a missing or unknown option or command; empty for other mistakes."""
     unknown = isinstance(mistake, click.MissingParameter | click.NoSuchOption) or "No such command" in mistake.message
     context = mistake.ctx if isinstance(mistake, click.UsageError) else None
     return f" See {context.command_path} --help" if unknown and context else ""

@@ -14,7 +14,7 @@ from replant.cli.output import (
     command_line,
     make_folder,
     progress_bar,
-    writable,
+    write_errors_reported,
 )
 from replant.data.logs import Log
 from replant.errors import InvalidArgumentError
@@ -40,13 +40,13 @@ from replant.settings import Request
     default=USUAL,
     show_default=True,
     metavar="NAME",
-    help=f"Once for each: {', '.join(METHODS)}.",
+    help=f"A method; repeat the option for several: {', '.join(METHODS)}.",
 )
 def command(as_json: bool, out: Path | None, methods: tuple[str, ...], **options: Any) -> None:
-    """Identify G(s) from LOG (csv, txt, parquet, mat, npz) by several methods, and set them side by side.
+    """Identify G(s) from LOG (csv, txt, parquet, mat, npz) by several methods, and compare them.
 
-    An optimizer goes online through the log, once, as `replant run` does; default is what that takes without an
-    optimizer named.  srivc and least_squares fit the whole log at once, as `replant fit` does.
+    An optimizer identifies online, in one pass, as `replant run` does; "default" is the method of `replant run` without
+    options.  srivc and least_squares fit the whole log at once, as `replant fit` does.
     """
     log, request = open_log(options)
     make_folder(out)
@@ -67,7 +67,7 @@ def _deliver(contenders: Sequence[Contender], log: Log, request: Request, *, as_
 
     paths = []
     if out is not None:
-        with writable(out):
+        with write_errors_reported(out):
             paths.append(save_overlay(out / "parameters.png", contenders, log, request.preprocess))
             paths.append(write_comparison(out / "report.html", contenders, log, request.preprocess, command_line()))
     if as_json:

@@ -1,4 +1,4 @@
-"""``replant demo``: the main job on the simulated actuator, and the article's method beside it."""
+"""``replant demo``: identifies the simulated actuator, by default settings and by the article's method."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from replant.arguments import FloatArray
-from replant.cli.output import command_line, make_folder, writable
+from replant.cli.output import command_line, make_folder, write_errors_reported
 from replant.cli.reproduce import deliver
 from replant.data.logs import Log
 from replant.model.structure import Structure
@@ -27,7 +27,7 @@ from replant.runs.run import run_online
 from replant.settings import Request
 
 SAMPLES = 240_000  # 240 s at 1 kHz
-VOLTAGE = 6  # seed of a voltage that still moves at the end, for a verdict on samples held out
+VOLTAGE = 6  # seed of a voltage that still changes at the end, which the verdict on the newest samples needs
 STRUCTURE = Structure(poles=3, zeros=1)
 DEFAULT, ARTICLE = "replant's default", "the article's AMSGrad"
 TITLE = "Dielectric elastomer actuator, simulated"
@@ -36,12 +36,14 @@ SIGNALS = ("voltage [kV]", "displacement [mm]")
 
 @click.command(name="demo")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out/demo"), show_default=True, metavar="DIR")
-@click.option("--full", is_flag=True, help="Instead, the article's whole experiment: 12 methods compared, Figures 6-8.")
+@click.option(
+    "--full", is_flag=True, help="Run the article's whole experiment instead: 12 methods compared, Figures 6-8."
+)
 def command(out: Path, full: bool) -> None:
     """Identify a simulated dielectric elastomer actuator while it runs: 240 s at 1 kHz, 1 um of laser noise.
 
-    Once with nothing chosen but the structure, and once by the article's method: state-variable filters,
-    normalisation, AMSGrad, a replay buffer of 240000.  Plots and report are of the former.
+    It is identified twice: with default settings, and by the article's method (state-variable filters, normalisation,
+    AMSGrad, a replay buffer of 240000 samples).  Plots and report show the result of the default settings.
     """
     if full:
         deliver((*ACTUATOR_FIGURES, ACTUATOR), out, report=True)
@@ -62,7 +64,7 @@ def command(out: Path, full: bool) -> None:
 
 
 def _identify(rig: Rig, u: FloatArray, y: FloatArray, console: Any) -> dict[str, Result]:
-    """Run both methods over the record, in sight."""
+    """Run both methods over the record, with a progress bar."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     article = {
@@ -89,7 +91,7 @@ def _counter(progress: Any, name: str, total: int) -> Callable[[int], None]:
 
 
 def _print_beside(console: Any, results: Mapping[str, Result], true: Sequence[float]) -> None:
-    """Print what each method's coefficients are off by, and its verdict with the first of the reasons."""
+    """Print the error of each method's coefficients, its fit and its verdict with the first reason."""
     from rich.table import Table
     from rich.text import Text
 
@@ -112,7 +114,7 @@ def _write(out: Path, result: Result, rig: Rig, u: FloatArray, y: FloatArray) ->
     truth = true_parameters(rig.plant)
     labels = dict(zip(("input_label", "output_label"), SIGNALS, strict=True))
     log = Log(u, y, rig.dt, None, *SIGNALS, Path())
-    with writable(out):
+    with write_errors_reported(out):
         paths = save_figures(out, result, u, y, rig.dt, truth=truth, **labels)
         paths.append(write_report(out / "report.html", result, log, truth=truth, command=command_line(), title=TITLE))
     return paths

@@ -1,4 +1,4 @@
-"""Text for a terminal or file that cannot show every character: in the characters it has, rather than in an error."""
+"""Encoding: text for a terminal or file that cannot show every character is written in ASCII, without an error."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ _SUPERSCRIPTS = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"
 _LOWERED = str.maketrans(_SUPERSCRIPTS, "-0123456789")
 
 
-def spare_the_streams() -> None:
-    """Let standard output and error write plain characters where theirs are too few, as under ASCII."""
+def replace_unencodable() -> None:
+    """Have standard output and error write ASCII for characters that their encoding lacks."""
     codecs.register_error(PLAIN, _replaced)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors=PLAIN)
 
 
-def plain(text: str) -> str:
-    r"""Return text in ASCII; what has no likeness there as its number.
+def to_ascii(text: str) -> str:
+    r"""Return text in ASCII; a character without a similar one in ASCII is written as its number.
 
     Examples
     --------
-    >>> plain("(1.2 ± 0.1)×10⁻⁷"), plain("Döner")
+    >>> to_ascii("(1.2 ± 0.1)×10⁻⁷"), to_ascii("Döner")
     ('(1.2 +- 0.1)x10^-7', 'D\\xf6ner')
     """
     text = re.sub(f"[{_SUPERSCRIPTS}]+", lambda found: "^" + found[0].translate(_LOWERED), text)
@@ -37,4 +37,4 @@ def plain(text: str) -> str:
 def _replaced(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    return plain(error.object[error.start : error.end]), error.end
+    return to_ascii(error.object[error.start : error.end]), error.end

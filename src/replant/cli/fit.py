@@ -1,4 +1,4 @@
-"""``replant fit``: a whole recorded log at once, one structure or a grid of them."""
+"""``replant fit``: fits one structure, or a grid of structures, to a whole recorded log."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from replant.runs.result import result_of_fit
 
 @click.command(name="fit")
 @search_options
-@click.option("--method", type=click.Choice(METHODS), default="auto", show_default=True, help="How to fit.")
+@click.option("--method", type=click.Choice(METHODS), default="auto", show_default=True, help="Method of the fit.")
 def command(as_json: bool, out: Path | None, method: str, **options: Any) -> None:
     """Fit G(s) to all of LOG (csv, txt, parquet, mat, npz): refined instrumental variables, or least squares.
 
-    With a range of poles, zeros or dead times every structure of the grid is fitted to the first 70 % of the record
-    and judged by its simulated fit on the rest.  Of those within half a point of the best, the one with the fewest
-    parameters is chosen, and of those the one with the least criterion (BIC).
+    With a range of poles, zeros or dead times, every structure of the grid is fitted to the first 70 % of the record
+    and judged by its simulated fit on the rest.  Of the structures within half a percentage point of the best fit, the
+    one with the fewest parameters is chosen; among equals the one with the smallest criterion (BIC).
     """
     begun = time.perf_counter()
     if any(len(options[name] or ()) > 1 for name in ("poles", "zeros", "delay")):
@@ -73,7 +73,7 @@ def _deliver(fitted: FitResult, log: Log, begun: float, *, as_json: bool, out: P
 
 
 def _print_candidates(found: SearchResult) -> None:
-    """Print what was tried, the chosen one marked."""
+    """Print the structures that were tried; the chosen one is marked."""
     from rich.console import Console
     from rich.table import Table
 

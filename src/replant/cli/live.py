@@ -12,27 +12,41 @@ import click
 
 from replant.cli.options import BIAS, INPUT_MAP, OPTIMIZER
 from replant.errors import InvalidArgumentError
-from replant.live.outputs.disk_writer import one_line
 from replant.live.run import Plan, run
-from replant.live.session.session import Limits
+from replant.live.session.limits import Limits
 from replant.model.structure import Structure
 from replant.regressor.preprocess import Preprocess
 from replant.rigs import deap_rig
 from replant.settings import Request
+from replant.system.refusals import one_line
 
 DASHBOARD = "127.0.0.1:8710"
 UNITS = {"ms": 1e-3, "s": 1.0, "": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 LONGEST_TOKEN = 1024  # characters
-DEMO = "demo"  # the source that needs no options: its structure is known
+DEMO = "demo"  # the source that needs no options, because its structure is known
 
 
 class Time(click.ParamType[float]):
-    """A length of time such as 500ms, 60s, 10min or 24h."""
+    """The type of options that are a length of time, such as 500ms, 60s, 10min or 24h."""
 
     name = "time"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return it in s."""
+        """Return the length of time in s.
+
+        Parameters
+        ----------
+        value : str
+        param : click.Parameter or None
+            The option, for the message.
+        ctx : click.Context or None
+            The command's context, for the message.
+
+        Examples
+        --------
+        >>> Time().convert("10min", None, None)
+        600.0
+        """
         found = re.fullmatch(r"(\d+(?:\.\d*)?)\s*(ms|s|min|h|d|)", str(value).strip())
         seconds = float(found[1]) * UNITS[found[2]] if found else math.nan
         if not 0.0 < seconds < math.inf:
@@ -41,10 +55,10 @@ class Time(click.ParamType[float]):
 
 
 class SourceCommand(click.Command):
-    """A command whose SOURCE may be standard input with options, ``-?columns=n,t,u,y``, which click takes for one."""
+    """A command whose SOURCE may be ``-?columns=n,t,u,y``, which click would parse as an option."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Move such an argument behind ``--``, where nothing is an option."""
+        """Move such an argument behind ``--``, where click parses no options."""
         end = args.index("--") if "--" in args else len(args)
         sources = [argument for argument in args[:end] if argument.startswith("-?")]
         if sources:
@@ -68,41 +82,53 @@ class SourceCommand(click.Command):
     default=500,
     show_default=True,
     metavar="N",
-    help="Samples that the first model is made from.",
+    help="Number of samples for the first model.",
 )
-@click.option("--for", "seconds", type=Time(), metavar="TIME", help="End after a time, such as 60s.")
-@click.option("--samples", type=click.IntRange(min=1), metavar="N", help="End after so many samples.")
-@click.option("--until", type=click.Choice(["trusted"]), help="End as soon as the verdict is that.")
+@click.option("--for", "seconds", type=Time(), metavar="TIME", help="End after this real time, such as 60s.")
+@click.option("--samples", type=click.IntRange(min=1), metavar="N", help="End after N samples.")
+@click.option("--until", type=click.Choice(["trusted"]), help="End as soon as this is the verdict.")
 @click.option(
-    "--to", "sinks", multiple=True, metavar="ADDRESS", help="Send estimates: -, udp://HOST:PORT, mqtt://HOST/TOPIC."
+    "--to",
+    "sinks",
+    multiple=True,
+    metavar="ADDRESS",
+    help="Send estimates to -, udp://HOST:PORT or mqtt://HOST/TOPIC; may be repeated.",
 )
 @click.option(
-    "--record", type=click.Path(path_type=Path), metavar="DIR", help="Record samples and estimates (Parquet)."
+    "--record", type=click.Path(path_type=Path), metavar="DIR", help="Record samples and estimates here (Parquet)."
 )
-@click.option("--checkpoint", type=click.Path(path_type=Path), metavar="FILE", help="Keep the state; go on from it.")
-@click.option("--every", type=Time(), default="10s", show_default=True, metavar="TIME", help="Between checkpoints.")
+@click.option(
+    "--checkpoint", type=click.Path(path_type=Path), metavar="FILE", help="Save the state here; resume from it."
+)
+@click.option(
+    "--every", type=Time(), default="10s", show_default=True, metavar="TIME", help="Time between checkpoints."
+)
 @click.option(
     "--dashboard",
     is_flag=False,
     flag_value=DASHBOARD,
     metavar="[HOST:PORT]",
-    help=f"Serve a page, at {DASHBOARD}; demo does, unless it is off.",
+    help=f"Serve the dashboard, by default at {DASHBOARD}.  The source demo serves it, too; off disables it.",
 )
 @click.option(
     "--token",
     envvar="REPLANT_TOKEN",
     metavar="WORD",
-    help="What a browser must bring; needed where not only this machine can reach it.  Others on this machine can "
-    "read it in the list of processes: better set REPLANT_TOKEN, or give a file.",
+    help="Token that a browser must present; required if other machines can reach the dashboard.  Other users of this "
+    "machine can read it in the list of processes: prefer REPLANT_TOKEN or --token-file.",
 )
 @click.option(
-    "--token-file", type=click.Path(path_type=Path), metavar="FILE", help="Read the token from a file's first line."
+    "--token-file",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Read the token from the first line of a file.",
 )
 @click.option(
     "--ttl",
     type=Time(),
     metavar="TIME",
-    help="How long an estimate may be trusted without an accepted sample.  [default: 5s, or 10 sampling times]",
+    help="Time for which an estimate stays trusted without an accepted sample.  [default: 5s, or 10 sampling times "
+    "if that is longer]",
 )
 def command(source: str, **options: Any) -> None:
     """Identify G(s) from live samples of input u and output y.
@@ -110,12 +136,13 @@ def command(source: str, **options: Any) -> None:
     SOURCE is one of -, tcp://HOST:PORT, udp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200, mqtt://HOST/TOPIC, a
     recorded log as in log.csv?input=u&output=y, or demo: a simulated rig that needs no other option.
 
-    Lines are u,y or t,u,y or, with ?columns=n,t,u,y, numbered.  Ctrl-C ends, and prints what was found.
+    A line holds u,y or t,u,y or n,t,u,y (n: sequence number, t: time in s), or the columns of ?columns=.  Ctrl-C ends
+    the session and prints the result.
     """
     rig = deap_rig() if is_demo(source) else None
     if rig is not None:
-        usual = {"poles": 3, "zeros": 1, "dt": rig.dt, "dashboard": DASHBOARD}
-        options |= {name: value for name, value in usual.items() if options[name] is None}
+        defaults = {"poles": 3, "zeros": 1, "dt": rig.dt, "dashboard": DASHBOARD}
+        options |= {name: value for name, value in defaults.items() if options[name] is None}
         options["input_map"] = rig.input_map
     plan = Plan(
         source,
@@ -135,12 +162,18 @@ def command(source: str, **options: Any) -> None:
 
 
 def is_demo(source: str) -> bool:
-    """Whether a source is the simulated rig."""
+    """Return whether a source is the simulated rig.
+
+    Examples
+    --------
+    >>> is_demo("demo?speed=max"), is_demo("demo.csv")
+    (True, False)
+    """
     return source == DEMO or source.startswith(DEMO + "?")
 
 
 def _token(options: dict[str, Any]) -> str | None:
-    """Return the token that was given, in the environment, as an option or in a file."""
+    """Return the token from the environment, the command line or a file."""
     path: Path | None = options["token_file"]
     if path is None:
         token: str | None = options["token"]
@@ -170,7 +203,7 @@ def _request(options: dict[str, Any]) -> Request:
 
 
 def _address(text: str | None) -> tuple[str, int] | None:
-    """Return host and port of the dashboard; None where there is to be none."""
+    """Return host and port of the dashboard; None if it is not requested."""
     if text is None or text == "off":
         return None
     host, _, port = text.rpartition(":")

@@ -1,4 +1,4 @@
-"""The options that `run`, `fit` and `compare` share, and what is made of them."""
+"""The options that `run`, `fit` and `compare` share, and the log and request that follow from them."""
 
 from __future__ import annotations
 
@@ -24,26 +24,40 @@ from replant.settings import Request
 
 
 class Range(click.ParamType[tuple[Any, ...]]):
-    """A number, or a range of them as first:last or first:last:step."""
+    """The type of options that are a number, or a range first:last or first:last:step."""
 
     number: type = float
     example = ""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[Any, ...]:
-        """Return every number of the range, the last included."""
+        """Return every number of the range, including the last.
+
+        Parameters
+        ----------
+        value : str or tuple
+        param : click.Parameter or None
+            The option, for the message.
+        ctx : click.Context or None
+            The command's context, for the message.
+
+        Examples
+        --------
+        >>> Whole().convert("1:4", None, None)
+        (1, 2, 3, 4)
+        """
         if isinstance(value, tuple):
             return value
         try:
             parts = [self.number(part) for part in str(value).split(":")]
         except ValueError:
-            self.fail(f"{value!r} is no {self.name}, nor a range of them such as {self.example}", param, ctx)
+            self.fail(f"{value!r} is neither a {self.name} nor a range such as {self.example}", param, ctx)
         if len(parts) == 1:
             return (parts[0],)
         first, last, step = parts[0], parts[1], parts[2] if len(parts) == 3 else self.number(1)
         if len(parts) > 3 or not step > 0 or not first <= last or not math.isfinite(last - first):
-            self.fail(f"{value!r} is no range; write {self.example}", param, ctx)
+            self.fail(f"{value!r} is not a valid range; write {self.example}", param, ctx)
         if (last - first) / step > MOST_TRIED:
-            self.fail(f"{value!r} are more than {MOST_TRIED} numbers: take a larger step", param, ctx)
+            self.fail(f"{value!r} has more than {MOST_TRIED} numbers: take a larger step", param, ctx)
         count = int((last - first) / step * (1 + 1e-12)) + 1
         return tuple(self.number(first + k * step) for k in range(count))
 
@@ -78,20 +92,20 @@ class Seconds(Range):
 MOST_TRIED = 1000
 MOST_OFF = 0.1  # of the sampling time given, from which time stamps may differ unsaid: jitter and lost samples
 
-BIAS = click.option("--bias", is_flag=True, help="Identify a constant beside G(s).")
+BIAS = click.option("--bias", is_flag=True, help="Also identify a constant added to the output of G(s).")
 INPUT_MAP = click.option(
     "--input-map",
     type=click.Choice(["identity", "square"]),
     default="identity",
     show_default=True,
-    help="What G(s) is driven by: the input, or its square.",
+    help="Input of G(s): the measured input, or its square.",
 )
 OPTIMIZER = click.option(
     "--optimizer",
     type=click.Choice(["auto", *OPTIMIZERS]),
     default="auto",
     show_default=True,
-    help="How the estimate is updated; auto is recursive least squares with instruments.",
+    help="Method of updating the estimate; auto is recursive least squares with instruments.",
 )
 
 _COLUMNS: list[Callable[[Any], Any]] = [
@@ -110,7 +124,7 @@ _STRUCTURES: list[Callable[[Any], Any]] = [
         "--zeros",
         type=Whole(),
         metavar="M",
-        help="Number of zeros, or a range.  [default: 0; with a range of poles, all from 0 to one fewer]",
+        help="Number of zeros, or a range.  [default: 0; with a range of poles, every number below that of the poles]",
     ),
     click.option(
         "--delay",
@@ -126,9 +140,9 @@ _REST: list[Callable[[Any], Any]] = [
         "time_column",
         metavar="COL",
         help="Column of time, in s or the unit in its name; its steps must be equal.  "
-        "[default: the one called t, time or timestamp]",
+        "[default: the column named t, time or timestamp]",
     ),
-    click.option("--dt", type=float, metavar="S", help="Sampling time in s, instead of a column of time."),
+    click.option("--dt", type=float, metavar="S", help="Sampling time in s, instead of a time column."),
     BIAS,
     INPUT_MAP,
     click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
@@ -144,7 +158,7 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a click command with the same options, whose structure may be a range of them."""
+    """Decorate a click command with the same options, where poles, zeros and dead time may be ranges."""
     return _decorated(command, [*_COLUMNS, *_STRUCTURES, *_REST])
 
 
@@ -155,21 +169,37 @@ def _decorated(command: Callable[..., Any], options: list[Callable[[Any], Any]])
 
 
 def open_log(options: dict[str, Any]) -> tuple[Log, Request]:
-    """Read the log that the options name, and make the request that they spell."""
+    """Read the log and make the request that the options describe.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If poles, zeros or dead time are a range, or the options do not fit together.
+    LogError
+        If the log cannot be read.
+    """
     _check_one_of_each(options)
     log = read(options)
     return log, request_of(options, log.dt)
 
 
 def request_of(options: dict[str, Any], dt: float) -> Request:
-    """Make the request that the options spell, for a log of this sampling time."""
+    """Return the request that the options describe, for a log with sampling time ``dt`` in s."""
     zeros = options["zeros"][0] if options["zeros"] else 0
     structure = Structure(options["poles"][0], zeros, options["delay"][0], options["bias"])
     return Request(structure, dt, preprocess=preprocess_of(options), optimizer=options.get("optimizer", "auto"))
 
 
-def record_of(options: dict[str, Any], progress: Callable[[int, int], None]) -> Recording:
-    """Check the log that the options name, of any length, and open it; see `open_recording`."""
+def recording_of(options: dict[str, Any], progress: Callable[[int, int], None]) -> Recording:
+    """Check the log that the options name, which may be of any length, and open it; see `open_recording`.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If poles, zeros or dead time are a range.
+    LogError
+        If the log cannot be read.
+    """
     _check_one_of_each(options)
     recording = open_recording(options["log"], **_columns(options), progress=progress)
     _note_another_clock(options)
@@ -181,29 +211,41 @@ def _check_one_of_each(options: dict[str, Any]) -> None:
         if len(options[name] or (0,)) > 1:
             raise InvalidArgumentError(f"--{name} must be one number here; `replant fit` searches a range")
     zeros = options["zeros"][0] if options["zeros"] else 0
-    Structure(options["poles"][0], zeros, options["delay"][0], options["bias"])  # raises what cannot be
+    Structure(options["poles"][0], zeros, options["delay"][0], options["bias"])  # raises if they are impossible
 
 
 def preprocess_of(options: dict[str, Any]) -> Preprocess:
-    """Return input map and working point: a recorded rig hardly ever rests at zero, so the record's mean is taken."""
+    """Return input map and working point, which is the record's mean: a rig is rarely at rest at zero.
+
+    Examples
+    --------
+    >>> preprocess_of({"input_map": "square"})
+    Preprocess(input_map='square', input_offset='mean', output_offset='mean')
+    """
     return Preprocess(options["input_map"], "mean", "mean")
 
 
 def read(options: dict[str, Any]) -> Log:
-    """Read the log that the options name."""
+    """Read the log that the options name.
+
+    Raises
+    ------
+    LogError
+        If the log cannot be read.
+    """
     log = read_log(options["log"], **_columns(options))
     _note_another_clock(options)
     return log
 
 
 def _note_another_clock(options: dict[str, Any]) -> None:
-    """Say on stderr that the log has time stamps which a sampling time given instead of them contradicts."""
+    """Print a note on standard error if the option ``--dt`` contradicts the log's time stamps."""
     dt = options["dt"]
     interval = None if dt is None else stamped_interval(options["log"])
     if interval is not None and not abs(interval[1] / dt - 1.0) <= MOST_OFF:
         name, usual = interval
-        told = f"{options['log']}: column {name!r} steps by {usual:.4g} s where --dt says {dt:.4g} s"
-        click.echo(f"replant: note: {told}; --dt is taken", err=True)
+        contradiction = f"{options['log']}: column {name!r} steps by {usual:.4g} s, but --dt is {dt:.4g} s"
+        click.echo(f"replant: note: {contradiction}; --dt is used", err=True)
 
 
 def _columns(options: dict[str, Any]) -> dict[str, Any]:

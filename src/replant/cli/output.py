@@ -1,4 +1,4 @@
-"""How a command hands over its result: a table or JSON on stdout, plots and a report in a folder."""
+"""Output of a command: a table or JSON on standard output, plots and a report in a folder."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from click.core import ParameterSource
 from replant.cli.options import Range
 from replant.data.logs import Log
 from replant.report.html.recipe import identifier_as_python
+from replant.report.numbers import with_prefix
 from replant.report.terminal.summary import as_json as result_as_json
 from replant.report.terminal.summary import print_result
 from replant.runs.result import Result
@@ -24,7 +25,25 @@ COMPILING = "compiling (once): later runs start at once"
 
 
 def deliver(result: Result, log: Log, *, as_json: bool, out: Path | None, **report: Any) -> None:
-    """Print ``result`` and, with ``out``, write its plots and its report; ``report`` is for `write_report`."""
+    """Print a result, and write its plots and its report.
+
+    Parameters
+    ----------
+    result : Result
+    log : Log
+        The record of the result.
+    as_json : bool
+        Whether to print a JSON object instead of a table.
+    out : Path or None
+        Folder for plots and report; None: they are not written.
+    **report
+        Further arguments of `write_report`.
+
+    Raises
+    ------
+    click.BadParameter
+        If the folder cannot be written to.
+    """
     from rich.console import Console
 
     paths = []
@@ -33,7 +52,7 @@ def deliver(result: Result, log: Log, *, as_json: bool, out: Path | None, **repo
         from replant.report.html.report import write_report
 
         names: Any = {"input_label": log.input_name, "output_label": log.output_name}
-        with writable(out):
+        with write_errors_reported(out):
             paths = save_figures(out, result, log.input, log.output, log.dt, **names)
             paths.append(write_report(out / "report.html", result, log, command=command_line(), **report))
     if as_json:
@@ -42,14 +61,20 @@ def deliver(result: Result, log: Log, *, as_json: bool, out: Path | None, **repo
     console = Console()
     print_result(console, result)
     if result.settings is not None:
-        click.echo(f"\nChosen from the data; to repeat by hand:\n{identifier_as_python(result.settings)}")
+        click.echo(f"\nSettings chosen from the data; in Python:\n{identifier_as_python(result.settings)}")
     for path in paths:
         click.echo(f"wrote {path}")
 
 
 @contextmanager
-def writable(out: Path) -> Iterator[None]:
-    """Turn what the file system refuses into a line that names it."""
+def write_errors_reported(out: Path) -> Iterator[None]:
+    """Turn errors of the file system into `click.BadParameter`, which names the file.
+
+    Raises
+    ------
+    click.BadParameter
+        If the code in the ``with`` block raises OSError.
+    """
     try:
         yield
     except OSError as cause:
@@ -58,17 +83,30 @@ def writable(out: Path) -> Iterator[None]:
 
 
 def make_folder(out: Path | None) -> None:
-    """Make the folder that results go to: before the work, so that nothing is lost where that cannot be."""
+    """Make the folder for results; called before the computation, so that a mistake costs no time.
+
+    Raises
+    ------
+    click.BadParameter
+        If ``out`` is a file, or the folder cannot be made.
+
+    Examples
+    --------
+    >>> make_folder(None)
+    """
     if out is None:
         return
     if out.exists() and not out.is_dir():
         raise click.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
-    with writable(out):
+    with write_errors_reported(out):
         out.mkdir(parents=True, exist_ok=True)
 
 
 def progress_bar(*, rate: bool = False) -> Any:
-    """Return a progress bar on stderr, shown if a person sees it; with ``rate``, samples a second and time left too."""
+    """Return a progress bar on standard error, which only a terminal shows.
+
+    With ``rate`` it also shows samples a second and the remaining time.
+    """
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -91,37 +129,23 @@ def _rate_column() -> Any:
     class Rate(ProgressColumn):
         def render(self, task: Task) -> Text:
             speed = task.finished_speed or task.speed
-            return Text("" if not speed else f"{in_thousands(speed)} samples/s")
+            return Text("" if not speed else f"{with_prefix(speed)} samples/s")
 
     return Rate()
 
 
-def in_thousands(value: float) -> str:
-    """Return a number with three digits and a letter for its thousands.
-
-    Examples
-    --------
-    >>> in_thousands(1234567.0), in_thousands(65432.1), in_thousands(7.0)
-    ('1.23 M', '65.4 k', '7')
-    """
-    for power, letter in ((9, " G"), (6, " M"), (3, " k")):
-        if value >= 10.0**power:
-            return f"{value / 10.0**power:.3g}{letter}"
-    return f"{value:.3g}"
-
-
 @contextmanager
 def announced_compiling() -> Iterator[None]:
-    """Say on stderr, once, that a kernel is being compiled: it takes seconds, and later runs find it in the cache."""
+    """Print once to standard error that kernels are being compiled; later runs load them from the cache."""
     from numba.core import event
 
-    said = False
+    announced = False
 
     class Announcer(event.Listener):
         def on_start(self, event: Any) -> None:
-            nonlocal said
-            if not said:
-                said = True
+            nonlocal announced
+            if not announced:
+                announced = True
                 click.echo(COMPILING, err=True)
 
         def on_end(self, event: Any) -> None:
@@ -132,7 +156,7 @@ def announced_compiling() -> Iterator[None]:
 
 
 def command_line() -> str:
-    """Return the command that is running, as it would be typed; where its output goes is left out."""
+    """Return the command that is running, as typed, without the options of its output."""
     context = click.get_current_context()
     words = ["replant", context.info_name or ""]
     for parameter in context.command.params:

@@ -1,4 +1,4 @@
-"""``replant reproduce``: the article's tables and figures, and the actuator's table that it lacks."""
+"""``replant reproduce``: the article's tables and figures, and a table of its actuator experiment."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from replant.cli.output import (
     command_line,
     make_folder,
     progress_bar,
-    writable,
+    write_errors_reported,
 )
 from replant.paper.actuator import rendering
 from replant.paper.actuator.experiment import NOTES, Actuator
@@ -40,7 +40,7 @@ DEFAULT_FOLDER = Path("out/reproduce")
 
 
 def _known(ctx: click.Context, parameter: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names without repetition, all of them for none."""
+    """Return the names without repetition; all names if none is given."""
     for name in names:
         if name not in NAMES:
             raise click.UsageError(f"there is no {name!r} to reproduce: choose from {', '.join(NAMES)}", ctx)
@@ -54,16 +54,16 @@ def _known(ctx: click.Context, parameter: click.Parameter, names: tuple[str, ...
     "--out",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help=f"Where figures (PNG, SVG), tables and report.html go; with figures {DEFAULT_FOLDER} if left out.",
+    help=f"Write figures (PNG, SVG), tables and report.html here.  [default: {DEFAULT_FOLDER} if there are figures]",
 )
 def command(names: tuple[str, ...], json_only: bool, out: Path | None) -> None:
     """Reproduce the article's tables and figures, beside the published numbers.
 
     NAME is table1 to table4, fig1 to fig4, fig6 to fig8, or actuator: the table that compares the runs of Figures 7
-    and 8, on a simulated rig.  Without a name, everything, and report.html with all of it.
+    and 8, on a simulated rig.  Without a name everything is reproduced, and report.html shows all of it.
 
-    In the tables, rows without a buffer are exact and compared by the printed three digits; rows with one are run over
-    20 seeds, and compared by their mean and standard deviation.
+    In the tables, rows without a replay buffer are deterministic and compared in the three printed digits.  Rows with a
+    buffer are run with 20 seeds, and compared by mean and standard deviation.
     """
     if out is None and any(is_figure(name) for name in names):
         out = DEFAULT_FOLDER
@@ -71,14 +71,31 @@ def command(names: tuple[str, ...], json_only: bool, out: Path | None) -> None:
 
 
 def deliver(names: Sequence[str], out: Path | None, *, json_only: bool = False, report: bool = False) -> None:
-    """Reproduce ``names``, print the tables and write all there is into ``out``; with ``report``, one page as well."""
+    """Reproduce tables and figures, print the tables, and write everything into a folder.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Tables and figures, see `replant.paper.catalogue.NAMES`.
+    out : Path or None
+        Folder for figures and tables; None: they are not written.
+    json_only : bool
+        Whether to print one JSON object instead of tables.
+    report : bool
+        Whether to write ``report.html`` with all of them.
+
+    Raises
+    ------
+    click.BadParameter
+        If the folder cannot be written to.
+    """
     make_folder(out)
     outcome, written, pictures = _run(names, out, report=report)
     text = json.dumps(results_as_json(outcome), indent=2, allow_nan=False)
     if out is not None and (outcome.tables or outcome.actuator):
         written += _write_tables(out, text, outcome)
     if out is not None and report:
-        with writable(out):
+        with write_errors_reported(out):
             written.append(write_report(out / "report.html", outcome, pictures, command_line()))
     if json_only:
         click.echo(text)
@@ -87,13 +104,13 @@ def deliver(names: Sequence[str], out: Path | None, *, json_only: bool = False, 
 
 
 def results_as_json(outcome: Outcome) -> dict[str, Any]:
-    """Return {table: {row: {index: {ours, published}}}}, the actuator's table among them."""
+    """Return {table: {row: {index: {ours, published}}}}, including the actuator's table."""
     tables: dict[str, Any] = as_json(list(outcome.tables.values()))
     return tables | ({ACTUATOR: rendering.as_json(outcome.actuator)} if outcome.actuator else {})
 
 
 def print_actuator(console: Any, actuator: Actuator) -> None:
-    """Print the actuator's table with what a reader must know of it."""
+    """Print the actuator's table with its legend, notes and summary."""
     from rich.padding import Padding
 
     console.print(rendering.TITLE, style="bold")
@@ -106,19 +123,19 @@ def print_actuator(console: Any, actuator: Actuator) -> None:
 
 
 def _run(names: Sequence[str], out: Path | None, *, report: bool) -> tuple[Outcome, list[Path], dict[str, str]]:
-    """Run and draw what is asked for; return the outcome, the paths of the figures and, for a report, the figures."""
+    """Run and draw ``names``; return the outcome, the paths of the figures and, for a report, the figures."""
     drawn = [name for name in names if is_figure(name)]
     if drawn:
         from replant.report.palette import blank_figure
 
-        blank_figure(1.0, 1.0)  # is matplotlib there?
+        blank_figure(1.0, 1.0)  # raises without matplotlib, before the computation
     written: list[Path] = []
     pictures: dict[str, str] = {}
     with progress_bar() as progress:
         task = progress.add_task("", total=steps(names) + len(drawn))
         outcome = run(names, lambda name: progress.update(task, description=name, advance=1))
         if out is not None and drawn:
-            with writable(out):
+            with write_errors_reported(out):
                 for name, canvas, paths in save(outcome, drawn, out):
                     written += paths
                     pictures |= {name: as_element(canvas, name)} if report else {}
@@ -130,7 +147,7 @@ def _write_tables(out: Path, text: str, outcome: Outcome) -> list[Path]:
     pages = [as_markdown(list(outcome.tables.values()))] if outcome.tables else []
     pages += [rendering.as_markdown(outcome.actuator)] if outcome.actuator else []
     contents = {out / "tables.md": "\n".join(pages), out / "tables.json": text + "\n"}
-    with writable(out):
+    with write_errors_reported(out):
         for path, content in contents.items():
             path.write_text(content, encoding="utf-8")
     return list(contents)

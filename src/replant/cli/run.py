@@ -13,7 +13,7 @@ import click
 from replant.cli.options import (
     OPTIMIZER,
     log_options,
-    record_of,
+    recording_of,
     request_of,
 )
 from replant.cli.output import (
@@ -33,7 +33,7 @@ from replant.simulation.score import FITTED
 @click.command(name="run")
 @log_options
 @OPTIMIZER
-@click.option("--startup", type=int, metavar="N", help="Samples that the first model is made from.  [default: a tenth]")
+@click.option("--startup", type=int, metavar="N", help="Number of samples for the first model.  [default: a tenth]")
 @click.option(
     "--full-trace",
     type=click.Path(path_type=Path),
@@ -41,10 +41,9 @@ from replant.simulation.score import FITTED
     help="Write the estimate after each sample (.parquet).",
 )
 def command(as_json: bool, out: Path | None, full_trace: Path | None, startup: int | None, **options: Any) -> None:
-    """Identify G(s) online from LOG (csv, txt, parquet or a folder of it, mat, npz), one pass, sample by sample.
+    """Identify G(s) online from LOG (csv, txt, parquet or a folder of it, mat, npz), sample by sample in one pass.
 
-    What is left open is chosen from the data, and printed as the Python that repeats it.  LOG may be longer than
-    memory.
+    Settings that no option gives are chosen from the data, and printed as Python code.  LOG may be larger than memory.
     """
     with progress_bar(rate=True) as bar:
         task = bar.add_task("checking", total=None)
@@ -54,7 +53,7 @@ def command(as_json: bool, out: Path | None, full_trace: Path | None, startup: i
                 bar.reset(task, description=stage)
             bar.update(task, completed=done, total=total)
 
-        recording = record_of(options, lambda rows, about: progress("checking", rows, about))
+        recording = recording_of(options, lambda rows, about: progress("checking", rows, about))
         request = request_of(options, recording.dt)
         make_folder(out)
         with announced_compiling():

@@ -1,1 +1,1 @@
-"""Where samples come from: recorded logs and live streams."""
+"""The sources of samples: recorded logs and live streams."""

@@ -1,1 +1,1 @@
-"""The way to python-control, SciPy, pandas and xarray."""
+"""Conversion to and from python-control, SciPy, pandas and xarray."""

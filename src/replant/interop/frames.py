@@ -1,4 +1,4 @@
-"""Frames: traces and logs as tables of pandas and datasets of xarray, which are imported when they are asked for."""
+"""Frames: traces and logs as tables of pandas and datasets of xarray, which are imported when they are needed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,31 @@ from replant.interop.units import unit_of, without_unit
 
 
 def trace_frame(names: Sequence[str], parameters: FloatArray, errors: FloatArray, dt: float | None) -> Any:
-    """Return the estimate and the error of each sample as a `pandas.DataFrame`."""
+    """Return the estimate and the error of each sample as a `pandas.DataFrame`.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the P parameters.
+    parameters : (K, P) array
+    errors : (K,) array
+        A-priori output errors.
+    dt : float or None
+        Sampling time in s; None: the index counts samples.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without pandas.
+
+    Examples
+    --------
+    >>> trace_frame(["a0"], np.array([[0.0], [0.5]]), np.array([1.0, 0.1]), dt=0.1)
+               a0  error
+    time [s]
+    0.0       0.0    1.0
+    0.1       0.5    0.1
+    """
     clock = _clock(errors.size, dt)
     index = _index("sample" if dt is None else "time", clock)
     frame = _pandas().DataFrame(parameters, columns=list(names), index=index, copy=True)
@@ -23,7 +47,29 @@ def trace_frame(names: Sequence[str], parameters: FloatArray, errors: FloatArray
 
 
 def trace_dataset(names: Sequence[str], parameters: FloatArray, errors: FloatArray, dt: float | None) -> Any:
-    """Return the estimate and the error of each sample as an `xarray.Dataset`."""
+    """Return the estimate and the error of each sample as an `xarray.Dataset`.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the P parameters.
+    parameters : (K, P) array
+    errors : (K,) array
+        A-priori output errors.
+    dt : float or None
+        Sampling time in s; None: the coordinate counts samples.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without xarray.
+
+    Examples
+    --------
+    >>> dataset = trace_dataset(["a0"], np.array([[0.0], [0.5]]), np.array([1.0, 0.1]), dt=0.1)
+    >>> dict(dataset.sizes)
+    {'time': 2, 'parameter': 1}
+    """
     along = "sample" if dt is None else "time"
     return _xarray().Dataset(
         {
@@ -40,7 +86,32 @@ def trace_dataset(names: Sequence[str], parameters: FloatArray, errors: FloatArr
 
 
 def log_frame(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray | None, dt: float, source: str) -> Any:
-    """Return a log as a `pandas.DataFrame`; ``signals`` are name and samples by role."""
+    """Return a log as a `pandas.DataFrame`.
+
+    Parameters
+    ----------
+    signals : mapping
+        For each role ("input", "output") the signal's name and samples (K,).
+    time : (K,) array or None
+        Time stamps in s; None: multiples of ``dt``.
+    dt : float
+        Sampling time in s.
+    source : str
+        Name of the file.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If input and output have the same name.
+    MissingDependencyError
+        Without pandas.
+
+    Examples
+    --------
+    >>> signals = {"input": ("u", np.zeros(2)), "output": ("y [rpm]", np.ones(2))}
+    >>> log_frame(signals, None, 0.5, "log.csv").attrs["units"]
+    {'y [rpm]': 'rpm'}
+    """
     names = [name for name, _ in signals.values()]
     if len(set(names)) < len(names):
         raise InvalidArgumentError(f"input and output are both named {names[0]!r}: give them names of their own")
@@ -56,7 +127,30 @@ def log_frame(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray | 
 
 
 def log_dataset(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray | None, dt: float, source: str) -> Any:
-    """Return a log as an `xarray.Dataset`, its variables named by role."""
+    """Return a log as an `xarray.Dataset`, whose variables have the names of the roles.
+
+    Parameters
+    ----------
+    signals : mapping
+        For each role ("input", "output") the signal's name and samples (K,).
+    time : (K,) array or None
+        Time stamps in s; None: multiples of ``dt``.
+    dt : float
+        Sampling time in s.
+    source : str
+        Name of the file.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without xarray.
+
+    Examples
+    --------
+    >>> signals = {"input": ("u", np.zeros(2)), "output": ("y", np.ones(2))}
+    >>> list(log_dataset(signals, None, 0.5, "log.csv"))
+    ['input', 'output']
+    """
     clock = _clock(next(iter(signals.values()))[1].size, dt) if time is None else time
     described = {
         role: (("time",), samples.copy(), {"long_name": without_unit(name), "units": unit_of(name)})
@@ -68,7 +162,7 @@ def log_dataset(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray 
 
 
 def parameter_units(names: Sequence[str]) -> dict[str, str]:
-    """Return the unit of each parameter; y and u stand for the units of output and input.
+    """Return the unit of each parameter, in terms of the units y of the output and u of the input.
 
     Examples
     --------
@@ -88,7 +182,7 @@ def parameter_units(names: Sequence[str]) -> dict[str, str]:
 
 
 def _clock(samples: int, dt: float | None) -> Any:
-    """Return the time of each sample in s, from 0; without ``dt`` its number."""
+    """Return the time of each sample in s, starting at 0; without ``dt`` the sample's number."""
     return np.arange(samples) if dt is None else positive("dt", dt) * np.arange(samples)
 
 

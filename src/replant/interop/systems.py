@@ -1,4 +1,4 @@
-"""Interop: the systems of python-control and SciPy as numerator and denominator."""
+"""Systems: numerator and denominator of the systems of python-control and SciPy."""
 
 from __future__ import annotations
 
@@ -20,7 +20,15 @@ def of_control(system: Any) -> Polynomials:
     InvalidArgumentError
         If the system has several inputs or outputs, is in discrete time, or improper.
     ArgumentTypeError
-        If it is no such system.
+        If it is another object.
+    MissingDependencyError
+        Without python-control.
+
+    Examples
+    --------
+    >>> import control
+    >>> of_control(control.tf([2.0], [1.0, 0.5]))
+    (array([2.]), array([1. , 0.5]))
     """
     try:
         import control
@@ -31,7 +39,7 @@ def of_control(system: Any) -> Polynomials:
             f"system must be a control.TransferFunction or control.StateSpace, got {type(system).__name__}"
         )
     _check_single(system.ninputs, system.noutputs)
-    if system.dt:  # None is a system whose time is left open
+    if system.dt:  # None: the system's time is unspecified
         _refuse_discrete(system.dt)
     if isinstance(system, control.StateSpace):
         return of_state_space(system.A, system.B, system.C, system.D)
@@ -46,7 +54,13 @@ def of_scipy(system: Any) -> Polynomials:
     InvalidArgumentError
         If the system has several inputs or outputs, is in discrete time, or improper.
     ArgumentTypeError
-        If it is no such system, or has complex coefficients.
+        If it is another object, or has complex coefficients.
+
+    Examples
+    --------
+    >>> from scipy import signal
+    >>> of_scipy(signal.ZerosPolesGain([], [-0.5], 2.0))
+    (array([2.]), array([1. , 0.5]))
     """
     from scipy import signal
 
@@ -69,10 +83,23 @@ def of_scipy(system: Any) -> Polynomials:
 
 
 def of_state_space(a: Any, b: Any, c: Any, d: Any) -> Polynomials:
-    """Return num and den of one input and one output in state space.
+    """Return num and den of a state-space model with one input and one output.
 
-    The leading coefficients of the numerator that are zero in truth are so here, not round-off: with h_0 = D and
-    h_k = C A^(k-1) B, the first of the numerator that is not zero is the first such h.
+    Leading coefficients of the numerator that are zero are set to exactly 0, where `scipy.signal.ss2tf` leaves rounding
+    errors.  The first non-zero coefficient has the same place as the first non-zero Markov parameter h_0 = D,
+    h_k = C A^(k-1) B.
+
+    Parameters
+    ----------
+    a : (n, n) array
+    b : (n, 1) array
+    c : (1, n) array
+    d : (1, 1) array
+
+    Raises
+    ------
+    ArgumentTypeError
+        If a matrix does not hold real numbers.
 
     Examples
     --------
@@ -97,13 +124,13 @@ def of_state_space(a: Any, b: Any, c: Any, d: Any) -> Polynomials:
 
 
 def _proper(num: Any, den: Any) -> Polynomials:
-    """Return the polynomials, checked to be a proper fraction of real coefficients."""
+    """Return numerator and denominator, after a check that they are real and form a proper fraction."""
     num, den = coefficients("num", np.real_if_close(num)), coefficients("den", np.real_if_close(den))
     above, below = (np.trim_zeros(polynomial, "f").size - 1 for polynomial in (num, den))
     if above > below:
         raise InvalidArgumentError(
-            f"the system is improper, its numerator of order {above} and its denominator of order {below}: "
-            "no plant differentiates; add the poles that it has at high frequency"
+            f"the system is improper, its numerator has order {above} and its denominator order {below}: "
+            "add the poles that the plant has at high frequency"
         )
     return num, den
 
@@ -111,10 +138,10 @@ def _proper(num: Any, den: Any) -> Polynomials:
 def _check_single(inputs: int, outputs: int) -> None:
     if (inputs, outputs) != (1, 1):
         raise InvalidArgumentError(
-            f"the system must have one input and one output, got {inputs} and {outputs}: pick one pair of them"
+            f"the system must have one input and one output, got {inputs} and {outputs}: choose one pair of them"
         )
 
 
 def _refuse_discrete(dt: Any) -> None:
     step = "" if dt is True else f" (dt = {float(dt):g} s)"
-    raise InvalidArgumentError(f"the system is in discrete time{step}: only continuous time can be taken over")
+    raise InvalidArgumentError(f"the system is in discrete time{step}: give a system in continuous time")

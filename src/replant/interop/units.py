@@ -1,4 +1,4 @@
-"""Labels: the unit that the name of a signal ends with."""
+"""Units: the unit at the end of a signal's name."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _UNIT = rf"\s*[\[(](?!{_INDEX})([^\[\]()]+)[\])]\s*$"
 
 
 def unit_of(label: str) -> str:
-    """Return the unit that a label ends with, in brackets; empty where there is none.
+    """Return the unit in brackets at the end of a label; an empty string if there is none.
 
     Examples
     --------
@@ -21,7 +21,7 @@ def unit_of(label: str) -> str:
 
 
 def without_unit(label: str) -> str:
-    """Return a label less its unit.
+    """Return a label without its unit.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""Live identification: a session takes samples from a source, learns them, and hands the estimates on."""
+"""Live identification: a session reads samples from a source, learns them, and sends the estimates to outputs."""

@@ -1,4 +1,4 @@
-"""Run: from what is asked for to a session at work, and its result in words."""
+"""Run: sets up a session as planned, runs it, and prints the result."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ from pathlib import Path
 from replant.data.streams import Source, open_source
 from replant.errors import DamagedCheckpointError, InvalidArgumentError
 from replant.live.observer.client import Observer
-from replant.live.observer.history import History
-from replant.live.observer.make_view import look
-from replant.live.observer.process import Address, Orders
+from replant.live.observer.history import EstimateHistory
+from replant.live.observer.make_view import make_view
+from replant.live.observer.process import DashboardAddress, ObserverOptions
 from replant.live.observer.terminal import print_summary
-from replant.live.outputs.disk_writer import Background
+from replant.live.outputs.disk_writer import DiskWriter
 from replant.live.outputs.message import time_to_live
 from replant.live.outputs.notices import Notices
-from replant.live.outputs.parquet_recorder import Recorder
+from replant.live.outputs.parquet_recorder import ParquetRecorder
 from replant.live.outputs.sinks import Sink, open_sink
-from replant.live.session.checkpointing import Keeper, resume
-from replant.live.session.malloc import hold_flat
+from replant.live.session.checkpointing import CheckpointWriter, resume
+from replant.live.session.limits import Limits
+from replant.live.session.malloc import limit_heap_growth
 from replant.live.session.progress import Progress
-from replant.live.session.session import Limits, Session
-from replant.live.session.warm_up import warm
+from replant.live.session.session import Session
+from replant.live.session.warm_up import warm_up
 from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
 from replant.settings import Request
@@ -31,7 +32,7 @@ from replant.settings import Request
 
 @dataclass(frozen=True)
 class Plan:
-    """What a live run is to do.
+    """The source, settings and outputs of a live run.
 
     Attributes
     ----------
@@ -40,14 +41,18 @@ class Plan:
     request : Request
     limits : Limits
     sinks : sequence of str
-        Addresses of estimates.
-    record, checkpoint : Path or None
+        Addresses that estimates are sent to.
+    record : Path or None
+        Folder in which samples and estimates are recorded.
+    checkpoint : Path or None
+        File of the checkpoint.
     every : float
         Seconds between two checkpoints.
     dashboard : (host, port) or None
     token : str or None
+        The token that a browser must present.
     truth : TransferFunction or None
-        The true plant, of a simulated rig.
+        The true plant of a simulated rig.
     ttl : float or None
         Seconds for which "trusted" may stand without an accepted sample; None: see `time_to_live`.
     """
@@ -66,21 +71,22 @@ class Plan:
 
 
 def run(plan: Plan) -> bool:
-    """Identify until the stream, a limit or the user ends it, and print what was found.
+    """Identify until the stream, a limit or the user ends the session, and print the result.
 
     Returns
     -------
     bool
-        False if the verdict was to become "trusted", and did not.
+        False if the session was to end with the verdict "trusted", and ended without.
 
     Raises
     ------
     ReplantError
-        For whatever of the plan cannot be done; nothing has been learned or written then.
+        If a part of the plan cannot be carried out, before anything is learned or written; or if the session fails,
+        see `Session.run`.
     """
-    hold_flat()
-    progress, identifier, said = _begin(plan)
-    address = None if plan.dashboard is None else Address(*plan.dashboard, plan.token)
+    limit_heap_growth()
+    progress, identifier, messages = _load_checkpoint(plan)
+    address = None if plan.dashboard is None else DashboardAddress(*plan.dashboard, plan.token)
     ttl = time_to_live(plan.request.dt) if plan.ttl is None else plan.ttl
     with ExitStack() as opened:
         source = open_source(plan.source)
@@ -89,14 +95,14 @@ def run(plan: Plan) -> bool:
         for to in plan.sinks:
             sinks.append(open_sink(to, ttl))
             opened.callback(sinks[-1].close)
-        observer = Observer(Orders(address, terminal=True, truth=plan.truth))
+        observer = Observer(ObserverOptions(address, terminal=True, truth=plan.truth))
         opened.callback(observer.close)
-        for line in said + ([f"replant: watch it at {observer.url}"] if observer.url else []):
+        for line in messages + ([f"replant: watch it at {observer.url}"] if observer.url else []):
             observer.show(line)
         session = _session(plan, source, sinks, observer, progress, identifier)
-        warm(plan.request, observer.show)
+        warm_up(plan.request, observer.show)
         reached = session.run()
-    view = observer.last or look(session.identifier, session.pulse, History(plan.request.structure.size))
+    view = observer.last or make_view(session.identifier, session.info, EstimateHistory(plan.request.structure.size))
     print_summary(view, plan.truth, to_stderr="-" in plan.sinks)
     return reached
 
@@ -109,27 +115,27 @@ def _session(
     progress: Progress,
     identifier: Identifier | None,
 ) -> Session:
-    """Return the session, going on with ``identifier`` if there is one."""
+    """Return a session that continues with ``identifier``, or starts with a new one."""
     notices = Notices(observer.show)
-    background = Background(notices)
+    disk_writer = DiskWriter(notices)
     resumed = identifier is not None
     return Session(
         source,
         identifier or Identifier(**vars(plan.request)),
-        background=background,
+        disk_writer=disk_writer,
         notices=notices,
         observer=observer,
         sinks=sinks,
-        recorder=None if plan.record is None else Recorder(plan.record, background, go_on=resumed),
-        keeper=None if plan.checkpoint is None else Keeper(plan.checkpoint, plan.every, background),
+        recorder=None if plan.record is None else ParquetRecorder(plan.record, disk_writer, go_on=resumed),
+        checkpoints=None if plan.checkpoint is None else CheckpointWriter(plan.checkpoint, plan.every, disk_writer),
         limits=plan.limits,
         progress=progress,
         ttl=plan.ttl,
     )
 
 
-def _begin(plan: Plan) -> tuple[Progress, Identifier | None, list[str]]:
-    """Return where to go on from, the identifier if there is a checkpoint, and what is to be said of it."""
+def _load_checkpoint(plan: Plan) -> tuple[Progress, Identifier | None, list[str]]:
+    """Return progress and identifier of the checkpoint, if there is one, and messages about it for the user."""
     path = plan.checkpoint
     if path is None:
         return Progress(), None, []
@@ -142,7 +148,7 @@ def _begin(plan: Plan) -> tuple[Progress, Identifier | None, list[str]]:
         progress = Progress.of(loaded.progress)
     except DamagedCheckpointError as error:
         raise DamagedCheckpointError(f"{path}: {error}") from error
-    said = [f"replant: {path}: going on after {progress.taken:,} samples"]
+    messages = [f"replant: {path}: continuing after {progress.taken:,} samples"]
     if loaded.used_previous:
-        said.insert(0, f"replant: {loaded.used_previous}; the previous checkpoint is used instead")
-    return progress, loaded.identifier, said
+        messages.insert(0, f"replant: {loaded.used_previous}; the previous checkpoint is used instead")
+    return progress, loaded.identifier, messages

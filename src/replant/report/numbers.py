@@ -1,4 +1,4 @@
-"""Numbers and formulas as a person writes them, in text and in MathML."""
+"""Numbers and formulas as text for pages (×, −, ±) and terminals (ASCII), and as MathML."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ MINUS, TIMES, PLUS_MINUS = "−", "×", "±"
 PLAIN = 1e6  # from here on a power of ten is split off
 WORST_PERCENT = -1000.0  # below which it does not matter how bad a fit is
 LINE = 42  # digits that a line of a polynomial may be wide
+WIDEST = 1e12  # a grouped number from here on is written with a power of ten
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -66,8 +67,8 @@ def duration(seconds: float) -> str:
     return text + (f" ({seconds / 3600:.3g} h)" if seconds >= 7200 else "")
 
 
-def percent(value: float) -> str:
-    """Return a fit in percent.
+def percent(value: float, *, ascii_only: bool = False) -> str:
+    """Return a fit in percent; ``ascii_only`` writes the minus sign as a hyphen, for a terminal.
 
     Examples
     --------
@@ -76,9 +77,8 @@ def percent(value: float) -> str:
     """
     if not math.isfinite(value):
         return "no figure"
-    if value < WORST_PERCENT:
-        return f"below {number(WORST_PERCENT)} %"
-    return f"{value:.1f} %".replace("-", MINUS)
+    text = f"below {WORST_PERCENT:.0f} %" if value < WORST_PERCENT else f"{value:.1f} %"
+    return text if ascii_only else text.replace("-", MINUS)
 
 
 def off_by(value: float, true: float) -> str:
@@ -93,6 +93,64 @@ def off_by(value: float, true: float) -> str:
         return "no figure"
     percent = 100.0 * (value / true - 1.0)
     return f"{percent:+.2f} %" if 0.1 <= abs(percent) < 1e6 else f"{percent:+.2g} %"
+
+
+def with_std(value: float, std: float) -> str:
+    """Write a figure with its standard deviation, where one is known: to the same place, in four digits at the most.
+
+    Examples
+    --------
+    >>> with_std(1.2345678, 0.01), with_std(0.4700200, 0.0123), with_std(101.1, 1100.0), with_std(2.0, math.nan)
+    ('1.235 +- 0.010', '0.470 +- 0.012', '100 +- 1100', '2')
+    """
+    if not math.isfinite(std):
+        return f"{value:.4g}"
+    digits = 4
+    if value and std > 0.0 and math.isfinite(value):
+        digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(std)) + 2
+    return f"{_digits(value, min(max(digits, 1), 4))} +- {_digits(std, 2)}"
+
+
+def _digits(value: float, digits: int) -> str:
+    """Return a figure with so many digits, zeros at the end among them, and a power of ten only where it is far from 1.
+
+    Examples
+    --------
+    >>> _digits(0.47002, 3), _digits(1099.0, 2), _digits(4.5e-6, 2), _digits(0.0, 2)
+    ('0.470', '1100', '4.5e-06', '0')
+    """
+    if not 1e-4 <= abs(value) < 1e5:
+        return f"{value:.{digits}g}"
+    place = digits - 1 - math.floor(math.log10(abs(value)))
+    return f"{round(value, place):.{max(place, 0)}f}"
+
+
+def grouped(value: float, places: int = 1) -> str:
+    """Return a number with commas between groups of three digits; from `WIDEST` on with a power of ten.
+
+    Examples
+    --------
+    >>> grouped(59_857, 0), grouped(1234.56), grouped(-1e300), grouped(10**400, 0)
+    ('59,857', '1,234.6', '-1e+300', '> 1e+308')
+    """
+    try:
+        return f"{value:,.{places}f}" if abs(value) < WIDEST else f"{float(value):.4g}"
+    except OverflowError:  # an integer beyond float64
+        return "> 1e+308"
+
+
+def with_prefix(value: float) -> str:
+    """Return a number with three digits and the SI prefix of its size.
+
+    Examples
+    --------
+    >>> with_prefix(1234567.0), with_prefix(65432.1), with_prefix(7.0)
+    ('1.23 M', '65.4 k', '7')
+    """
+    for power, letter in ((9, " G"), (6, " M"), (3, " k")):
+        if value >= 10.0**power:
+            return f"{value / 10.0**power:.3g}{letter}"
+    return f"{value:.3g}"
 
 
 def complex_number(value: complex, digits: int = 4) -> str:

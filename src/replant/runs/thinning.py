@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from replant.arguments import FloatArray
 
@@ -28,6 +29,11 @@ class Thinned:
     def times(self, dt: float) -> FloatArray:
         """Return when each point is, (V,), in s."""
         return np.asarray(dt * (self.first + self.step * np.arange(self.values.size)))
+
+    def indices(self, length: int) -> npt.NDArray[np.intp]:
+        """Return the index (V,) of the sample nearest below each point, in the signal of ``length`` samples."""
+        places = self.first + self.step * np.arange(self.values.size)
+        return np.minimum(places.astype(np.intp), length - 1)
 
     def again(self, points: int) -> Thinned:
         """Return the same, thinned further."""

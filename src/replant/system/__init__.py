@@ -1,1 +1,1 @@
-"""What the operating system gives and refuses: threads that begin or are refused, refusals in words."""
+"""The operating system: threads whose start is checked, and its refusals in words."""

@@ -1,4 +1,4 @@
-"""Worker: a thread that either begins or is refused."""
+"""Worker: a thread whose start either succeeds or raises an error."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import _thread
 import threading
 from collections.abc import Callable
 
-PATIENCE = 60.0  # s within which a thread that was started must have begun: it needs microseconds
+START_TIMEOUT = 60.0  # s within which a thread that was started must have begun: it needs microseconds
 
 
 class Worker:
-    """A thread that ends with the process at the latest.
+    """A thread that does not keep the process alive.
 
-    `threading.Thread.start` waits for the thread to begin, and for ever if that dies before for want of memory.
+    `threading.Thread.start` waits until the thread has begun: without end, if a lack of memory ends the thread before.
 
     Parameters
     ----------
     job : callable
-        What it does.
+        The function that the thread runs.
 
     Examples
     --------
@@ -34,24 +34,24 @@ class Worker:
         self._begun, self._ended = threading.Event(), threading.Event()
 
     def start(self) -> None:
-        """Begin.
+        """Start the thread.
 
         Raises
         ------
         RuntimeError
-            If the system lets no thread begin.
+            If the system starts no further thread.
         """
         _thread.start_new_thread(self._run, ())
-        if not self._begun.wait(PATIENCE):
+        if not self._begun.wait(START_TIMEOUT):
             self._ended.set()
             raise RuntimeError("can't start new thread")
 
     def is_alive(self) -> bool:
-        """Whether it has begun and not ended."""
+        """Return whether the thread has begun and not ended."""
         return self._begun.is_set() and not self._ended.is_set()
 
     def join(self, timeout: float | None = None) -> None:
-        """Wait for its end, at most ``timeout`` s."""
+        """Wait until the thread has ended, at most ``timeout`` s."""
         self._ended.wait(timeout)
 
     def _run(self) -> None:

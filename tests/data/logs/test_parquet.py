@@ -14,9 +14,9 @@ import pytest
 import replant as rp
 from replant.data.logs import read_columns, read_log
 from replant.errors import LogError, MissingDependencyError
-from replant.live.outputs.disk_writer import Background
+from replant.live.outputs.disk_writer import DiskWriter
 from replant.live.outputs.notices import Notices
-from replant.live.outputs.parquet_recorder import Recorder
+from replant.live.outputs.parquet_recorder import ParquetRecorder
 from replant.runs.full_trace import FullTrace
 
 
@@ -127,11 +127,11 @@ def full_trace(folder: Path) -> Path:
 
 
 def recorded_part(folder: Path) -> Path:
-    rng, background = np.random.default_rng(0), Background(Notices(print))
-    recorder = Recorder(folder, background)
-    recorder.take(np.arange(60), np.arange(60) * 0.1, rng.standard_normal(60), rng.standard_normal(60))
+    rng, disk_writer = np.random.default_rng(0), DiskWriter(Notices(print))
+    recorder = ParquetRecorder(folder, disk_writer)
+    recorder.add_samples(np.arange(60), np.arange(60) * 0.1, rng.standard_normal(60), rng.standard_normal(60))
     recorder.flush()
-    background.close()
+    disk_writer.close()
     return folder / "samples" / "part-00000001.parquet"
 
 
@@ -163,7 +163,7 @@ def test_a_part_that_is_damaged_is_said_when_the_record_goes_on(tmp_path: Path) 
     with pytest.raises(
         LogError, match=r"part-00000001\.parquet: not a readable Parquet file .*; write it again, or move"
     ):
-        Recorder(tmp_path, Background(Notices(print)), go_on=True)
+        ParquetRecorder(tmp_path, DiskWriter(Notices(print)), go_on=True)
 
 
 def test_what_has_no_checksums_is_read(save: Callable[[Any], Path]) -> None:

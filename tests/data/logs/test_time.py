@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from replant.data.logs import read_log
 from replant.data.logs.time import (
-    Clock,
-    Grid,
+    SamplingTime,
+    StampResolution,
     check_dt,
     time_candidates,
     unit_in_seconds,
@@ -26,9 +26,9 @@ Write = Callable[..., Path]
 
 
 def step_of(stamps: NDArray[np.float64]) -> float:
-    clock = Clock(Path("log.csv"), "t", "row {}".format)
-    clock.take(stamps)
-    return clock.step(lambda: [stamps])
+    sampling_time = SamplingTime(Path("log.csv"), "t", "row {}".format)
+    sampling_time.add(stamps)
+    return sampling_time.interval(lambda: [stamps])
 
 
 def log_text(stamps: list[str], name: str = "t") -> str:
@@ -197,6 +197,6 @@ def test_dt_must_be_a_number(dt: object) -> None:
 
 @pytest.mark.parametrize(("values", "step"), [([0.0, 1.0], 1.0), ([0.25, 7.0], 0.01), ([1 / 3, 2.0], 2.0**-50)])
 def test_resolution(values: list[float], step: float) -> None:
-    grid = Grid()
-    grid.take(np.array(values))
-    assert grid.resolution == step
+    resolution = StampResolution()
+    resolution.add(np.array(values))
+    assert resolution.step == step

@@ -14,7 +14,7 @@ from support.wires import Peer, Reading
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have sources wait for their threads, as long as it takes on a busy machine."""
-    monkeypatch.setattr(reader, "PATIENCE", PATIENCE)
+    monkeypatch.setattr(reader, "CLOSE_TIMEOUT", PATIENCE)
 
 
 @pytest.fixture

@@ -34,13 +34,13 @@ def test_the_newest_stay_in_order_and_the_rest_is_counted(steps: list[int], capa
             assert len(inbox) == len(model)
         else:
             while model:
-                batch = inbox.take(0.0)
+                batch = inbox.get(0.0)
                 assert batch.sequence is not None
                 assert batch.t is not None
                 assert batch.sequence.tolist() == model[: len(batch)]
                 assert batch.u.tolist() == (-batch.y).tolist() == (8 * batch.t).tolist() == model[: len(batch)]
                 model = model[len(batch) :]
-            assert not len(inbox.take(0.0))
+            assert not len(inbox.get(0.0))
         assert dropped == expected
 
 
@@ -59,7 +59,7 @@ def test_a_full_queue_makes_the_reader_wait_and_nothing_is_lost() -> None:
     reader.start()
     taken: list[int] = []
     while not inbox.ended or len(inbox):
-        batch = inbox.take(PATIENCE)
+        batch = inbox.get(PATIENCE)
         assert len(batch) <= 7
         taken += batch.u.astype(int).tolist()
     reader.join(PATIENCE)
@@ -79,20 +79,20 @@ def test_what_came_in_piecemeal_goes_out_together_with_the_newest_arrival() -> N
     inbox = Inbox(100, drop=True)
     for k in range(5):
         inbox.put(batch_of(k, 1, arrived=float(k)))
-    batch = inbox.take(0.0)
+    batch = inbox.get(0.0)
     assert (len(batch), batch.arrived) == (5, 4.0)
 
 
 def test_batches_are_bounded() -> None:
     inbox = Inbox(3 * LARGEST_BATCH, drop=True)
     inbox.put(batch_of(0, 2 * LARGEST_BATCH))
-    assert [len(inbox.take(0.0)) for _ in range(3)] == [LARGEST_BATCH, LARGEST_BATCH, 0]
+    assert [len(inbox.get(0.0)) for _ in range(3)] == [LARGEST_BATCH, LARGEST_BATCH, 0]
 
 
 def test_a_batch_is_a_copy_that_later_samples_do_not_change() -> None:
     inbox = Inbox(4, drop=True)
     inbox.put(batch_of(0, 4))
-    batch = inbox.take(0.0)
+    batch = inbox.get(0.0)
     inbox.put(batch_of(9, 4))
     assert batch.u.tolist() == [0, 1, 2, 3]
 
@@ -101,6 +101,6 @@ def test_a_failure_is_raised_once_what_came_before_it_has_been_taken() -> None:
     inbox = Inbox(4, drop=True)
     inbox.put(batch_of(0, 2))
     inbox.end(ZeroDivisionError("here"))
-    assert len(inbox.take(PATIENCE)) == 2
+    assert len(inbox.get(PATIENCE)) == 2
     with pytest.raises(ZeroDivisionError, match="here"):
-        inbox.take(PATIENCE)
+        inbox.get(PATIENCE)

@@ -17,7 +17,7 @@ from replant.errors import InvalidArgumentError
     ("url", "message"),
     [
         ("ftp://host/file", "unknown scheme 'ftp'; known are tcp://127.0.0.1:9000, udp://"),
-        ("", "nothing to open"),
+        ("", "the source is missing"),
         ("tcp://127.0.0.1", "the port is missing; write tcp://127.0.0.1:9000"),
         ("tcp://:9000", "the host is missing; write tcp://127.0.0.1:9000"),
         ("tcp://127.0.0.1:port", "the port must be a number from 0 to 65535"),

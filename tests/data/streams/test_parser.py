@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from replant.data.logs import read_columns
 from replant.data.streams.batch import Batch
-from replant.data.streams.lines import LONGEST, Lines
+from replant.data.streams.lines import LONGEST, LineSplitter
 from replant.data.streams.parser import FEW, Parser
 from replant.data.streams.payload import MAGIC, Payloads
 from replant.data.streams.rows import json_values
@@ -381,7 +381,7 @@ def test_lines_are_the_same_however_the_stream_is_cut(content: bytes, cuts: list
     """So are those that are too long: they are passed over and counted."""
     places = [0, *sorted(min(cut, len(content)) for cut in cuts), len(content)]
     counters: Counter[str] = Counter()
-    lines = Lines(counters, longest=7)
+    lines = LineSplitter(counters, longest=7)
     out = b"".join(lines.split(content[a:b]) for a, b in itertools.pairwise(places)) + lines.rest()
     *whole, tail = content.split(b"\n")
     expected = [*whole, *([tail] if tail.strip() else [])]
@@ -404,7 +404,7 @@ def test_half_a_line_of_csv_before_json() -> None:
 
 def test_a_line_of_ten_megabytes_is_counted_once_and_takes_no_memory() -> None:
     counters: Counter[str] = Counter()
-    lines = Lines(counters)
+    lines = LineSplitter(counters)
     out = lines.split(b"1,2\n")
     for _ in range(160):
         out += lines.split(b"7" * LONGEST)
@@ -417,7 +417,7 @@ def test_a_line_of_ten_megabytes_is_counted_once_and_takes_no_memory() -> None:
 
 def test_half_a_line_before_a_break_is_never_joined_to_what_comes_after() -> None:
     counters: Counter[str] = Counter()
-    lines = Lines(counters)
+    lines = LineSplitter(counters)
     assert lines.split(b"1,2\n3,4") == b"1,2\n"
     lines.restart()
     assert lines.split(b"5\n6,7\n") == b"5\n6,7\n"

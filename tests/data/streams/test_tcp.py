@@ -190,10 +190,10 @@ def test_arrival_is_told_by_the_monotonic_clock(peer: Peer, read: Callable[..., 
 
 def test_a_peer_gone_without_a_word_is_noticed(peer: Peer) -> None:
     """Not waited for here, which takes seconds: that the system is asked to look is what can be tested."""
-    from replant.data.streams.tcp import watch
+    from replant.data.streams.tcp import enable_keepalive
 
     with socket.create_connection(("127.0.0.1", peer.port)) as connection:
-        watch(connection)
+        enable_keepalive(connection)
         assert connection.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
 
 

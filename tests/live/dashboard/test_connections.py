@@ -174,7 +174,7 @@ def test_four_hundred_idle_connections_at_a_limit_of_256_descriptors() -> None:
     assert process.returncode == 0
     assert "Traceback" not in said
     assert "it is started again" not in said
-    assert said.count("connections: the oldest that do not watch are cut off") == 1
+    assert said.count("connections: the oldest without a websocket are closed") == 1
 
 
 def model(port: int) -> dict[str, Any]:

@@ -77,13 +77,13 @@ def test_pausing_holds_the_drawing_and_nothing_else(opened: Page, feed: Feed) ->
 
 def test_a_reset_asks_first(opened: Page, feed: Feed) -> None:
     opened.page.get_by_role("button", name="Reset…").click()
-    dialog = opened.page.get_by_role("dialog", name="Forget all that was learned?")
+    dialog = opened.page.get_by_role("dialog", name="Discard everything that was learned?")
     assert dialog.is_visible()
-    assert opened.page.evaluate("document.activeElement.textContent") == "Keep it"
+    assert opened.page.evaluate("document.activeElement.textContent") == "Cancel"
     opened.page.keyboard.press("Escape")
     assert not dialog.is_visible()
     opened.page.get_by_role("button", name="Reset…").click()
-    dialog.get_by_role("button", name="Keep it").click()
+    dialog.get_by_role("button", name="Cancel").click()
     assert feed.commands == []
     opened.page.get_by_role("button", name="Reset…").click()
     dialog.get_by_role("button", name="Reset").click()
@@ -152,7 +152,7 @@ def test_a_session_that_has_ended_is_said_and_not_looked_for(browser, feed: Feed
     with serve(hub) as served:
         page = Page(browser, served.url, color_scheme=scheme)
         hub.publish({**feed.hub.newest, "samples": 123_456})
-        served.say_goodbye()
+        served.announce_end()
     page.until(lambda: page.text("link") == "session has ended")
     page.page.wait_for_timeout(2000)  # several of the pauses after which it would have tried again
     assert page.complaints == []

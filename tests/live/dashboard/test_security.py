@@ -73,7 +73,7 @@ def test_any_other_name_is_refused(dashboard: Dashboard, feed: Feed, line: str, 
     """A name that an attacker's page has had pointed at this machine."""
     status, headers, body = ask(dashboard.port, line, f"Origin: http://{host}:{dashboard.port}", host=host)
     assert (status, feed.commands) == (421, [])
-    assert b"does not go by that name" in body
+    assert b"is not known by that name" in body
     assert "content-security-policy" in headers
 
 
@@ -217,7 +217,7 @@ def test_tokens_are_tried_one_after_the_other_and_who_has_the_right_one_does_not
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.1", "example.org"])
 def test_the_network_is_not_let_in_without_a_token(host: str) -> None:
-    with pytest.raises(InvalidArgumentError, match=r"lets the whole network in: give a token, or use 127\.0\.0\.1"):
+    with pytest.raises(InvalidArgumentError, match=r"other machines can reach .*: give a token, or use 127\.0\.0\.1"):
         serve(Hub(command=print, report=bytes), host)
 
 

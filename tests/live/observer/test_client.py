@@ -25,12 +25,12 @@ from replant.live.observer import client as observing
 from replant.live.observer import process as process_module
 from replant.live.observer.client import Observer
 from replant.live.observer.process import (
-    Address,
+    DashboardAddress,
     Failed,
     Handover,
-    Orders,
+    ObserverOptions,
 )
-from replant.live.observer.view import Pulse, View
+from replant.live.observer.view import SessionInfo, View
 from support.live_command import wait_for
 from support.live_fakes import DT, REQUEST, record
 from support.waiting import PATIENCE
@@ -41,7 +41,7 @@ U, Y = record()
 @pytest.fixture(scope="module")
 def observer() -> Iterator[Observer]:
     """Return one for all tests: it takes seconds to start."""
-    started = Observer(Orders(dashboard=Address("127.0.0.1", 0)))
+    started = Observer(ObserverOptions(dashboard=DashboardAddress("127.0.0.1", 0)))
     yield started
     started.close()
 
@@ -49,7 +49,7 @@ def observer() -> Iterator[Observer]:
 @pytest.fixture
 def mortal() -> Iterator[Observer]:
     """Return one that may be killed."""
-    started = Observer(Orders())
+    started = Observer(ObserverOptions())
     yield started
     started.close()
 
@@ -63,11 +63,11 @@ def identifier(samples: int) -> rp.Identifier:
 def seen(observer: Observer, ident: rp.Identifier, *, learned: bool = True) -> View:
     """Hand over, and wait for the view that comes of it."""
     before = observer.last
-    pulse = Pulse(at=ident.samples * DT, source="fake://", source_state="connected")
+    info = SessionInfo(at=ident.samples * DT, source="fake://", source_state="connected")
 
     def newer() -> View | None:
         observer.poll()
-        observer.hand(ident, pulse, learned=learned)
+        observer.hand_over(ident, info, learned=learned)
         return observer.last if observer.last is not before else None
 
     found = wait_for(newer)
@@ -86,7 +86,7 @@ def test_views_come_back_and_go_to_the_page(observer: Observer, monkeypatch: pyt
     with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
         model = json.load(answer)
     assert model["den"] == [1.0, ident.parameters[0]]
-    assert seen(observer, ident, learned=False).samples == 3000  # the pulse alone
+    assert seen(observer, ident, learned=False).samples == 3000  # the info alone
 
 
 def test_commands_come_back_from_the_page(observer: Observer) -> None:
@@ -111,7 +111,7 @@ def test_the_report_is_made_of_the_newest_estimate(observer: Observer) -> None:
 def pid(observer: Observer) -> int | None:
     """The number of the process that is at work; None while there is none."""
     observer.poll()
-    return observer._life.pid if observer._alive and observer._life is not None else None
+    return observer._process.pid if observer._alive and observer._process is not None else None
 
 
 def test_killed_ten_times_it_is_started_again_each_time_and_keeps_its_history(
@@ -135,12 +135,12 @@ def test_killed_ten_times_it_is_started_again_each_time_and_keeps_its_history(
 
 
 def test_pauses_between_two_starts_grow_up_to_a_limit_and_begin_anew_after_a_long_life(mortal: Observer) -> None:
-    assert [mortal._longer_pause() for _ in range(8)] == [0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 30.0, 30.0]
-    assert mortal._life is not None
-    mortal._life.begun -= 2.0 * observing.LONG_LIFE
+    assert [mortal._next_pause() for _ in range(8)] == [0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 30.0, 30.0]
+    assert mortal._process is not None
+    mortal._process.start -= 2.0 * observing.LONG_LIFE
     os.kill(wait_for(lambda: pid(mortal)), signal.SIGKILL)
     wait_for(lambda: pid(mortal) is None)
-    assert mortal._longer_pause() == 1.0
+    assert mortal._next_pause() == 1.0
 
 
 def test_without_a_process_nothing_is_said_of_the_present_and_nothing_waits(mortal: Observer) -> None:
@@ -150,8 +150,8 @@ def test_without_a_process_nothing_is_said_of_the_present_and_nothing_waits(mort
     wait_for(lambda: pid(mortal) is None)
     assert mortal.view is None
     assert mortal.last is not None
-    assert not mortal.hand(identifier(100), Pulse(), learned=True)
-    mortal.look_again(identifier(100), Pulse())  # does not wait for what cannot come
+    assert not mortal.hand_over(identifier(100), SessionInfo(), learned=True)
+    mortal.wait_for_view(identifier(100), SessionInfo())  # returns at once: no view can come
 
 
 def test_a_start_that_fails_is_tried_again(
@@ -160,15 +160,15 @@ def test_a_start_that_fails_is_tried_again(
     """As where there are no descriptors or processes left: the session goes on, and so do the tries."""
     monkeypatch.setattr(observing, "PAUSES", (0.01, 0.02))
     mortal._pause = 0.01
-    made, tries = observing._Life, []
+    made, tries = observing.ObserverProcess, []
 
-    def fails_twice(orders: Orders) -> object:
+    def fails_twice(options: ObserverOptions) -> object:
         tries.append(1)
         if len(tries) <= 2:
             raise OSError(24, "Too many open files")
-        return made(orders)
+        return made(options)
 
-    monkeypatch.setattr(observing, "_Life", fails_twice)
+    monkeypatch.setattr(observing, "ObserverProcess", fails_twice)
     os.kill(wait_for(lambda: pid(mortal)), signal.SIGKILL)
     wait_for(lambda: pid(mortal) and len(tries) == 3)
     assert seen(mortal, identifier(1000)).samples == 1000
@@ -181,29 +181,29 @@ def test_a_start_that_fails_is_tried_again(
 def test_a_look_that_fails_is_one_notice_and_the_next_goes_on(mortal: Observer, capfd: pytest.CaptureFixture) -> None:
     """In the process itself: a state that cannot be read, twice, between two that can."""
     seen(mortal, identifier(1000))
-    assert mortal._life is not None
-    process, before = mortal._life.pid, mortal.last
+    assert mortal._process is not None
+    process, before = mortal._process.pid, mortal.last
     for _ in range(2):
-        mortal._life.outbox.put(Handover(Pulse(at=7.0), (), b"no state at all"))
+        mortal._process.outbox.put(Handover(SessionInfo(at=7.0), (), b"no state at all"))
     doubted = wait_for(lambda: mortal.poll() == [] and mortal.last is not before and mortal.last)
     assert (doubted.verdict, doubted.at) == ("unknown", 7.0)
     assert "the estimate could not be judged" in doubted.reasons[0]
     again = seen(mortal, identifier(1500))
     assert (again.samples, again.verdict) == (1500, identifier(1500).assess().status)
-    assert (mortal._life.pid, mortal._restarts) == (process, 0)
+    assert (mortal._process.pid, mortal._restarts) == (process, 0)
     said = capfd.readouterr().err
     assert said.count("the estimate could not be judged") == 1
     assert "Traceback" not in said
 
 
-@pytest.mark.parametrize("fails", ["look", "to_json"])
+@pytest.mark.parametrize("fails", ["make_view", "to_json"])
 def test_whatever_a_look_raises_the_pulse_alone_makes_nothing_trusted_again(
     fails: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ours, theirs = multiprocessing.Pipe()
-    work = process_module._Observing(theirs, Orders())
-    state, pulse = identifier(3000).to_bytes(), Pulse(at=1.0)
-    assert work._look(Handover(pulse, (), state)).verdict == "trusted"
+    work = process_module._Observing(theirs, ObserverOptions())
+    state, info = identifier(3000).to_bytes(), SessionInfo(at=1.0)
+    assert work._judge(Handover(info, (), state)).verdict == "trusted"
     if fails == "to_json":
         work._hub = SimpleNamespace(publish=lambda view: view)
         monkeypatch.setattr(View, "to_json", lambda view: 1 / 0)
@@ -211,27 +211,27 @@ def test_whatever_a_look_raises_the_pulse_alone_makes_nothing_trusted_again(
         assert "could not be shown" in ours.recv().line
         return
     with monkeypatch.context() as patched:
-        patched.setattr(process_module, "look", lambda *_: np.linalg.inv(np.zeros((2, 2))))
-        assert work._look(Handover(pulse, (), state)).verdict == "unknown"
+        patched.setattr(process_module, "make_view", lambda *_: np.linalg.inv(np.zeros((2, 2))))
+        assert work._judge(Handover(info, (), state)).verdict == "unknown"
     assert "LinAlgError" in ours.recv().line
-    assert work._look(Handover(pulse)).verdict == "unknown"
-    assert work._look(Handover(pulse, (), state)).verdict == "trusted"
+    assert work._judge(Handover(info)).verdict == "unknown"
+    assert work._judge(Handover(info, (), state)).verdict == "trusted"
 
 
 def test_a_view_of_a_session_without_samples_claims_nothing() -> None:
     _, theirs = multiprocessing.Pipe()
-    work = process_module._Observing(theirs, Orders())
-    assert work._look(Handover(Pulse(at=1.0), (), identifier(3000).to_bytes())).verdict == "trusted"
-    silent = work._look(Handover(Pulse(at=1.0, silence=12.0)))
+    work = process_module._Observing(theirs, ObserverOptions())
+    assert work._judge(Handover(SessionInfo(at=1.0), (), identifier(3000).to_bytes())).verdict == "trusted"
+    silent = work._judge(Handover(SessionInfo(at=1.0, silence=12.0)))
     assert (silent.verdict, silent.reasons) == ("unknown", ("no sample has been accepted for 12 s",))
-    assert work._look(Handover(Pulse(at=1.1))).verdict == "trusted"
+    assert work._judge(Handover(SessionInfo(at=1.1))).verdict == "trusted"
 
 
 def test_a_dashboard_that_cannot_be_served_later_on_ends_nothing(
     mortal: Observer, capfd: pytest.CaptureFixture
 ) -> None:
     """As when the process was killed and something else has taken its port meanwhile."""
-    mortal._take(Failed("the dashboard cannot listen on 127.0.0.1:8710"), first=False)
+    mortal._receive(Failed("the dashboard cannot listen on 127.0.0.1:8710"), first=False)
     assert "cannot listen on 127.0.0.1:8710; trying again" in capfd.readouterr().err
     seen(mortal, identifier(300))
 
@@ -267,7 +267,7 @@ def test_signals_that_end_a_session_do_not_reach_it(observer: Observer, number: 
 
 def test_what_is_said_before_the_first_view_is_shown_at_once(capfd: pytest.CaptureFixture) -> None:
     """As that kernels are being compiled, which is over when there is something to look at."""
-    started = Observer(Orders(terminal=True))
+    started = Observer(ObserverOptions(terminal=True))
     try:
         started.show("replant: compiling")
         assert capfd.readouterr().err == "replant: compiling\n"
@@ -283,10 +283,10 @@ def test_it_goes_away_with_its_session() -> None:
     """However that ends; a signal would not end it."""
     program = """
 from replant.live.observer.client import Observer
-from replant.live.observer.process import Orders
+from replant.live.observer.process import ObserverOptions
 if __name__ == "__main__":
-    observer = Observer(Orders())
-    print(observer._life.pid, flush=True)
+    observer = Observer(ObserverOptions())
+    print(observer._process.pid, flush=True)
     {end}
 """
     for end, code in (("raise SystemExit(3)", 3), ("import os; os._exit(4)", 4)):

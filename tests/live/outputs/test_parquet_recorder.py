@@ -14,10 +14,10 @@ import pytest
 import replant as rp
 from replant.errors import LogError
 from replant.live.outputs import parquet_recorder as recording
-from replant.live.outputs.disk_writer import Background
-from replant.live.outputs.message import Estimate
+from replant.live.outputs.disk_writer import DiskWriter
+from replant.live.outputs.message import EstimateMessage
 from replant.live.outputs.notices import Notices
-from replant.live.outputs.parquet_recorder import Recorder
+from replant.live.outputs.parquet_recorder import ParquetRecorder
 from support.full_disk import full_disk
 from support.live_fakes import DT, record
 
@@ -28,12 +28,12 @@ T, N = DT * np.arange(1000), np.arange(1000)
 def recorded(folder: Path, parts: list[slice], *, numbered: bool = True, go_on: bool = False) -> list[str]:
     """Record parts of the record, each flushed; return what was said."""
     said: list[str] = []
-    background = Background(Notices(said.append))
-    recorder = Recorder(folder, background, go_on=go_on)
+    disk_writer = DiskWriter(Notices(said.append))
+    recorder = ParquetRecorder(folder, disk_writer, go_on=go_on)
     for part in parts:
-        recorder.take(N[part] if numbered else None, T[part], U[part], Y[part])
+        recorder.add_samples(N[part] if numbered else None, T[part], U[part], Y[part])
         recorder.flush()
-    background.close()
+    disk_writer.close()
     return said
 
 
@@ -52,13 +52,13 @@ def test_what_was_recorded_is_read_back_to_the_bit(tmp_path: Path, numbered: boo
 
 
 def test_estimates_are_recorded_beside_them(tmp_path: Path) -> None:
-    background = Background(Notices(print))
-    recorder = Recorder(tmp_path, background)
+    disk_writer = DiskWriter(Notices(print))
+    recorder = ParquetRecorder(tmp_path, disk_writer)
     for k in range(3):
         values = np.array([k + 0.5, np.nan]), np.array([0.1, np.nan])
-        recorder.send(Estimate(k * DT, k, k + 1, ("a0", "b0"), *values, "running", "trusted"))
+        recorder.send(EstimateMessage(k * DT, k, k + 1, ("a0", "b0"), *values, "running", "trusted"))
     recorder.close()
-    background.close()
+    disk_writer.close()
     frame = pandas.read_parquet(tmp_path / "estimates")
     assert list(frame) == ["t", "n", "samples", "a0", "b0", "std_a0", "std_b0", "status", "verdict"]
     np.testing.assert_array_equal(frame["a0"], [0.5, 1.5, 2.5])
@@ -114,12 +114,12 @@ def test_samples_that_are_sent_again_are_recorded_once(tmp_path: Path) -> None:
 
 def test_parts_are_written_by_themselves_when_they_are_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recording, "ROWS", 100)
-    background = Background(Notices(print))
-    recorder = Recorder(tmp_path, background)
+    disk_writer = DiskWriter(Notices(print))
+    recorder = ParquetRecorder(tmp_path, disk_writer)
     for at in range(0, 600, 50):
         part = slice(at, at + 50)
-        recorder.take(None, T[part], U[part], Y[part])
-    background.close()
+        recorder.add_samples(None, T[part], U[part], Y[part])
+    disk_writer.close()
     parts = sorted((tmp_path / "samples").iterdir())
     assert [pyarrow.parquet.ParquetFile(path).metadata.num_rows for path in parts] == [100] * 6
 

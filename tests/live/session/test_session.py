@@ -15,8 +15,8 @@ import pytest
 import replant as rp
 from replant.live.outputs.message import ENDED, UNKNOWN
 from replant.live.session.checkpointing import resume
+from replant.live.session.limits import Limits
 from replant.live.session.progress import Progress
-from replant.live.session.session import Limits
 from replant.online import saving
 from support.live_fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, make, record
 from support.waiting import PATIENCE
@@ -161,7 +161,7 @@ def test_what_has_come_in_already_is_learned_before_it_ends() -> None:
 
 def test_a_checkpoint_is_written_before_anything_that_may_take_long(tmp_path: Path) -> None:
     class Slow(FakeObserver):
-        def look_again(self, *_: Any) -> None:
+        def wait_for_view(self, *_: Any) -> None:
             self.found = (tmp_path / "rig").exists()
 
     observer = Slow()
@@ -212,7 +212,7 @@ def test_a_sink_that_fails_is_said_once_and_the_others_go_on() -> None:
     session, observer = make(FakeSource(*record()), sinks=[bad, good])
     session.run()
     assert len(good.sent) > 10
-    assert observer.shown == ["replant: fake sink: Network is unreachable; going on"]
+    assert observer.shown == ["replant: fake sink: Network is unreachable; identification continues"]
 
 
 def test_a_reader_that_has_gone_ends_the_session() -> None:
@@ -274,7 +274,7 @@ def test_counters_go_on_over_a_resumption(tmp_path: Path) -> None:
             source, path=tmp_path / "rig", progress=None if loaded is None else Progress.of(loaded.progress)
         )
         session.run()
-        assert session.pulse.counters == {"lost": 2 * k}
+        assert session.info.counters == {"lost": 2 * k}
 
 
 def test_a_resumed_session_goes_on_to_the_bit_and_uses_no_sample_twice(tmp_path: Path) -> None:
@@ -297,9 +297,11 @@ def test_a_resumed_session_goes_on_to_the_bit_and_uses_no_sample_twice(tmp_path:
 def test_a_checkpoint_of_another_structure_is_refused_in_one_line(tmp_path: Path) -> None:
     path = tmp_path / "rig"
     rp.Identifier(**vars(REQUEST)).save(path)
-    with pytest.raises(rp.InvalidArgumentError, match=r"rig: the checkpoint is of dt 0.05, and 0.1 is asked for now"):
+    with pytest.raises(
+        rp.InvalidArgumentError, match=r"rig: the checkpoint was made with dt 0.05, and 0.1 is requested now"
+    ):
         resume(path, type(REQUEST)(**{**vars(REQUEST), "dt": 0.1}))
-    with pytest.raises(rp.InvalidArgumentError, match=r"move .* away to begin anew"):
+    with pytest.raises(rp.InvalidArgumentError, match=r"move .* away to start anew"):
         resume(path, type(REQUEST)(**{**vars(REQUEST), "structure": rp.Structure(2)}))
     assert resume(path, REQUEST) is not None
     assert resume(tmp_path / "none", REQUEST) is None

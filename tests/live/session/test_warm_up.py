@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.live.session.warm_up import warm
+from replant.live.session.warm_up import warm_up
 from support.live_fakes import DT, REQUEST, record
 
 
@@ -23,7 +23,7 @@ def compiled() -> int:
 @pytest.mark.parametrize("optimizer", ["auto", "amsgrad"])
 def test_nothing_is_compiled_while_samples_come(optimizer: str, stamped: bool) -> None:
     request = type(REQUEST)(**{**vars(REQUEST), "optimizer": optimizer})
-    warm(request, print)
+    warm_up(request, print)
     before = compiled()
     assert before > 0
     u, y = record()

@@ -1,4 +1,4 @@
-"""Named arrays as columns: what MATLAB and npz files have in common."""
+"""Named arrays as the columns of a table, for MATLAB and npz files."""
 
 from __future__ import annotations
 
@@ -44,6 +44,11 @@ def array_table(path: Path, arrays: Iterable[tuple[str, NDArray[Any]]]) -> Table
     ------
     LogError
         If none of them is a signal.
+
+    Examples
+    --------
+    >>> array_table(Path("log.npz"), [("u", np.zeros(100)), ("version", np.array(7))]).names
+    ('u',)
     """
     columns = [column for name, array in arrays for column in columns_of(name, array)]
     if not columns:
@@ -53,5 +58,5 @@ def array_table(path: Path, arrays: Iterable[tuple[str, NDArray[Any]]]) -> Table
         path,
         tuple(name for name, _ in columns),
         lambda numbers: iter([[np.array(values[number], dtype=np.float64) for number in numbers]]),
-        about=max(map(len, values)),
+        approximate_rows=max(map(len, values)),
     )

@@ -14,7 +14,7 @@ _WORD = re.compile(rf'\s*+(?:{_QUOTED}(?!\S)|([^\s"]\S*+{_UNIT})|\Z)')
 
 
 class CellError(ValueError):
-    """A cell whose quotation marks do not say where it ends: its 0-based column, and what is wrong with it."""
+    """A cell with faulty quotation marks; ``column`` is its 0-based column."""
 
     def __init__(self, column: int, problem: str) -> None:
         super().__init__(problem)
@@ -24,7 +24,7 @@ class CellError(ValueError):
 def split_line(line: str, delimiter: str | None) -> list[str]:
     """Split a line into stripped cells, with quotes removed; without a delimiter at runs of blanks.
 
-    A quotation mark counts where a cell begins; further in it is a mark like any other.
+    A quotation mark begins a quoted cell only as the first character of the cell; elsewhere it is ordinary text.
 
     Raises
     ------
@@ -82,9 +82,9 @@ def _split_words(line: str) -> list[str]:
 def _broken(column: int, rest: str, delimiter: str | None) -> CellError:
     quoted = re.match(rf"\s*{_QUOTED}", rest)
     if quoted is None:
-        return CellError(column, f"{shown(rest)} has no closing quotation mark")
+        return CellError(column, f"{quote(rest)} has no closing quotation mark")
     tail = rest[quoted.end() :].split(delimiter, 1)[0]
-    return CellError(column, f"{shown(quoted[0] + tail)} goes on after its closing quotation mark")
+    return CellError(column, f"{quote(quoted[0] + tail)} goes on after its closing quotation mark")
 
 
 def parse_number(cell: str) -> float:
@@ -109,7 +109,13 @@ def parse_number(cell: str) -> float:
 
 
 def is_number(cell: str, delimiter: str | None) -> bool:
-    """Tell whether a cell is a number, or missing; a comma is a decimal comma unless it is the delimiter."""
+    """Return whether a cell is a number, or missing; a comma is a decimal comma unless it is the delimiter.
+
+    Examples
+    --------
+    >>> is_number("1,5", ";"), is_number("1,5", ","), is_number("NA", ";")
+    (True, False, True)
+    """
     try:
         parse_number(cell if delimiter == "," else cell.replace(",", "."))
     except ValueError:
@@ -117,12 +123,12 @@ def is_number(cell: str, delimiter: str | None) -> bool:
     return not cell.endswith(",")  # "0, 1, 2" is three cells with commas, not three decimals
 
 
-def shown(cell: str) -> str:
-    """Return a cell as a message quotes it: no longer than can be read.
+def quote(cell: str) -> str:
+    """Return a cell in quotation marks for a message; a long cell is cut.
 
     Examples
     --------
-    >>> print(shown(" 1.5x "), shown(50 * "x"))
+    >>> print(quote(" 1.5x "), quote(50 * "x"))
     '1.5x' 'xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx...'
     """
     text = cell.strip()

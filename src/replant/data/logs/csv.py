@@ -1,7 +1,7 @@
-"""Text logs (.csv, .txt, .tsv, .dat): read in blocks of lines, in C where the block is clean.
+"""Text logs (.csv, .txt, .tsv, .dat): read in blocks of lines; clean blocks are parsed in C.
 
 A clean block of a long file is parsed by pyarrow, where that is installed, else by NumPy.  A block with quotes,
-comments or an error takes the path in Python, which also says where an error is.
+comments or an error is parsed in Python, which also finds the place of an error.
 """
 
 from __future__ import annotations
@@ -18,12 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs.ahead import ahead
 from replant.data.logs.cells import (
     CellError,
     is_number,
     parse_number,
-    shown,
+    quote,
     split_line,
 )
 from replant.data.logs.layout import (
@@ -34,8 +33,9 @@ from replant.data.logs.layout import (
     is_data,
     lines_of,
     sniff,
-    too_long,
+    too_long_error,
 )
+from replant.data.logs.prefetch import prefetch
 from replant.data.logs.table import Table
 from replant.errors import LogError
 
@@ -54,7 +54,7 @@ _DATE_REMEDY = "convert dates and clock times to seconds, or give the sampling t
 
 
 def read(path: Path) -> Table:
-    """Open a text log: delimiter, decimal comma and header are found out from its first lines.
+    """Open a text log; its first lines determine delimiter, decimal comma and header.
 
     Raises
     ------
@@ -62,8 +62,8 @@ def read(path: Path) -> Table:
         If the file is empty, is not text, or has no row of data.
     """
     layout = sniff(path)
-    blocks, place = partial(_blocks, path, layout), partial(_place, path, layout)
-    return Table(path, layout.names, blocks, place, about=_about(path))
+    blocks, describe_row = partial(_blocks, path, layout), partial(_line_of_row, path, layout)
+    return Table(path, layout.names, blocks, describe_row, approximate_rows=_approximate_rows(path))
 
 
 def parse_block(
@@ -71,7 +71,7 @@ def parse_block(
 ) -> list[NDArray[np.float64]]:
     """Turn consecutive lines of a text log into one float64 array per chosen column.
 
-    Blank lines and comments are passed over; a missing cell is NaN.
+    Blank lines and comments are skipped; a missing cell is NaN.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def parse_block(
     first : int
         The 1-based number of the first of them, for messages.
     columns : sequence of int
-        The columns wanted; text in the others does not matter.
+        Indices of the columns to parse; the others may hold text.
 
     Raises
     ------
@@ -108,11 +108,11 @@ def parse_block(
 
 
 def _blocks(path: Path, layout: Layout, columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
-    is_long = path.stat().st_size > BLOCK_BYTES  # else pyarrow would take longer to import than NumPy to parse
+    is_long = path.stat().st_size > BLOCK_BYTES  # importing pyarrow takes longer than parsing a short file with NumPy
     jobs = (
         partial(_parse, path, layout, text, first, columns, is_long=is_long) for first, text in _texts(path, layout)
     )
-    return ahead(jobs, WORKERS)
+    return prefetch(jobs, WORKERS)
 
 
 def _texts(path: Path, layout: Layout) -> Iterator[tuple[int, bytes]]:
@@ -129,7 +129,7 @@ def _texts(path: Path, layout: Layout) -> Iterator[tuple[int, bytes]]:
             if end == 0:
                 rest += block
                 if len(rest) > LONGEST_LINE:
-                    raise too_long(path, first)
+                    raise too_long_error(path, first)
                 continue
             text, rest = rest + block[:end], block[end:]
             yield first, text
@@ -158,7 +158,7 @@ def _parse(
 
 
 def _parse_in_arrow(layout: Layout, text: bytes, columns: Sequence[int]) -> list[NDArray[np.float64]] | None:
-    """Parse a block with pyarrow, or return None where that is missing, or might not read the block as we do."""
+    """Parse a block with pyarrow; return None without pyarrow, or where it may read the block otherwise than Python."""
     width = len(layout.names)
     if layout.delimiter is None or width == 1 or _lone_returns(text) or any(mark in text for mark in _ODD):
         return None
@@ -191,15 +191,15 @@ def _parse_in_arrow(layout: Layout, text: bytes, columns: Sequence[int]) -> list
     return values
 
 
-def _about(path: Path) -> int:
-    """Return how many rows there are if lines are everywhere as long as in the beginning."""
+def _approximate_rows(path: Path) -> int:
+    """Return the number of rows under the assumption that all lines are as long as the first ones."""
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
     return path.stat().st_size * max(1, head.count(b"\n")) // max(1, len(head))
 
 
-def _place(path: Path, layout: Layout, row: int) -> str:
-    """Name the line that holds a row: only for messages, so the file is read once more."""
+def _line_of_row(path: Path, layout: Layout, row: int) -> str:
+    """Return the number of the line that holds a row; reads the file again, which only an error message needs."""
     numbers = (n for n, line in lines_of(path, layout.encoding) if n >= layout.data_line and is_data(line))
     return f"line {next(islice(numbers, row, None))}"
 
@@ -264,7 +264,7 @@ def _parse_column(
             (number, row), name = rows[index], layout.names[column]
             remedy = _DATE_REMEDY if _DATE.match(row[column]) else _CELL_REMEDY
             raise LogError(
-                f"{path}: line {number}, column {name!r}: {shown(row[column])} is not a number; {remedy}"
+                f"{path}: line {number}, column {name!r}: {quote(row[column])} is not a number; {remedy}"
             ) from None
     return values
 
@@ -281,12 +281,12 @@ def _plain_numbers(cells: Sequence[str]) -> NDArray[np.float64] | None:
 
 
 def _check_one_decimal_mark(path: Path, layout: Layout, rows: Sequence[tuple[int, list[str]]], column: int) -> None:
-    """Refuse 1.234 beside 0,5: the point may be a decimal point or a separator of thousands."""
+    """Refuse a column with both 1.234 and 0,5: the point may be a decimal point or a thousands separator."""
     numbers = [(number, row[column]) for number, row in rows if is_number(row[column], layout.delimiter)]
     point = next(((number, cell) for number, cell in numbers if "." in cell), None)
     comma = next(((number, cell) for number, cell in numbers if "," in cell), None)
     if point and comma:
         raise LogError(
-            f"{path}: column {layout.names[column]!r} has a decimal point in line {point[0]} ({shown(point[1])}) and "
-            f"a comma in line {comma[0]} ({shown(comma[1])}); write all numbers one way, without thousands separators"
+            f"{path}: column {layout.names[column]!r} has a decimal point in line {point[0]} ({quote(point[1])}) and "
+            f"a comma in line {comma[0]} ({quote(comma[1])}); write all numbers one way, without thousands separators"
         )

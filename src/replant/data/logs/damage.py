@@ -1,4 +1,4 @@
-"""One message for a damaged file, whatever the library that met the damage raises."""
+"""Damage: the errors of the libraries that parse files, turned into one `LogError`."""
 
 from __future__ import annotations
 
@@ -10,14 +10,28 @@ from replant.errors import LogError, ReplantError
 
 
 @contextmanager
-def damage_refused(path: Path, kind: str, remedy: str) -> Iterator[None]:
+def damage_as_log_error(path: Path, kind: str, remedy: str) -> Iterator[None]:
     """Turn the errors of a library that parses a file into a LogError.
 
-    On damaged bytes such a library fails with almost any exception. Errors of the operating system pass.
+    On damaged bytes such a library fails with almost any exception.  Errors of the operating system and of replant are
+    raised as they are.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        What the file should be, for the message.
+    remedy : str
+        What to do about a damaged file, for the message.
+
+    Raises
+    ------
+    LogError
+        If the code in the ``with`` block raises any other exception.
 
     Examples
     --------
-    >>> with damage_refused(Path("log.npz"), ".npz archive", "save it with numpy.savez"):
+    >>> with damage_as_log_error(Path("log.npz"), ".npz archive", "save it with numpy.savez"):
     ...     raise KeyError("u.npy")
     Traceback (most recent call last):
     replant.errors.LogError: log.npz: not a readable .npz archive ('u.npy'); save it with numpy.savez

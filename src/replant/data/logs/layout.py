@@ -1,4 +1,4 @@
-"""How a text log is laid out: encoding, delimiter, names of the columns, first line of data."""
+"""The layout of a text log: encoding, delimiter, names of the columns, first line of data."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from pathlib import Path
 from replant.data.logs.cells import (
     CellError,
     is_number,
-    shown,
+    quote,
     split_line,
 )
 from replant.data.logs.time import time_candidates
 from replant.errors import LogError
 
 COMMENT_MARKS = ("#", "%")
-DELIMITERS = (";", "\t", "|", ",", None)  # None: runs of blanks. In this order when two explain a file equally well
+DELIMITERS = (";", "\t", "|", ",", None)  # None: runs of blanks.  Of two with equal score the first one is taken
 QUOTES_REMEDY = "correct it, or write a quotation mark within a quoted cell twice"
 LONGEST_LINE = 1 << 26  # characters: a million columns and more
 LONGEST_NAME = 1000  # characters
 
 _SAMPLE_ROWS = 100
-_SAMPLE_CHARACTERS = 1 << 18  # so that the cost of looking does not grow with the width of the rows times their number
+_SAMPLE_CHARACTERS = 1 << 18  # bounds the cost of the detection for files with very wide rows
 _HEAD_BYTES = 1 << 16
 _CONTROL_BYTES = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a"))
 _BEGUN_NUMBER = re.compile(r"[+-]?[.,]?\d")
@@ -59,18 +59,34 @@ class Layout:
 
 
 def is_data(line: str) -> bool:
-    """Tell whether a line holds cells: it is neither blank nor a comment."""
+    """Return whether a line holds cells, that is, is neither blank nor a comment.
+
+    Examples
+    --------
+    >>> is_data("0.1,2"), is_data("# motor 3"), is_data(" ")
+    (True, False, False)
+    """
     text = line.lstrip()
     return bool(text) and not text.startswith(COMMENT_MARKS)
 
 
 def sniff(path: Path) -> Layout:
-    """Find out the layout of a text log from its first lines.
+    r"""Determine the layout of a text log from its first lines.
 
     Raises
     ------
     LogError
         If the file is empty, is not text, has no row of data, or begins with a row that may be names or data.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "log.csv")
+    ...     _ = file.write_text("t;u;y\n0,0;1,5;0\n0,1;1,5;0,7\n")
+    ...     layout = sniff(file)
+    >>> layout.names, layout.delimiter
+    (('t', 'u', 'y'), ';')
     """
     encoding = _encoding(path)
     comment, rows = _sample(path, encoding)
@@ -92,7 +108,7 @@ def sniff(path: Path) -> Layout:
     for column, name in enumerate(names):
         if len(name) > LONGEST_NAME:
             raise LogError(
-                f"{path}: line {number}, column {column}: {shown(name)} is a name of {len(name):,} characters; "
+                f"{path}: line {number}, column {column}: {quote(name)} is a name of {len(name):,} characters; "
                 f"shorten it to {LONGEST_NAME:,} or fewer"
             )
     return Layout(names, delimiter, number, rows[1][0], encoding)
@@ -104,19 +120,19 @@ def lines_of(path: Path, encoding: str) -> Iterator[tuple[int, str]]:
     Raises
     ------
     LogError
-        If a line is longer than any log's.
+        If a line is longer than `LONGEST_LINE`.
     """
     with path.open(encoding=encoding, errors="replace") as file:
         number = 1
         while line := file.readline(LONGEST_LINE + 1):
             if len(line) > LONGEST_LINE:
-                raise too_long(path, number)
+                raise too_long_error(path, number)
             yield number, line
             number += 1
 
 
-def too_long(path: Path, number: int) -> LogError:
-    """Return the error for a line that is longer than any log's."""
+def too_long_error(path: Path, number: int) -> LogError:
+    """Return the error for a line that is longer than `LONGEST_LINE`."""
     return LogError(
         f"{path}: line {number} is longer than {LONGEST_LINE >> 20} million characters; "
         "write one line for each sample, and end it with a line feed"
@@ -124,7 +140,7 @@ def too_long(path: Path, number: int) -> LogError:
 
 
 def _sample(path: Path, encoding: str) -> tuple[str | None, list[tuple[int, str]]]:
-    """Return the last comment before the first row, and the first rows: two at least, and more while they are short."""
+    """Return the last comment before the first row, and the first rows: at least two, and more while they are short."""
     comment: str | None = None
     rows: list[tuple[int, str]] = []
     characters = 0
@@ -140,7 +156,7 @@ def _sample(path: Path, encoding: str) -> tuple[str | None, list[tuple[int, str]
 
 
 def _significant(lines: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
-    """Yield rows, and of the comments before them the last."""
+    """Yield the rows; before each row, also the last of the comments that precede it."""
     comment: tuple[int, str] | None = None
     for number, line in lines:
         if _EXCEL_HINT.fullmatch(line.strip()):
@@ -175,7 +191,7 @@ def _delimiter(lines: Sequence[str]) -> str | None:
 
 
 def _score(lines: Sequence[str], delimiter: str | None) -> float:
-    """How well a delimiter explains the rows: the share of rows of one width times the share of numbers."""
+    """Return the score of a delimiter: the share of rows of the usual width times the share of numbers in the cells."""
     rows = [cells for line in lines if (cells := _split_or_none(line, delimiter)) is not None]
     widths = Counter(len(row) for row in rows)
     width, count = widths.most_common(1)[0] if rows else (0, 0)
@@ -183,11 +199,11 @@ def _score(lines: Sequence[str], delimiter: str | None) -> float:
         return 0.0
     cells = [cell for row in rows[1:] or rows for cell in row]
     numbers = sum(is_number(cell, delimiter) for cell in cells)
-    return count / len(lines) * (numbers + 1e-3) / (len(cells) + 1e-3)  # a width alone counts a little
+    return count / len(lines) * (numbers + 1e-3) / (len(cells) + 1e-3)  # equal widths alone give a small score
 
 
 def _split_or_none(line: str, delimiter: str | None) -> list[str] | None:
-    """Split a line, or return None where it has no such cells: under another delimiter, or because it is damaged."""
+    """Split a line; return None if its quotation marks do not fit this delimiter."""
     try:
         return split_line(line, delimiter)
     except CellError:
@@ -195,10 +211,10 @@ def _split_or_none(line: str, delimiter: str | None) -> list[str] | None:
 
 
 def _is_header(path: Path, line: int, first: Sequence[str], others: Sequence[Sequence[str]]) -> bool:
-    """Tell whether the first row holds names: some text, and no number but plain counts such as 2.
+    """Return whether the first row holds names: some text, and no number but plain counts such as 2.
 
-    Text above numbers may also be a damaged cell of a row of data.  It is a name for sure if it is called time, or if
-    most columns have a name that begins with a letter; otherwise nobody can tell, and the file is refused.
+    Text above numbers may also be a damaged cell of a row of data.  It is certainly a name if it is a usual name of the
+    time column, or if most columns have a name that begins with a letter.  Any other file is ambiguous, and refused.
     """
     is_text = [not is_number(cell, None) for cell in first]
     if not any(is_text):
@@ -221,7 +237,7 @@ def _is_header(path: Path, line: int, first: Sequence[str], others: Sequence[Seq
     if certain or time_candidates(texts):
         return True
     raise LogError(
-        f"{path}: line {line}, column {names[0]}: {shown(texts[0])} is a name or a damaged number; correct it, or put "
+        f"{path}: line {line}, column {names[0]}: {quote(texts[0])} is a name or a damaged number; correct it, or put "
         "# before the line; if the line holds names, give one to each column that begins with a letter"
     )
 
@@ -236,7 +252,7 @@ def _names(header: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[str, .
 def _commented_names(
     comment: str | None, delimiter: str | None, first: Sequence[str], others: Sequence[Sequence[str]]
 ) -> tuple[str, ...]:
-    """Names from the last comment before the data if it has one name per column (as numpy.savetxt writes them)."""
+    """Return the names in the last comment before the data, if it has one per column, as numpy.savetxt writes them."""
     numbered = _names([str(column) if cell else "" for column, cell in enumerate(first)], others)
     text = comment.strip().lstrip("".join(COMMENT_MARKS)).strip() if comment else ""
     names = _split_or_none(text, delimiter) if text else None

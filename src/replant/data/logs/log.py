@@ -1,4 +1,4 @@
-"""What a recorded log is once it is read: one input, one output, one sampling time."""
+"""Log: one input, one output and the sampling time, read from a file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from replant.interop import frames
 class Log:
     """A record of one input and one output at a fixed sampling time.
 
-    Samples that the file marks as missing are NaN here; nothing is dropped or repaired.
+    Samples that the file marks as missing are NaN; no sample is dropped or repaired.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class Log:
     path : Path
         The file.
     earlier : int
-        How many samples came before these: of a log that is too long to be held, these are the newest.
+        Number of samples before these.  Of a log that is too long for memory only the newest samples are held.
 
     Examples
     --------

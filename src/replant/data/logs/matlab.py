@@ -1,6 +1,6 @@
 """MATLAB files up to version 7 (.mat): variables, and the fields of a struct as ``data.time``, ``data.udat[:,0]``.
 
-SciPy's parser is compiled, and on damaged bytes it may crash: it runs in a process of its own (`matlab_process`).
+SciPy's parser is compiled, and may crash on damaged bytes: it runs in a separate process (`matlab_process`).
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from replant.data.logs import matlab_process
 from replant.data.logs.arrays import array_table
-from replant.data.logs.damage import damage_refused
+from replant.data.logs.damage import damage_as_log_error
 from replant.data.logs.table import Table
 from replant.errors import LogError
 
-# What the process may take: far more than a record does, of which compression leaves a tenth or more
+# Limits of the process, far above the need of a record, which compression makes at most about ten times smaller
 MEMORY, MEMORY_PER_BYTE = 4 << 30, 32  # bytes, and bytes for each of the file
 SECONDS, SECONDS_PER_BYTE = 120.0, 1e-6
 
@@ -47,14 +47,20 @@ def read(path: Path) -> Table:
         if head.startswith((_HDF5_MAGIC, b"MATLAB 7.3")):
             raise LogError(f"{path}: a MATLAB v7.3 (HDF5) file; {_SAVE_AGAIN}")
         file.seek(0)
-        is_alone = not sys.executable or getattr(sys, "frozen", False)  # a program that holds Python: none to start
-        with damage_refused(path, "MATLAB file", _SAVE_AGAIN):
-            arrays = list(matlab_process.signals(file) if is_alone else _signals(answer(path, file)))
+        is_alone = not sys.executable or getattr(sys, "frozen", False)  # Python is part of a program: none to start
+        with damage_as_log_error(path, "MATLAB file", _SAVE_AGAIN):
+            arrays = list(matlab_process.signals(file) if is_alone else _signals(read_in_subprocess(path, file)))
     return array_table(path, arrays)
 
 
-def answer(path: Path, file: BinaryIO) -> bytes:
-    """Have a file read by another process, which may crash, and is ended when it takes too long."""
+def read_in_subprocess(path: Path, file: BinaryIO) -> bytes:
+    """Return the arrays of a MATLAB file, as bytes in the format of `matlab_process`, read by a separate process.
+
+    Raises
+    ------
+    LogError
+        If the process does not start, crashes or takes too long.
+    """
     size = os.fstat(file.fileno()).st_size
     seconds = SECONDS + SECONDS_PER_BYTE * size
     memory = MEMORY + MEMORY_PER_BYTE * size
@@ -75,12 +81,18 @@ def answer(path: Path, file: BinaryIO) -> bytes:
             "save the signals as CSV"
         ) from error
     if done.returncode != 0:
-        raise ended(path, done.returncode)
+        raise process_error(path, done.returncode)
     return done.stdout
 
 
-def ended(path: Path, code: int) -> LogError:
-    """Return the error for a process that ended before it had read the file."""
+def process_error(path: Path, code: int) -> LogError:
+    """Return the error for a process that ended before it had read the file.
+
+    Examples
+    --------
+    >>> str(process_error(Path("log.mat"), 3))
+    'log.mat: the process that reads it was ended (code 3); free some memory, and try again'
+    """
     name = signal.Signals(-code).name if -code in set(signal.Signals) else f"code {code}"
     if name in _CRASHES or os.name == "nt":
         return LogError(f"{path}: the file is damaged: SciPy's reader crashed on it ({name}); {_SAVE_AGAIN}")

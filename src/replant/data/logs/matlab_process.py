@@ -1,7 +1,8 @@
-"""A process of its own in which SciPy parses a MATLAB file: on damaged bytes its compiled parser may crash.
+"""The separate process in which SciPy parses a MATLAB file: its compiled parser may crash on damaged bytes.
 
-`matlab.py` starts it by its path, so that it imports neither replant nor the user's script.  The file comes on standard
-input.  Back go a line of JSON, with name, type, shape and order of the arrays or with an error, and the arrays' bytes.
+`matlab.py` starts it by its path, so that it imports neither replant nor the user's script.  It reads the file from
+standard input.  It writes a line of JSON (name, type, shape and order of the arrays, or an error), then the arrays'
+bytes.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ def signals(file: BinaryIO) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield the numeric arrays of a MATLAB file with their names, those in a struct as ``data.time``."""
     import scipy.io
 
-    with warnings.catch_warnings(action="ignore"):  # about variables that are no signals
+    with warnings.catch_warnings(action="ignore"):  # SciPy warns about variables that are no signals
         contents: dict[str, Any] = scipy.io.loadmat(file)
     for name, value in _arrays(contents):
         if value.dtype.kind in "biuf" and value.size > 1:
@@ -45,13 +46,13 @@ def _arrays(contents: dict[str, Any]) -> Iterator[tuple[str, np.ndarray[Any, Any
 
 
 def main() -> None:
-    """Read standard input, write standard output; arguments: the most memory in bytes, folders where SciPy may be."""
+    """Read standard input, write standard output.  Arguments: largest memory in bytes, then folders to import from."""
     with contextlib.suppress(ImportError, ValueError, OSError):  # Windows has no such limit
         import resource
 
         resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[1]),) * 2)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    sys.path += sys.argv[2:]  # last, so that no module of the user's hides one of Python's
+    sys.path += sys.argv[2:]  # at the end, so that no module of the user hides one of Python
     out = sys.stdout.buffer
     try:
         found = dict(signals(sys.stdin.buffer))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.data.logs.arrays import array_table
-from replant.data.logs.damage import damage_refused
+from replant.data.logs.damage import damage_as_log_error
 from replant.data.logs.table import Table
 
 
@@ -23,9 +23,9 @@ def read(path: Path) -> Table:
     LogError
         If it is not an archive that ``numpy.savez`` writes, or holds no signal.
     """
-    with damage_refused(path, ".npz archive", "save it with numpy.savez"):
+    with damage_as_log_error(path, ".npz archive", "save it with numpy.savez"):
         with zipfile.ZipFile(path):
-            pass  # numpy.load would take a single array, too
+            pass  # numpy.load would also accept a file with a single array
         return array_table(path, _arrays(path))
 
 
@@ -34,7 +34,7 @@ def _arrays(path: Path) -> Iterator[tuple[str, NDArray[Any]]]:
         for name in archive.files:
             try:
                 array = archive[name]
-            except ValueError:  # Python objects: no signal, and unsafe to load
+            except ValueError:  # Python objects are no signals, and unsafe to load
                 continue
             if isinstance(array, np.ndarray):
                 yield name, array

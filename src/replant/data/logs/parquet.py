@@ -1,6 +1,6 @@
-"""Parquet files (.parquet, .pq), or a folder of them, with pyarrow: only the columns asked for are read.
+"""Parquet files (.parquet, .pq), or a folder of them, with pyarrow: only the requested columns are read.
 
-Files of ours have a checksum in each page, which is verified when the page is read; files without are read as they are.
+Files written by replant have a checksum in each page, which is verified when the page is read.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs.ahead import ahead
-from replant.data.logs.damage import damage_refused
+from replant.data.logs.damage import damage_as_log_error
+from replant.data.logs.prefetch import prefetch
 from replant.data.logs.table import Table, nth_row
 from replant.errors import LogError, MissingDependencyError
 
@@ -30,21 +30,21 @@ _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 def read(path: Path) -> Table:
-    """Open a Parquet file, or a folder of them in the order of their names, which have the same columns.
+    """Open a Parquet file, or a folder of Parquet files with equal columns, in the order of their names.
 
-    Columns of time stamps come in seconds since the first row.
+    Columns of time stamps are returned in seconds since the first row.
 
     Raises
     ------
     MissingDependencyError
         If pyarrow is not installed.
     LogError
-        If a file is not a Parquet file, has no column, or other columns than the first of its folder.
+        If a file is not a Parquet file, has no column, or other columns than the first file of its folder.
     """
     parts = parts_of(path) if path.is_dir() else [path]
     lengths, schema = [], None
     for part in parts:
-        with opened(part) as file:
+        with open_parquet(part) as file:
             found = file.schema_arrow
             lengths.append(int(file.metadata.num_rows))
         if schema is not None and found.names != schema.names:
@@ -53,22 +53,32 @@ def read(path: Path) -> Table:
     if schema is None or not schema.names:
         raise LogError(f"{path}: the file has no columns; write the log's signals into it")
     stamps = frozenset(number for number, field in enumerate(schema) if _is_stamp(field.type))
-    place = partial(_place, parts, lengths) if len(parts) > 1 else nth_row
-    return Table(path, tuple(schema.names), partial(_blocks, parts), place, in_seconds=stamps, about=sum(lengths))
+    describe_row = partial(_part_and_row, parts, lengths) if len(parts) > 1 else nth_row
+    names, blocks = tuple(schema.names), partial(_blocks, parts)
+    return Table(path, names, blocks, describe_row, in_seconds=stamps, approximate_rows=sum(lengths))
 
 
 def parts_of(folder: Path) -> list[Path]:
     """Return the Parquet files in a folder, or in its folder ``samples``, in the order of their names.
 
-    Those whose names begin with a dot or an underscore are being written, or are no data.
+    Files whose names begin with a dot or an underscore are left out: they are being written, or are no data.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     for name in ("part-2.parquet", "part-1.parquet", ".part-3.parquet"):
+    ...         Path(folder, name).touch()
+    ...     [part.name for part in parts_of(Path(folder))]
+    ['part-1.parquet', 'part-2.parquet']
     """
     recorded = folder / "samples"
     found = (recorded if recorded.is_dir() else folder).iterdir()
     return sorted(part for part in found if part.suffix.lower() in SUFFIXES and part.name[0] not in "._")
 
 
-def _place(parts: Sequence[Path], lengths: Sequence[int], row: int) -> str:
-    """Name part and row."""
+def _part_and_row(parts: Sequence[Path], lengths: Sequence[int], row: int) -> str:
+    """Return the name of the part that holds a row, and the row's number in it."""
     for part, length in zip(parts, lengths, strict=True):
         if row < length:
             return f"{part.name}, {nth_row(row)}"
@@ -77,18 +87,26 @@ def _place(parts: Sequence[Path], lengths: Sequence[int], row: int) -> str:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[Any]:
-    """Open a file as `pyarrow.parquet.ParquetFile`; what is damaged, then or when it is read, is a LogError."""
+def open_parquet(path: Path) -> Iterator[Any]:
+    """Open a file as `pyarrow.parquet.ParquetFile`.
+
+    Raises
+    ------
+    LogError
+        If the file is damaged: when it is opened, or when it is read in the ``with`` block.
+    MissingDependencyError
+        Without pyarrow.
+    """
     try:
         from pyarrow import parquet
     except ImportError as error:
         raise MissingDependencyError(
             f"{path}: reading Parquet needs pyarrow: pip install 'replant[parquet]'"
         ) from error
-    # pre_buffer keeps in memory whatever has been read
+    # pre_buffer would keep every block in memory
     options = {"pre_buffer": False, "buffer_size": BUFFER_BYTES, "page_checksum_verification": True}
     with (
-        damage_refused(path, "Parquet file", _REMEDY),
+        damage_as_log_error(path, "Parquet file", _REMEDY),
         parquet.ParquetFile(path, **options) as file,
     ):
         yield file
@@ -101,7 +119,7 @@ def _blocks(parts: Sequence[Path], columns: Sequence[int]) -> Iterator[list[NDAr
 
 
 def _blocks_of(path: Path, columns: Sequence[int], origins: Sequence[list[int]]) -> Iterator[list[NDArray[np.float64]]]:
-    with opened(path) as file:
+    with open_parquet(path) as file:
         schema = file.schema_arrow
         for number in columns:
             _check_type(path, schema.field(number))
@@ -110,7 +128,7 @@ def _blocks_of(path: Path, columns: Sequence[int], origins: Sequence[list[int]])
         batches = file.iter_batches(BLOCK_ROWS, columns=sorted(set(names)), use_threads=False)
         rows = 0
 
-        def take() -> list[NDArray[np.float64]] | None:
+        def next_block() -> list[NDArray[np.float64]] | None:
             nonlocal rows
             batch = next(batches, None)
             if batch is None:
@@ -120,14 +138,28 @@ def _blocks_of(path: Path, columns: Sequence[int], origins: Sequence[list[int]])
             places = [batch.schema.get_all_field_indices(name)[twin] for name, twin in zip(names, twins, strict=True)]
             return [_as_float(batch.column(at), origin) for at, origin in zip(places, origins, strict=True)]
 
-        for block in ahead(repeat(take), workers=1):
+        for block in prefetch(repeat(next_block), workers=1):
             if block is None:
                 return
             yield block
 
 
 def check_rows(path: Path, file: Any, rows: int) -> None:
-    """Refuse a file of which fewer rows were read than it holds: a page whose header is damaged is passed over."""
+    """Check that every row of a file was read: pyarrow skips a page whose header is damaged.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the message.
+    file : pyarrow.parquet.ParquetFile
+    rows : int
+        Number of rows that were read.
+
+    Raises
+    ------
+    LogError
+        If the file holds another number of rows.
+    """
     held = file.metadata.num_rows
     if rows != held:
         raise LogError(f"{path}: the file is damaged: {rows:,} of its {held:,} rows can be read; {_REMEDY}")

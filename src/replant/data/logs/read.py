@@ -1,4 +1,4 @@
-"""Open a log by its file's suffix and take input, output and time from its columns."""
+"""Read a log: the file's suffix selects the reader, and columns give input, output and time."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 from replant.data.logs import parquet
 from replant.data.logs.log import Log
 from replant.data.logs.recording import MOST_HELD, Recording
-from replant.data.logs.table import Table, listed, unreadable
+from replant.data.logs.table import Table, listed, unreadable_error
 from replant.data.logs.time import (
-    Clock,
+    SamplingTime,
     check_dt,
     time_candidates,
     unit_in_seconds,
 )
 from replant.errors import InvalidArgumentError, LogError
 
-# The module that reads a suffix: a function read(path) -> Table, imported when such a file comes
+# For each suffix the module that has the function read(path) -> Table; it is imported when such a file is opened
 FORMATS = {
     ".csv": "csv",
     ".txt": "csv",
@@ -40,7 +40,7 @@ _GIVE_TIME = "name the time column (time, --time) or give the sampling time (dt,
 
 
 def read_columns(path: str | os.PathLike[str]) -> Table:
-    r"""Open a log file of any format: the names of its columns, and the columns when asked for.
+    r"""Open a log file of any format; the table knows its columns' names, and reads columns on request.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def read_columns(path: str | os.PathLike[str]) -> Table:
     except FileNotFoundError:
         raise LogError(f"{path}: no such file; check the path") from None
     except OSError as error:
-        raise unreadable(path, error) from error
+        raise unreadable_error(path, error) from error
     return table
 
 
@@ -150,14 +150,22 @@ def open_recording(
 ) -> Recording:
     """Check a recorded log from its first row to its last, and open it for passes over its samples.
 
-    The arguments and errors are those of `read_log`, and
-
     Parameters
     ----------
+    path : path
+    input, output : str or int
+    time : str or int, optional
+    dt : float, optional
+        See `read_log`.
     most_held : int
-        Of so many samples or fewer the recording is held in memory.
+        A log of at most this many samples is held in memory.
     progress : callable
-        Called with the rows checked so far, and about how many there are.
+        Called with the number of rows checked so far, and the approximate number of all rows.
+
+    Raises
+    ------
+    LogError, InvalidArgumentError, MissingDependencyError
+        See `read_log`.
     """
     if time is not None and dt is not None:
         raise InvalidArgumentError("give one of the time column (time, --time) and the sampling time (dt, --dt)")
@@ -169,23 +177,27 @@ def open_recording(
     _check_distinct(table, roles)
     if time is None and step is None:
         roles["time"] = _find_time(table, roles)
-    clock = Clock(table.path, table.names[roles["time"]], table.place) if "time" in roles else None
-    kept, rows, complete = _checked(table, roles, clock, most_held, progress)
+    sampling_time = (
+        SamplingTime(table.path, table.names[roles["time"]], table.describe_row) if "time" in roles else None
+    )
+    kept, rows, complete = _checked(table, roles, sampling_time, most_held, progress)
     stamps = None
-    if clock is not None:
+    if sampling_time is not None:
         number = roles["time"]
         again = (lambda: iter([kept[2]])) if kept else (lambda: (block for (block,) in table.stream([number])))
         unit = 1.0 if number in table.in_seconds else unit_in_seconds(table.names[number])
-        step = float(f"{clock.step(again) * unit:.12g}")
+        step = float(f"{sampling_time.interval(again) * unit:.12g}")
         stamps = kept[2] * unit if kept else None
     assert step is not None
     names = table.names[roles["input"]], table.names[roles["output"]]
     held = Log(kept[0], kept[1], step, stamps, *names, table.path) if kept else None
-    return Recording(table, (roles["input"], roles["output"]), step, clock is not None, rows, complete, held)
+    return Recording(table, (roles["input"], roles["output"]), step, sampling_time is not None, rows, complete, held)
 
 
 def stamped_interval(path: str | os.PathLike[str]) -> tuple[str, float] | None:
-    r"""Return the column that is called time and its median interval in s at the log's beginning, if that is clear.
+    r"""Return the name of the time column, and the median interval of its first block in s.
+
+    None if no column or several are called t, time or timestamp, or the column holds no increasing numbers.
 
     Examples
     --------
@@ -206,7 +218,7 @@ def stamped_interval(path: str | os.PathLike[str]) -> tuple[str, float] | None:
     blocks = table.stream([number])
     try:
         (stamps,) = next(blocks, [np.empty(0)])
-    except LogError:  # dates, say
+    except LogError:  # for example dates
         return None
     finally:
         blocks.close()
@@ -218,13 +230,14 @@ def stamped_interval(path: str | os.PathLike[str]) -> tuple[str, float] | None:
 def _checked(
     table: Table,
     roles: dict[str, int],
-    clock: Clock | None,
+    sampling_time: SamplingTime | None,
     most_held: int,
     progress: Callable[[int, int], None],
 ) -> tuple[list[NDArray[np.float64]], int, bool]:
-    """Go through the columns once.
+    """Read the columns once.
 
-    Returns them, where they are few enough to be held, how many rows there are, and whether every sample is finite.
+    Returns the columns if they have at most ``most_held`` rows (else an empty list), the number of rows, and whether
+    every sample is finite.
     """
     blocks: list[list[NDArray[np.float64]]] = []
     rows, complete = 0, True
@@ -236,9 +249,9 @@ def _checked(
             blocks.append(block)
         else:
             blocks.clear()
-        if clock is not None:
-            clock.take(block[2])
-        progress(rows, max(table.about, rows))
+        if sampling_time is not None:
+            sampling_time.add(block[2])
+        progress(rows, max(table.approximate_rows, rows))
     if rows < 2:
         counted = "1 row" if rows == 1 else f"{rows} rows"
         raise LogError(f"{table.path}: {counted} of data where at least 2 are needed; record more samples")
@@ -260,7 +273,7 @@ def _check_distinct(table: Table, roles: dict[str, int]) -> None:
 
 def _find_time(table: Table, roles: dict[str, int]) -> int:
     candidates = [number for number in time_candidates(table.names) if number not in roles.values()]
-    if len(candidates) > 1:  # structs in one file often have a time each
+    if len(candidates) > 1:  # a file may hold several structs, each with its own time
         samples, *stamps = next(table.stream([roles["input"], *candidates]))
         candidates = [number for number, column in zip(candidates, stamps, strict=True) if len(column) == len(samples)]
     if len(candidates) == 1:

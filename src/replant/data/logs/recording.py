@@ -1,4 +1,4 @@
-"""Recording: a recorded log of any length, read as often as needed, block by block."""
+"""Recording: a recorded log of any length, whose samples are read block by block, as often as needed."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ class Recording:
     table : Table
         The file.
     columns : (int, int)
-        The numbers of input and output.
+        Indices of the columns of input and output.
     dt : float
         Sampling time in seconds.
     stamped : bool
-        Whether the sampling time is that of the file's time stamps.
+        Whether the sampling time comes from the file's time stamps.
     samples : int
-        How many there are.
+        Number of samples.
     complete : bool
-        Whether every one of them is finite.
+        Whether every sample is finite.
     held : Log or None
-        The whole log, where it is short enough to be held in memory.
+        The whole log, if it is short enough to be held in memory.
     """
 
     table: Table
@@ -51,14 +51,14 @@ class Recording:
         return self.table.path
 
     def batches(self) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        """Go through input and output once more."""
+        """Yield input and output, block by block, from the first sample on."""
         if self.held is not None:
             yield self.held.input, self.held.output
             return
         yield from ((u, y) for u, y in self.table.stream(self.columns))
 
     def newest(self, u: NDArray[np.float64], y: NDArray[np.float64]) -> Log:
-        """Return the whole log where it is held, else its newest samples ``u`` and ``y`` (K,)."""
+        """Return the whole log if it is held in memory, else a log of its newest samples ``u`` and ``y`` (K,)."""
         if self.held is not None:
             return self.held
         earlier, (of_input, of_output) = self.samples - u.size, self.columns

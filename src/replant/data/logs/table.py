@@ -1,4 +1,4 @@
-"""A file of named columns, whatever its format: names first, samples when a column is asked for."""
+"""Table: the named columns of a file of any format; samples are read when a column is requested."""
 
 from __future__ import annotations
 
@@ -20,7 +20,13 @@ NAME_SHOWN = 60  # characters of each
 
 
 def nth_row(row: int) -> str:
-    """Name the row with this 0-based number for a person, who counts from 1."""
+    """Return the words for a row in a message; rows are counted from 1 there, ``row`` from 0.
+
+    Examples
+    --------
+    >>> nth_row(0)
+    'row 1'
+    """
     return f"row {row + 1}"
 
 
@@ -36,12 +42,12 @@ class Table:
         The columns' names in the file's order.
     blocks : callable
         From column numbers to an iterator over blocks of rows, each a list of one float64 array for each of them.
-    place : callable
-        From a 0-based row to words that find it in the file, such as ``line 12``.
+    describe_row : callable
+        From a 0-based row to its place in the file in words, such as ``line 12``.
     in_seconds : frozenset of int
-        Columns whose file type says that they are time: they come in seconds since the first row.
-    about : int
-        How many rows there are, about: for a progress bar.
+        Columns whose type in the file is time; they are returned in seconds since the first row.
+    approximate_rows : int
+        Approximate number of rows, for a progress bar.
 
     Examples
     --------
@@ -56,9 +62,9 @@ class Table:
     path: Path
     names: tuple[str, ...]
     blocks: Callable[[Sequence[int]], Iterator[list[NDArray[np.float64]]]]
-    place: Callable[[int], str] = nth_row
+    describe_row: Callable[[int], str] = nth_row
     in_seconds: frozenset[int] = frozenset()
-    about: int = 0
+    approximate_rows: int = 0
 
     def column(self, key: str | int) -> NDArray[np.float64]:
         """Return one column as float64, by name or 0-based number."""
@@ -87,7 +93,7 @@ class Table:
         try:
             yield from self.blocks(numbers)
         except OSError as error:
-            raise unreadable(self.path, error) from error
+            raise unreadable_error(self.path, error) from error
 
     def find(self, key: str | int) -> int:
         """Return the number of a column: its exact name, else the name in any case, else a 0-based number.
@@ -131,8 +137,14 @@ class Table:
         return listed(sorted(self.names, key=lambda name: -likeness[name]))
 
 
-def unreadable(path: Path, error: OSError) -> LogError:
-    """Return the error for a file that the operating system does not let us read."""
+def unreadable_error(path: Path, error: OSError) -> LogError:
+    """Return the error for a file that the operating system refuses to read.
+
+    Examples
+    --------
+    >>> str(unreadable_error(Path("log.csv"), OSError(13, "Permission denied")))
+    'log.csv: cannot be read (Permission denied); check the path and its permissions'
+    """
     return LogError(f"{path}: cannot be read ({error.strerror or error}); check the path and its permissions")
 
 
@@ -141,7 +153,7 @@ def _folded(name: str) -> str:
 
 
 def _core(name: str) -> str:
-    """Return a name without its struct, index and unit: udat of data.udat[:,0], time of time [s]."""
+    """Return a name without struct, index and unit: udat for data.udat[:,0], time for time [s]."""
     return re.sub(r"^.*\.|[\[(].*$", "", name)
 
 
@@ -150,7 +162,7 @@ def _likeness(one: str, other: str) -> float:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return names for a message: the first of them, each no longer than can be read.
+    """Return the first names as a list for a message; long names are cut.
 
     Examples
     --------

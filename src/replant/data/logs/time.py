@@ -31,7 +31,7 @@ _RESAMPLE = (
 
 
 def time_candidates(names: Sequence[str]) -> list[int]:
-    """Return the columns that are called time: t, time or timestamp in any case, with or without a unit.
+    """Return the columns whose name is t, time or timestamp, in any case, with or without a unit.
 
     Examples
     --------
@@ -42,7 +42,7 @@ def time_candidates(names: Sequence[str]) -> list[int]:
 
 
 def unit_in_seconds(name: str) -> float:
-    """Return the unit that a time column states in its name, in seconds; 1 if it states none.
+    """Return the unit in a time column's name, in seconds; 1 if the name has no unit.
 
     Examples
     --------
@@ -62,6 +62,11 @@ def check_dt(dt: object) -> float:
         If it is not a number.
     InvalidArgumentError
         If it is not finite and positive.
+
+    Examples
+    --------
+    >>> check_dt(1)
+    1.0
     """
     if isinstance(dt, bool) or not isinstance(dt, Real):
         raise ArgumentTypeError(f"the sampling time (dt, --dt) must be a number of seconds, not {type(dt).__name__}")
@@ -71,81 +76,82 @@ def check_dt(dt: object) -> float:
     return step
 
 
-class Clock:
-    """The sampling time from time stamps that come block by block, in their unit.
+class SamplingTime:
+    """Determines the sampling time from time stamps that are given block by block, in the stamps' unit.
 
-    It is the mean interval, so rounding of the stamps does not add up. The stamps are regular if each interval is
-    within 1 % of the median (of the first 2^18, about), or if rounding to their printed digits explains the rest.
+    The sampling time is the mean interval, in which rounding of the stamps cancels.  The stamps are regular if each
+    interval is within 1 % of the median (of about the first 2^18), or if rounding to their printed digits explains the
+    larger deviations.
 
     Parameters
     ----------
     path, name : Path, str
         The file and the column, for messages.
-    place : callable
-        From a 0-based row to words that find it in the file.
+    describe_row : callable
+        From a 0-based row to its place in the file in words.
 
     Examples
     --------
-    >>> clock = Clock(Path("log.csv"), "t", "row {}".format)
-    >>> clock.take(np.array([0.0, 0.033]))
-    >>> clock.take(np.array([0.067, 0.1]))
-    >>> clock.step(lambda: [np.array([0.0, 0.033, 0.067, 0.1])])
+    >>> sampling_time = SamplingTime(Path("log.csv"), "t", "row {}".format)
+    >>> sampling_time.add(np.array([0.0, 0.033]))
+    >>> sampling_time.add(np.array([0.067, 0.1]))
+    >>> sampling_time.interval(lambda: [np.array([0.0, 0.033, 0.067, 0.1])])
     0.0333333333333
     """
 
-    def __init__(self, path: Path, name: str, place: Callable[[int], str]) -> None:
-        self._path, self._name, self._place = path, name, place
+    def __init__(self, path: Path, name: str, describe_row: Callable[[int], str]) -> None:
+        self._path, self._name, self._describe_row = path, name, describe_row
         self._waiting: list[NDArray[np.float64]] = []
         self._rows = self._seen = 0
         self._first = self._last = self._median = math.nan
         self._least, self._most = math.inf, -math.inf
-        self._grid = Grid()
+        self._resolution = StampResolution()
 
-    def take(self, stamps: NDArray[np.float64]) -> None:
-        """Take the stamps of a block.
+    def add(self, stamps: NDArray[np.float64]) -> None:
+        """Add the stamps of the next block.
 
         Raises
         ------
         LogError
-            If a stamp is not finite, repeats or goes back; it names the first such row.
+            If a stamp is not finite, repeats or goes back; the message names the first such row.
         """
         self._waiting.append(stamps)
         self._rows += stamps.size
         if self._seen or self._rows >= CHECKED:
             self._check()
 
-    def step(self, again: Callable[[], Iterable[NDArray[np.float64]]]) -> float:
-        """Return the sampling time; ``again`` gives the stamps once more, where the first irregular one is sought.
+    def interval(self, again: Callable[[], Iterable[NDArray[np.float64]]]) -> float:
+        """Return the sampling time; ``again`` returns all stamps once more, to find the first irregular one.
 
         Raises
         ------
         LogError
-            Of the last stamps as of those before, or if the stamps are irregular; it names the first such row.
+            See `add`; also if the stamps are irregular.  The message names the first such row.
         """
         if self._rows > self._seen:
             self._check()
-        median, digits = self._median, self._grid.resolution
+        median, digits = self._median, self._resolution.step
         deviation = max(self._most - median, median - self._least)
-        if deviation <= TOLERANCE * median or _is_rounded_grid(self._most - self._least, median, digits):
+        if deviation <= TOLERANCE * median or _is_rounded_resolution(self._most - self._least, median, digits):
             mean = (self._last - self._first) / (self._rows - 1)
-            return float(f"{mean:.12g}")  # 0.1, not 0.09999999999999999: the last digits are rounding of the stamps
+            return float(f"{mean:.12g}")  # 0.1, not 0.09999999999999999: the last digits are rounding errors
         allowed = TOLERANCE * median + (digits if digits < 0.25 * median else 0.0)
         allowed *= 1.001  # the sum of both is often met exactly
         row, interval = _first_beyond(again(), median, allowed if deviation > allowed else TOLERANCE * median)
         raise LogError(
-            f"{self._path}: {self._place(row)}, column {self._name!r}: irregular time stamps, {interval:.6g} after the "
-            f"one before where {median:.6g} is usual; {_RESAMPLE}"
+            f"{self._path}: {self._describe_row(row)}, column {self._name!r}: irregular time stamps, {interval:.6g} "
+            f"after the one before where {median:.6g} is usual; {_RESAMPLE}"
         )
 
     def _check(self) -> None:
         known = [np.array([self._last])] if self._seen else []
         stamps = np.concatenate([*known, *self._waiting])
         first = self._seen - len(known)
-        _check_increasing(self._path, self._name, stamps, lambda row: self._place(first + row))
+        _check_increasing(self._path, self._name, stamps, lambda row: self._describe_row(first + row))
         if not self._seen:
             self._first = float(stamps[0])
         self._last, self._seen, self._waiting = float(stamps[-1]), self._rows, []
-        self._grid.take(stamps)
+        self._resolution.add(stamps)
         intervals = np.diff(stamps)
         if intervals.size:
             if math.isnan(self._median):
@@ -155,7 +161,7 @@ class Clock:
 
 
 def _first_beyond(blocks: Iterable[NDArray[np.float64]], median: float, allowed: float) -> tuple[int, float]:
-    """Return the first row whose interval is off the median by more than is allowed, and that interval."""
+    """Return the first row whose interval differs from the median by more than ``allowed``, and that interval."""
     row, last = 0, np.empty(0)
     for block in blocks:
         stamps = np.concatenate([last, block])
@@ -168,25 +174,26 @@ def _first_beyond(blocks: Iterable[NDArray[np.float64]], median: float, allowed:
     raise AssertionError("the stamps changed between two passes")
 
 
-class Grid:
-    """The step to which time stamps were rounded: of their decimals, else two steps of float32 or float64.
+class StampResolution:
+    """Determines the step to which time stamps were rounded.
 
-    Two, because an interval that crosses a power of two has one end on the finer and one on the coarser grid.
+    It is the last decimal place if the stamps have few decimals, else two steps of float32 or float64.  Two, because an
+    interval that crosses a power of two has one end on the finer and one on the coarser grid.
 
     Examples
     --------
-    >>> grid = Grid()
-    >>> grid.take(np.array([0.0, 0.033]))
-    >>> grid.take(np.array([0.067, 0.1]))
-    >>> grid.resolution
+    >>> resolution = StampResolution()
+    >>> resolution.add(np.array([0.0, 0.033]))
+    >>> resolution.add(np.array([0.067, 0.1]))
+    >>> resolution.step
     0.001
     """
 
     def __init__(self) -> None:
         self._decimals, self._largest, self._single = 0, 0.0, True
 
-    def take(self, stamps: NDArray[np.float64]) -> None:
-        """Look at the stamps of a block."""
+    def add(self, stamps: NDArray[np.float64]) -> None:
+        """Add the stamps of the next block."""
         self._largest = max(self._largest, float(np.max(np.abs(stamps))))
         self._single = self._single and bool(
             self._largest <= np.finfo(np.float32).max and np.array_equal(stamps, stamps.astype(np.float32))
@@ -198,8 +205,8 @@ class Grid:
             self._decimals += 1
 
     @property
-    def resolution(self) -> float:
-        """The step."""
+    def step(self) -> float:
+        """The step to which the stamps were rounded, in their unit."""
         if self._has_decimals:
             return 10.0**-self._decimals
         largest = self._largest
@@ -211,29 +218,30 @@ class Grid:
 
     @property
     def _has_decimals(self) -> bool:
-        """Beyond the digits of float64 every number looks whole."""
+        """Whether the number of decimals can be told: beyond the digits of float64 every scaled number is whole."""
         return self._decimals < 16 and self._error <= 0.01
 
 
-def _check_increasing(path: Path, name: str, stamps: NDArray[np.float64], place: Callable[[int], str]) -> None:
+def _check_increasing(path: Path, name: str, stamps: NDArray[np.float64], describe: Callable[[int], str]) -> None:
     finite = np.abs(stamps) < _ENDLESS
     if not np.all(finite):
         row = int(np.argmin(finite))
-        raise LogError(f"{path}: {place(row)}, column {name!r}: the time stamp is {stamps[row]}; {_REMEDY}")
+        raise LogError(f"{path}: {describe(row)}, column {name!r}: the time stamp is {stamps[row]}; {_REMEDY}")
     steps = np.diff(stamps)
     if not np.all(steps > 0.0):
         row = int(np.argmin(steps > 0.0)) + 1
         what = "repeats" if steps[row - 1] == 0.0 else "goes back from"
         raise LogError(
-            f"{path}: {place(row)}, column {name!r}: the time stamp {stamps[row]:.12g} {what} the one before "
+            f"{path}: {describe(row)}, column {name!r}: the time stamp {stamps[row]:.12g} {what} the one before "
             f"({stamps[row - 1]:.12g}); {_REMEDY}"
         )
 
 
-def _is_rounded_grid(spread: float, median: float, digits: float) -> bool:
-    """Tell whether intervals, from the least to the most ``spread`` apart, are those of a regular grid, rounded.
+def _is_rounded_resolution(spread: float, median: float, digits: float) -> bool:
+    """Return whether rounding to ``digits`` explains intervals whose lengths differ by ``spread``.
 
-    Rounding leaves two lengths, one digit apart; a displaced stamp makes one interval longer and one shorter, so
-    three. A missing sample is four digits or more, as coarser ones are not believed.
+    Rounding of a regular grid leaves intervals of two lengths, one digit apart.  A displaced stamp makes one interval
+    longer and one shorter: three lengths.  A missing sample changes an interval by four digits or more, because a
+    coarser rounding is not accepted here.
     """
     return digits <= 0.25 * median and spread <= digits + TOLERANCE * median

@@ -1,4 +1,4 @@
-"""Live samples from a wire, a log or a simulated rig: ``open_source(url).batches()``."""
+"""Live samples from a connection, a recorded log or a simulated rig: ``open_source(url).batches()``."""
 
 from __future__ import annotations
 

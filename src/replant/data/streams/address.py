@@ -1,4 +1,4 @@
-"""Address: the parts of a source's URL, each checked with the remedy in the message."""
+"""Address: the parts of a source's URL; the message of a failed check says what to write."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from replant.errors import InvalidArgumentError
 
 @dataclass(frozen=True)
 class Address:
-    """A source's URL, taken apart.
+    """The parts of a source's URL.
 
     Attributes
     ----------
     name : str
-        The URL for people: without password.
+        The URL without password, for messages.
     scheme, host, path : str
-        The path without its first slash where a host goes before it.
+        After a host, the path is without its first slash.
     port : int or None
     user, password : str or None
     options : dict
-        What follows the question mark.
+        The options ``name=value`` after the question mark.
 
     Examples
     --------
@@ -44,14 +44,26 @@ class Address:
     options: dict[str, str] = field(default_factory=dict)
 
     def allow(self, *known: str) -> None:
-        """Refuse options that this kind of source does not have."""
+        """Check that the source knows every option that is given.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If an option is not among ``known``.
+        """
         for option in self.options:
             if option not in known:
                 listed = ", ".join(known)
                 raise InvalidArgumentError(f"{self.name}: unknown option {option!r}; known are: {listed}")
 
-    def place(self, example: str) -> tuple[str, int]:
-        """Return host and port, both needed."""
+    def host_and_port(self, example: str) -> tuple[str, int]:
+        """Return host and port.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If one of them is missing; the message shows ``example``.
+        """
         if not self.host:
             raise InvalidArgumentError(f"{self.name}: the host is missing; write {example}")
         if self.port is None:
@@ -59,7 +71,22 @@ class Address:
         return self.host, self.port
 
     def whole(self, option: str, default: int, *, least: int) -> int:
-        """Return an option as a whole number of at least ``least``."""
+        """Return an option as a whole number.
+
+        Parameters
+        ----------
+        option : str
+            Name of the option.
+        default : int
+            Value where the option is not given.
+        least : int
+            The smallest value allowed.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the option is no whole number, or less than ``least``.
+        """
         text = self.options.get(option, str(default))
         try:
             value = int(text)
@@ -73,7 +100,13 @@ class Address:
         return value
 
     def positive(self, option: str) -> float | None:
-        """Return an option as a positive number, None where it is not given."""
+        """Return an option as a positive number, None where it is not given.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the option is not a positive, finite number.
+        """
         text = self.options.get(option)
         if text is None:
             return None
@@ -88,7 +121,22 @@ class Address:
         return value
 
     def one_of(self, option: str, choices: Collection[str], default: str) -> str:
-        """Return an option as one of the words in ``choices``."""
+        """Return an option that must be one of several words.
+
+        Parameters
+        ----------
+        option : str
+            Name of the option.
+        choices : collection of str
+            The words allowed.
+        default : str
+            Value where the option is not given.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the option is another word.
+        """
         value = self.options.get(option, default)
         if value not in choices:
             listed = ", ".join(choices)
@@ -97,18 +145,24 @@ class Address:
 
 
 def split(url: str) -> Address:
-    """Take a URL with a scheme and // apart.
+    """Return the parts of a URL that has a scheme and ``//``.
 
     Raises
     ------
     InvalidArgumentError
         If its port is not a number or its options are not name=value.
+
+    Examples
+    --------
+    >>> address = split("tcp://127.0.0.1:9000")
+    >>> address.scheme, address.host, address.port
+    ('tcp', '127.0.0.1', 9000)
     """
     try:
         parts = urlsplit(url)
     except ValueError as cause:
         raise InvalidArgumentError(f"{url}: not a URL ({cause}); write scheme://host:port") from None
-    name = shown(parts)
+    name = without_password(parts)
     try:
         port = parts.port
     except ValueError:
@@ -125,12 +179,12 @@ def split(url: str) -> Address:
     )
 
 
-def shown(parts: SplitResult) -> str:
+def without_password(parts: SplitResult) -> str:
     """Return the URL without its password.
 
     Examples
     --------
-    >>> shown(urlsplit("mqtt://me:secret@rig/1")), shown(urlsplit("serial:///dev/ttyUSB0"))
+    >>> without_password(urlsplit("mqtt://me:secret@rig/1")), without_password(urlsplit("serial:///dev/ttyUSB0"))
     ('mqtt://me@rig/1', 'serial:///dev/ttyUSB0')
     """
     url = parts.geturl() if parts.netloc else parts.geturl().replace(":", "://", 1)  # geturl leaves an empty host out
@@ -138,7 +192,12 @@ def shown(parts: SplitResult) -> str:
 
 
 def options_of(name: str, query: str) -> dict[str, str]:
-    """Return what follows the question mark.
+    """Return the options that a query ``name=value&name=value`` holds; ``name`` is the URL, for the message.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the query is not written so.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Batch: the samples that came in together, as every source hands them over."""
+"""Batch: the samples that arrived together; every source yields them in this form."""
 
 from __future__ import annotations
 
@@ -7,31 +7,32 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from replant.arguments import FloatArray
+from replant.arguments import BoolArray, FloatArray
 
 IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Samples that came in together; may be empty (the source is idle).
+    """Samples that arrived together; empty while the source is idle.
 
     Attributes
     ----------
     u, y : (K,) arrays
         Input and output in the device's units; NaN where the device sent none.
     t : (K,) array or None
-        The device's time stamps in s; None where it sends none: the clock is regular then, and each sample is one
+        The device's time stamps in s.  None: the device sends no stamps; the clock is regular, and each sample is one
         sampling time after the one before.
     sequence : (K,) array of int or None
-        The device's sequence numbers, strictly increasing; a gap is a sample lost.
+        The device's sequence numbers, strictly increasing; a gap means lost samples.
     arrived : float
-        `time.monotonic()` when the newest of them came in.
+        `time.monotonic()` when the newest sample arrived.
 
     Examples
     --------
-    >>> len(Batch(np.array([1.0, 1.0]), np.array([0.0, 0.1]), None, None, arrived=0.0))
-    2
+    >>> batch = Batch(np.array([1.0, 2.0]), np.array([0.0, 0.1]), None, None, arrived=0.0)
+    >>> len(batch), batch.select(slice(1, 2)).u
+    (2, array([2.]))
     """
 
     u: FloatArray
@@ -42,3 +43,28 @@ class Batch:
 
     def __len__(self) -> int:
         return int(self.u.size)
+
+    def select(self, rows: slice | BoolArray | IntArray) -> Batch:
+        """Return the samples that ``rows`` selects: a slice, a mask (K,) or indices."""
+        return Batch(
+            self.u[rows],
+            self.y[rows],
+            None if self.t is None else self.t[rows],
+            None if self.sequence is None else self.sequence[rows],
+            self.arrived,
+        )
+
+    def followed_by(self, other: Batch) -> Batch:
+        """Return the samples of this batch and then those of ``other``, which has the same fields.
+
+        The result arrived when ``other`` did.
+        """
+        return Batch(
+            np.concatenate([self.u, other.u]),
+            np.concatenate([self.y, other.y]),
+            None if self.t is None or other.t is None else np.concatenate([self.t, other.t]),
+            None
+            if self.sequence is None or other.sequence is None
+            else np.concatenate([self.sequence, other.sequence]),
+            other.arrived,
+        )

@@ -1,4 +1,4 @@
-"""Demo: the simulated actuator as an endless stream, for whoever has no rig at hand."""
+"""Demo: the simulated actuator as an endless stream, to try replant without hardware."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ FLUTTER, FLUTTER_HOLD = 0.2, 20
 
 
 class DemoSource(Reader):
-    """The rig of `deap_rig` under `lively_voltage`, ``demo?speed=max&seed=0``: 1 kHz, numbered, the same every time.
+    """The rig of `deap_rig`, driven by `demo_voltage`: 1 kHz, numbered; equal seeds give equal samples.
+
+    Its URL is ``demo?speed=max&seed=0``.
 
     Parameters
     ----------
@@ -47,25 +49,32 @@ class DemoSource(Reader):
         dt = deap_rig().dt
         last = self._numbering.last
         at = 0 if last is None else max(last + 1, 0)
-        begun = at
+        start = at
         for first, u, y in simulated(self._seed, at // BLOCK):
             while at < first + BLOCK:
-                if self._alarm.rung:
+                if self._stop.requested:
                     return
-                end = int(min(begun + self._pace.gone() / dt + 1.0, at + PART, first + BLOCK))
+                end = int(min(start + self._pace.elapsed() / dt + 1.0, at + PART, first + BLOCK))
                 if end > at:
                     sequence = np.arange(at, end)
                     chosen = slice(at - first, end - first)
                     self._deliver(Batch(u[chosen], y[chosen], np.asarray(sequence * dt), sequence, time.monotonic()))
                     at = end
                 else:
-                    self._pace.wait(self._alarm, (at - begun) * dt)
+                    self._pace.wait(self._stop, (at - start) * dt)
 
 
 def simulated(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, FloatArray]]:
-    """Yield the blocks of the demo from the ``skip``-th on: number of the first sample, voltage and displacement.
+    """Yield blocks of samples: the number of the first one, voltage (`BLOCK`,) in kV, displacement (`BLOCK`,) in mm.
 
-    The plant is simulated from rest at sample 0 through what is skipped, so that every block is always the same.
+    The first ``skip`` blocks are simulated but not yielded: the plant starts from rest at sample 0, so a block is the
+    same wherever the iteration begins.
+
+    Examples
+    --------
+    >>> first, u, y = next(simulated(seed=0))
+    >>> first, u.size == y.size == BLOCK
+    (0, True)
     """
     from replant.kernels.filters.simulate import filter_states, free_responses
 
@@ -82,7 +91,7 @@ def simulated(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, Float
     number = 0
     while True:
         draw = int(np.random.SeedSequence([seed, number]).generate_state(1, np.uint64)[0])
-        u = lively_voltage(BLOCK, draw)
+        u = demo_voltage(BLOCK, draw)
         moved = preprocess.map_input(u) - float(preprocess.input_offset)
         forced = filter_states(transition, taps, 0, np.append(moved, 0.0))
         if number >= skip:
@@ -92,12 +101,12 @@ def simulated(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, Float
         number += 1
 
 
-def lively_voltage(samples: int, seed: int) -> FloatArray:
-    """Return an input (K,) in kV within 2 and 5.5 kV: steps of 10 ms to 4 s, and a random flutter upon them.
+def demo_voltage(samples: int, seed: int) -> FloatArray:
+    """Return an input (K,) between 2 and 5.5 kV: steps of 10 ms to 4 s with a random flutter added.
 
     Examples
     --------
-    >>> u = lively_voltage(1000, seed=0)
+    >>> u = demo_voltage(1000, seed=0)
     >>> bool((u >= 2.0).all() and (u <= 5.5).all())
     True
     """
@@ -109,6 +118,17 @@ def lively_voltage(samples: int, seed: int) -> FloatArray:
 
 
 def open_demo(address: Address, columns: tuple[str, ...] | None) -> DemoSource:
-    """Return the source that the word ``demo`` names."""
+    """Return the source of the URL ``demo``.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the URL has an unknown option, or one with an invalid value.
+
+    Examples
+    --------
+    >>> open_demo(Address("demo?seed=3", "", path="demo", options={"seed": "3"}), None).name
+    'demo?seed=3'
+    """
     address.allow("speed", "seed")
     return DemoSource(address.name, speed_of(address, 1.0), address.whole("seed", 0, least=0))

@@ -1,4 +1,4 @@
-"""Inbox: the bounded queue between the thread that reads and the session that learns."""
+"""Inbox: the bounded queue between the thread that reads samples and the session that learns them."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ EMPTY = np.empty(0)
 
 
 class Inbox:
-    """A ring of samples.  Its memory never grows; what came in piecemeal goes out together.
+    """A ring buffer of samples.  Its memory never grows; samples that arrived one by one are returned together.
 
     Parameters
     ----------
     capacity : int
-        Samples that it holds.
+        Largest number of samples in the buffer.
     drop : bool
-        What a full one does: drop its oldest samples, where the other side cannot wait; or let `put` wait.
+        Whether a full buffer drops its oldest samples, because the sender cannot wait.  Else `put` waits.
 
     Examples
     --------
     >>> inbox = Inbox(2, drop=True)
     >>> inbox.put(Batch(np.array([1.0, 2.0, 3.0]), np.zeros(3), None, None, arrived=0.0))
     1
-    >>> inbox.take(0.1).u
+    >>> inbox.get(0.1).u
     array([2., 3.])
     """
 
@@ -46,10 +46,10 @@ class Inbox:
         self._changed = threading.Condition()
         self._abandoned = False
         self._failure: BaseException | None = None
-        self.ended = False  # nothing comes any more; what waits can still be taken
+        self.ended = False  # no sample follows; those in the buffer can still be read
 
     def put(self, batch: Batch) -> int:
-        """Append samples, all with the same fields as the first; return how many had to be dropped."""
+        """Append samples; return how many samples were dropped.  All batches have the fields of the first one."""
         samples, done, dropped = len(batch), 0, 0
         if not samples:
             return 0
@@ -70,8 +70,14 @@ class Inbox:
                     self._changed.wait()
         return dropped
 
-    def take(self, timeout: float) -> Batch:
-        """Return the samples that wait, the oldest first; an empty batch if none came within ``timeout`` s."""
+    def get(self, timeout: float) -> Batch:
+        """Return the samples in the buffer, the oldest first; an empty batch if none came within ``timeout`` s.
+
+        Raises
+        ------
+        BaseException
+            The failure given to `end`, once the buffer is empty.
+        """
         with self._changed:
             if not self._size and not self.ended:
                 self._changed.wait(timeout)
@@ -86,13 +92,13 @@ class Inbox:
         return Batch(taken["u"], taken["y"], taken.get("t"), taken.get("sequence"), float(taken["arrived"][-1]))
 
     def end(self, failure: BaseException | None = None) -> None:
-        """Say that nothing comes any more; ``failure`` is raised by `take` once all has been taken."""
+        """Mark the end of the stream; `get` raises ``failure`` once the buffer is empty."""
         with self._changed:
             self.ended, self._failure = True, failure
             self._changed.notify_all()
 
     def abandon(self) -> None:
-        """Say that nobody takes any more: `put` never waits again."""
+        """Mark that `get` is not called any more: from now on `put` does not wait."""
         with self._changed:
             self._abandoned = True
             self._changed.notify_all()
@@ -119,6 +125,12 @@ class Inbox:
 
 
 def fields(batch: Batch) -> dict[str, type]:
-    """Return the fields that a batch has, with the type of each."""
+    """Return the fields that a batch has, with the type of each.
+
+    Examples
+    --------
+    >>> list(fields(Batch(EMPTY, EMPTY, None, None, arrived=0.0)))
+    ['u', 'y', 'arrived']
+    """
     given = {"u": float, "y": float, "t": float, "sequence": np.int64, "arrived": float}
     return {name: kind for name, kind in given.items() if getattr(batch, name) is not None}

@@ -1,4 +1,4 @@
-"""Lines: whole lines cut from a stream of bytes; a line without end takes no memory."""
+"""Lines: a stream of bytes is split into whole lines; a line that never ends takes no memory."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ from collections import Counter
 
 import numpy as np
 
-#: A longer line is passed over, in bytes.
+#: The longest line in bytes; a longer one is skipped.
 LONGEST = 1 << 16
 
 
-class Lines:
-    r"""The lines of one stream.
+class LineSplitter:
+    r"""Splits one stream into lines.
 
     Parameters
     ----------
     counters : Counter
-        Gets "too long" and "cut off".
+        Counts the lines that were skipped, as "too long" and "cut off".
     longest : int
-        What a line may have without its end, in bytes.
+        The longest line in bytes, without its line end.
 
     Examples
     --------
-    >>> lines = Lines(Counter())
+    >>> lines = LineSplitter(Counter())
     >>> lines.split(b"1,2\n3,"), lines.split(b"4\n5,6"), lines.rest()
     (b'1,2\n', b'3,4\n', b'5,6\n')
     """
@@ -31,11 +31,11 @@ class Lines:
         self._counters = counters
         self._longest = longest
         self._tail = b""
-        self._skipping = False  # until the next line begins
-        self._midway = False  # what is skipped has not been counted
+        self._skipping = False  # bytes are skipped until the next line begins
+        self._midway = False  # the line being skipped has not been counted yet
 
     def split(self, data: bytes) -> bytes:
-        """Return the lines that are complete with ``data``, each with its end."""
+        """Return the lines that ``data`` completes, each with its line end."""
         if self._skipping:
             skipped, end, data = data.partition(b"\n")
             counted = self._midway and bool(skipped.strip())
@@ -64,17 +64,17 @@ class Lines:
         return b"".join(kept)
 
     def rest(self) -> bytes:
-        """Return the last line, which ends with the stream."""
+        """Return the last line, which ended with the stream."""
         tail, self._tail = self._tail, b""
         return tail + b"\n" if tail.strip() else b""
 
     def restart(self) -> None:
-        """Begin anew, with the beginning of a line: half a line that waits for its end never gets it."""
+        """Start again at the beginning of a line; an unfinished line is dropped and counted as "cut off"."""
         if self._tail.strip():
             self._counters["cut off"] += 1
         self._tail, self._skipping, self._midway = b"", False, False
 
     def restart_midway(self) -> None:
-        """Begin anew in the middle of a line, of which the rest cannot be believed."""
+        """Start again in the middle of a line; the rest of that line is skipped."""
         self.restart()
         self._skipping = self._midway = True

@@ -1,4 +1,4 @@
-"""MQTT: messages of a topic, with paho; subscribed again after the broker was away."""
+"""MQTT: messages of a topic, with paho; after a break the source connects and subscribes again."""
 
 from __future__ import annotations
 
@@ -15,22 +15,21 @@ from replant.errors import InvalidArgumentError, MissingDependencyError
 
 EXAMPLE = "mqtt://127.0.0.1:1883/rig/1"
 PORT = 1883
-#: How often the broker must have heard of us, in s.
+#: MQTT's keep-alive interval, in s: the broker hears from the client at least that often.
 KEEPALIVE = 15
-#: A longer message is passed over, in bytes.
+#: The longest message in bytes; a longer one is skipped and counted.
 LONGEST_MESSAGE = 1 << 20
-#: Messages taken together at the most.
+#: Largest number of messages parsed together.
 TOGETHER = 256
 
 
 class MqttSource(Reader):
     """Messages of a topic with lines, JSON or packed numbers, ``mqtt://user:password@host:port/topic?qos=0``.
 
-    After a break it connects by itself, with growing pauses, and subscribes again.  With qos 1 the broker keeps what
-    comes meanwhile, as many messages as it is set to; it also waits for our answer every few messages, and drops some
-    where they come faster than that.  What is delivered twice is dropped by its sequence number; what the broker
-    retained is old and is passed over, counted as "retained".  Nobody waits for a full queue: its oldest samples are
-    dropped and counted.
+    After a break the source connects again, with growing pauses, and subscribes again.  With qos 1 the broker keeps the
+    messages of the break, up to its own limit; it also waits for acknowledgements, and drops messages that arrive
+    faster than those.  Samples that are delivered twice are dropped by their sequence number.  A retained message is
+    old: it is skipped and counted as "retained".  A full queue drops its oldest samples and counts them.
 
     Parameters
     ----------
@@ -47,7 +46,7 @@ class MqttSource(Reader):
 
     def __init__(self, address: Address, columns: tuple[str, ...] | None = None) -> None:
         super().__init__(address.name, waits=False)
-        load(address.name)
+        import_paho(address.name)
         self._address = address
         self._qos = int(address.one_of("qos", ("0", "1"), "0"))
         self._parser = Parser(self._counts, columns)
@@ -57,20 +56,20 @@ class MqttSource(Reader):
         self._again = False
 
     def _read(self) -> None:
-        while not self._alarm.rung:
+        while not self._stop.requested:
             trouble = self._session()
-            if not self._alarm.rung:
+            if not self._stop.requested:
                 self._wait_to_connect(trouble, again=self._again)
         self._deliver(self._parser.finish(time.monotonic()))
 
     def _session(self) -> str:
-        """Connect and receive until the alarm is rung or the broker is gone; return what happened."""
+        """Connect, and receive until a stop is requested or the connection ends; return why it ended."""
         self.trouble = ""
         client = self._client()
         try:
             client.connect(self._address.host, self._address.port or PORT, KEEPALIVE)
-            while not self._alarm.rung and client.socket() is not None:
-                ready = self._alarm.ready(client.socket(), 0.05 if client.want_write() else 1.0)
+            while not self._stop.requested and client.socket() is not None:
+                ready = self._stop.wait_readable(client.socket(), 0.05 if client.want_write() else 1.0)
                 if client.want_write():
                     client.loop_write()
                 if ready:
@@ -79,13 +78,13 @@ class MqttSource(Reader):
         except OSError as error:
             return error.strerror or str(error)
         finally:
-            if self._alarm.rung:
-                client.unsubscribe(self._address.path)  # else the broker goes on keeping messages for us
+            if self._stop.requested:
+                client.unsubscribe(self._address.path)  # else the broker would keep further messages for this client
             client.disconnect()
         return self.trouble or "the broker closed the connection"
 
     def _drain(self, client: Any) -> None:
-        """Deliver the messages that are there."""
+        """Deliver the messages that have arrived."""
         for _ in range(TOGETHER):
             waiting = len(self._messages)
             if client.loop_read() or len(self._messages) == waiting:
@@ -96,7 +95,7 @@ class MqttSource(Reader):
             self._deliver(self._payloads.parse(messages, time.monotonic()))
 
     def _client(self) -> Any:
-        mqtt = load(self.name)
+        mqtt = import_paho(self.name)
         client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2, self._id, clean_session=self._qos == 0)
         if self._address.user is not None:
             client.username_pw_set(self._address.user, self._address.password)
@@ -128,8 +127,14 @@ class MqttSource(Reader):
             self._messages.append(message.payload)
 
 
-def load(name: str) -> Any:
-    """Return paho's client module."""
+def import_paho(name: str) -> Any:
+    """Return paho's client module; ``name`` is the source's URL, for the message.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without paho-mqtt.
+    """
     try:
         from paho.mqtt import client
     except ImportError as error:
@@ -138,7 +143,15 @@ def load(name: str) -> Any:
 
 
 def open_mqtt(address: Address, columns: tuple[str, ...] | None) -> MqttSource:
-    """Return the source that a URL names."""
+    """Return the source of a URL ``mqtt://``.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If host or topic is missing, or a wildcard in the topic is not a whole level.
+    MissingDependencyError
+        Without paho-mqtt.
+    """
     address.allow("columns", "qos")
     if not address.host:
         raise InvalidArgumentError(f"{address.name}: the broker is missing; write {EXAMPLE}")

@@ -1,4 +1,4 @@
-"""Numbering: sequence numbers followed over a stream, so that no sample is taken twice and each lost one is counted."""
+"""Numbering: the sequence numbers of a stream; no sample is taken twice, and each lost sample is counted."""
 
 from __future__ import annotations
 
@@ -15,29 +15,32 @@ LEAP = 50
 #: A number back by more than this, with its successor after it, is a device that started anew, where nothing is sent
 #: again: the rule of RFC 3550, appendix A.1, with more room for packets that overtake.
 MISORDER = 1000
-#: What counters of devices wrap at.
+#: Values at which the counters of devices wrap.
 WRAPS = 1 << 16, 1 << 32
-#: Leaps remembered, for the numbers to come back from.
+#: Number of remembered leaps, from which the numbers may return.
 LEAPS_KEPT = 8
 
 
 class Numbering:
-    """What the sequence numbers of one stream say.
+    """Screens the samples of one stream by their sequence numbers.
 
-    A number goes on if it is at most `LEAP` ahead of the last one.  One that leaps further is held back with its
-    sample until the next one tells: its successor confirms it, both are taken, and what is between is lost; any other
-    shows that it was misread.  Where nothing is sent again a number far back is confirmed so, too: a device that was
-    reset.  Where things may be sent again, only what was never used is believed: after a counter has wrapped at 2^16 or
-    2^32, or between where the numbers leapt from and where they leapt to, all over one connection.
+    A number continues the sequence if it is at most `LEAP` ahead of the last one.  A number that leaps further is held
+    back with its sample until the next number comes.  If the next number is a successor, it confirms the leap: both
+    samples are taken, and the numbers between are counted as lost.  Any other next number shows that the number was
+    misread.
+
+    A number far back is confirmed by its successor, too, if the sender never sends anything again: the device was
+    reset.  If the sender may send samples again, only numbers never used are accepted: after a counter has wrapped at
+    2^16 or 2^32, or between the two ends of a leap, within one connection.
 
     Parameters
     ----------
     counters : Counter
-        Gets "duplicate" (a number already passed: sent twice, or late), "number leap" (held, or misread), "lost" and
-        "restarts".
+        Counts "duplicate" (a number already passed: sent twice, or late), "number leap" (held back, or misread), "lost"
+        and "restarts".
     replays : bool
-        Whether the other side may send again what it sent before: every number not above the last is dropped then.
-        Else a device that was reset and counts from zero again is believed after two samples.
+        Whether the sender may send samples again.  If so, every number that is not above the last one is dropped.  If
+        not, a device that was reset and counts from zero again is accepted after two samples.
 
     Examples
     --------
@@ -54,19 +57,19 @@ class Numbering:
         self.last: int | None = None
         self._counters = counters
         self._replays = replays
-        self._candidate: int | None = None  # did not go on; its successor would confirm it
-        self._held: Batch | None = None  # its sample, where its number leapt ahead
-        self._unused: list[tuple[int, int]] = []  # leaps of this connection, from and to
-        self._heard = False  # a number over this connection
-        self._alone = False  # the last number is the first one, and none has confirmed it
+        self._candidate: int | None = None  # a number that did not continue; its successor would confirm it
+        self._held: Batch | None = None  # the sample of a candidate that leapt ahead
+        self._unused: list[tuple[int, int]] = []  # leaps of this connection: last number before, first number after
+        self._heard = False  # whether a number has come over this connection
+        self._alone = False  # whether the last number is the first one and not confirmed yet
 
     def connect(self) -> None:
-        """Note that a connection begins: what comes may have been sent before."""
+        """Record that a connection begins, over which samples may be sent again."""
         self._unused, self._heard = [], False
         self._candidate = self._held = None
 
     def screen(self, batch: Batch) -> Batch:
-        """Return the samples of ``batch`` whose numbers go on, behind one held back that they confirm."""
+        """Return the samples of ``batch`` whose numbers continue, preceded by a held sample that they confirm."""
         numbers = batch.sequence
         if numbers is None or not numbers.size:
             return batch
@@ -78,16 +81,16 @@ class Numbering:
         return self._one_by_one(batch, numbers.tolist())
 
     def _one_by_one(self, batch: Batch, numbers: list[int]) -> Batch:
-        """Screen samples by ``numbers``, theirs."""
+        """Screen each sample by its number in ``numbers``."""
         kept: list[int] = []
-        held = None  # where the sample of the candidate lies
+        held = None  # index of the candidate's sample in ``batch``
         if self._held is not None:
-            batch, held = joined(self._held, batch), 0
+            batch, held = self._held.followed_by(batch), 0
         for at, number in enumerate(numbers, start=len(batch) - len(numbers)):
             candidate = self._candidate
-            if candidate is not None and not self._goes_on(number) and self._believes(candidate, number):
+            if candidate is not None and not self._continues(number) and self._confirms(candidate, number):
                 kept += [] if held is None else [held]
-            if self._goes_on(number):
+            if self._continues(number):
                 kept.append(at)
                 self._advance(number - 1 if self.last is None else self.last, number, 1)
                 held = None
@@ -95,8 +98,8 @@ class Numbering:
                 ahead = self.last is not None and number > self.last
                 self._candidate, held = number, at if ahead else None
                 self._counters["number leap" if ahead else "duplicate"] += 1
-        self._held = None if held is None else take(batch, slice(held, held + 1))
-        return take(batch, np.array(kept, np.int64))
+        self._held = None if held is None else batch.select(slice(held, held + 1))
+        return batch.select(np.array(kept, np.int64))
 
     def _advance(self, before: int, last: int, samples: int) -> None:
         if last - before > samples:
@@ -104,13 +107,13 @@ class Numbering:
         self._alone = self.last is None
         self.last, self._candidate, self._held, self._heard = last, None, None, True
 
-    def _goes_on(self, number: int) -> bool:
+    def _continues(self, number: int) -> bool:
         return self.last is None or 0 < number - self.last <= LEAP
 
-    def _believes(self, candidate: int, number: int) -> bool:
-        """Take the candidate for the last number if ``number`` confirms it; tell whether it does."""
+    def _confirms(self, candidate: int, number: int) -> bool:
+        """Return whether ``number`` confirms the candidate; if so, the candidate becomes the last number."""
         last = self.last or 0
-        # soon after it, or hardly further than it had leapt: some devices count in steps
+        # a confirming number follows soon, or by about the distance of the leap: some devices count in steps
         if not 0 < number - candidate <= max(LEAP, 2 * (candidate - last)):
             return False
         left = next((leap for leap in self._unused if leap[0] < candidate < leap[1]), None)
@@ -118,44 +121,22 @@ class Numbering:
             self._unused = [*self._unused, (last, candidate)][-LEAPS_KEPT:]
             self._counters["number leap"] -= 1
             self._advance(last, candidate, 1)
-        elif left is not None:  # what led away was misread more than once
+        elif left is not None:  # the numbers return into a leap: its end was misread more than once
             self._unused.remove(left)
             self._counters["restarts"] += 1
             self._counters["lost"] -= left[1] - left[0] - 1
             self._advance(left[0], candidate, 1)
-        elif self._began_anew(last, candidate):
+        elif self._is_restart(last, candidate):
             self._counters["restarts"] += 1
             self._advance(candidate - 1, candidate, 1)
         else:
             return False
         return True
 
-    def _began_anew(self, last: int, number: int) -> bool:
-        """Tell whether the device has: it was reset, its counter wrapped, or the first number was misread."""
+    def _is_restart(self, last: int, number: int) -> bool:
+        """Return whether the device was reset, its counter wrapped, or the first number was misread."""
         if self._alone:
             return number < last - LEAP
         if not self._replays:
             return number < last - MISORDER
         return self._heard and number < MISORDER and any(0 < wrap - last <= MISORDER for wrap in WRAPS)
-
-
-def take(batch: Batch, kept: slice | np.ndarray[tuple[int], np.dtype[np.bool_ | np.int64]]) -> Batch:
-    """Return the samples of ``batch`` that are ``kept``."""
-    return Batch(
-        batch.u[kept],
-        batch.y[kept],
-        None if batch.t is None else batch.t[kept],
-        None if batch.sequence is None else batch.sequence[kept],
-        batch.arrived,
-    )
-
-
-def joined(first: Batch, then: Batch) -> Batch:
-    """Return two batches of the same fields as one that arrived with the second."""
-    return Batch(
-        np.concatenate([first.u, then.u]),
-        np.concatenate([first.y, then.y]),
-        None if first.t is None or then.t is None else np.concatenate([first.t, then.t]),
-        None if first.sequence is None or then.sequence is None else np.concatenate([first.sequence, then.sequence]),
-        then.arrived,
-    )

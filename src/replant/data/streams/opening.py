@@ -1,4 +1,4 @@
-"""Opening: from a URL to its source; the module of each kind is imported when one is asked for."""
+"""Opening: `open_source` finds the source of a URL and imports only that source's module."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from replant.data.streams.rows import FIELDS
 from replant.data.streams.source import Source
 from replant.errors import InvalidArgumentError
 
-#: What a URL begins with, the function that opens it, and an example.
+#: For each scheme of a URL: the function that opens it, and an example.
 SCHEMES = {
     "tcp": ("tcp.open_tcp", "tcp://127.0.0.1:9000"),
     "udp": ("udp.open_udp", "udp://0.0.0.0:9000"),
@@ -44,7 +44,7 @@ def open_source(url: str) -> Source:
     Raises
     ------
     InvalidArgumentError
-        If the URL says nothing that can be opened: one line with the remedy.
+        If the URL names no source, or one of its options is invalid; the message says what to write.
     LogError
         If it names a log that cannot be read.
     MissingDependencyError
@@ -66,7 +66,7 @@ def open_source(url: str) -> Source:
 
 
 def _address_of(url: str) -> tuple[Address, str]:
-    """Return the parts of a URL and the function that opens it."""
+    """Return the parts of a URL, and the name of the function that opens it."""
     scheme, separator, _ = url.partition("://")
     if separator:
         if scheme.lower() in SCHEMES:
@@ -77,13 +77,13 @@ def _address_of(url: str) -> tuple[Address, str]:
     if not mark or Path(url).exists():
         path, query = url, ""
     if not path:
-        raise InvalidArgumentError(f"{url!r}: nothing to open; write {SCHEMES['tcp'][1]}, {_OTHERS}")
+        raise InvalidArgumentError(f"{url!r}: the source is missing; write {SCHEMES['tcp'][1]}, {_OTHERS}")
     address = Address(url, "", path=path, options=options_of(url, query))
     return address, {"-": "pipe.open_pipe", "demo": "demo.open_demo"}.get(path, "replay.open_replay")
 
 
 def _columns_of(address: Address) -> tuple[str, ...] | None:
-    """Return the option ``columns``, taken from the address."""
+    """Return the column names of the option ``columns``, None where it is not given."""
     text = address.options.get("columns")
     if text is None:
         return None

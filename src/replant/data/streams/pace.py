@@ -1,4 +1,4 @@
-"""Pace: when the samples of a record or of a simulation are due."""
+"""Pace: the time at which the samples of a record or a simulation are due."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import math
 import time
 
 from replant.data.streams.address import Address
-from replant.data.streams.alarm import Alarm
+from replant.data.streams.stop_request import StopRequest
 
-#: The longest pause at once, in s: beyond it the system's timers may refuse.
+#: The longest single pause in s: the system's timers may refuse a longer one.
 LONGEST_PAUSE = 3600.0
 
 
 class Pace:
-    """A clock that runs ``speed`` times as fast as real time, from its first look.
+    """A clock that runs ``speed`` times as fast as real time, and starts when it is first read.
 
     Parameters
     ----------
@@ -22,27 +22,38 @@ class Pace:
 
     Examples
     --------
-    >>> Pace(math.inf).gone()
+    >>> Pace(math.inf).elapsed()
     inf
     """
 
     def __init__(self, speed: float) -> None:
         self._speed = speed
-        self._begun: float | None = None
+        self._start: float | None = None
 
-    def gone(self) -> float:
-        """Return how much of the record has gone by, in its s."""
+    def elapsed(self) -> float:
+        """Return the time of the record that has passed, in s."""
         now = time.monotonic()
-        self._begun = now if self._begun is None else self._begun
-        return math.inf if math.isinf(self._speed) else (now - self._begun) * self._speed
+        self._start = now if self._start is None else self._start
+        return math.inf if math.isinf(self._speed) else (now - self._start) * self._speed
 
-    def wait(self, alarm: Alarm, elapsed: float) -> None:
-        """Wait until ``elapsed`` s of the record have gone by, or the alarm is rung."""
-        alarm.wait(min(max(elapsed - self.gone(), 0.0) / self._speed, LONGEST_PAUSE))
+    def wait(self, stop: StopRequest, until: float) -> None:
+        """Wait until ``until`` s of the record have passed, or a stop is requested."""
+        stop.wait(min(max(until - self.elapsed(), 0.0) / self._speed, LONGEST_PAUSE))
 
 
 def speed_of(address: Address, default: float) -> float:
-    """Return the option ``speed`` of a URL: a positive number, or ``max``."""
+    """Return the option ``speed`` of a URL: a positive number, or infinity for ``max``.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If it is neither.
+
+    Examples
+    --------
+    >>> speed_of(Address("demo?speed=max", "", options={"speed": "max"}), 1.0)
+    inf
+    """
     if address.options.get("speed") == "max":
         return math.inf
     return address.positive("speed") or default

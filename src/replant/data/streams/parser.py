@@ -1,4 +1,4 @@
-"""Parser: blocks of lines into samples; at once where a block is clean, else line by line."""
+"""Parser: turns blocks of lines into samples; a clean block is parsed as a whole, any other line by line."""
 
 from __future__ import annotations
 
@@ -27,27 +27,27 @@ from replant.data.streams.rows import (
 
 Item = TypeVar("Item")
 
-#: A block of so many lines is read line by line: reading at once costs as much as ten of them.
+#: A block of at most this many lines is parsed line by line: parsing it as a whole costs as much as ten lines.
 FEW = 10
-#: Whole numbers up to here are exact in float64.
+#: Float64 represents every whole number up to this one exactly.
 LARGEST_NUMBER = 2.0**53
-#: What is wrong with a row whose time stamp or number cannot be one.
+#: The reason under which a row with an invalid number or time stamp is counted.
 REASONS = {"n": "not a sequence number", "t": "time not finite"}
 
 
 class Parser:
-    r"""The reader of one stream's lines: CSV or JSON, each line whichever it is.
+    r"""Parses the lines of one stream; each line is CSV or JSON.
 
-    Which columns there are is known by ``columns``, or by the first two lines of CSV that agree in width (the first
-    may have been cut), or by the first JSON object.  Blank lines and comments are passed over.  Every other line is
-    either samples or counted by reason.
+    The columns are those of ``columns``, or follow from the first two lines of CSV of equal width (the first line may
+    have been cut), or from the first JSON object.  Blank lines and comments are skipped.  Every other line gives
+    samples, or is counted by the reason why it gives none.
 
     Parameters
     ----------
     counters : Counter
-        Gets the reasons.
+        Counts the lines and samples that were refused, by reason.
     columns : tuple of str or None
-        Of `FIELDS`, in the order of the lines.
+        The columns, each one of `FIELDS`, in the order of the lines.
 
     Examples
     --------
@@ -61,21 +61,21 @@ class Parser:
     def __init__(self, counters: Counter[str], columns: tuple[str, ...] | None = None) -> None:
         self.columns = columns
         self._counters = counters
-        self._waiting: Row | None = None  # a first line that no other has confirmed
+        self._waiting: Row | None = None  # the first line of CSV, until a second line confirms its width
 
     def parse(self, block: bytes, arrived: float) -> Batch | None:
-        """Return the samples in whole lines, None if there are none."""
+        """Return the samples in a block of whole lines, None if there are none."""
         return self.batch(self.tables(block), arrived)
 
     def tables(self, block: bytes) -> list[FloatArray]:
-        """Return the rows in whole lines, each of `columns`."""
+        """Return the rows in a block of whole lines as tables (K, C), whose columns are `columns`."""
         lines = block.decode("ascii", "replace").replace("\r\n", "\n").split("\n")
         if not lines[-1]:
-            lines.pop()  # what follows the last line's end
+            lines.pop()  # the empty rest behind the last line end
         return self._tables(lines)
 
     def finish(self, arrived: float) -> Batch | None:
-        """Return the first line if no other came to confirm it."""
+        """Return the sample of the first line if the stream ended before a second line confirmed it."""
         row, self._waiting = self._waiting, None
         if row is None:
             return None
@@ -83,16 +83,16 @@ class Parser:
         return self.batch([np.array([row])], arrived)
 
     def batch(self, tables: Sequence[FloatArray], arrived: float) -> Batch | None:
-        """Return rows of `columns` as samples; those whose number or time stamp cannot be one are counted."""
+        """Return the rows of tables as samples; rows with an invalid number or time stamp are dropped and counted."""
         if not tables or self.columns is None:
             return None
-        table = self._believable(np.concatenate(tables) if len(tables) > 1 else tables[0])
+        table = self._valid_rows(np.concatenate(tables) if len(tables) > 1 else tables[0])
         by_name = {name: table[:, column].copy() for column, name in enumerate(self.columns)}
         sequence = by_name["n"].astype(np.int64) if "n" in by_name else None
         return Batch(by_name["u"], by_name["y"], by_name.get("t"), sequence, arrived)
 
-    def _believable(self, table: FloatArray) -> FloatArray:
-        """Return the rows whose number and time stamp can be one."""
+    def _valid_rows(self, table: FloatArray) -> FloatArray:
+        """Return the rows with a valid number and time stamp; count the others."""
         for column, name in enumerate(self.columns or ()):
             if name in REASONS:
                 values = table[:, column]
@@ -107,15 +107,15 @@ class Parser:
         if samples:
             self._counters[reason] += samples
 
-    def settle(self, columns: tuple[str, ...]) -> None:
-        """Choose the columns; a line that waits and has others is none of these samples."""
+    def set_columns(self, columns: tuple[str, ...]) -> None:
+        """Set the columns; a first line of CSV that still waits has others, and is counted as refused."""
         self.columns = columns
         if self._waiting is not None:
             self.count("fields missing")
             self._waiting = None
 
     def _tables(self, lines: list[str]) -> list[FloatArray]:
-        """Return the rows of lines; a block that is off is halved until what is off stands alone."""
+        """Return the rows of lines; a block with a faulty line is halved until few lines are left to parse singly."""
         if self.columns is None or len(lines) <= FEW:
             return self._each(filter(is_data, lines), self._line)
         if lines[0].startswith(("{", "[")):
@@ -123,7 +123,7 @@ class Parser:
             if values is not None:
                 table = table_from_json(values, self.columns)
                 return self._each(values, self._value) if table is None else [table]
-        elif any(map(str.strip, lines)):  # of a block without data loadtxt would warn
+        elif any(map(str.strip, lines)):  # loadtxt warns about a block without data
             table = table_from_cells(lines, len(self.columns))
             if table is not None:
                 return [table]
@@ -131,7 +131,7 @@ class Parser:
         return self._tables(lines[:middle]) + self._tables(lines[middle:])
 
     def _each(self, items: Iterable[Item], read: Callable[[Item], list[Row]]) -> list[FloatArray]:
-        """Return the rows that ``read`` finds in each item; those that are off are counted."""
+        """Return the rows that ``read`` finds in the items; items that it refuses are counted."""
         rows: list[Row] = []
         for item in items:
             try:
@@ -152,7 +152,7 @@ class Parser:
         first, self._waiting = self._waiting, row
         if first is None:
             return []
-        check_width(first, len(row))  # the line before was cut
+        check_width(first, len(row))  # a first line of another width was cut
         self.columns, self._waiting = BY_WIDTH[len(row)], None
         return [first, row]
 
@@ -160,10 +160,16 @@ class Parser:
         columns = columns_of(value) if self.columns is None else self.columns
         rows = from_json(value, columns or ("u", "y"))
         if self.columns is None and rows and columns:
-            self.settle(columns)
+            self.set_columns(columns)
         return rows
 
 
 def is_number(values: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Tell which values can be sequence numbers: whole, not negative, exact in float64."""
+    """Return which values (K,) are valid sequence numbers: whole, not negative, exact in float64.
+
+    Examples
+    --------
+    >>> is_number(np.array([7.0, 0.5, -1.0]))
+    array([ True, False, False])
+    """
     return np.asarray((values >= 0.0) & (values < LARGEST_NUMBER) & (values == np.trunc(values)))

@@ -1,4 +1,4 @@
-"""Payloads: what a datagram or a message holds: lines, or numbers packed in binary."""
+"""Payloads: the content of datagrams and messages, which is lines or packed binary numbers."""
 
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ HEADER = 8
 
 
 class Payloads:
-    """The reader of one stream's payloads.
+    """Parses the payloads of one stream.
 
     A payload holds one or more lines (see `Parser`), or it is packed: `MAGIC`, the columns' letters padded with blanks
-    to four, then rows of little-endian float64.  With ``bare`` it is the rows alone.
+    to four, then rows of little-endian float64.
 
     Parameters
     ----------
     parser : Parser
-        Reads the lines; its counters get "not packed right".
+        Parses the lines; its counters also count "not packed right".
     bare : bool
+        Whether every payload is packed and holds the rows alone, without `MAGIC` and letters.
 
     Examples
     --------
@@ -70,7 +71,7 @@ class Payloads:
             raise Malformed("not packed right")
         table = np.frombuffer(numbers, "<f8").astype(np.float64).reshape(-1, len(names))
         if self._parser.columns is None:
-            self._parser.settle(names)
+            self._parser.set_columns(names)
         if self._parser.columns is None or names == self._parser.columns:
             return table
         if not set(self._parser.columns) <= set(names):

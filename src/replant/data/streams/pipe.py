@@ -1,4 +1,4 @@
-"""Standard input: lines of whatever program writes into the pipe."""
+"""Standard input: the lines that another program writes into the pipe."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 import time
 
 from replant.data.streams.address import Address
-from replant.data.streams.lines import Lines
+from replant.data.streams.lines import LineSplitter
 from replant.data.streams.parser import Parser
 from replant.data.streams.reader import Reader
 from replant.errors import InvalidArgumentError
@@ -17,7 +17,7 @@ BLOCK = 1 << 18
 
 
 class PipeSource(Reader):
-    """Lines from an open file, ``-`` for standard input.  A full queue stops the reading, and the writer waits.
+    """Lines from an open file, ``-`` for standard input.  While the queue is full nothing is read: the writer waits.
 
     Parameters
     ----------
@@ -35,11 +35,11 @@ class PipeSource(Reader):
 
     def _read(self) -> None:
         self._connected(again=False)
-        lines = Lines(self._counts)
-        # select() waits for pipes on POSIX, for sockets alone on Windows; a file always has something
+        lines = LineSplitter(self._counts)
+        # on POSIX select() also waits for pipes, on Windows for sockets only; a regular file is always readable
         waits = os.name == "posix" and not stat.S_ISREG(os.fstat(self._file).st_mode)
-        while not self._alarm.rung:
-            if waits and not self._alarm.ready(self._file, 60.0):
+        while not self._stop.requested:
+            if waits and not self._stop.wait_readable(self._file, 60.0):
                 continue
             data = os.read(self._file, BLOCK)
             if not data:
@@ -50,7 +50,13 @@ class PipeSource(Reader):
 
 
 def open_pipe(address: Address, columns: tuple[str, ...] | None) -> PipeSource:
-    """Return the source that reads standard input."""
+    """Return the source that reads standard input.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the process has no standard input.
+    """
     address.allow("columns")
     try:
         file = sys.stdin.fileno()

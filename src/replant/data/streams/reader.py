@@ -1,4 +1,4 @@
-"""Reader: what all sources share, a thread that reads into an inbox from which `batches` hands over."""
+"""Reader: base class of the sources; a thread reads samples into an inbox, from which `batches` yields them."""
 
 from __future__ import annotations
 
@@ -7,73 +7,73 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator
 
-from replant.data.streams.alarm import Alarm
 from replant.data.streams.batch import Batch
 from replant.data.streams.inbox import CAPACITY, Inbox
 from replant.data.streams.numbering import Numbering
+from replant.data.streams.stop_request import StopRequest
 from replant.system.worker import Worker
 
 #: An empty batch comes after this long without samples, in s.
 TICK = 0.1
 #: How long a closed source may still take to let go of what it reads from, in s.
-PATIENCE = 1.0
+CLOSE_TIMEOUT = 1.0
 #: First and longest pause before connecting again, in s.
 BACKOFF = 0.1, 5.0
 
 
 class Reader(ABC):
-    """A `Source` that is read by a thread of its own.
+    """A `Source` that is read by its own thread.
 
     Parameters
     ----------
     name : str
-        The URL for people.
+        The URL without password, for messages.
     waits : bool
-        Whether the other side can wait: a full queue then stops the reading; else it drops its oldest samples.
+        Whether the sender can wait.  If so, a full queue stops the reading; if not, it drops its oldest samples.
     replays : bool
-        See `Numbering`.
+        Whether the sender may send samples again, see `Numbering`.
     capacity : int
-        Samples that may wait for the session.
+        Largest number of samples that wait for the session.
     """
 
     def __init__(self, name: str, *, waits: bool, replays: bool = True, capacity: int = CAPACITY) -> None:
         self.name = name
-        self.trouble = ""  # why it is not connected, for people
+        self.trouble = ""  # why the source is not connected, for messages
         self._counts: Counter[str] = Counter()
         self._numbering = Numbering(self._counts, replays=replays)
         self._inbox = Inbox(capacity, drop=not waits)
-        self._alarm = Alarm()
+        self._stop = StopRequest()
         self._state = "connecting"
         self._backoff = BACKOFF[0]
 
     @abstractmethod
     def _read(self) -> None:
-        """Read and `_deliver` until the end of the stream or until the alarm is rung."""
+        """Read and `_deliver` samples until the stream ends or a stop is requested."""
 
     def batches(self) -> Iterator[Batch]:
-        """Yield samples as they come, see `Source.batches`."""
+        """Yield samples as they arrive, see `Source.batches`."""
         thread = Worker(self._run)
-        with self._alarm:
+        with self._stop:
             thread.start()
             try:
-                yield from self._handed_over()
+                yield from self._batches_until_end()
             finally:
                 self.close()
                 self._inbox.abandon()
-                thread.join(PATIENCE)
+                thread.join(CLOSE_TIMEOUT)
                 self._state = "ended"
 
     def seek(self, sequence: int) -> None:
-        """Go on after this sequence number, see `Source.seek`."""
+        """Continue after this sequence number, see `Source.seek`."""
         self._numbering.last = sequence
 
     def close(self) -> None:
         """Stop reading, see `Source.close`."""
-        self._alarm.ring()
+        self._stop.request()
 
     @property
     def counters(self) -> dict[str, int]:
-        """What went wrong how often, see `Source.counters`."""
+        """How often each fault has occurred, see `Source.counters`."""
         return {reason: count for reason, count in dict(self._counts).items() if count}
 
     @property
@@ -81,16 +81,16 @@ class Reader(ABC):
         """One of "connecting", "connected", "waiting" and "ended"."""
         return self._state
 
-    def _handed_over(self) -> Iterator[Batch]:
+    def _batches_until_end(self) -> Iterator[Batch]:
         deadline = float("inf")
         while True:
-            batch = self._inbox.take(TICK)
+            batch = self._inbox.get(TICK)
             if len(batch):
                 yield batch
             elif self._inbox.ended or time.monotonic() > deadline:
                 return
-            elif self._alarm.rung:
-                deadline = min(deadline, time.monotonic() + PATIENCE)
+            elif self._stop.requested:
+                deadline = min(deadline, time.monotonic() + CLOSE_TIMEOUT)
             else:
                 yield batch
 
@@ -99,15 +99,15 @@ class Reader(ABC):
         try:
             self._read()
         except BaseException as error:
-            failure = error  # raised where the batches are taken: a thread's own error would go unseen
+            failure = error  # `Inbox.get` raises it in the session's thread; here nobody would see it
         self._inbox.end(failure)
 
-    def refuse(self, reason: str, samples: int) -> None:
-        """Count samples that were left out before the reading began."""
+    def count_refused(self, reason: str, samples: int) -> None:
+        """Count samples that were refused before the reading began."""
         self._counts[reason] += samples
 
     def _deliver(self, batch: Batch | None) -> None:
-        """Hand samples over, those aside that came before."""
+        """Put the samples that `Numbering` accepts into the inbox."""
         if batch is not None:
             dropped = self._inbox.put(self._numbering.screen(batch))
             if dropped:
@@ -120,7 +120,7 @@ class Reader(ABC):
             self._counts["reconnects"] += 1
 
     def _wait_to_connect(self, trouble: str, *, again: bool) -> None:
-        """Pause before connecting again, twice as long as the last time."""
+        """Pause before the next attempt to connect; each pause is twice as long as the one before."""
         self._state, self.trouble = "waiting" if again else "connecting", trouble
-        self._alarm.wait(self._backoff)
+        self._stop.wait(self._backoff)
         self._backoff = min(2.0 * self._backoff, BACKOFF[1])

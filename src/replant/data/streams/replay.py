@@ -1,9 +1,10 @@
-"""Replay: a recorded log as if its rig were running, in real time, faster, or as fast as it can be taken."""
+"""Replay: a recorded log as a live source, in real time, faster, or as fast as the session takes samples."""
 
 from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,6 @@ from replant.data.logs import Table, read_columns
 from replant.data.logs.time import time_candidates, unit_in_seconds
 from replant.data.streams.address import Address
 from replant.data.streams.batch import Batch
-from replant.data.streams.numbering import take
 from replant.data.streams.pace import Pace, speed_of
 from replant.data.streams.reader import Reader
 from replant.errors import InvalidArgumentError
@@ -29,11 +29,11 @@ class ReplaySource(Reader):
     ----------
     name : str
     record : Batch
-        All its samples, numbered.
+        All samples of the log, numbered.
     elapsed : (K,) array
-        When each is due, in s after the first; never decreasing.
+        When each sample is due, in s after the first one; never decreasing.
     speed : float
-        Times as fast as recorded; infinite for as fast as possible.
+        Ratio to the speed of recording; infinite for as fast as possible.
     """
 
     def __init__(self, name: str, record: Batch, elapsed: FloatArray, speed: float = math.inf) -> None:
@@ -45,32 +45,29 @@ class ReplaySource(Reader):
     def _read(self) -> None:
         self._connected(again=False)
         last = self._numbering.last
-        at = 0 if last is None else int(np.searchsorted(numbers(self._record), last, side="right"))
-        begun = float(self._elapsed[at]) if at < len(self._record) else 0.0
-        while at < len(self._record) and not self._alarm.rung:
-            due = int(np.searchsorted(self._elapsed, begun + self._pace.gone(), side="right"))
+        assert self._record.sequence is not None
+        at = 0 if last is None else int(np.searchsorted(self._record.sequence, last, side="right"))
+        start = float(self._elapsed[at]) if at < len(self._record) else 0.0
+        while at < len(self._record) and not self._stop.requested:
+            due = int(np.searchsorted(self._elapsed, start + self._pace.elapsed(), side="right"))
             end = min(due, at + BLOCK)
             if end > at:
-                self._deliver(part(self._record, at, end))
+                self._deliver(replace(self._record.select(slice(at, end)), arrived=time.monotonic()))
                 at = end
             else:
-                self._pace.wait(self._alarm, float(self._elapsed[at]) - begun)
-
-
-def numbers(record: Batch) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """Return the sequence numbers of a record that has them."""
-    assert record.sequence is not None
-    return record.sequence
-
-
-def part(record: Batch, first: int, end: int) -> Batch:
-    """Return consecutive samples of a record, come in now."""
-    time_stamps = None if record.t is None else record.t[first:end]
-    return Batch(record.u[first:end], record.y[first:end], time_stamps, numbers(record)[first:end], time.monotonic())
+                self._pace.wait(self._stop, float(self._elapsed[at]) - start)
 
 
 def open_replay(address: Address, columns: tuple[str, ...] | None) -> ReplaySource:
-    """Return the source that a file's path names."""
+    """Return the source of a recorded log, whose path and options are in the address.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If an option is invalid, or the replay is to be paced and neither a column nor an option tells the time.
+    LogError
+        If the log cannot be read.
+    """
     address.allow("input", "output", "time", "dt", "speed")
     options = address.options
     table = read_columns(Path(address.path))
@@ -89,22 +86,63 @@ def open_replay(address: Address, columns: tuple[str, ...] | None) -> ReplaySour
             raise InvalidArgumentError(f"{address.name}: no column is the time; add &time=COLUMN or &dt=SECONDS")
         return ReplaySource(address.name, record, np.arange(rows, dtype=np.float64) * (dt or 0.0), speed)
     unit = 1.0 if stamps in table.in_seconds else unit_in_seconds(table.names[stamps])
-    return timed(address.name, record, clock[0][:rows] * unit, speed)
+    return stamped_source(address.name, record, clock[0][:rows] * unit, speed)
 
 
 def time_column(table: Table, named: str | None) -> int | None:
-    """Return the column of time stamps: the one that is named, else the only one that is called so."""
+    """Return the index of the column of time stamps.
+
+    Parameters
+    ----------
+    table : Table
+    named : str or None
+        The column's name; None: the only column that is called t, time or timestamp.
+
+    Returns
+    -------
+    int or None
+        None if no column was named, and none or several are called so.
+
+    Raises
+    ------
+    LogError
+        If there is no column of that name.
+
+    Examples
+    --------
+    >>> time_column(Table(Path("log.csv"), ("time", "u", "y"), lambda columns: iter([])), None)
+    0
+    """
     if named is not None:
         return table.find(named)
     candidates = time_candidates(table.names)
     return candidates[0] if len(candidates) == 1 else None
 
 
-def timed(name: str, record: Batch, t: FloatArray, speed: float) -> ReplaySource:
-    """Return the source of a record with time stamps; a row without one is passed over and counted."""
+def stamped_source(name: str, record: Batch, t: FloatArray, speed: float) -> ReplaySource:
+    """Return the source of a record with time stamps; rows without a finite stamp are left out and counted.
+
+    Parameters
+    ----------
+    name : str
+        The URL, for messages.
+    record : Batch
+        K samples, numbered.
+    t : (K,) array
+        Time stamps in s.
+    speed : float
+        Ratio to the speed of recording.
+
+    Examples
+    --------
+    >>> record = Batch(np.zeros(3), np.zeros(3), None, np.arange(3), arrived=0.0)
+    >>> source = stamped_source("log.csv", record, np.array([0.0, np.nan, 0.2]), speed=math.inf)
+    >>> source.counters
+    {'time not finite': 1}
+    """
     kept = np.isfinite(t)
-    record = take(Batch(record.u, record.y, t, record.sequence, 0.0), kept)
+    record = replace(record, t=t).select(kept)
     elapsed = np.maximum.accumulate(t[kept]) - t[kept][:1]
     source = ReplaySource(name, record, elapsed, speed)
-    source.refuse("time not finite", int(kept.size - kept.sum()))
+    source.count_refused("time not finite", int(kept.size - kept.sum()))
     return source

@@ -1,4 +1,4 @@
-"""Rows: samples read from text, as numbers; a line that is off is refused with a reason."""
+"""Rows: the numbers of samples, parsed from text; a faulty line raises `Malformed` with the reason."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.data.logs.cells import parse_number
 
-#: What a sample consists of: sequence number, time stamp in s, input, output.  In the order of four columns.
+#: The fields of a sample, in the order of four columns: sequence number, time stamp in s, input, output.
 FIELDS = ("n", "t", "u", "y")
-#: What stands in lines of two, three and four columns if nobody says.
+#: The columns of lines with two, three and four cells, where the URL does not name them.
 BY_WIDTH = {2: ("u", "y"), 3: ("t", "u", "y"), 4: FIELDS}
 
 Row = tuple[float, ...]
@@ -27,7 +27,12 @@ class Malformed(Exception):  # noqa: N818 - not an error of the program: a reaso
 
 
 def from_cells(line: str) -> Row:
-    """Read one line of CSV; a missing cell is NaN, as in a log.
+    """Parse one line of CSV; a missing cell is NaN, as in a log.
+
+    Raises
+    ------
+    Malformed
+        If a cell is not a number.
 
     Examples
     --------
@@ -41,13 +46,32 @@ def from_cells(line: str) -> Row:
 
 
 def check_width(row: Row, width: int) -> None:
-    """Refuse a row of another number of cells."""
+    """Check that a row has ``width`` cells.
+
+    Raises
+    ------
+    Malformed
+        If it has more or fewer.
+
+    Examples
+    --------
+    >>> check_width((0.5, 1.0), 3)
+    Traceback (most recent call last):
+    replant.data.streams.rows.Malformed: fields missing
+    """
     if len(row) != width:
         raise Malformed("fields missing" if len(row) < width else "too many fields")
 
 
 def table_from_cells(lines: Sequence[str], width: int) -> FloatArray | None:
-    """Read lines of CSV at once, in C; None if they are anything but a full grid of numbers."""
+    """Parse lines of CSV as a whole, in C; return None if a line has anything but ``width`` numbers.
+
+    Examples
+    --------
+    >>> table_from_cells(["0.0,1", "0.1,2"], 2)
+    array([[0. , 1. ],
+           [0.1, 2. ]])
+    """
     try:
         table = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
     except ValueError:
@@ -56,7 +80,18 @@ def table_from_cells(lines: Sequence[str], width: int) -> FloatArray | None:
 
 
 def json_value(line: str) -> Any:
-    """Read one line of JSON."""
+    """Parse one line of JSON.
+
+    Raises
+    ------
+    Malformed
+        If the line is not JSON.
+
+    Examples
+    --------
+    >>> json_value('{"u": 1.5, "y": null}')
+    {'u': 1.5, 'y': None}
+    """
     try:
         return json.loads(line)
     except (ValueError, RecursionError):
@@ -64,9 +99,15 @@ def json_value(line: str) -> Any:
 
 
 def json_values(lines: Sequence[str]) -> list[Any] | None:
-    """Read lines of JSON at once; None if they are anything but an object or an array each."""
+    """Parse lines of JSON as a whole; return None if a line is anything but an object or an array.
+
+    Examples
+    --------
+    >>> json_values(['{"u": 1}', '{"u": 2}'])
+    [{'u': 1}, {'u': 2}]
+    """
     try:
-        values = json.loads(f"[{',null,'.join(lines)}]")  # with null between, no two lines make one object
+        values = json.loads(f"[{',null,'.join(lines)}]")  # the null between keeps two lines from forming one object
     except (ValueError, RecursionError):
         return None
     if len(values) != 2 * len(lines) - 1 or any(value is not None for value in values[1::2]):
@@ -76,7 +117,14 @@ def json_values(lines: Sequence[str]) -> list[Any] | None:
 
 
 def table_from_json(values: Sequence[Any], columns: Sequence[str]) -> FloatArray | None:
-    """Turn JSON objects of one sample each into a table at once; None if they are anything else."""
+    """Return JSON objects of one sample each as a table (K, C); None if they are anything else.
+
+    Examples
+    --------
+    >>> table_from_json([{"u": 1, "y": 0.5}, {"u": 2, "y": 0.7}], ("u", "y"))
+    array([[1. , 0.5],
+           [2. , 0.7]])
+    """
     try:
         rows = list(map(itemgetter(*columns), values))
         if set(map(type, chain.from_iterable(rows))) <= {float, int}:
@@ -103,8 +151,13 @@ def columns_of(value: Any) -> tuple[str, ...] | None:
 def from_json(value: Any, columns: Sequence[str]) -> list[Row]:
     """Return the samples in a JSON object, or in an array of them.
 
-    ``{"n": 7, "t": 0.7, "u": 1.0, "y": 0.2}`` is one sample; with arrays in the fields it is several, and n may be the
-    number of the first.  null is NaN.
+    ``{"n": 7, "t": 0.7, "u": 1.0, "y": 0.2}`` is one sample.  An object whose fields are arrays holds several samples;
+    its n may be the number of the first.  null is NaN.
+
+    Raises
+    ------
+    Malformed
+        If an item is not an object, lacks a column, holds anything but numbers, or has arrays of different lengths.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Serial ports: lines of a microcontroller, with pyserial; opened again after the cable was out."""
+"""Serial ports: lines of a microcontroller, with pyserial; a port that was lost is opened again."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ import time
 from typing import Any
 
 from replant.data.streams.address import Address
-from replant.data.streams.lines import Lines
+from replant.data.streams.lines import LineSplitter
 from replant.data.streams.parser import Parser
 from replant.data.streams.reader import Reader
 from replant.errors import InvalidArgumentError, MissingDependencyError
 
 EXAMPLE = "serial:///dev/ttyUSB0?baud=115200"
 BAUD = 115_200
-#: The longest that a read waits, in s: how soon a closed source is noticed.
+#: The longest wait of one read, in s; a closed source ends within this time.
 WAIT = 0.1
 
 
 class SerialSource(Reader):
     """Lines from a serial port, ``serial:///dev/ttyUSB0?baud=115200`` or ``serial://COM3``.
 
-    The port is opened in the middle of a line, so what comes before the first line's end is passed over and counted as
-    "cut off".  Nobody waits for a full queue: its oldest samples are dropped and counted.  Nothing is sent again over
-    such a line, and many boards start anew when the port is opened: sequence numbers tell what was lost, no more.
+    The port is opened in the middle of a line: the rest of that line is skipped and counted as "cut off".  A full queue
+    drops its oldest samples and counts them.  A board sends nothing again, and many boards restart when the port is
+    opened: sequence numbers tell only which samples were lost.
 
     Parameters
     ----------
@@ -42,53 +42,59 @@ class SerialSource(Reader):
 
     def __init__(self, name: str, port: str, baud: int = BAUD, columns: tuple[str, ...] | None = None) -> None:
         super().__init__(name, waits=False, replays=False)
-        self._place = port, baud
-        self._lines = Lines(self._counts)
+        self._port_and_baud = port, baud
+        self._lines = LineSplitter(self._counts)
         self._parser = Parser(self._counts, columns)
         self._port: Any = None
         try:
             self._port = self._open()
-        except broken() as error:
-            raise InvalidArgumentError(f"{name}: cannot be opened ({reason_of(error)}); {remedy(port)}") from None
+        except port_errors() as error:
+            raise InvalidArgumentError(f"{name}: cannot be opened ({port_reason(error)}); {remedy(port)}") from None
 
     def seek(self, sequence: int) -> None:
-        """Go on with what comes: the board's numbers may have started anew."""
+        """Do nothing: the board's numbers may have started anew."""
 
     def close(self) -> None:
         """Stop reading, see `Source.close`."""
         super().close()
-        if self._state == "connecting":  # never read: nobody else closes it
+        if self._state == "connecting":  # the reading, which closes the port, has not begun
             self._port.close()
 
     def _open(self) -> Any:
-        return load(self.name).Serial(*self._place, timeout=WAIT)
+        return import_pyserial(self.name).Serial(*self._port_and_baud, timeout=WAIT)
 
     def _read(self) -> None:
         again = False
-        while not self._alarm.rung:
+        while not self._stop.requested:
             try:
                 with self._port or self._open() as port:
                     self._port = None
                     self._connected(again=again)
                     again = True
                     self._receive(port)
-            except broken() as error:
+            except port_errors() as error:
                 self._lines.restart()
-                self._wait_to_connect(reason_of(error), again=again)
+                self._wait_to_connect(port_reason(error), again=again)
         self._deliver(self._parser.finish(time.monotonic()))
 
     def _receive(self, port: Any) -> None:
         self._lines.restart_midway()
         self._numbering.last = None
-        while not self._alarm.rung:
+        while not self._stop.requested:
             data = port.read(1)
             if data:
                 data += port.read(port.in_waiting)
                 self._deliver(self._parser.parse(self._lines.split(data), time.monotonic()))
 
 
-def load(name: str) -> Any:
-    """Return pyserial."""
+def import_pyserial(name: str) -> Any:
+    """Return the module of pyserial; ``name`` is the source's URL, for the message.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without pyserial.
+    """
     try:
         import serial
     except ImportError as error:
@@ -96,8 +102,14 @@ def load(name: str) -> Any:
     return serial
 
 
-def broken() -> tuple[type[Exception], ...]:
-    """Return the errors of a port that is gone: pyserial lets some of the system's through."""
+def port_errors() -> tuple[type[Exception], ...]:
+    """Return the errors that a lost port raises: pyserial passes on some of the system's own.
+
+    Examples
+    --------
+    >>> OSError in port_errors()
+    True
+    """
     try:
         import termios
     except ImportError:  # Windows
@@ -105,14 +117,20 @@ def broken() -> tuple[type[Exception], ...]:
     return OSError, TypeError, ValueError, termios.error
 
 
-def reason_of(error: Exception) -> str:
-    """Return what pyserial says, without the port's name and the number that it puts around it."""
+def port_reason(error: Exception) -> str:
+    """Return the system's words for an error, without the port's name and the number that pyserial adds.
+
+    Examples
+    --------
+    >>> port_reason(OSError(2, "could not open port /dev/ttyUSB0"))
+    'No such file or directory'
+    """
     number = getattr(error, "errno", None)
     return os.strerror(number) if isinstance(number, int) else str(error)
 
 
 def remedy(port: str) -> str:
-    """Return what to try for a port that does not open: those there are."""
+    """Return what to do about a port that does not open, and the ports that exist."""
     from serial.tools.list_ports import comports
 
     ports = ", ".join(sorted(found.device for found in comports())) or "none"
@@ -120,7 +138,15 @@ def remedy(port: str) -> str:
 
 
 def open_serial(address: Address, columns: tuple[str, ...] | None) -> SerialSource:
-    """Return the source that a URL names."""
+    """Return the source of a URL ``serial://``.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the port is missing or cannot be opened.
+    MissingDependencyError
+        Without pyserial.
+    """
     address.allow("baud", "columns")
     port = address.path or address.host.upper()  # a host is COM3
     if not port:

@@ -1,4 +1,4 @@
-"""Source: what every stream of live samples can do, wherever it comes from."""
+"""Source: the interface of every stream of live samples."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Protocol
 
 from replant.data.streams.batch import Batch
 
-#: What `Source.state` says.
+#: The values of `Source.state`.
 STATES = ("connecting", "connected", "waiting", "ended")
 
 
@@ -17,43 +17,43 @@ class Source(Protocol):
     Attributes
     ----------
     name : str
-        The URL it was opened by, without password: for people.
+        The URL of the source without password, for messages.
     trouble : str
-        Why it is not connected, for people; empty where it is.
+        Why the source is not connected, for messages; empty while it is.
     """
 
     name: str
     trouble: str
 
     def batches(self) -> Iterator[Batch]:
-        """Yield samples as they come, an empty batch at least every 0.1 s when none do.
+        """Yield samples as they arrive; while none arrive, yield an empty batch at least every 0.1 s.
 
-        It ends at the end of the stream, or after `close` once all that was complete has been yielded.
+        The iterator ends at the end of the stream, or after `close` once every complete sample has been yielded.
         """
         ...
 
     def seek(self, sequence: int) -> None:
-        """Go on after this sequence number; called before `batches`.
+        """Continue after this sequence number; called before `batches`.
 
-        A source that can replay does (a TCP peer is asked, a log skips); one that cannot goes on with what comes.
-        Never an error.
+        A source that can send samples again does so: a TCP peer is asked to, a log skips rows.  Any other source
+        continues with the samples that arrive.  `seek` raises no error.
         """
         ...
 
     def close(self) -> None:
-        """Stop reading; from any thread, or from a signal handler."""
+        """Stop reading; may be called from any thread and from a signal handler."""
         ...
 
     @property
     def counters(self) -> dict[str, int]:
-        """What went wrong how often.
+        """How often each fault has occurred; faults that never occurred are not listed.
 
         Malformed lines by reason ("not a number", "too long", ...); samples "duplicate", "lost" on the way, "dropped"
-        from a full queue; "reconnects" and "restarts" of the device.  What never happened is not listed.
+        from a full queue; "reconnects" and "restarts" of the device.
         """
         ...
 
     @property
     def state(self) -> str:
-        """One of "connecting", "connected", "waiting" (to connect again) and "ended"."""
+        """One of "connecting", "connected", "waiting" (before connecting again) and "ended"."""
         ...

@@ -1,4 +1,4 @@
-"""TCP: lines from a peer that listens; connected again when the line breaks, gone on with where the peer can."""
+"""TCP: lines from a listening peer; after a break the source connects again and asks for the samples that follow."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import socket
 import time
 
 from replant.data.streams.address import Address
-from replant.data.streams.lines import Lines
+from replant.data.streams.lines import LineSplitter
 from replant.data.streams.parser import Parser
 from replant.data.streams.reader import Reader
 
 EXAMPLE = "tcp://127.0.0.1:9000"
-#: Bytes taken at once at the most.
+#: Largest number of bytes received at once.
 BLOCK = 1 << 18
 #: How long the peer may take to accept, in s.
 CONNECT_TIMEOUT = 5.0
@@ -20,11 +20,11 @@ KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
 
 
 class TcpSource(Reader):
-    """Lines of a TCP peer, `tcp://host:port`.
+    """Lines of a TCP peer, ``tcp://host:port``.
 
-    A full queue stops the reading, so that the peer waits and nothing is lost.  Whenever a connection begins and a
-    sequence number is known, by `seek` or from the samples before, the line ``after N`` is sent: a peer that can goes
-    on with N + 1.  From one that cannot, what was there already is dropped by its number.
+    While the queue is full nothing is read: the peer waits, and no sample is lost.  When a connection begins and a
+    sequence number N is known, from `seek` or from earlier samples, the source sends the line ``after N``.  A peer that
+    keeps its samples then continues with N + 1.  Samples that a peer sends again are dropped by their number.
 
     Parameters
     ----------
@@ -37,12 +37,12 @@ class TcpSource(Reader):
     def __init__(self, name: str, host: str, port: int, columns: tuple[str, ...] | None = None) -> None:
         super().__init__(name, waits=True)
         self._place = host, port
-        self._lines = Lines(self._counts)
+        self._lines = LineSplitter(self._counts)
         self._parser = Parser(self._counts, columns)
 
     def _read(self) -> None:
         again = False
-        while not self._alarm.rung:
+        while not self._stop.requested:
             try:
                 with socket.create_connection(self._place, CONNECT_TIMEOUT) as peer:
                     self._connected(again=again)
@@ -56,20 +56,28 @@ class TcpSource(Reader):
         self._deliver(self._parser.finish(time.monotonic()))
 
     def _receive(self, peer: socket.socket) -> None:
-        """Deliver what comes until the peer closes the connection or the alarm is rung."""
-        watch(peer)
+        """Deliver samples until the peer closes the connection or a stop is requested."""
+        enable_keepalive(peer)
         if self._numbering.last is not None:
             peer.sendall(f"after {self._numbering.last}\n".encode())
-        while not self._alarm.rung:
-            if self._alarm.ready(peer, 60.0):
+        while not self._stop.requested:
+            if self._stop.wait_readable(peer, 60.0):
                 data = peer.recv(BLOCK)
                 if not data:
                     return
                 self._deliver(self._parser.parse(self._lines.split(data), time.monotonic()))
 
 
-def watch(peer: socket.socket) -> None:
-    """Notice a peer that is gone without a word; what the system cannot set stays as it is."""
+def enable_keepalive(peer: socket.socket) -> None:
+    """Have the system detect a peer that has vanished; options that the system lacks are left out.
+
+    Examples
+    --------
+    >>> with socket.socket() as peer:
+    ...     enable_keepalive(peer)
+    ...     peer.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) != 0
+    True
+    """
     peer.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for name, value in KEEPALIVE.items():
         option = getattr(socket, name, None)
@@ -78,6 +86,17 @@ def watch(peer: socket.socket) -> None:
 
 
 def open_tcp(address: Address, columns: tuple[str, ...] | None) -> TcpSource:
-    """Return the source that a URL names."""
+    """Return the source of a URL ``tcp://``.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If host or port is missing, or an option is unknown.
+
+    Examples
+    --------
+    >>> open_tcp(Address("tcp://rig:9000", "tcp", "rig", 9000), None).name
+    'tcp://rig:9000'
+    """
     address.allow("columns")
-    return TcpSource(address.name, *address.place(EXAMPLE), columns)
+    return TcpSource(address.name, *address.host_and_port(EXAMPLE), columns)

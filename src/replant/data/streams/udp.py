@@ -1,4 +1,4 @@
-"""UDP: datagrams that come to a port of ours, each with one or more samples."""
+"""UDP: datagrams sent to a port of this computer, each with one or more samples."""
 
 from __future__ import annotations
 
@@ -12,24 +12,26 @@ from replant.data.streams.reader import Reader
 from replant.errors import InvalidArgumentError
 
 EXAMPLE = "udp://0.0.0.0:9000"
-#: What the system is asked to keep for us, in bytes; it may grant less.
+#: Receive buffer that is requested from the system, in bytes; the system may grant less.
 BUFFER = 1 << 23
-#: Datagrams read together at the most.
+#: Largest number of datagrams parsed together.
 TOGETHER = 512
 LARGEST_DATAGRAM = 1 << 16
 
 
 class UdpSource(Reader):
-    """Datagrams with lines or packed numbers, `udp://address:port` to listen at.
+    """Datagrams with lines or packed numbers, received at ``udp://address:port``.
 
-    Nobody waits for a full queue: its oldest samples are dropped and counted.
+    A full queue drops its oldest samples and counts them.
 
     Parameters
     ----------
-    name, host : str
-        Which of our addresses to listen at; "0.0.0.0" for all.
+    name : str
+        The URL, for messages.
+    host : str
+        Address of this computer to listen at; "0.0.0.0" for all of them.
     port : int
-        0 for any that is free, see `port`.
+        0 for any free port; the attribute `port` tells which.
     columns : tuple of str or None
         See `Parser`.
     bare : bool
@@ -38,7 +40,7 @@ class UdpSource(Reader):
     Raises
     ------
     InvalidArgumentError
-        If the port is taken, or the address is not ours.
+        If the port is in use, or the address is not one of this computer.
     """
 
     def __init__(
@@ -53,32 +55,53 @@ class UdpSource(Reader):
     def close(self) -> None:
         """Stop listening, see `Source.close`."""
         super().close()
-        if self._state == "connecting":  # never read: nobody else closes it
+        if self._state == "connecting":  # the reading, which closes the socket, has not begun
             self._socket.close()
 
     def _read(self) -> None:
         with self._socket:
             self._connected(again=False)
-            while not self._alarm.rung:
-                if self._alarm.ready(self._socket, 60.0):
-                    self._deliver(self._payloads.parse(self._waiting(), time.monotonic()))
+            while not self._stop.requested:
+                if self._stop.wait_readable(self._socket, 60.0):
+                    self._deliver(self._payloads.parse(self._received(), time.monotonic()))
         self._deliver(self._parser.finish(time.monotonic()))
 
-    def _waiting(self) -> list[bytes]:
-        """Return the datagrams that are there."""
+    def _received(self) -> list[bytes]:
+        """Return the datagrams that have arrived."""
         datagrams: list[bytes] = []
         try:
             while len(datagrams) < TOGETHER:
                 datagrams.append(self._socket.recv(LARGEST_DATAGRAM))
         except BlockingIOError:
             pass
-        except OSError as error:  # what the network says of earlier datagrams is no reason to stop
+        except OSError as error:  # the network reports a fault of earlier datagrams; reading continues
             self.trouble = error.strerror or str(error)
         return datagrams
 
 
 def listen(name: str, host: str, port: int) -> socket.socket:
-    """Return a socket at one of our addresses."""
+    """Return a socket that receives datagrams.
+
+    Parameters
+    ----------
+    name : str
+        The URL, for messages.
+    host : str
+        Address of this computer.
+    port : int
+        0 for any free port.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the port is in use, or the address is not one of this computer.
+
+    Examples
+    --------
+    >>> with listen("udp://127.0.0.1:0", "127.0.0.1", 0) as listener:
+    ...     listener.getsockname()[0]
+    '127.0.0.1'
+    """
     try:
         family, kind, protocol, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         listener = socket.socket(family, kind, protocol)
@@ -98,9 +121,15 @@ def listen(name: str, host: str, port: int) -> socket.socket:
 
 
 def open_udp(address: Address, columns: tuple[str, ...] | None) -> UdpSource:
-    """Return the source that a URL names."""
+    """Return the source of a URL ``udp://``.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If host, port or, for ``format=doubles``, the columns are missing, or the port is in use.
+    """
     address.allow("columns", "format")
     bare = address.one_of("format", ("lines", "doubles"), "lines") == "doubles"
     if bare and columns is None:
         raise InvalidArgumentError(f"{address.name}: format=doubles needs columns; add &columns=t,u,y")
-    return UdpSource(address.name, *address.place(EXAMPLE), columns, bare=bare)
+    return UdpSource(address.name, *address.host_and_port(EXAMPLE), columns, bare=bare)

@@ -1,4 +1,4 @@
-"""The dashboard: one page that shows a running identification, served to this machine's browser."""
+"""The dashboard: a page that shows a running identification in a browser."""
 
 from replant.live.dashboard.hub import Hub
 from replant.live.dashboard.server import Dashboard, serve

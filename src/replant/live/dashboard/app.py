@@ -1,4 +1,4 @@
-"""The application: the page and its assets, one websocket of views, downloads, commands."""
+"""The application: the page and its assets, a websocket for views, downloads, commands."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def create_app(hub: Hub, *, token: str | None, hosts: tuple[str, ...]) -> Starle
     ----------
     hub : Hub
     token : str or None
-        What a browser must bring to be let in; None where only this machine can reach the server.
+        Token that a browser must present; None if only this machine can reach the server.
     hosts : tuple of str
-        Names by which the server may be called.
+        Host names under which the server may be requested.
 
     Raises
     ------
@@ -76,12 +76,12 @@ def create_app(hub: Hub, *, token: str | None, hosts: tuple[str, ...]) -> Starle
 
 
 async def _failed(_: Request, __: Exception) -> Response:
-    """Answer where a mistake of ours was hit, outside of the guard; the server's log gets the mistake itself."""
-    return PlainTextResponse("This could not be done: the terminal says why.\n", 500, headers=HEADERS)
+    """Answer a request that raised an unexpected error, which the server logs.  The guard's headers are set here."""
+    return PlainTextResponse("The request failed: the terminal shows the reason.\n", 500, headers=HEADERS)
 
 
 def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
-    """Return what speaks with the identification."""
+    """Return the routes of views, commands, models and reports."""
 
     async def live(socket: WebSocket) -> None:
         await _stream(hub, socket)
@@ -109,7 +109,7 @@ def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
             return PlainTextResponse(f"{error}\n", 503)
         except Exception:
             logging.getLogger("replant.live").exception("the report could not be made")
-            return PlainTextResponse("The report could not be made: the terminal says why.\n", 500)
+            return PlainTextResponse("The report could not be made: the terminal shows the reason.\n", 500)
 
     return [
         WebSocketRoute("/live", live),
@@ -121,16 +121,16 @@ def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
 
 
 async def _stream(hub: Hub, socket: WebSocket) -> None:
-    """Send views until the last one, or until the browser leaves, or speaks: it has nothing to say here."""
-    if hub.guests >= min(MOST_WATCHING, most_connections() // 2):
-        await socket.close(_TRY_LATER, "too many are watching")
+    """Send views until the last one, or until the browser closes the websocket or sends anything."""
+    if hub.browsers >= min(MOST_WATCHING, most_connections() // 2):
+        await socket.close(_TRY_LATER, "too many browsers are connected")
         return
-    hub.guests += 1
+    hub.browsers += 1
     try:
         await socket.accept()
         await _converse(hub, socket)
     finally:
-        hub.guests -= 1
+        hub.browsers -= 1
 
 
 async def _converse(hub: Hub, socket: WebSocket) -> None:
@@ -141,7 +141,7 @@ async def _converse(hub: Hub, socket: WebSocket) -> None:
         if not heard.done() and hub.ended:
             await socket.close(_OVER, "the session has ended")
         elif heard.done() and heard.result()["type"] == "websocket.receive":
-            await socket.close(_POLICY, "nothing is read here")
+            await socket.close(_POLICY, "messages are not accepted")
     finally:
         for task in (views, heard):
             task.cancel()
@@ -149,7 +149,7 @@ async def _converse(hub: Hub, socket: WebSocket) -> None:
 
 
 async def _send(hub: Hub, socket: WebSocket) -> None:
-    """Send the newest view, wait until it is on its way, and so on: a slow browser slows nobody but itself."""
+    """Send the newest view, wait until it is sent, and repeat: a slow browser delays no other."""
     clock = asyncio.get_running_loop().time
     history_due = 0.0
     async for frame in hub.subscribe():
@@ -159,7 +159,7 @@ async def _send(hub: Hub, socket: WebSocket) -> None:
             if clock() >= history_due:
                 history_due = clock() + HISTORY_PERIOD
                 await socket.send_text(frame.history)
-        except (WebSocketDisconnect, RuntimeError):  # it left meanwhile
+        except (WebSocketDisconnect, RuntimeError):  # the browser has closed the websocket
             return
         await asyncio.sleep(due - clock())
 
@@ -198,7 +198,7 @@ def python_of(model: dict[str, Any]) -> str:
 
 
 def _line(text: Any) -> str:
-    """Return text that cannot leave its line: what stands in a comment must stay there."""
+    """Return text in one line, so that it cannot end the comment in which it stands."""
     return " ".join(str(text).split())
 
 
@@ -210,6 +210,6 @@ def _own(name: str) -> bytes:
 def _assets() -> dict[str, bytes]:
     """Return everything that the page loads, by name."""
     found = {name: _own(name) for name in _OWN}
-    found["palette.css"] = report_asset("palette.css").encode()  # of one house with the report
+    found["palette.css"] = report_asset("palette.css").encode()  # the report's colours
     found["uPlot.js"], found["uPlot.css"] = (text.encode() for text in uplot())
     return found

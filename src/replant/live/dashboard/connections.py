@@ -1,8 +1,8 @@
-"""Connections: how many there may be and for how long, so that those who only connect keep nobody out.
+"""Connections: limits on their number and duration, so that idle clients do not keep browsers out.
 
-Each connection takes a file descriptor, and a process that has none left can do nothing any more.  There are never
-more connections than half of the descriptors: the next one takes the place of the oldest that is not watching, for a
-browser that means it asks at once, gets its answer and is gone, or watches.
+Each connection uses a file descriptor, and a process without free descriptors cannot work.  At most half of the
+descriptors are used for connections.  A further connection replaces the oldest one without an open websocket: a
+genuine browser sends its request at once and then closes the connection, or opens the websocket.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ def most_connections() -> int:
 
 @dataclass(eq=False)
 class _Connection:
-    """A connection, and when it is cut off if nothing happens."""
+    """A connection, with the time at which it is aborted if nothing happens."""
 
     transport: asyncio.Transport
     deadline: asyncio.TimerHandle | None = None
-    watching: bool = False
+    streams: bool = False
 
-    def cut_off_in(self, seconds: float | None) -> None:
-        """Set the time after which it is cut off; None: never."""
+    def abort_in(self, seconds: float | None) -> None:
+        """Set the time after which the connection is aborted; None: never."""
         if self.deadline is not None:
             self.deadline.cancel()
         loop = asyncio.get_running_loop()
@@ -56,23 +56,23 @@ class _Connection:
 
 
 class Connections:
-    """An application in front of the real one, which knows each connection and what it is doing.
+    """An ASGI application in front of another one, which limits number and duration of connections.
 
     Parameters
     ----------
     app : ASGI application
     most : int
-        Connections at a time.
+        Largest number of connections.
     notice : callable
-        Gets a line of text when something had to be cut off.
+        Called with a line of text when a connection had to be aborted.
     """
 
     def __init__(self, app: ASGIApp, most: int, notice: Callable[[str], None]) -> None:
         self.app, self.most, self._notice = app, most, notice
-        self._open: dict[tuple[str, int], _Connection] = {}  # by the address of the other side, the oldest first
+        self._open: dict[tuple[str, int], _Connection] = {}  # by the client's address, the oldest first
 
     def protocol(self) -> type[H11Protocol]:
-        """Return what the server is to make of each connection."""
+        """Return the protocol class with which the server handles each connection."""
         connections = self
 
         class Protocol(H11Protocol):
@@ -87,45 +87,45 @@ class Connections:
         return Protocol
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve a request while its connection's clock runs."""
+        """Serve a request, with a limit on its duration."""
         client: tuple[str, int] = tuple(scope.get("client") or ("", 0))
         connection = self._open.get(client)
-        if connection is None:  # cut off meanwhile: whatever is said goes nowhere
+        if connection is None:  # aborted meanwhile: the answer is not sent
             await self.app(scope, receive, send)
             return
 
         async def answer(message: Message) -> None:
             if message["type"] == "websocket.accept":
-                connection.watching = True
-                connection.cut_off_in(None)
+                connection.streams = True
+                connection.abort_in(None)
             await send(message)
 
-        connection.cut_off_in(ANSWERING)
+        connection.abort_in(ANSWERING)
         try:
             await self.app(scope, receive, answer)
         finally:
-            connection.watching = False
-            if scope["type"] == "websocket":  # its end is told to the websocket's own protocol, not to ours
-                connection.cut_off_in(LEAVING)
+            connection.streams = False
+            if scope["type"] == "websocket":  # its end is reported to the websocket's protocol class, not to this one
+                connection.abort_in(LEAVING)
                 self._closed(client)
             elif client in self._open:
-                connection.cut_off_in(ASKING)
+                connection.abort_in(ASKING)
 
     def _opened(self, transport: asyncio.Transport) -> None:
         asyncio.get_running_loop().set_exception_handler(self._failed)
         peer = transport.get_extra_info("peername")
-        if peer is None:  # gone already
+        if peer is None:  # closed already
             transport.abort()
             return
         if len(self._open) >= self.most:
-            self._notice(f"more than {self.most} connections: the oldest that do not watch are cut off")
-            oldest = next((at for at, found in self._open.items() if not found.watching), None)
+            self._notice(f"more than {self.most} connections: the oldest without a websocket are closed")
+            oldest = next((at for at, found in self._open.items() if not found.streams), None)
             if oldest is None:
                 transport.abort()
                 return
             self._open.pop(oldest).transport.abort()
         connection = _Connection(transport)
-        connection.cut_off_in(ASKING)
+        connection.abort_in(ASKING)
         self._open[str(peer[0]), int(peer[1])] = connection
 
     def _closed(self, client: tuple[str, int] | None) -> None:
@@ -133,6 +133,6 @@ class Connections:
             self._open.pop(client, None)
 
     def _failed(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Say what went wrong beside all requests, as when there are no file descriptors for another connection."""
+        """Report an error outside of all requests, such as a lack of file descriptors for a connection."""
         error = context.get("exception")
         self._notice(" ".join(f"{context.get('message')} ({error})".split()))

@@ -1,4 +1,4 @@
-"""Hub: the newest view of the identification, handed to every browser that watches; commands and reports go back."""
+"""Hub: passes the newest view to every browser, and commands and requests for reports to the identification."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 
 from replant.errors import ReplantError
 
-#: What a page may ask of the identification.
+#: The commands that a page may send to the identification.
 COMMANDS = ("freeze", "adapt", "reset")
 DIGITS = 7  # of a number that is only drawn: a screen shows four
 _DRAWN = ("window", "bode", "history")
@@ -20,14 +20,14 @@ _DRAWN = ("window", "bode", "history")
 
 @dataclass(frozen=True)
 class Frame:
-    """One view as it goes over the wire, written once for all browsers.
+    """A view as it is sent, serialized once for all browsers.
 
     Attributes
     ----------
     number : int
         Counts up from 1.
     view, history : str
-        JSON objects: the view but for its history; and the history alone, which is long and changes slowly.
+        JSON objects: the view without its history; the history alone, which is long and changes slowly.
     """
 
     number: int
@@ -36,18 +36,18 @@ class Frame:
 
 
 class Hub:
-    """Where the identification leaves its newest view, and where browsers fetch it.
+    """Holds the newest view, which the identification publishes and browsers fetch.
 
-    Nothing is queued: who comes late gets the newest view and never learns of those in between.
+    Views are not queued: a slow browser gets the newest view and misses those in between.
 
     Parameters
     ----------
     command : callable
-        Called with one of ``COMMANDS``, in the server's thread; must return at once.
+        Called with one of ``COMMANDS``, in the server's thread; it must return at once.
     report : callable
-        Returns a report as HTML; called in a thread of its own, one call at a time.
+        Returns a report as HTML; called in a separate thread, one call at a time.
     notice : callable
-        Gets a line of text for whoever runs the identification, from the server's thread.
+        Called with a line of text for the user at the terminal, from the server's thread.
 
     Examples
     --------
@@ -70,7 +70,7 @@ class Hub:
         self._report = report
         self.notice = notice
         self.ended = False
-        self.guests = 0  # browsers that have been let in and not been seen off
+        self.browsers = 0  # number of browsers with an open websocket
         self._newest: tuple[int, dict[str, Any] | None] = (0, None)
         self._frame: Frame | None = None
         self._waiting: set[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = set()
@@ -82,28 +82,28 @@ class Hub:
         return self._newest[1]
 
     def publish(self, view: dict[str, Any]) -> None:
-        """Replace the newest view; from any thread, at the price of a few microseconds while nobody watches.
+        """Replace the newest view; from any thread.  Without browsers this takes a few microseconds.
 
         Parameters
         ----------
         view : dict
-            `View.to_json()`: plain JSON values, None where a figure is not known.
+            `View.to_json()`: JSON values, None for unknown numbers.
         """
         self._newest = (self._newest[0] + 1, view)
         self._wake()
 
     def end(self) -> None:
-        """Say that no view follows the newest: who has got that is told so; from any thread."""
+        """Mark that no view follows the newest one; browsers that have it are then disconnected.  From any thread."""
         self.ended = True
         self._wake()
 
     def _wake(self) -> None:
         for loop, event in tuple(self._waiting):
-            with contextlib.suppress(RuntimeError):  # its loop has just been closed
+            with contextlib.suppress(RuntimeError):  # the event loop has just been closed
                 loop.call_soon_threadsafe(event.set)
 
     async def subscribe(self) -> AsyncIterator[Frame]:
-        """Yield the newest frame at once and then whenever there is a newer one, until the end; none twice."""
+        """Yield the newest frame at once, then each newer one, until the end; no frame twice."""
         entry = (asyncio.get_running_loop(), asyncio.Event())
         self._waiting.add(entry)
         seen = 0
@@ -122,7 +122,7 @@ class Hub:
             self._waiting.discard(entry)
 
     def _written(self) -> Frame | None:
-        """Return the newest view as a frame, written when the first browser asks for it."""
+        """Return the newest view as a frame, which is serialized when the first browser asks for it."""
         number, view = self._newest
         if view is not None and (self._frame is None or self._frame.number != number):
             shown = {key: _rounded(value) if key in _DRAWN else value for key, value in view.items()}
@@ -132,11 +132,11 @@ class Hub:
 
     @property
     def watching(self) -> int:
-        """How many subscribers there are: guests that have been shown a view, or wait for the next."""
+        """Number of browsers that are subscribed to views."""
         return len(self._waiting)
 
     def command(self, name: str) -> None:
-        """Hand a command to the identification.
+        """Send a command to the identification.
 
         Raises
         ------
@@ -164,7 +164,7 @@ class Hub:
             While another one is being made.
         """
         if not self._reporting.acquire(blocking=False):
-            raise ReplantError("a report is being made already: try again when it is there")
+            raise ReplantError("a report is being made already: try again when it is finished")
         try:
             return await asyncio.to_thread(self._report)
         finally:
@@ -172,7 +172,7 @@ class Hub:
 
 
 def _rounded(value: Any) -> Any:
-    """Return ``value`` with its numbers cut to the digits that can be seen: half the bytes."""
+    """Return ``value`` with its numbers rounded to the visible digits, which halves the number of bytes."""
     if isinstance(value, float):
         return float(f"{value:.{DIGITS}g}")
     if isinstance(value, list | tuple):

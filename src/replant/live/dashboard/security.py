@@ -1,7 +1,8 @@
-"""Security: who may see the page and who may act on the identification; in front of everything that is served.
+"""Security: checks every request, to decide who may see the page and who may send commands.
 
-A page on the network can make a browser send requests here: so the Host header must name this server (no rebound
-names), what acts or streams must come from this page's own origin, and whoever listens elsewhere needs a token.
+A foreign web page can make a browser send requests to this server.  Therefore the Host header must name this server,
+which prevents DNS rebinding; commands and websockets must have the page's own origin; and a server that other machines
+can reach requires a token.
 """
 
 from __future__ import annotations
@@ -35,17 +36,17 @@ _SAFE = ("GET", "HEAD")
 
 
 class Guard:
-    """Lets through what comes from the right place with the right token, and adds the headers to what goes out.
+    """Passes on requests with the right host, origin and token, and adds security headers to the answers.
 
     Parameters
     ----------
     app : ASGI application
     token : str or None
-        What a browser must bring: once as ``?token=...`` and from then on in a cookie; a program brings it as
-        ``Authorization: Bearer ...``.  None asks for nothing.
+        Token that a request must carry: a browser once as ``?token=...`` and then in a cookie, a program as
+        ``Authorization: Bearer ...``.  None: no token is required.
     hosts : tuple of str
-        Names by which this server may be called; the very address that a connection came in on always may, for
-        nobody can make a browser take a number for another.
+        Host names under which this server may be requested.  The IP address of the connection is always allowed: DNS
+        rebinding needs a name.
     """
 
     def __init__(self, app: ASGIApp, token: str | None, hosts: tuple[str, ...]) -> None:
@@ -82,26 +83,26 @@ class Guard:
             await self.app(scope, receive, answer)
         elif scope["type"] == "http":
             await PlainTextResponse(refused[1] + "\n", refused[0])(scope, receive, answer)
-        else:  # before it is accepted: the browser gets 403
+        else:  # the websocket is not accepted yet: the browser gets status 403
             await receive()
             await send({"type": "websocket.close", "code": 1008, "reason": refused[1]})
 
     def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str] | None:
-        """Return status and reason, None for a request that may pass."""
-        if not self._is_for_us(scope, headers):
-            return 421, "This server does not go by that name: open it under the address that it printed."
+        """Return status and reason of a refusal; None for a request that is allowed."""
+        if not self._names_this_server(scope, headers):
+            return 421, "This server is not known by that name: open the address that it printed."
         acts = scope["type"] == "websocket" or scope["method"] not in _SAFE
         if acts and not _is_same_origin(headers):
             return 403, "Only the dashboard's own page may do that."
-        if self.token is None or self._brings_cookie(scope, headers):
+        if self.token is None or self._has_cookie(scope, headers):
             return None
         if self._waiting >= MOST_WAITING:
             return 503, "Too many wrong tokens are being tried: try again in a minute."
-        if not self._brings_token(scope, headers):
-            return 401, "A token is needed: open the whole address that was printed, with ?token= at its end."
+        if not self._has_token(scope, headers):
+            return 401, "A token is required: open the whole address that was printed, with ?token= at its end."
         return None
 
-    def _is_for_us(self, scope: Scope, headers: Headers) -> bool:
+    def _names_this_server(self, scope: Scope, headers: Headers) -> bool:
         named = headers.getlist("host")
         name = _host(f"//{named[0]}") if len(named) == 1 else None
         if name is None:
@@ -109,7 +110,7 @@ class Guard:
         server = scope.get("server")
         return name in self.hosts or (server is not None and name == server[0])
 
-    def _brings_token(self, scope: Scope, headers: Headers) -> bool:
+    def _has_token(self, scope: Scope, headers: Headers) -> bool:
         assert self.token is not None
         kind, _, bearer = headers.get("authorization", "").partition(" ")
         brought = [bearer.strip()] if kind.lower() == "bearer" else []
@@ -117,7 +118,7 @@ class Guard:
             brought += _query(scope).get("token", [])[:1]
         return any(hmac.compare_digest(one[:LONGEST_TOKEN].encode(), self.token) for one in brought)
 
-    def _brings_cookie(self, scope: Scope, headers: Headers) -> bool:
+    def _has_cookie(self, scope: Scope, headers: Headers) -> bool:
         try:
             morsel = SimpleCookie(headers.get("cookie", "")).get(self._cookie_name(scope))
         except CookieError:
@@ -128,12 +129,12 @@ class Guard:
         return f"{self._cookie_name(scope)}={self._proof()}; HttpOnly; SameSite=Strict; Path=/"
 
     def _cookie_name(self, scope: Scope) -> str:
-        """Return a name with the port in it: a browser keeps one cookie for all ports of a host."""
+        """Return the cookie's name, which contains the port: browsers share cookies between all ports of a host."""
         server = scope.get("server")
         return f"replant-{server[1] if server else 0}"
 
     def _proof(self) -> str:
-        """Return what the cookie holds: it shows that the token was known, and does not hold it."""
+        """Return the cookie's value: it proves that the token was known, and does not reveal it."""
         assert self.token is not None
         return hmac.new(self.token, b"replant dashboard", hashlib.sha256).hexdigest()
 
@@ -143,7 +144,7 @@ def _query(scope: Scope) -> dict[str, list[str]]:
 
 
 def _is_same_origin(headers: Headers) -> bool:
-    """Whether the page that asks was served under the very host and port that it asks."""
+    """Return whether the requesting page was served under the same host and port."""
     try:
         origin = urlsplit(headers.get("origin", ""))
     except ValueError:
@@ -152,10 +153,10 @@ def _is_same_origin(headers: Headers) -> bool:
 
 
 def _host(address: str) -> str | None:
-    """Return the name in an address without port and brackets, None if it has none."""
+    """Return the host name of an address, without port and brackets; None if there is none."""
     try:
         parts = urlsplit(address)
-        parts.port  # noqa: B018 - raises for a port that is none
+        parts.port  # noqa: B018 - raises for an invalid port
     except ValueError:
         return None
     return None if "@" in parts.netloc or parts.path else parts.hostname

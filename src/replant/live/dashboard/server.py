@@ -1,4 +1,4 @@
-"""The server: the dashboard in a thread, at an address that only this machine reaches unless a token guards it."""
+"""The server: serves the dashboard from a thread; an address that other machines can reach requires a token."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
 class Dashboard:
-    """A dashboard being served, until `stop` or the end of a with block.
+    """A running server of the dashboard, until `stop` or the end of a ``with`` block.
 
     Attributes
     ----------
     url : str
-        What to open, with the token where one is needed.
+        Address of the page, with the token if one is required.
     port : int
     """
 
@@ -55,18 +55,18 @@ class Dashboard:
 
     @property
     def alive(self) -> bool:
-        """Whether it is being served."""
+        """Whether the server is running."""
         return self._thread.is_alive()
 
-    def say_goodbye(self) -> None:
-        """Tell all browsers that no view follows the newest, so that they need not come back."""
+    def announce_end(self) -> None:
+        """Tell all browsers that the session has ended, so that they do not connect again."""
         self._hub.end()
         given_up = time.monotonic() + GRACE
-        while self._hub.guests and self.alive and time.monotonic() < given_up:
+        while self._hub.browsers and self.alive and time.monotonic() < given_up:
             time.sleep(0.01)
 
     def stop(self) -> None:
-        """Hang up on all browsers and end the thread; who was not said goodbye to tries to connect again."""
+        """Close all connections and end the thread; without `announce_end` browsers try to connect again."""
         self._server.should_exit = True
         self._thread.join()
 
@@ -82,23 +82,23 @@ class Dashboard:
 
 
 def serve(hub: Hub, host: str = "127.0.0.1", port: int = 0, token: str | None = None) -> Dashboard:
-    """Serve the dashboard of ``hub`` from a thread, and return once it answers.
+    """Serve the dashboard of ``hub`` from a thread, and return when the server is ready.
 
     Parameters
     ----------
     hub : Hub
     host : str
-        Address to listen on; any but this machine's own (127.0.0.1, ::1, localhost) needs a token.
+        Address to listen on; any other than 127.0.0.1, ::1 and localhost requires a token.
     port : int
-        0 takes a free one.
+        0 for any free port.
     token : str, optional
-        What a browser must bring.
+        Token that a browser must present.
 
     Raises
     ------
     InvalidArgumentError
-        For an address of the network without a token, a token that no header can carry, or an address that cannot be
-        listened on.
+        If another machine can reach the address and there is no token, if the token is not printable ASCII, or if the
+        server cannot listen on the address.
     MissingDependencyError
         Without the packages of the extra ``live``.
 
@@ -146,7 +146,7 @@ def _check(host: str, port: int, token: str | None) -> None:
     if token is not None and not (token and token.isascii() and token.isprintable() and " " not in token):
         raise InvalidArgumentError("token must be printable ASCII without spaces, and not empty")
     if token is None and not _is_loopback(host):
-        raise InvalidArgumentError(f"listening on {host} lets the whole network in: give a token, or use 127.0.0.1")
+        raise InvalidArgumentError(f"other machines can reach {host}: give a token, or use 127.0.0.1")
 
 
 def _is_loopback(host: str) -> bool:
@@ -157,7 +157,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def _names(host: str) -> tuple[str, ...]:
-    """Return the names that people may type to get to a server on ``host``."""
+    """Return the host names under which a server on ``host`` can be requested."""
     if _is_loopback(host):
         return _LOOPBACK
     name = socket.gethostname()  # not getfqdn, which without a network waits for a name server
@@ -165,7 +165,7 @@ def _names(host: str) -> tuple[str, ...]:
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """Return a socket that listens: binding here, not in the thread, lets an address in use be said in one line."""
+    """Return a listening socket, bound in the calling thread so that an address in use raises the error there."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         listening = socket.socket(family, kind, protocol)

@@ -1,1 +1,1 @@
-"""The observer: a process of its own that judges the estimate and shows it."""
+"""The observer: a separate process that judges the estimate and shows it."""

@@ -1,44 +1,32 @@
-"""Observer: the session's end of the process that makes views, so that the session never waits for one."""
+"""Observer: the session's interface to the process that judges and shows the estimate; it never waits for a view."""
 
 from __future__ import annotations
 
-import atexit
 import contextlib
-import multiprocessing
-import queue
-import signal
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
-from multiprocessing import resource_tracker
-from multiprocessing.connection import Connection
 
 from replant.errors import InvalidArgumentError
 from replant.live.observer.process import (
-    ENDING,
     Command,
     Failed,
     Handover,
     Notice,
     NoView,
-    Orders,
+    ObserverOptions,
     Serving,
-    observe,
 )
-from replant.live.observer.view import Pulse, View
-from replant.live.outputs.disk_writer import one_line
+from replant.live.observer.spawn import GOODBYE, ObserverProcess
+from replant.live.observer.view import SessionInfo, View
 from replant.live.outputs.notices import Notices
 from replant.online.identifier import Identifier
-from replant.system.refusals import refusal
+from replant.system.refusals import one_line, refusal
 from replant.system.worker import Worker
 
 INTERVAL = 0.2  # s between two handovers at the least
 SHARE = 0.02  # of the session's time that handing over may take
-GOODBYE = 5.0  # s that the process gets to end by itself
-PATIENCE = 20.0  # s that the last view may take: the process may just have begun to compile
+LAST_VIEW_TIMEOUT = 20.0  # s that the last view may take: the process may just have begun to compile
 STARTING = 120.0  # s that the process may take to serve the dashboard: it imports everything anew
 TOO_OLD = 5.0  # s after which a view says nothing of the present any more
 PAUSES = 0.5, 30.0  # s, first and longest pause before it is started again
@@ -47,112 +35,112 @@ RESTARTS = "observer restarts"  # as it is counted
 
 
 class Observer:
-    """Hand an identifier's state to a process of its own whenever that is idle, and take the views it makes.
+    """Sends the identifier's state to the observer's process whenever that is idle, and receives its views.
 
-    Should the process die it is started again, each time after a longer pause; the session goes on without it in any
-    case.
+    A process that dies is started again, each time after a longer pause.  The session continues without it.
 
     Parameters
     ----------
-    orders : Orders
+    options : ObserverOptions
 
     Raises
     ------
     InvalidArgumentError
-        If the dashboard that the orders ask for cannot be served.
+        If the dashboard that the options ask for cannot be served.
     """
 
-    def __init__(self, orders: Orders) -> None:
-        self._orders = orders
+    def __init__(self, options: ObserverOptions) -> None:
+        self._options = options
         self._view: View | None = None
-        self._viewed = 0.0
-        self._lines: list[str] = []
+        self._viewed = 0.0  # when the view came
+        self._lines: list[str] = []  # to be shown with the next handover
         self._notices = Notices(self.show)
         self._restarts, self._pause = 0, PAUSES[0]
         self._commands: list[str] = []
         self.url = ""
         self._alive = self._busy = self._knows_state = False
-        self._handed = self._due = 0.0
-        self._starting: Worker | None = None
-        self._life: _Life | None = None
-        self._revived: _Life | None = None
-        self._take_over(_Life(orders))
-        if orders.dashboard is not None:
+        self._handed = self._due = 0.0  # time of the last handover; earliest time of the next handover or restart
+        self._restarter: Worker | None = None
+        self._process: ObserverProcess | None = None
+        self._restarted: ObserverProcess | None = None
+        self._use(ObserverProcess(options))
+        if options.dashboard is not None:
             try:
-                self._await_dashboard()
+                self._wait_for_dashboard()
             except BaseException:
                 self.close()
                 raise
 
-    def _take_over(self, life: _Life) -> None:
-        self._life, self._alive = life, True
+    def _use(self, process: ObserverProcess) -> None:
+        self._process, self._alive = process, True
         self._busy = self._knows_state = False
         self._handed = self._due = 0.0
 
-    def _await_dashboard(self) -> None:
-        """Wait for the process to say that the dashboard answers."""
-        given_up = time.monotonic() + STARTING
-        while self._alive and not self.url and time.monotonic() < given_up:
-            assert self._life is not None
-            self._life.connection.poll(0.1)
-            self._hear(first=True)
+    def _wait_for_dashboard(self) -> None:
+        """Wait until the process reports that the dashboard is being served."""
+        deadline = time.monotonic() + STARTING
+        while self._alive and not self.url and time.monotonic() < deadline:
+            assert self._process is not None
+            self._process.connection.poll(0.1)
+            self._receive_all(first=True)
         if not self.url:
             raise InvalidArgumentError("the dashboard's process does not answer: see the lines above")
 
     @property
     def view(self) -> View | None:
-        """The newest view; None before the first, and when it is too old or nobody makes one any more."""
+        """The newest view; None before the first one, if it is too old, and while no process runs."""
         return self._view if self._alive and time.monotonic() - self._viewed < TOO_OLD else None
 
     @property
     def last(self) -> View | None:
-        """The newest view however old; None before the first."""
+        """The newest view, however old; None before the first one."""
         return self._view
 
     def show(self, line: str) -> None:
-        """Have a line shown at the terminal, above the status once there is one: the first handover draws it."""
-        if self._alive and self._orders.terminal and self._knows_state:
+        """Show a line at the terminal, above the status; before the first handover there is no status."""
+        if self._alive and self._options.terminal and self._knows_state:
             self._lines.append(line)
         else:
             _print(line)
 
     def poll(self) -> list[str]:
-        """Take what has come from the process; return what the dashboard's users ask for."""
+        """Receive the process's messages, restart it if it has ended; return the commands from the dashboard."""
         if self._alive:
-            self._hear()
-        elif self._starting is None and time.monotonic() >= self._due:
-            # in a thread of its own: until the process takes its orders the start of it may block
-            reviver = Worker(self._revive)
+            self._receive_all()
+        elif self._restarter is None and time.monotonic() >= self._due:
+            # in a separate thread, because starting a process blocks until the process has read its options
+            restarter = Worker(self._restart)
             try:
-                reviver.start()
-                self._starting = reviver
+                restarter.start()
+                self._restarter = restarter
             except RuntimeError as error:
-                self._not_yet(error)
-        elif self._starting is not None and not self._starting.is_alive():
-            self._starting = None
-            if self._revived is None:
-                self._due = time.monotonic() + self._longer_pause()
+                self._report_failed_start(error)
+        elif self._restarter is not None and not self._restarter.is_alive():
+            self._restarter = None
+            if self._restarted is None:
+                self._due = time.monotonic() + self._next_pause()
             else:
-                self._take_over(self._revived)
+                self._use(self._restarted)
         commands, self._commands = self._commands, []
         return commands
 
-    def _hear(self, *, first: bool = False) -> None:
-        assert self._life is not None
+    def _receive_all(self, *, first: bool = False) -> None:
+        """Receive all waiting messages; ``first``: a dashboard that fails raises the error."""
+        assert self._process is not None
         try:
-            while self._life.connection.poll(0):
-                self._take(self._life.connection.recv(), first=first)
-            if not self._life.sends:  # what it could not send is waited for in vain
+            while self._process.connection.poll(0):
+                self._receive(self._process.connection.recv(), first=first)
+            if not self._process.sends:  # no answer follows to a message that was not sent
                 raise EOFError
-        except (EOFError, OSError, MemoryError):  # half a message may have been taken: there is no going on with it
-            self._died()
+        except (EOFError, OSError, MemoryError):  # a message may have been read in part: the connection is unusable
+            self._handle_exit()
 
-    def _take(self, message: object, *, first: bool) -> None:
+    def _receive(self, message: object, *, first: bool) -> None:
         match message:
             case View() | NoView():
                 now = time.monotonic()
                 self._busy = False
-                self._due = max(self._due, now + (now - self._handed))  # no more than half of its time
+                self._due = max(self._due, now + (now - self._handed))  # the process is busy at most half of its time
                 if isinstance(message, View):
                     self._view, self._viewed = message, now
             case Command(name):
@@ -166,191 +154,101 @@ class Observer:
                     raise InvalidArgumentError(reason)
                 self._notices.say("dashboard", f"replant: {reason}; trying again")
 
-    def hand(self, identifier: Identifier, pulse: Pulse, *, learned: bool) -> bool:
-        """Hand over the pulse, and the identifier's state if it has learned since, unless the process is at work.
+    def hand_over(self, identifier: Identifier, info: SessionInfo, *, learned: bool) -> bool:
+        """Send the state to the process, unless the process is busy or the last handover was too recent.
+
+        Parameters
+        ----------
+        identifier : Identifier
+        info : SessionInfo
+        learned : bool
+            Whether the identifier has learned since the last handover.  If not, only ``info`` is sent.
 
         Returns
         -------
         bool
-            Whether it was handed over.
+            Whether anything was sent.
         """
         now = time.monotonic()
         if not self._alive or self._busy or now < self._due:
             return False
-        assert self._life is not None
+        assert self._process is not None
         if self._restarts:
-            pulse = replace(pulse, counters={**pulse.counters, RESTARTS: self._restarts})
-        begun = time.thread_time()
+            info = replace(info, counters={**info.counters, RESTARTS: self._restarts})
+        start = time.thread_time()
         state = identifier.to_bytes() if learned or not self._knows_state else None
-        cost = time.thread_time() - begun
-        self._life.outbox.put(Handover(pulse, tuple(self._lines), state))
+        cost = time.thread_time() - start
+        self._process.outbox.put(Handover(info, tuple(self._lines), state))
         self._lines.clear()
         self._busy = self._knows_state = True
         self._handed = now
         self._due = now + max(INTERVAL, cost / SHARE)
         return True
 
-    def look_again(self, identifier: Identifier, pulse: Pulse) -> None:
-        """Wait for the view of this very state, as long as a session that ends may take."""
-        given_up, handed = time.monotonic() + PATIENCE, False
-        while self._alive and time.monotonic() < given_up and (self._busy or not handed):
-            assert self._life is not None
-            self._life.connection.poll(0.02)
-            self._hear()
+    def wait_for_view(self, identifier: Identifier, info: SessionInfo) -> None:
+        """Send the state and wait for its view, at most `LAST_VIEW_TIMEOUT`; for the end of a session."""
+        deadline, handed = time.monotonic() + LAST_VIEW_TIMEOUT, False
+        while self._alive and time.monotonic() < deadline and (self._busy or not handed):
+            assert self._process is not None
+            self._process.connection.poll(0.02)
+            self._receive_all()
             if not handed:
                 self._due = 0.0
-                handed = self.hand(identifier, pulse, learned=True)
+                handed = self.hand_over(identifier, info, learned=True)
 
-    def _died(self) -> None:
-        assert self._life is not None
+    def _handle_exit(self) -> None:
+        """Clean up after a process that has ended, and schedule the next one."""
+        assert self._process is not None
         self._alive = False
-        self._life.bury()
+        self._process.clean_up()
         lost, self._lines = self._lines, []
         for line in lost:
             self.show(line)
-        if time.monotonic() - self._life.begun > LONG_LIFE:
+        if time.monotonic() - self._process.start > LONG_LIFE:
             self._pause = PAUSES[0]
-        pause = self._longer_pause()
+        pause = self._next_pause()
         self._due = time.monotonic() + pause
         self._restarts += 1
         self._notices.say(
             "observer",
-            f"replant: the process that makes verdict, status and dashboard ended ({self._life.end}); "
+            f"replant: the process that makes verdict, status and dashboard ended ({self._process.exit_reason}); "
             f"it is started again in {pause:.1f} s, and nothing is trusted until then",
         )
         if self._view is not None:
-            self._orders = replace(self._orders, history=self._view.history)
+            self._options = replace(self._options, history=self._view.history)
 
-    def _longer_pause(self) -> float:
+    def _next_pause(self) -> float:
+        """Return the pause before the next start, and double the one after it."""
         pause, self._pause = self._pause, min(2.0 * self._pause, PAUSES[1])
         return pause
 
-    def _revive(self) -> None:
-        """Start a new process; runs in a thread of its own."""
-        self._revived = None
+    def _restart(self) -> None:
+        """Start a new process; runs in a separate thread."""
+        self._restarted = None
         try:
-            self._revived = _Life(self._orders)
-        except Exception as error:  # no memory, no descriptors, no processes left: perhaps there are later
-            self._not_yet(error)
+            self._restarted = ObserverProcess(self._options)
+        except Exception as error:  # no memory, file descriptors or processes left; there may be some later
+            self._report_failed_start(error)
 
-    def _not_yet(self, error: Exception) -> None:
+    def _report_failed_start(self, error: Exception) -> None:
         reason = refusal(error) or one_line(error)
         self._due = time.monotonic() + self._pause
         self._notices.say("start", f"replant: the observer cannot be started: {reason}; trying again")
 
     def close(self) -> None:
-        """Let the process end; lines not shown yet go to standard error."""
-        if self._starting is not None:
-            self._starting.join(GOODBYE)
-            if self._revived is not None:
-                self._revived.end_now(wait=0.0)
-        if self._alive and self._life is not None:
-            self._life.end_now(wait=GOODBYE)
+        """End the process; lines that were not shown yet are printed to standard error."""
+        if self._restarter is not None:
+            self._restarter.join(GOODBYE)
+            if self._restarted is not None:
+                self._restarted.end(wait=0.0)
+        if self._alive and self._process is not None:
+            self._process.end(wait=GOODBYE)
             self._alive = False
         for line in self._lines:
             _print(line)
         self._lines.clear()
 
 
-class _Life:
-    """One process, with what leads to it.
-
-    Attributes
-    ----------
-    connection : Connection
-    outbox : Queue
-        What is put there is sent, by a thread: a pipe is too small for a state, and the session must not wait.
-    begun : float
-    """
-
-    def __init__(self, orders: Orders) -> None:
-        context = multiprocessing.get_context("spawn")
-        self.outbox: queue.Queue[Handover | None] = queue.Queue()
-        self.connection, theirs = context.Pipe()
-        with contextlib.ExitStack() as undo:  # what the system refuses half-way leaves nothing behind
-            undo.callback(self.connection.close)
-            with theirs:
-                self._process = context.Process(
-                    target=observe, args=(theirs, orders), name="replant observer", daemon=True
-                )  # fmt: skip
-                with _out_of_reach_of_signals():
-                    self._process.start()
-            undo.callback(self._kill)
-            atexit.register(self._process.kill)  # else an exit without `close` would ask it to end, and wait for ever
-            self._sender = Worker(partial(_send_all, self.connection, self.outbox))
-            self._sender.start()
-            self.begun = time.monotonic()
-            undo.pop_all()
-
-    @property
-    def sends(self) -> bool:
-        """Whether what is put into the outbox is still sent."""
-        return self._sender.is_alive()
-
-    @property
-    def pid(self) -> int | None:
-        """The process's number."""
-        return self._process.pid
-
-    @property
-    def end(self) -> str:
-        """How it ended, in words."""
-        code = self._process.exitcode
-        if code is None:
-            return "it hung up"
-        return f"signal {-code}" if code < 0 else f"exit code {code}"
-
-    def bury(self) -> None:
-        """Let go of a process that has hung up; one that goes on all the same is killed."""
-        self.connection.close()
-        self.outbox.put(None)
-        self._process.join(0.2)
-        self._kill()
-
-    def _kill(self) -> None:
-        """End the process at once, if it has not ended."""
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join(GOODBYE)
-        atexit.unregister(self._process.kill)
-
-    def end_now(self, *, wait: float) -> None:
-        """Ask it to end, and kill it if it has not within ``wait`` s."""
-        self.outbox.put(None)
-        self._process.join(wait)
-        self.bury()
-
-
 def _print(line: str) -> None:
-    with contextlib.suppress(OSError):  # nobody reads any more, as after `| head`: no reason to stop
+    with contextlib.suppress(OSError):  # standard error was closed, as after `| head`: no reason to stop
         print(line, file=sys.stderr, flush=True)
-
-
-def _send_all(connection: Connection, outbox: queue.Queue[Handover | None]) -> None:
-    """Send what comes, the last None included; a pipe is too small for a state, and the session must not wait."""
-    while True:
-        message = outbox.get()
-        try:
-            connection.send(message)
-        except (OSError, MemoryError):  # `Observer.poll` finds this thread at its end
-            return
-        if message is None:
-            return
-
-
-@contextmanager
-def _out_of_reach_of_signals() -> Iterator[None]:
-    """Start processes that no signal ends which asks for the end of a session.
-
-    Ctrl-C, `timeout` and service managers send theirs to every process of a group: the session ends on it, and takes
-    its last view from the observer after that.  Blocked, a signal meant for this process meanwhile only waits.
-    """
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    resource_tracker.ensure_running()  # begun later, by the start of a process, it would let signals through again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

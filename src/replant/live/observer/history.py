@@ -1,4 +1,4 @@
-"""History: the estimate over a run of any length, in memory that does not grow."""
+"""History: the estimate over a run of any length, in bounded memory."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from replant.live.observer.view import Rows
 MOST_ROWS = 1000
 
 
-class History:
-    """Rows of (t, parameters, std), one a view; when they get too many every second one goes.
+class EstimateHistory:
+    """Rows of (t, parameters, std), one for each view; when there are too many, every second row is dropped.
 
     Parameters
     ----------
@@ -20,7 +20,7 @@ class History:
 
     Examples
     --------
-    >>> history = History(1)
+    >>> history = EstimateHistory(1)
     >>> for k in range(5000):
     ...     history.append(float(k), np.array([0.5]), np.array([0.1]))
     >>> rows = history.rows()
@@ -29,35 +29,42 @@ class History:
     """
 
     def __init__(self, size: int) -> None:
-        self._kept = np.empty((MOST_ROWS, 1 + 2 * size))
+        self._table = np.empty((MOST_ROWS, 1 + 2 * size))
         self._size = size
         self.clear()
 
     def clear(self) -> None:
-        """Forget every row."""
-        self._rows = self._taken = 0
-        self._stride = 1
+        """Drop every row."""
+        self._rows = self._appended = 0
+        self._stride = 1  # of the rows appended, one in so many stays
         self._newest_stays = True
 
     def restore(self, rows: Rows) -> None:
-        """Begin with rows taken before."""
+        """Append the rows of an earlier history."""
         for t, parameters, std in zip(rows.t.tolist(), rows.parameters, rows.std, strict=True):
             self.append(t, parameters, std)
 
     def append(self, t: float, parameters: FloatArray, std: FloatArray) -> None:
-        """Take the newest row; it is shown in any case, and stays if it is a stride away from the last that did."""
+        """Append the newest row.  It stays if its number is a multiple of the stride; else the next row replaces it.
+
+        Parameters
+        ----------
+        t : float
+            Rig time in s.
+        parameters, std : (P,) arrays
+        """
         if self._rows and not self._newest_stays:
             self._rows -= 1
         if self._rows == MOST_ROWS:
-            self._kept[: MOST_ROWS // 2] = self._kept[::2].copy()
+            self._table[: MOST_ROWS // 2] = self._table[::2].copy()
             self._rows = MOST_ROWS // 2
             self._stride *= 2
-        self._kept[self._rows] = np.concatenate([[t], parameters, std])
+        self._table[self._rows] = np.concatenate([[t], parameters, std])
         self._rows += 1
-        self._newest_stays = self._taken % self._stride == 0
-        self._taken += 1
+        self._newest_stays = self._appended % self._stride == 0
+        self._appended += 1
 
     def rows(self) -> Rows:
-        """Return the rows kept, and the newest."""
-        kept = self._kept[: self._rows].copy()
-        return Rows(kept[:, 0], kept[:, 1 : 1 + self._size], kept[:, 1 + self._size :])
+        """Return the rows, the newest among them."""
+        rows = self._table[: self._rows].copy()
+        return Rows(rows[:, 0], rows[:, 1 : 1 + self._size], rows[:, 1 + self._size :])

@@ -1,4 +1,4 @@
-"""Look at an identifier: from its state and the session's pulse to a View.  Takes tens of milliseconds."""
+"""Make a view of an identifier from its state and the session's info.  It takes tens of milliseconds."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
 from replant.assessment import simulate
-from replant.live.observer.history import History
+from replant.live.observer.history import EstimateHistory
 from replant.live.observer.view import (
     Bode,
-    Pulse,
+    SessionInfo,
     View,
     Window,
 )
@@ -29,16 +29,22 @@ SIGMAS = 2.0
 WIDEST = 60.0  # dB at which a band is cut: beyond it nothing is known anyway
 
 
-def look(identifier: Identifier, pulse: Pulse, history: History) -> View:
-    """Return the view of an identifier; `history` gets its newest row.
+def make_view(identifier: Identifier, info: SessionInfo, history: EstimateHistory) -> View:
+    """Return the view of an identifier, and append its row to ``history``.
 
     Parameters
     ----------
     identifier : Identifier
-        Left as it is.
-    pulse : Pulse
-    history : History
-        Of the views before.
+        It is not changed.
+    info : SessionInfo
+    history : EstimateHistory
+        The rows of earlier views.
+
+    Examples
+    --------
+    >>> from replant.model.structure import Structure
+    >>> make_view(Identifier(Structure(1), dt=0.1), SessionInfo(source="demo"), EstimateHistory(2)).status
+    'starting'
     """
     known = identifier.settings is not None
     unknown = np.full(identifier.structure.size, np.nan)
@@ -47,19 +53,19 @@ def look(identifier: Identifier, pulse: Pulse, history: History) -> View:
     std = uncertainty.std
     model = identifier.transfer_function
     finite = known and bool(np.isfinite(parameters).all())
-    window, simulated = _window(identifier, model if finite else None, pulse.at)
+    window, simulated = _window(identifier, model if finite else None, info.at)
     verdict = identifier.assess()
-    history.append(pulse.at, parameters, std)
+    history.append(info.at, parameters, std)
     return View(
-        at=pulse.at,
+        at=info.at,
         samples=identifier.samples,
         rejected=identifier.rejected,
-        counters=dict(pulse.counters),
-        source=pulse.source,
-        source_state=pulse.source_state,
-        rate=pulse.rate,
-        lag=pulse.lag,
-        silence=pulse.silence,
+        counters=dict(info.counters),
+        source=info.source,
+        source_state=info.source_state,
+        rate=info.rate,
+        lag=info.lag,
+        silence=info.silence,
         status=identifier.status,
         adapting=identifier.adapting,
         names=identifier.names,
@@ -79,7 +85,7 @@ def look(identifier: Identifier, pulse: Pulse, history: History) -> View:
 
 
 def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str, Any]:
-    """Return poles with their covariances, zeros and the static gain; nothing of a model not known yet."""
+    """Return poles with their covariances, zeros and static gain; empty arrays and NaN while there is no model."""
     if uncertainty is None:
         nothing = np.zeros(0, np.complex128)
         covariance = np.zeros((0, 2, 2))
@@ -92,7 +98,7 @@ def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str
         for uncertain in uncertainty.modes:
             poles.append(uncertain.mode.pole)
             covariances.append(uncertain.covariance)
-            if uncertain.mode.pole.imag:  # a mode stands for the pair
+            if uncertain.mode.pole.imag:  # a complex mode stands for a pair of poles
                 mirrored = uncertain.covariance * np.array([[1.0, -1.0], [-1.0, 1.0]])
                 poles.append(uncertain.mode.pole.conjugate())
                 covariances.append(mirrored)
@@ -107,7 +113,7 @@ def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str
 
 
 def _window(identifier: Identifier, model: TransferFunction | None, at: float) -> tuple[Window, float]:
-    """Return the newest samples with the model's output, and the fit between them in percent."""
+    """Return the newest samples with the model's output, and its fit in percent."""
     u, y, intervals = identifier.recent.T
     judged = identifier.judged
     regular = bool((np.abs(intervals[1:] - identifier.dt) <= 1e-6 * identifier.dt).all())
@@ -126,20 +132,19 @@ def _window(identifier: Identifier, model: TransferFunction | None, at: float) -
         output, fit = run.output, run.fit
     left_out = _left_out(t, judged)
     if u.size > POINTS:
-        width = -(-u.size // (POINTS // 2))
-        places = np.minimum(np.arange(0, 2 * -(-u.size // width)) * width // 2 + width // 4, u.size - 1)
-        t, u, y, output = t[places], *(thin(signal, POINTS).values for signal in (u, y, output))
+        drawn = [thin(signal, POINTS) for signal in (u, y, output)]
+        t, (u, y, output) = t[drawn[0].indices(t.size)], (signal.values for signal in drawn)
     return Window(t, u, y, output, left_out), fit
 
 
 def _left_out(t: FloatArray, judged: BoolArray) -> FloatArray:
-    """Return from when to when samples are left out (L, 2): each from the sample before it."""
+    """Return begin and end (L, 2) of the stretches left out, in rig time; each begins at the sample before it."""
     rows = joined(stretches_of(~judged), max(1, t.size // POINTS))
     return np.column_stack([t[np.maximum(rows[:, 0] - 1, 0)], t[np.minimum(rows[:, 1], t.size) - 1]])
 
 
 def _bode(model: TransferFunction | None, uncertainty: Uncertainty, dt: float) -> Bode:
-    """Return the frequency response from well below the slowest root to well above the fastest, or to Nyquist's."""
+    """Return the frequency response, from well below the slowest root to well above the fastest, at most to Nyquist."""
     nothing = np.zeros(0)
     if model is None:
         return Bode(nothing, nothing, nothing, nothing, nothing)

@@ -1,4 +1,4 @@
-"""The observer's own process: views for the terminal, the page and the session, at nobody's cost."""
+"""The observer's process: makes views for terminal, dashboard and session without delaying the session."""
 
 from __future__ import annotations
 
@@ -14,15 +14,14 @@ from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
 from replant.errors import ReplantError
-from replant.live.observer.history import History
-from replant.live.observer.make_view import look
-from replant.live.observer.view import Pulse, Rows, View
-from replant.live.outputs.disk_writer import one_line
+from replant.live.observer.history import EstimateHistory
+from replant.live.observer.make_view import make_view
+from replant.live.observer.view import Rows, SessionInfo, View
 from replant.live.outputs.message import UNKNOWN
 from replant.live.outputs.notices import Notices
 from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
-from replant.system.refusals import refusal
+from replant.system.refusals import one_line, refusal
 
 if TYPE_CHECKING:
     from replant.live.dashboard.hub import Hub
@@ -35,8 +34,8 @@ AGAIN = 5.0  # s until a dashboard that could not be served is tried again
 
 
 @dataclass(frozen=True)
-class Address:
-    """Where the dashboard listens."""
+class DashboardAddress:
+    """The address at which the dashboard listens, and its token."""
 
     host: str
     port: int
@@ -44,21 +43,21 @@ class Address:
 
 
 @dataclass(frozen=True, eq=False)
-class Orders:
-    """What an observer is to do.
+class ObserverOptions:
+    """The tasks of an observer.
 
     Attributes
     ----------
-    dashboard : Address or None
+    dashboard : DashboardAddress or None
     terminal : bool
         Whether to write the status to standard error.
     truth : TransferFunction or None
-        The true plant, shown beside the estimate: of a simulated rig.
+        The true plant of a simulated rig, shown beside the estimate.
     history : Rows or None
-        Of the observer that this one replaces.
+        History of the observer that this one replaces.
     """
 
-    dashboard: Address | None = None
+    dashboard: DashboardAddress | None = None
     terminal: bool = False
     truth: TransferFunction | None = None
     history: Rows | None = None
@@ -66,53 +65,53 @@ class Orders:
 
 @dataclass(frozen=True)
 class Handover:
-    """What the session hands over: its pulse, lines to show, and the identifier if it has learned since."""
+    """A message of the session: its info, lines to show, and the identifier if it has learned since the last one."""
 
-    pulse: Pulse
+    info: SessionInfo
     lines: tuple[str, ...] = ()
     identifier: bytes | None = None
 
 
 @dataclass(frozen=True)
 class Serving:
-    """The dashboard answers at this URL."""
+    """Message to the session: the dashboard is served at this URL."""
 
     url: str
 
 
 @dataclass(frozen=True)
 class Failed:
-    """The dashboard cannot be served, and why."""
+    """Message to the session: the dashboard cannot be served, for this reason."""
 
     reason: str
 
 
 @dataclass(frozen=True)
 class Notice:
-    """Something to be said at the terminal."""
+    """Message to the session: a line to show at the terminal."""
 
     line: str
 
 
 @dataclass(frozen=True)
 class NoView:
-    """A handover of which no view could be made."""
+    """Message to the session: no view could be made of the handover."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """What somebody at the dashboard asked for."""
+    """Message to the session: a user of the dashboard gave this command."""
 
     name: str
 
 
-def observe(connection: Connection, orders: Orders) -> None:
-    """Run the observer until the session hangs up."""
-    for number in ENDING:  # where they could not be blocked before this process began
+def observe(connection: Connection, options: ObserverOptions) -> None:
+    """Run the observer until the session closes the connection."""
+    for number in ENDING:  # on systems where the session cannot block them before it starts this process
         signal.signal(number, signal.SIG_IGN)
     try:
-        with contextlib.suppress(EOFError, OSError):  # the session has gone, whatever the reason
-            _Observing(connection, orders).run()
+        with contextlib.suppress(EOFError, OSError):  # the session has ended
+            _Observing(connection, options).run()
     except (MemoryError, RuntimeError) as error:
         reason = refusal(error)
         if reason is None:
@@ -122,34 +121,34 @@ def observe(connection: Connection, orders: Orders) -> None:
 
 
 class _Observing:
-    """The observer at work: its newest identifier and view."""
+    """The state of the running observer: its newest identifier and view, its terminal and dashboard."""
 
-    def __init__(self, connection: Connection, orders: Orders) -> None:
-        from replant.live.observer.terminal import Status
+    def __init__(self, connection: Connection, options: ObserverOptions) -> None:
+        from replant.live.observer.terminal import TerminalStatus
 
         self._connection, self._sending = connection, threading.Lock()
-        self._orders = orders
+        self._options = options
         self._notices = Notices(lambda line: self._send(Notice(line)))
-        self._history: History | None = None
+        self._history: EstimateHistory | None = None
         self._identifier: Identifier | None = None
         self._view: View | None = None
         self._hub: Hub | None = None
         self._dashboard: Dashboard | None = None
         self._serve_again = 0.0
         self._serve()
-        self._status = Status(orders.truth) if orders.terminal else None
+        self._status = TerminalStatus(options.truth) if options.terminal else None
 
     def run(self) -> None:
-        """Take handovers, one view for each, until the session hangs up."""
+        """Answer each handover with a view, until the session closes the connection."""
         try:
             while (handover := self._await_handover()) is not None:
-                view = self._look(handover)
+                view = self._judge(handover)
                 self._send(NoView() if view is None else view)
                 self._show(view, handover.lines)
-                if self._orders.dashboard is not None:
+                if self._options.dashboard is not None:
                     self._serve()
             if self._dashboard is not None:
-                self._dashboard.say_goodbye()
+                self._dashboard.announce_end()
         finally:
             if self._status is not None:
                 self._status.close()
@@ -157,24 +156,24 @@ class _Observing:
                 self._dashboard.stop()
 
     def _await_handover(self) -> Handover | None:
-        """Return the next handover; while none comes the page is told that the session is not heard."""
+        """Return the next handover; while none comes, the page shows that the session does not answer."""
         while not self._connection.poll(UNHEARD):
             if self._view is not None:
-                reason = f"the session has not been heard for more than {UNHEARD:.0f} s"
+                reason = f"the session has not answered for more than {UNHEARD:.0f} s"
                 self._show(dataclasses.replace(self._view, verdict=UNKNOWN, reasons=(reason,)), ())
         handover: Handover | None = self._connection.recv()
         return handover
 
-    def _look(self, handover: Handover) -> View | None:
-        """Return a new view; one that nobody may trust where it cannot be made, None where there is none to go by."""
+    def _judge(self, handover: Handover) -> View | None:
+        """Return a view of the handover; if it cannot be made, the last view with the verdict "unknown", or None."""
         try:
-            self._renew(handover)
-        except Exception as error:  # of this state: the next may be seen again
+            self._update_view(handover)
+        except Exception as error:  # a fault with this state; the next one may be judged again
             reason = f"the estimate could not be judged: {type(error).__name__}: {one_line(error)}"
-            self._notices.say("look", f"replant: {reason}; going on")
+            self._notices.say("view", f"replant: {reason}; identification continues")
             if self._view is not None:
                 self._view = dataclasses.replace(
-                    self._view, **vars(handover.pulse), verdict=UNKNOWN, reasons=(reason,)
+                    self._view, **vars(handover.info), verdict=UNKNOWN, reasons=(reason,)
                 )  # fmt: skip
         view = self._view
         if view is not None and view.silence:
@@ -182,38 +181,40 @@ class _Observing:
             view = dataclasses.replace(view, verdict=UNKNOWN, reasons=(reason,))
         return view
 
-    def _renew(self, handover: Handover) -> None:
-        """Look at what was handed over; where nothing was learned meanwhile, the old view gets the new pulse."""
+    def _update_view(self, handover: Handover) -> None:
+        """Make a view of the identifier; if nothing was learned, only replace the info in the last view."""
         if handover.identifier is None:
             if self._view is not None:
-                self._view = dataclasses.replace(self._view, **vars(handover.pulse))
+                self._view = dataclasses.replace(self._view, **vars(handover.info))
             return
         identifier = Identifier.from_bytes(handover.identifier)
         if self._history is None:
-            self._history = History(identifier.structure.size)
-            if self._orders.history is not None:
-                self._history.restore(self._orders.history)
-        elif self._view is not None and identifier.samples < self._view.samples:  # it was reset
+            self._history = EstimateHistory(identifier.structure.size)
+            if self._options.history is not None:
+                self._history.restore(self._options.history)
+        elif self._view is not None and identifier.samples < self._view.samples:  # the identifier was reset
             self._history.clear()
-        self._identifier, self._view = identifier, look(identifier, handover.pulse, self._history)
+        self._identifier, self._view = identifier, make_view(identifier, handover.info, self._history)
 
     def _show(self, view: View | None, lines: Sequence[str]) -> None:
-        """Show a view at the terminal and on the page; lines are said even where there is none."""
+        """Show lines at the terminal, and a view, if there is one, at the terminal and on the page."""
         try:
             if self._status is not None:
                 self._status.show(view, lines)
             if self._hub is not None and view is not None:
                 self._hub.publish(view.to_json())
         except Exception as error:
-            self._notices.say("show", f"replant: the estimate could not be shown: {one_line(error)}; going on")
+            self._notices.say(
+                "show", f"replant: the estimate could not be shown: {one_line(error)}; identification continues"
+            )
 
     def _send(self, message: object) -> None:
         with self._sending:
             self._connection.send(message)
 
     def _serve(self) -> None:
-        """Serve the dashboard if there is to be one and is none, and tell the session where, or why not."""
-        address = self._orders.dashboard
+        """Serve the dashboard if it is requested and not served; tell the session its URL, or why it failed."""
+        address = self._options.dashboard
         if address is None or (self._dashboard is not None and self._dashboard.alive):
             return
         if time.monotonic() < self._serve_again:
@@ -236,7 +237,7 @@ class _Observing:
         self._send(Serving(self._dashboard.url))
 
     def _report(self) -> bytes:
-        """Return the report of the estimate as it is now, over the samples that are kept."""
+        """Return the report of the newest estimate over the samples that the identifier keeps."""
         from replant.live.observer.report import report_of
 
         identifier, view = self._identifier, self._view

@@ -1,4 +1,4 @@
-"""The report of a running identification: its estimate, judged over the samples that it keeps."""
+"""The report of a running identification, over the samples that the identifier keeps."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def report_of(identifier: Identifier, view: View) -> bytes:
     ----------
     identifier : Identifier
     view : View
-        Made from it: the verdict and the history are taken from there.
+        The view of this identifier; it provides source and history.
 
     Raises
     ------
     ReplantError
-        During start-up.
+        If there is no model yet.
     """
     from replant.report.html.report import write_report
 
@@ -56,7 +56,7 @@ def _result(identifier: Identifier, view: View) -> Result:
     )  # fmt: skip
     rows = view.history
     known = np.isfinite(rows.parameters).all(axis=1)
-    # transients are drawn over the samples of the log: those kept, which are the newest
+    # the report's log holds the newest samples only, so rows are numbered from its first sample
     samples = np.round((rows.t - view.at) / identifier.dt).astype(np.int64) + u.size
     known &= samples > 0
     covariance = identifier.covariance

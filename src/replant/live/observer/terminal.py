@@ -1,4 +1,4 @@
-"""Status: the view at the terminal, drawn over itself where a person watches, else a line now and then."""
+"""Terminal status: the view, redrawn in place at a terminal, else one line every few seconds."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from typing import Any
 from replant.live.observer.view import View
 from replant.live.outputs.message import UNKNOWN
 from replant.model.transfer_function import TransferFunction
-from replant.report.numbers import off_by
+from replant.report.numbers import grouped, off_by, with_std
 from replant.report.terminal.summary import fraction, true_parameters, wrapped
 
 LINES_APART = 5.0  # s between two lines where nobody watches
-WIDEST = 1e12  # a number from there on is written with a power of ten
+
 REASONS_WIDTH = 71  # columns, where a terminal has 80
-#: Of each verdict: a shape and a colour, that either alone may tell.
+#: For each verdict a shape and a colour; each of them alone identifies it.
 LOOKS = {
     "trusted": ("●", "green"),
     "converging": ("◐", "yellow"),
@@ -29,7 +29,7 @@ LOOKS = {
 }
 
 
-class Status:
+class TerminalStatus:
     """Write views to standard error.
 
     Parameters
@@ -53,12 +53,12 @@ class Status:
             self._live.start()
 
     def show(self, view: View | None, lines: Sequence[str] = ()) -> None:
-        """Show lines, for good, and the view, if any, until the next one; nothing any more once nobody reads it."""
+        """Print lines, and show the view, if any, until the next call; after the terminal was closed, do nothing."""
         if self._gone:
             return
         try:
             self._show(view, lines)
-        except (OSError, SystemExit):  # the window was closed, or `| head` has seen enough, where rich would exit
+        except (OSError, SystemExit):  # the window was closed, or the reader of a pipe, where rich would exit
             self._gone = True
 
     def _show(self, view: View | None, lines: Sequence[str]) -> None:
@@ -67,53 +67,70 @@ class Status:
         if view is None:
             return
         if self._live is not None:
-            self._live.update(screen(view, self._truth), refresh=True)
+            self._live.update(render(view, self._truth), refresh=True)
         elif time.monotonic() >= self._next:
             self._next = time.monotonic() + LINES_APART
-            print(one_line(view), file=sys.stderr, flush=True)
+            print(status_line(view), file=sys.stderr, flush=True)
 
     def close(self) -> None:
-        """Take the status away; what was said stays."""
+        """Remove the status; printed lines stay."""
         if self._live is not None:
             with contextlib.suppress(OSError, SystemExit):
                 self._live.stop()
 
 
 def print_summary(view: View, truth: TransferFunction | None = None, *, to_stderr: bool = False) -> None:
-    """Print what was found in the end."""
+    """Print the result at the end of a session.
+
+    Parameters
+    ----------
+    view : View
+    truth : TransferFunction, optional
+        The true plant of a simulated rig.
+    to_stderr : bool
+        Whether to print to standard error, because standard output carries the estimates.
+    """
     from rich.console import Console
 
-    Console(stderr=to_stderr).print(screen(view, truth, running=False))
+    Console(stderr=to_stderr).print(render(view, truth, running=False))
 
 
-def one_line(view: View) -> str:
-    """Return a view in one line: the newest estimate, what it is worth, and how fast samples come."""
+def status_line(view: View) -> str:
+    """Return a view in one line: time, samples, rate, losses, verdict and estimate."""
     figures = ", ".join(
-        f"{name} {value:.4g}" + (f" +- {std:.2g}" if math.isfinite(std) else "")
+        f"{name} {with_std(value, std)}"
         for name, value, std in zip(view.names, view.parameters.tolist(), view.std.tolist(), strict=True)
         if math.isfinite(value)
     )
-    traffic = [f"{plain(view.at)} s", f"{plain(view.samples, 0)} samples", f"{plain(view.rate, 0)}/s", _lost(view)]
-    parts = [*traffic, view.verdict, figures]
+    parts = [*_progress(view), f"{grouped(view.rate, 0)}/s", _lost(view), view.verdict, figures]
     if view.source_state != "connected":
         parts.insert(0, view.source_state)
     return "; ".join(part for part in parts if part)
 
 
-def screen(view: View, truth: TransferFunction | None = None, *, running: bool = True) -> Any:
-    """Return a view as something that rich draws."""
+def render(view: View, truth: TransferFunction | None = None, *, running: bool = True) -> Any:
+    """Return a view as an object that rich prints.
+
+    Parameters
+    ----------
+    view : View
+    truth : TransferFunction, optional
+        The true plant of a simulated rig.
+    running : bool
+        Whether the session is running: then rate and lag are shown, too.
+    """
     from rich.console import Group
     from rich.padding import Padding
     from rich.text import Text
 
     shape, colour = LOOKS.get(view.verdict, ("?", "default"))
-    frozen = "" if view.adapting else "  (frozen: the estimate stands, samples go on)"
+    frozen = "" if view.adapting else "  (frozen: samples arrive, but the estimate is not updated)"
     rows: list[Any] = [_head(view), Text(_traffic(view, running=running), no_wrap=True, overflow="ellipsis"), Text("")]
     if view.den.size:
         model = TransferFunction(view.num, view.den, view.delay)
         rows += [Text(line, no_wrap=True, overflow="ellipsis") for line in fraction(model)]
         rows += [Text(""), _coefficients(view, truth), Text("")]
-        rows.append(Text(f"DC gain  {_figure(view.dc_gain, view.dc_gain_std)}    {_fit(view)}"))
+        rows.append(Text(f"DC gain  {with_std(view.dc_gain, view.dc_gain_std)}    {_fit(view)}"))
     rows.append(Text.assemble("Verdict  ", (f"{shape} {view.verdict}", f"bold {colour}"), frozen))
     rows += [Padding(Text(line), (0, 0, 0, 9)) for reason in view.reasons for line in wrapped(reason, REASONS_WIDTH)]
     if running:
@@ -131,18 +148,21 @@ def _head(view: View) -> Any:
 
 
 def _traffic(view: View, *, running: bool) -> str:
-    if not running:
-        parts = [f"{plain(view.at)} s", f"{plain(view.samples, 0)} samples", _lost(view)]
-        return "   ".join(part for part in parts if part)
-    lag = f"{plain(1e3 * view.lag)} ms behind" if view.lag < 1.0 else f"{plain(view.lag)} s behind"
-    parts = [f"{plain(view.at)} s", f"{plain(view.samples, 0)} samples", f"{plain(view.rate, 0)}/s", lag, _lost(view)]
-    return "   ".join(part for part in parts if part)
+    parts = _progress(view)
+    if running:
+        lag = f"{grouped(1e3 * view.lag)} ms behind" if view.lag < 1.0 else f"{grouped(view.lag)} s behind"
+        parts += [f"{grouped(view.rate, 0)}/s", lag]
+    return "   ".join(part for part in (*parts, _lost(view)) if part)
+
+
+def _progress(view: View) -> list[str]:
+    return [f"{grouped(view.at)} s", f"{grouped(view.samples, 0)} samples"]
 
 
 def _lost(view: View) -> str:
-    """Return what was not learned, by reason."""
+    """Return the samples and lines that were not learned, by reason."""
     counts = [*view.rejected.items(), *view.counters.items()]
-    return ", ".join(f"{plain(count, 0)} {reason}" for reason, count in counts if count)
+    return ", ".join(f"{grouped(count, 0)} {reason}" for reason, count in counts if count)
 
 
 def _coefficients(view: View, truth: TransferFunction | None) -> Any:
@@ -161,25 +181,7 @@ def _coefficients(view: View, truth: TransferFunction | None) -> Any:
     return table
 
 
-def _figure(value: float, std: float) -> str:
-    return f"{value:.4g} +- {std:.2g}" if math.isfinite(std) else f"{value:.4g}"
-
-
 def _fit(view: View) -> str:
     if not math.isfinite(view.simulated):
         return ""
-    return f"Fit  {plain(view.simulated)} % from the input alone, newest samples"
-
-
-def plain(value: float, places: int = 1) -> str:
-    """Return a number with its thousands marked, and with a power of ten where it would be longer than a line has room.
-
-    Examples
-    --------
-    >>> plain(59_857, 0), plain(1234.56), plain(-1e300), plain(10**400, 0)
-    ('59,857', '1,234.6', '-1e+300', '> 1e+308')
-    """
-    try:
-        return f"{value:,.{places}f}" if abs(value) < WIDEST else f"{float(value):.4g}"
-    except OverflowError:  # an integer beyond float64
-        return "> 1e+308"
+    return f"Fit  {grouped(view.simulated)} % from the input alone, newest samples"

@@ -1,4 +1,4 @@
-"""View: what can be seen of a running identification, for people and pages; and Pulse, the session's part of it."""
+"""View: a running identification as people and pages see it; SessionInfo: the session's part of it."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from replant.arguments import FloatArray
 
 
 @dataclass(frozen=True)
-class Pulse:
-    """What the session knows and its identifier does not.
+class SessionInfo:
+    """The session's part of a view: what the identifier does not know.
 
     Attributes
     ----------
     at : float
         Rig time of the newest sample in s.
     source, source_state : str
-        The source's URL, and what it says of itself: "connecting", "connected", "waiting", "ended".
+        The source's URL, and its state: "connecting", "connected", "waiting", "ended".
     counters : mapping
-        What the source counted: malformed lines by reason, duplicates, lost, dropped, reconnects.
+        The source's counters: malformed lines by reason, duplicates, lost, dropped, reconnects.
     rate : float
-        Samples a second, over the last second or so.
+        Samples a second, over about the last second.
     lag : float
-        Seconds from a sample's arrival until it was learned; the longest since the pulse before.
+        Seconds from a sample's arrival until it was learned; the longest since the last handover.
     silence : float
-        Seconds since a sample was accepted, once nothing may be trusted any more for want of one; else 0.
+        Seconds since a sample was accepted, once the time to live is over; else 0.
     """
 
     at: float = 0.0
@@ -44,15 +44,15 @@ class Pulse:
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """The newest samples, thinned so that no peak is lost, and the model run over them from the input alone.
+    """The newest samples, thinned to their extremes, and the model's output simulated from the input alone.
 
     Attributes
     ----------
     t, u, y, model : (V,) arrays
-        Rig time in s; input behind its map, measured and modelled output, in their units; NaN where unknown.
+        Rig time in s; mapped input, measured and modelled output, in their units; NaN where unknown.
     left_out : (L, 2) array
-        From when to when, in rig time, samples take no part in verdict, fit and offset: bridged, or before the last
-        interruption.
+        Begin and end, in rig time, of the stretches that verdict, fit and offset leave out: samples that were bridged
+        or lie before the last interruption.
     """
 
     t: FloatArray
@@ -71,7 +71,7 @@ class Bode:
     omega : (F,) array
         In rad/s.
     magnitude_db, phase_deg, magnitude_low, magnitude_high : (F,) arrays
-        The band in dB as well; NaN where it is not known.
+        Magnitude and its band in dB, phase in degrees; the band is NaN where it is not known.
     """
 
     omega: FloatArray
@@ -99,7 +99,7 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What can be seen of a running identification at one moment.
+    """A running identification at one moment.
 
     Attributes
     ----------
@@ -108,15 +108,15 @@ class View:
     samples : int
         Accepted samples.
     rejected, counters : mapping
-        Samples that the identifier, and lines that the source, did not take, by reason.
+        Samples that the identifier rejected, and lines that the source refused, by reason.
     source, source_state : str
     rate, lag : float
         Samples a second; seconds from a sample's arrival until it was learned.
     silence : float
-        See `Pulse`.
+        See `SessionInfo`.
     status : {"starting", "running", "diverged"}
     adapting : bool
-        Whether the estimate follows the samples, or is frozen.
+        Whether the estimate is updated; False while it is frozen.
     names : tuple of str
     parameters, std : (P,) arrays
         NaN where unknown.
@@ -124,14 +124,14 @@ class View:
     delay : float
     poles : (n,) complex array
     pole_covariance : (n, 2, 2) array
-        Of each pole's real and imaginary part; NaN where unknown.
+        Covariance of each pole's real and imaginary part; NaN where unknown.
     zeros : (m,) complex array
     dc_gain, dc_gain_std : float
     verdict : str
     reasons : tuple of str
     simulated : float
-        Fit in percent over the window, the model run from the input alone: over the samples that the verdict stands
-        on.
+        Fit in percent of the model, simulated from the input alone, over those samples of the window that the verdict
+        uses.
     window : Window
     bode : Bode
     history : Rows
@@ -167,7 +167,7 @@ class View:
     history: Rows
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain lists and numbers under these very names; what is not finite is None, a root {real, imag}."""
+        """Return the attributes as JSON values under their names; non-finite numbers are None, a root {real, imag}."""
         plain: dict[str, Any] = _plain(self)
         return plain
 

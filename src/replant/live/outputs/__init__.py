@@ -1,1 +1,1 @@
-"""Where estimates and records go."""
+"""The outputs of a session: estimates for controllers and plots, records, notices."""

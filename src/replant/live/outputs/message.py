@@ -1,4 +1,4 @@
-"""Estimate: what goes out to controllers and plots, one flat JSON object a message."""
+"""Message: an estimate as it is sent to controllers and plots, one flat JSON object each."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from replant.arguments import FloatArray
 
-UNKNOWN = "unknown"  # the verdict while nobody gives one
+UNKNOWN = "unknown"  # the verdict while none is known
 #: Least time in s for which "trusted" may stand without an accepted sample: a network takes time to send again.
 LEAST_TTL = 5.0
 #: The same in sampling times: a slow plant's samples may come ten in a message.
@@ -18,7 +18,7 @@ WAITING, ENDED = "waiting", "ended"
 
 
 def time_to_live(dt: float) -> float:
-    """Return how long "trusted" may stand without an accepted sample, in s, unless the user says otherwise.
+    """Return the default time to live: how long "trusted" may stand without an accepted sample, in s.
 
     Examples
     --------
@@ -29,35 +29,36 @@ def time_to_live(dt: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
-    """The estimate after a sample, with the newest verdict and standard deviations known.
+class EstimateMessage:
+    """The estimate after a sample, with the newest verdict and the newest standard deviations.
 
     Attributes
     ----------
     timestamp : float
         Rig time of the sample in s.
     sequence : int or None
-        Its number, where the device gives one.
+        Number of the sample, where the device gives one.
     samples : int
         Accepted samples so far.
     names : tuple of str
+        Names of the P parameters.
     parameters : (P,) array
-        NaN until the first model is there.
+        NaN until there is a first model.
     std : (P,) array
-        Standard deviations; they and the verdict are as of a moment (tenths of a second) before the sample.
+        Standard deviations.  They and the verdict may be tenths of a second older than the sample.
     status : {"starting", "running", "diverged", "waiting", "ended"}
         "waiting" while no sample is accepted, "ended" when the session is over.
     verdict : str
     ttl : float
-        Seconds, from its receipt, for which the message may be acted upon; 0 where nothing may be.
+        Seconds from the receipt of the message for which a controller may use the model; 0: it may not.
     sent : float or None
-        Unix time in s at which it was sent; None before that.
+        Unix time in s at which the message was sent; None before that.
 
     Examples
     --------
     >>> import numpy as np
     >>> known = np.array([2.128]), np.array([0.056])
-    >>> Estimate(0.5, None, 25, ("a0",), *known, "running", "trusted", ttl=5.0, sent=1e9).as_json()
+    >>> EstimateMessage(0.5, None, 25, ("a0",), *known, "running", "trusted", ttl=5.0, sent=1e9).as_json()
     b'{"timestamp":0.5,"samples":25,"a0":2.128,"std_a0":0.056,"trusted":1,"ttl":5.0,...'
     """
 
@@ -74,11 +75,11 @@ class Estimate:
 
     @property
     def trusted(self) -> bool:
-        """Whether a controller may act on it, for `ttl` seconds."""
+        """Whether a controller may use the model, for `ttl` seconds."""
         return self.verdict == "trusted" and self.ttl > 0.0
 
     def as_json(self) -> bytes:
-        """Return one line of JSON without its end: numbers under names of one level, unknown ones null."""
+        """Return one line of JSON, without the line end: a flat object, in which unknown numbers are null."""
         fields: dict[str, float | int | str | None] = {"timestamp": self.timestamp}
         if self.sequence is not None:
             fields["sequence"] = self.sequence

@@ -1,20 +1,20 @@
-"""Notices: what the session has to say, the same thing at most once a minute."""
+"""Notices: messages of the session to the user, at most one a minute about each subject."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 
-AGAIN = 60.0  # s until the same thing may be said again
+AGAIN = 60.0  # s until the next message about the same subject
 
 
 class Notices:
-    """Pass messages on to ``show``, none twice within a minute.
+    """Passes messages on to ``show``, at most one a minute about each subject.
 
     Parameters
     ----------
     show : callable
-        Gets a line of text; called from any thread.
+        Called with a line of text, from any thread.
 
     Examples
     --------
@@ -29,7 +29,7 @@ class Notices:
         self._said: dict[str, float] = {}
 
     def say(self, subject: str, message: str) -> None:
-        """Say something about a subject, unless something was said of it within the last minute."""
+        """Show a message, unless one about the same subject was shown within the last minute."""
         now = time.monotonic()
         if now - self._said.get(subject, -AGAIN) >= AGAIN:
             self._said[subject] = now

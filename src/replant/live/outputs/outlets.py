@@ -1,8 +1,8 @@
-"""Outlets: estimates on their way to the sinks, and the watchdog that takes trust back when no sample is accepted.
+"""Outlets: send estimates to the sinks; a watchdog withdraws trust when no sample is accepted.
 
-What holds on every sink: nobody is left with ``trusted: 1`` for longer than the time to live without an accepted
-sample.  Each message carries the rest of that time, for whoever hears nothing more; where the time is over and the
-session's thread waits for samples, a disk or a solution, the watchdog's thread says so in its place.
+No receiver holds ``trusted: 1`` for longer than the time to live without an accepted sample.  Each message carries the
+rest of that time, for receivers that get no further message.  When the time is over while the session's thread waits
+for samples, for a disk or for a solution, the watchdog's thread sends ``trusted: 0`` instead.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from replant.live.outputs.disk_writer import one_line
 from replant.live.outputs.message import (
     ENDED,
     UNKNOWN,
     WAITING,
-    Estimate,
+    EstimateMessage,
 )
 from replant.live.outputs.notices import Notices
 from replant.live.outputs.sinks import Sink
+from replant.system.refusals import one_line
 from replant.system.worker import Worker
 
 TICK = 0.05  # s between two looks of the watchdog, at the most
@@ -31,7 +31,7 @@ GOODBYE = 2.0  # s that the sinks get to take the news of the end
 
 @dataclass
 class _Outlet:
-    """A sink with what it has not been sent yet, when its turn comes, and what its other side may believe."""
+    """A sink and its state: whether a new estimate is pending, when it is due, and whether it may hold trust."""
 
     sink: Sink
     pending: bool = False
@@ -41,18 +41,18 @@ class _Outlet:
 
 
 class Outlets:
-    """Hand estimates to sinks, each in its own time.
+    """Sends estimates to sinks, each at its own rate.
 
     Parameters
     ----------
     sinks : sequence of Sink
     archive : Sink or None
-        Gets the session's estimates as well, but no word of the watchdog: nobody acts on a record.
+        Gets the session's estimates, but no messages of the watchdog: no controller uses a record.
     ttl : float
         Seconds for which "trusted" may stand without an accepted sample.
     notices : Notices
-    gone : callable
-        Called when a reader has gone for good.
+    on_reader_gone : callable
+        Called when the reader of a pipe has closed it.
     now : callable
         A clock in s.
     """
@@ -64,26 +64,26 @@ class Outlets:
         ttl: float,
         *,
         notices: Notices,
-        gone: Callable[[], None],
+        on_reader_gone: Callable[[], None],
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         self._watched = [_Outlet(sink) for sink in sinks]
         self._all = [*self._watched, *([_Outlet(archive)] if archive is not None else [])]
-        self._ttl, self._notices, self._gone, self._now = ttl, notices, gone, now
-        self._accepted = -math.inf  # when a sample was last
-        self._newest: Estimate | None = None
+        self._ttl, self._notices, self._on_reader_gone, self._now = ttl, notices, on_reader_gone, now
+        self._accepted = -math.inf  # time of the last accepted sample
+        self._newest: EstimateMessage | None = None
         self._ended = threading.Event()
         self._thread: Worker | None = None
 
-    def begin(self, estimate: Estimate) -> None:
-        """Take what is known before the first sample, for whoever asks, and set the watchdog to work."""
+    def start(self, estimate: EstimateMessage) -> None:
+        """Start the watchdog; ``estimate`` is sent to receivers that connect before the first sample."""
         self._newest = estimate
         if self._watched:
             self._thread = Worker(self._watch)
             self._thread.start()
 
     def accepted(self) -> None:
-        """Note that a sample has been accepted just now."""
+        """Record that a sample has been accepted just now."""
         self._accepted = self._now()
 
     @property
@@ -93,14 +93,14 @@ class Outlets:
         return since if self._ttl <= since < math.inf else 0.0
 
     def mark(self) -> None:
-        """Note that there is something new to send."""
+        """Mark that there is a new estimate to send."""
         for outlet in self._all:
             outlet.pending = True
 
-    def send(self, estimate: Callable[[], Estimate], *, at_any_rate: bool = False) -> None:
-        """Send the newest estimate to each outlet whose turn it is."""
+    def send(self, estimate: Callable[[], EstimateMessage], *, immediately: bool = False) -> None:
+        """Send the newest estimate to each outlet that is due; with ``immediately`` to each that lacks it."""
         now = self._now()
-        due = [outlet for outlet in self._all if outlet.pending and (at_any_rate or now >= outlet.due)]
+        due = [outlet for outlet in self._all if outlet.pending and (immediately or now >= outlet.due)]
         if not due:
             return
         self._newest = estimate()
@@ -109,32 +109,32 @@ class Outlets:
             with outlet.lock:
                 self._transmit(outlet)
 
-    def look(self) -> None:
-        """Do the watchdog's work once: take expired trust back, and send again what did not arrive."""
+    def check(self) -> None:
+        """Do the watchdog's work once: withdraw expired trust, and send again what did not arrive."""
         expired = self._remaining() <= 0.0
         for outlet in self._watched:
             wanted = outlet.sink.behind or (expired and outlet.trusted)
-            if wanted and outlet.lock.acquire(blocking=False):  # else somebody is sending right now
+            if wanted and outlet.lock.acquire(blocking=False):  # else the other thread is sending right now
                 try:
                     self._transmit(outlet)
                 finally:
                     outlet.lock.release()
 
     def end(self) -> None:
-        """Say on every sink that the session is over, and let go of them; without effect the second time."""
+        """Send ``status: ended`` on every sink, and close them; a second call has no effect."""
         if self._ended.is_set():
             return
         self._ended.set()
         if self._thread is not None:
             self._thread.join(GOODBYE)
         for outlet in self._watched:
-            if outlet.lock.acquire(timeout=GOODBYE):  # else its wire holds the watchdog up
+            if outlet.lock.acquire(timeout=GOODBYE):  # else its connection blocks the watchdog
                 self._transmit(outlet)
                 outlet.lock.release()
         deadline = time.monotonic() + GOODBYE
         while any(outlet.sink.behind for outlet in self._watched) and time.monotonic() < deadline:
             time.sleep(0.2 * TICK)
-            self.look()
+            self.check()
         for outlet in self._watched:
             with contextlib.suppress(OSError):
                 outlet.sink.close()
@@ -142,16 +142,16 @@ class Outlets:
     def _watch(self) -> None:
         pause = TICK
         while not self._ended.wait(pause):
-            self.look()
+            self.check()
             left = self._remaining()
             pause = min(left, TICK) if left > 0.0 else TICK
 
     def _remaining(self) -> float:
-        """Return for how long the estimate may still be acted upon, in s."""
+        """Return how long a controller may still use the estimate, in s."""
         return 0.0 if self._ended.is_set() else max(self._accepted + self._ttl - self._now(), 0.0)
 
     def _transmit(self, outlet: _Outlet) -> None:
-        """Send the newest estimate as it is worth now; the outlet's lock is held."""
+        """Send the newest estimate with the present time to live; the caller holds the outlet's lock."""
         if self._newest is None:
             return
         estimate = self._stamped(self._newest)
@@ -160,17 +160,19 @@ class Outlets:
             outlet.sink.send(estimate)
             if not outlet.sink.behind:
                 outlet.trusted = estimate.trusted
-        except BrokenPipeError:  # as `| head` does: nobody wants to know any more
+        except BrokenPipeError:  # the reader has closed the pipe, as `| head` does
             outlet.trusted = False
-            self._gone()
-        except Exception as error:  # of one wire alone: the others, and the watchdog, go on
-            self._notices.say(outlet.sink.name, f"replant: {outlet.sink.name}: {one_line(error)}; going on")
+            self._on_reader_gone()
+        except Exception as error:  # a fault of one sink; the others, and the watchdog, continue
+            name = outlet.sink.name
+            self._notices.say(name, f"replant: {name}: {one_line(error)}; identification continues")
 
-    def _stamped(self, estimate: Estimate) -> Estimate:
+    def _stamped(self, estimate: EstimateMessage) -> EstimateMessage:
+        """Return the estimate as it is sent now: with time to live, time of sending and the status that follows."""
         ttl = math.floor(1e3 * self._remaining()) / 1e3
         sent = round(time.time(), 3)
         if ttl > 0.0:
             return replace(estimate, ttl=ttl, sent=sent)
-        if self._ended.is_set():  # with the verdict that was the last one
+        if self._ended.is_set():  # the last verdict stays
             return replace(estimate, ttl=0.0, sent=sent, status=ENDED)
         return replace(estimate, ttl=0.0, sent=sent, status=WAITING, verdict=UNKNOWN)

@@ -1,8 +1,8 @@
-"""Recorder: samples and estimates into folders of Parquet files, readable at every moment.
+"""Parquet recorder: records samples and estimates in folders of Parquet files, which are readable at every moment.
 
-A Parquet file is of no use before its end is written.  So each stretch of samples becomes a small file of its own,
-written under another name, forced to the disk and renamed: a crash costs at most the stretch it interrupts.  pandas,
-pyarrow, DuckDB and `replant run` read such a folder as one table.
+A Parquet file cannot be read before its end is written.  Therefore each part of the record is a small file, which is
+written under another name, forced to the disk and renamed: a crash loses at most the part that was being written.
+pandas, pyarrow, DuckDB and `replant run` read such a folder as one table.
 """
 
 from __future__ import annotations
@@ -18,18 +18,19 @@ import numpy as np
 import numpy.typing as npt
 
 from replant.arguments import FloatArray
-from replant.data.logs.parquet import CHECKED, check_rows, opened
+from replant.data.logs.parquet import CHECKED, check_rows, open_parquet
 from replant.errors import InvalidArgumentError, MissingDependencyError
-from replant.live.outputs.disk_writer import Background, one_line
-from replant.live.outputs.message import Estimate
+from replant.live.outputs.disk_writer import DiskWriter
+from replant.live.outputs.message import EstimateMessage
+from replant.system.refusals import one_line
 
 ROWS = 200_000  # of a part: a few megabytes
 SECONDS = 30.0  # after which a part is written even if it is short
 PART = "part-{:08d}.parquet"
 
 
-class Recorder:
-    """Record samples into FOLDER/samples and estimates into FOLDER/estimates.
+class ParquetRecorder:
+    """Records samples in FOLDER/samples and estimates in FOLDER/estimates.
 
     Columns of samples: n (the device's number, or null), t [s], u, y.  Columns of estimates: t, n, samples,
     each parameter and its standard deviation (std_...), status and verdict.
@@ -37,66 +38,76 @@ class Recorder:
     Parameters
     ----------
     folder : path
-    background : Background
+    disk_writer : DiskWriter
         Writes the parts.
     go_on : bool
-        Whether the folder may hold a record already, which is continued: numbers already in it are not taken again.
+        Whether a record in the folder is continued; samples with numbers that it holds already are then left out.
 
     Raises
     ------
     InvalidArgumentError
-        If the folder cannot be made, or holds a record that is not to be continued.
+        If the folder cannot be made, or holds a record that is not continued.
     MissingDependencyError
         Without pyarrow.
     """
 
     name = "record"
     interval = 0.1  # s of real time at the least between two recorded estimates
-    behind = False  # nobody waits for a record
+    behind = False  # a record never waits for a receiver
 
-    def __init__(self, folder: Path, background: Background, *, go_on: bool = False) -> None:
+    def __init__(self, folder: Path, disk_writer: DiskWriter, *, go_on: bool = False) -> None:
         if importlib.util.find_spec("pyarrow") is None:
             raise MissingDependencyError("--record needs pyarrow: pip install 'replant[live]'")
-        self._background = background
+        self._disk_writer = disk_writer
         self._samples = _Parts(folder / "samples", go_on=go_on)
         self._estimates = _Parts(folder / "estimates", go_on=go_on)
         self._last = self._samples.last_number()
         self._clear()
 
     def _clear(self) -> None:
-        self._taken: list[tuple[npt.NDArray[np.int64] | None, FloatArray, FloatArray, FloatArray]] = []
+        self._samples_waiting: list[tuple[npt.NDArray[np.int64] | None, FloatArray, FloatArray, FloatArray]] = []
         self._rows = 0
-        self._given: list[Estimate] = []
-        self._begun = time.monotonic()
+        self._estimates_waiting: list[EstimateMessage] = []
+        self._start = time.monotonic()
 
-    def take(self, n: npt.NDArray[np.int64] | None, t: FloatArray, u: FloatArray, y: FloatArray) -> None:
-        """Take samples (K,): their numbers if there are any, rig time, input and output."""
+    def add_samples(self, n: npt.NDArray[np.int64] | None, t: FloatArray, u: FloatArray, y: FloatArray) -> None:
+        """Record samples.
+
+        Parameters
+        ----------
+        n : (K,) array of int or None
+            The device's numbers.
+        t : (K,) array
+            Rig time in s.
+        u, y : (K,) arrays
+            Input and output in the device's units.
+        """
         if n is not None and n[0] <= self._last:
             new = int(np.searchsorted(n, self._last, side="right"))
             n, t, u, y = n[new:], t[new:], u[new:], y[new:]
-        self._taken.append((n, t, u, y))
+        self._samples_waiting.append((n, t, u, y))
         self._rows += u.size
-        if self._rows >= ROWS or time.monotonic() - self._begun >= SECONDS:
+        if self._rows >= ROWS or time.monotonic() - self._start >= SECONDS:
             self.flush()
 
-    def send(self, estimate: Estimate) -> None:
-        """Take an estimate."""
-        self._given.append(estimate)
+    def send(self, estimate: EstimateMessage) -> None:
+        """Record an estimate."""
+        self._estimates_waiting.append(estimate)
 
     def close(self) -> None:
-        """Have the rest written."""
+        """Have the last part written, in the background."""
         self.flush()
 
     def flush(self) -> None:
-        """Have what was taken written as a part, in the background."""
-        taken, given = self._taken, self._given
+        """Have the samples and estimates so far written as a part, in the background."""
+        samples, estimates = self._samples_waiting, self._estimates_waiting
         self._clear()
-        if taken:
+        if samples:
             number = self._samples.next_number()
-            self._background.submit("record", lambda: self._samples.write(number, _samples_table(taken)))
-        if given:
+            self._disk_writer.submit("record", lambda: self._samples.write(number, _samples_table(samples)))
+        if estimates:
             place = self._estimates.next_number()
-            self._background.submit("record", lambda: self._estimates.write(place, _estimates_table(given)))
+            self._disk_writer.submit("record", lambda: self._estimates.write(place, _estimates_table(estimates)))
 
 
 class _Parts:
@@ -123,7 +134,7 @@ class _Parts:
 
         last = None
         if self._found:
-            with opened(self._found[-1]) as part:
+            with open_parquet(self._found[-1]) as part:
                 numbers = part.read(columns=["n"]).column("n")
                 check_rows(self._found[-1], part, len(numbers))
             last = pyarrow.compute.max(numbers).as_py()
@@ -147,35 +158,35 @@ class _Parts:
                 os.fsync(file.fileno())
             unfinished.replace(path)
         finally:
-            with contextlib.suppress(OSError):  # a full disk, say: what was begun is of no use
+            with contextlib.suppress(OSError):  # after a failure, such as a full disk, an unfinished file is useless
                 unfinished.unlink(missing_ok=True)
 
 
-def _samples_table(taken: list[tuple[npt.NDArray[np.int64] | None, FloatArray, FloatArray, FloatArray]]) -> Any:
+def _samples_table(samples: list[tuple[npt.NDArray[np.int64] | None, FloatArray, FloatArray, FloatArray]]) -> Any:
     import pyarrow
 
     numbers = [
         pyarrow.nulls(u.size, pyarrow.int64()) if n is None else pyarrow.array(n, pyarrow.int64())
-        for n, _, u, _ in taken
+        for n, _, u, _ in samples
     ]
-    signals = {name: np.concatenate([entry[k] for entry in taken]) for k, name in ((1, "t"), (2, "u"), (3, "y"))}
+    signals = {name: np.concatenate([entry[k] for entry in samples]) for k, name in ((1, "t"), (2, "u"), (3, "y"))}
     return pyarrow.table({"n": pyarrow.chunked_array(numbers, pyarrow.int64()), **signals})
 
 
-def _estimates_table(given: list[Estimate]) -> Any:
+def _estimates_table(estimates: list[EstimateMessage]) -> Any:
     import pyarrow
 
-    names = given[0].names
+    names = estimates[0].names
     columns: dict[str, Any] = {
-        "t": pyarrow.array([entry.timestamp for entry in given], pyarrow.float64()),
-        "n": pyarrow.array([entry.sequence for entry in given], pyarrow.int64()),
-        "samples": pyarrow.array([entry.samples for entry in given], pyarrow.int64()),
+        "t": pyarrow.array([entry.timestamp for entry in estimates], pyarrow.float64()),
+        "n": pyarrow.array([entry.sequence for entry in estimates], pyarrow.int64()),
+        "samples": pyarrow.array([entry.samples for entry in estimates], pyarrow.int64()),
     }
     for prefix, values in (
-        ("", np.array([entry.parameters for entry in given])),
-        ("std_", np.array([entry.std for entry in given])),
+        ("", np.array([entry.parameters for entry in estimates])),
+        ("std_", np.array([entry.std for entry in estimates])),
     ):
         columns |= {prefix + name: values[:, k] for k, name in enumerate(names)}
-    columns["status"] = [entry.status for entry in given]
-    columns["verdict"] = [entry.verdict for entry in given]
+    columns["status"] = [entry.status for entry in estimates]
+    columns["verdict"] = [entry.verdict for entry in estimates]
     return pyarrow.table(columns)

@@ -1,4 +1,4 @@
-"""Sinks: where estimates go.  One class a wire, chosen by an address: ``-``, ``udp://``, ``mqtt://``."""
+"""Sinks: the receivers of estimates, one class for each scheme of an address: ``-``, ``udp://``, ``mqtt://``."""
 
 from __future__ import annotations
 
@@ -13,46 +13,46 @@ import uuid
 from typing import Any, Protocol
 from urllib.parse import SplitResult, unquote, urlsplit
 
-from replant.data.streams.address import shown
+from replant.data.streams.address import without_password
 from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.live.outputs.message import (
     ENDED,
     LEAST_TTL,
     UNKNOWN,
-    Estimate,
+    EstimateMessage,
 )
 
 MQTT_PORT = 1883
-PATIENCE = 5.0  # s that a broker may be away before it is said
+BROKER_TIMEOUT = 5.0  # s that a broker may be away before it is said
 KEEPALIVE = 1, 15  # s, least and most
-#: What the broker says for a session that is gone without a word.
+#: The message that the broker publishes when the connection to the session breaks.
 WILL = json.dumps({"trusted": 0, "ttl": 0.0, "status": ENDED, "verdict": UNKNOWN}, separators=(",", ":")).encode()
 
 
 class Sink(Protocol):
-    """Takes estimates; must not keep the session waiting.  One thread at a time sends."""
+    """A receiver of estimates.  `send` must not block; only one thread at a time calls it."""
 
     name: str
-    #: Least time between two estimates in s; those between are left out, the last of a batch of them never.
+    #: Least time between two estimates in s; estimates in between are left out, but never the newest one.
     interval: float
-    #: Whether the other side lacks the newest estimate, so that it is to be sent again: it was left out because the
-    #: other side is slow or away, or the other side is new.
+    #: Whether the receiver lacks the newest estimate, which must be sent again: the receiver is slow, was away, or has
+    #: just connected.
     behind: bool
 
-    def send(self, estimate: Estimate) -> None:
-        """Send, or leave it out for now and be `behind`, or raise OSError with the reason."""
+    def send(self, estimate: EstimateMessage) -> None:
+        """Send the estimate, or leave it out and set `behind`, or raise OSError with the reason."""
 
     def close(self) -> None:
-        """Send what is left, and let go of the wire."""
+        """Send what is queued, and close the connection."""
 
 
-class Lines:
-    """JSON lines into an open file, as a rule standard output.
+class LineSink:
+    """Writes JSON lines to an open file, by default standard output.
 
     Parameters
     ----------
     descriptor : int
-        Of the open file.  Written to directly, each line at once: a reader sees it immediately.
+        Descriptor of the open file.  It is written to directly, so that a reader gets each line at once.
     """
 
     name = "-"
@@ -60,28 +60,28 @@ class Lines:
 
     def __init__(self, descriptor: int = 1) -> None:
         self._descriptor = descriptor
-        self._cut = False  # whether what was written ends within a line
+        self._cut = False  # whether the last line was written in part
         self.behind = False
         self._is_pipe = False
         self._poll: Any = None
         try:
             mode = os.fstat(descriptor).st_mode
-        except OSError:  # a closed standard output: writing says so
+        except OSError:  # standard output is closed: writing raises the error
             return
         if hasattr(select, "poll") and not stat.S_ISREG(mode):
             self._is_pipe = stat.S_ISFIFO(mode)
             self._poll = select.poll()
             self._poll.register(descriptor, select.POLLOUT)
 
-    def send(self, estimate: Estimate) -> None:
-        """Write a line; a trusted one only when the reader of a pipe has taken those before.
+    def send(self, estimate: EstimateMessage) -> None:
+        """Write a line; a line with ``trusted: 1`` only when the reader of a pipe has read the lines before.
 
-        So a slow reader never finds a heap of lines of which each says that it may still be trusted.
+        Thus a slow reader never finds a backlog of outdated lines that all say ``trusted: 1``.
 
         Raises
         ------
         BrokenPipeError
-            When nobody reads any more.
+            If the reader has closed the pipe.
         """
         self.behind = not self._has_room(alone=estimate.trusted)
         if self.behind:
@@ -89,29 +89,29 @@ class Lines:
         rest = (b"\n" if self._cut else b"") + estimate.as_json() + b"\n"
         while rest:
             rest = rest[os.write(self._descriptor, rest) :]
-            self._cut = bool(rest)  # cut off here, by a full disk, it must not swallow the next one
+            self._cut = bool(rest)  # if the line is cut, by a full disk, the next one must begin on a new line
 
     def _has_room(self, *, alone: bool) -> bool:
-        """Whether a line can be written without waiting, and with ``alone`` whether none is waiting to be read."""
+        """Return whether a line can be written without blocking; with ``alone``, also that no line is unread."""
         if self._poll is None:
             return True
         found = self._poll.poll(0)
         ready = found[0][1] if found else 0
-        if ready & ~select.POLLOUT:  # the reader has gone: writing says so
+        if ready & ~select.POLLOUT:  # the reader has closed the pipe: writing raises the error
             return True
         return bool(ready) and not (alone and self._is_pipe and _unread(self._descriptor))
 
     def close(self) -> None:
-        """Nothing is left to do: lines go out at once."""
+        """Do nothing: lines are written at once."""
 
 
-class Datagrams:
-    """A UDP datagram an estimate; whether anyone listens does not matter.
+class UdpSink:
+    """Sends each estimate as a UDP datagram, whether or not a receiver listens.
 
-    PlotJuggler's "UDP Server" with the JSON parser takes them as they are; "timestamp" is its field of time.
+    PlotJuggler's "UDP Server" with the JSON parser reads the datagrams; "timestamp" is the field of time.
     """
 
-    interval = 0.0005  # a controller wants the newest; faster than this no controller asks
+    interval = 0.0005  # no controller reads estimates faster
 
     def __init__(self, address: SplitResult) -> None:
         self.name = address.geturl()
@@ -126,12 +126,12 @@ class Datagrams:
         self._socket.setblocking(False)
         self.behind = False
 
-    def send(self, estimate: Estimate) -> None:
-        """Send a datagram; it may get lost, as datagrams do."""
+    def send(self, estimate: EstimateMessage) -> None:
+        """Send a datagram, which the network may lose."""
         self.behind = False
         try:
             self._socket.sendto(estimate.as_json(), self._to)
-        except BlockingIOError:  # the system has no room for it
+        except BlockingIOError:  # the system's send buffer is full
             self.behind = True
         except ConnectionRefusedError:
             return
@@ -141,18 +141,17 @@ class Datagrams:
         self._socket.close()
 
 
-class Retained:
-    """MQTT: each estimate is retained by the broker, so that who comes later has the newest at once.
+class MqttSink:
+    """Publishes estimates over MQTT; the broker retains the newest for clients that subscribe later.
 
-    Connects in the background, again and again while the broker is away; meanwhile estimates are left out, and the
-    newest is sent as soon as it is back.  Should the session die, or its network, the broker publishes its last will:
-    nothing is trusted.
+    The sink connects in the background, and again after a break.  During a break estimates are left out; the newest one
+    is sent after it.  If the session or its network dies, the broker publishes the session's last will, ``trusted: 0``.
 
     Parameters
     ----------
     address : SplitResult
     ttl : float
-        Seconds within which the broker shall notice that the session is gone.
+        Seconds within which the broker has to notice that the session is gone.
     """
 
     interval = 0.01
@@ -170,74 +169,73 @@ class Retained:
             raise InvalidArgumentError(
                 f"--to {self.name}: name one topic after the host, as in mqtt://host/rig/1/model"
             )
-        # always by one name: a connection made anew replaces the one before, whose will then comes before what we say
+        # one client name for all connections: a new connection replaces the old one at the broker, which publishes the
+        # old one's will first, and only then the estimates of the new one
         self._client: Any = Client(CallbackAPIVersion.VERSION2, f"replant-{uuid.uuid4().hex[:12]}")
         self._client.will_set(self._topic, WILL, qos=1, retain=True)
         if address.username:
             self._client.username_pw_set(unquote(address.username), unquote(address.password or ""))
         self._client.reconnect_delay_set(min_delay=1, max_delay=5)
-        self._client.on_connect = self._answered
-        self._client.on_publish = self._written
+        self._client.on_connect = self._on_connect
+        self._client.on_publish = self._on_publish
         self._trouble = "the broker does not answer"
         self._connected = time.monotonic()
-        self._unsent = False  # an estimate waits for the network
+        self._unsent = False  # whether an estimate waits for the network
         self.behind = True
-        # a broker waits one and a half times as long, and may take another second to see it
+        # a broker waits for one and a half times the keep-alive interval, and may notice a second later
         keepalive = min(max(KEEPALIVE[0], int(ttl / 2.0)), KEEPALIVE[1])
         self._client.connect_async(_host(address), port, keepalive)
         self._client.loop_start()
 
-    def send(self, estimate: Estimate) -> None:
-        """Publish, retained; nothing while the broker is away, or has not taken the one before.
+    def send(self, estimate: EstimateMessage) -> None:
+        """Publish the estimate as retained message, unless the broker is away or the one before is still unsent.
 
         Raises
         ------
         ConnectionError
-            When it has been away for some seconds.
+            If the broker has been away for more than `BROKER_TIMEOUT`.
         """
         now = time.monotonic()
         connected = self._client.is_connected()
         self.behind = not connected or self._unsent
         if connected:
             self._connected = now
-        elif now - self._connected > PATIENCE:
+        elif now - self._connected > BROKER_TIMEOUT:
             raise ConnectionError(self._trouble)
         if not self.behind:
             self._unsent = True
             self._client.publish(self._topic, estimate.as_json(), qos=0, retain=True)
 
-    def _answered(self, *answer: Any) -> None:
-        """Take the broker's answer: client, what was given along, flags, reason, properties."""
-        refused = getattr(answer[3], "is_failure", False)
-        self._trouble = f"the broker refuses: {answer[3]}" if refused else "the broker does not answer"
-        self._unsent = False  # it was thrown away with the connection before
-        self.behind = True  # what the broker retains is the will, or of somebody else, or nothing
+    def _on_connect(self, client: Any, data: Any, flags: Any, reason: Any, properties: Any) -> None:
+        refused = getattr(reason, "is_failure", False)
+        self._trouble = f"the broker refuses: {reason}" if refused else "the broker does not answer"
+        self._unsent = False  # paho discards it with the previous connection
+        self.behind = True  # the broker retains the will, a message of another client, or none
 
-    def _written(self, *_: Any) -> None:
-        """Take note that the newest estimate is on its way."""
+    def _on_publish(self, *_: Any) -> None:
         self._unsent = False
 
     def close(self) -> None:
-        """Send what is left and disconnect."""
+        """Send what is queued, and disconnect."""
         if self._client.is_connected():
             self._client.disconnect()
         self._client.loop_stop()
 
 
 def open_sink(address: str, ttl: float = LEAST_TTL) -> Sink:
-    """Return the sink that an address names.
+    """Return the sink of an address.
 
     Parameters
     ----------
     address : str
         ``-`` (standard output), ``udp://HOST:PORT`` or ``mqtt://[USER:PASSWORD@]HOST[:PORT]/TOPIC``.
     ttl : float
-        Seconds within which whoever is at the other side shall notice that the session is gone.
+        Seconds within which a receiver has to notice that the session is gone.
 
     Raises
     ------
     InvalidArgumentError
-        For any other address.
+        If the address has another form, or its host does not exist.
     MissingDependencyError
         For MQTT without paho-mqtt.
 
@@ -247,17 +245,17 @@ def open_sink(address: str, ttl: float = LEAST_TTL) -> Sink:
     '-'
     """
     if address == "-":
-        return Lines()
+        return LineSink()
     parts = urlsplit(address)
     if parts.scheme == "udp":
-        return Datagrams(parts)
+        return UdpSink(parts)
     if parts.scheme == "mqtt":
-        return Retained(parts, ttl)
+        return MqttSink(parts, ttl)
     raise InvalidArgumentError(f"--to {address}: give -, udp://HOST:PORT or mqtt://HOST:PORT/TOPIC")
 
 
 def _unread(descriptor: int) -> int:
-    """Return how many bytes wait in a pipe; 0 where the system does not tell."""
+    """Return the number of unread bytes in a pipe; 0 where the system does not tell."""
     try:
         import fcntl
         import termios
@@ -269,15 +267,17 @@ def _unread(descriptor: int) -> int:
 
 def _host(address: SplitResult) -> str:
     if not address.hostname:
-        raise InvalidArgumentError(f"--to {shown(address)}: the host is missing, as in {address.scheme}://127.0.0.1")
+        raise InvalidArgumentError(
+            f"--to {without_password(address)}: the host is missing, as in {address.scheme}://127.0.0.1"
+        )
     return address.hostname
 
 
-def _port(address: SplitResult, usual: int | None) -> int:
+def _port(address: SplitResult, default: int | None) -> int:
     try:
-        port = address.port or usual
+        port = address.port or default
     except ValueError:
         port = None
     if port is None:
-        raise InvalidArgumentError(f"--to {shown(address)}: give a port from 1 to 65535 after the host")
+        raise InvalidArgumentError(f"--to {without_password(address)}: give a port from 1 to 65535 after the host")
     return port

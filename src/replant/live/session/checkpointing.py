@@ -1,4 +1,4 @@
-"""Keeper: a checkpoint every few seconds, written behind the session's back, and the way back from it."""
+"""Checkpointing: a checkpoint every few seconds, written by a background thread, and resuming from it."""
 
 from __future__ import annotations
 
@@ -11,55 +11,55 @@ from pathlib import Path
 from replant.checkpoint.encoding import encode
 from replant.checkpoint.files import write
 from replant.errors import InvalidArgumentError, MissingCheckpointError
-from replant.live.outputs.disk_writer import Background
+from replant.live.outputs.disk_writer import DiskWriter
 from replant.online.identifier import Identifier
 from replant.online.saving import Loaded, load
 from replant.settings import Request
 
-Kept = Mapping[str, int | float | str]
+ProgressEntries = Mapping[str, int | float | str]
 
 
-class Keeper:
-    """Keep an identifier in a file.
+class CheckpointWriter:
+    """Writes checkpoints of an identifier into a file.
 
     Parameters
     ----------
     path : path
     every : float
         Seconds between two checkpoints.
-    background : Background
-        Writes them: a disk may take its time.
+    disk_writer : DiskWriter
+        Writes the periodic checkpoints in its thread, because a disk may be slow.
     """
 
-    def __init__(self, path: Path, every: float, background: Background) -> None:
-        self._path, self._every, self._background = path, every, background
+    def __init__(self, path: Path, every: float, disk_writer: DiskWriter) -> None:
+        self._path, self._every, self._disk_writer = path, every, disk_writer
         self._due = time.monotonic() + every
         self._idle = threading.Event()
         self._idle.set()
 
     def is_due(self, now: float) -> bool:
-        """Whether it is time for the next checkpoint, and the one before has been written."""
+        """Return whether the time for the next checkpoint has come and the one before has been written."""
         return now >= self._due and self._idle.is_set()
 
-    def keep(self, identifier: Identifier, progress: Kept) -> None:
-        """Have a checkpoint of this very state written."""
+    def submit(self, identifier: Identifier, progress: ProgressEntries) -> None:
+        """Have a checkpoint of the present state written in the background."""
         self._due = time.monotonic() + self._every
         data = encode(vars(identifier), progress)
         self._idle.clear()
-        taken = False
+        accepted = False
         try:
-            taken = self._background.submit("checkpoint", lambda: self._write(data))
+            accepted = self._disk_writer.submit("checkpoint", lambda: self._write(data))
         finally:
-            if not taken:
+            if not accepted:
                 self._idle.set()
 
-    def finish(self, identifier: Identifier, progress: Kept) -> None:
-        """Write the last checkpoint, at once.
+    def write_now(self, identifier: Identifier, progress: ProgressEntries) -> None:
+        """Write a checkpoint and wait for it.
 
         Raises
         ------
         CheckpointError
-            If it cannot be written; the file is as it was.
+            If it cannot be written; the file is then unchanged.
         """
         write(self._path, encode(vars(identifier), progress))
 
@@ -71,25 +71,31 @@ class Keeper:
 
 
 def resume(path: Path, request: Request) -> Loaded | None:
-    """Return what a checkpoint holds; None where there is none yet.
+    """Return what a checkpoint holds; None if there is no checkpoint yet.
 
     Raises
     ------
     InvalidArgumentError
-        If it is of an identifier that was asked for otherwise.
+        If the checkpoint was made with other options than ``request``.
     CheckpointError
         If it cannot be used, and there is no previous one.
+
+    Examples
+    --------
+    >>> from replant.model.structure import Structure
+    >>> resume(Path("no-such-file.replant"), Request(Structure(1), dt=0.1)) is None
+    True
     """
     try:
         loaded = load(path)
     except MissingCheckpointError:
         return None
-    kept = loaded.identifier.request
+    stored = loaded.identifier.request
     for entry in fields(Request):
-        before, now = getattr(kept, entry.name), getattr(request, entry.name)
+        before, now = getattr(stored, entry.name), getattr(request, entry.name)
         if before != now:
             raise InvalidArgumentError(
-                f"{path}: the checkpoint is of {entry.name} {before}, and {now} is asked for now; "
-                f"give the same options, or move {path} away to begin anew"
+                f"{path}: the checkpoint was made with {entry.name} {before}, and {now} is requested now; "
+                f"give the same options, or move {path} away to start anew"
             )
     return loaded

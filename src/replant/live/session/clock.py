@@ -1,4 +1,4 @@
-"""Clock: the device's time stamps as rig time, which goes on where a device that was switched off begins at zero."""
+"""Rig clock: the device's time stamps converted to rig time, which continues after the device was reset."""
 
 from __future__ import annotations
 
@@ -11,34 +11,34 @@ from replant.kernels.schema import FARTHEST, LEAP
 BACK = 1.0  # s; stamps that go back less are late samples, which the identifier rejects one by one
 
 
-class Clock:
-    """Follow time stamps.
+class RigClock:
+    """Converts time stamps to rig time.
 
-    Two stamps in a row, soon one after the other, that lie more than a second back are a clock that was set back, or a
-    device that started anew: from then on rig time is the stamp plus an offset, so that the filters begin anew after a
-    gap.  A clock that jumps ahead is such a gap by itself.  A stamp that leaps by more than `LEAP` sampling times, and
-    the very first one, count once the next one confirms them; until then rig time stays.  Every stamp is handed on:
-    the identifier, which has the same rule, rejects and counts.
+    Rig time is the stamp plus an offset.  Two consecutive stamps that lie close together and more than a second back
+    show that the clock was set back or the device was reset: the offset is then changed so that rig time continues
+    after a gap, at which the filters restart.  A clock that jumps ahead makes such a gap by itself.  A stamp that leaps
+    by more than `LEAP` sampling times, and the very first stamp, advance rig time only once the next stamp confirms
+    them.  Every stamp is returned: the identifier applies the same rule, rejects samples and counts them.
 
     Parameters
     ----------
     dt : float
         Sampling time in s.
     last : float
-        Rig time of the newest sample before, in s; minus infinity if there is none.
+        Rig time of the newest sample so far, in s; minus infinity if there is none.
     offset : float
-        What is added to stamps, in s.
+        Rig time minus stamp, in s.
     candidate : float or None
-        The stamp before, where it leapt or lay far back.
+        The previous stamp, if it leapt or lay far back.
     alone : bool
-        Whether rig time is the very first stamp, which none has confirmed.
+        Whether rig time is the very first stamp, and not confirmed yet.
 
     Examples
     --------
-    >>> clock = Clock(dt=0.1)
+    >>> clock = RigClock(dt=0.1)
     >>> clock.follow(np.array([500.0, 500.1])), clock.offset
     (array([500. , 500.1]), 0.0)
-    >>> clock.follow(np.array([0.0, 0.1, 0.2])).round(6)  # it was switched off and on: a sample later it is believed
+    >>> clock.follow(np.array([0.0, 0.1, 0.2])).round(6)  # the device was reset, which its second stamp confirms
     array([  0. , 504.1, 504.2])
     >>> clock.follow(np.array([1e4, 0.3])).round(6), round(clock.last, 6)  # misread, rejected by the identifier
     (array([10504. ,   504.3]), 504.3)
@@ -59,11 +59,11 @@ class Clock:
     def follow(self, t: FloatArray) -> FloatArray:
         """Return rig time (K,) of the stamps of K samples."""
         shifted = t + self.offset if self.offset else t
-        begins = self.last == -np.inf
-        if not self.alone and (not begins or (t.size > 1 and np.abs(shifted).max() <= self._farthest)):
-            steps = np.diff(shifted) if begins else np.diff(shifted, prepend=self.last)
+        is_first = self.last == -np.inf
+        if not self.alone and (not is_first or (t.size > 1 and np.abs(shifted).max() <= self._farthest)):
+            steps = np.diff(shifted) if is_first else np.diff(shifted, prepend=self.last)
             if (steps > 0.0).all() and (steps <= self._leap).all():
-                self._go_on(float(shifted[-1]))
+                self._advance(float(shifted[-1]))
                 return shifted
         one_by_one = np.array([self._one(stamp) for stamp in t.tolist()])
         return one_by_one if self.offset else t
@@ -75,34 +75,34 @@ class Clock:
         if self.last == -np.inf:
             self.last, self.alone = shifted, True
         elif 0.0 < shifted - self.last <= self._leap:
-            self._go_on(shifted)
+            self._advance(shifted)
         elif shifted > self.last or self.alone:
-            return self._leaps(stamp, shifted)
+            return self._follow_leap(stamp, shifted)
         elif shifted < self.last - BACK:
-            return self._goes_back(stamp, shifted)
+            return self._follow_step_back(stamp, shifted)
         return shifted
 
-    def _go_on(self, shifted: float) -> None:
+    def _advance(self, shifted: float) -> None:
         self.last, self.candidate, self.alone = shifted, None, False
 
-    def _leaps(self, stamp: float, shifted: float) -> float:
-        """Take a stamp that leaps ahead, or one that does not go on from the very first, as rig time once confirmed."""
+    def _follow_leap(self, stamp: float, shifted: float) -> float:
+        """Handle a stamp that leaps ahead, or does not follow the very first one; it counts once it is confirmed."""
         candidate, self.candidate = self.candidate, stamp
         if candidate is not None:
             leapt = candidate + self.offset - self.last
             if leapt > 0.0 or self.alone:
                 ahead = stamp - candidate > 0.0
                 if ahead and stamp - candidate <= self._leap:
-                    self._go_on(shifted)
-                elif ahead and stamp - candidate <= 2.0 * leapt:  # a slow rig: each stamp leaps
+                    self._advance(shifted)
+                elif ahead and stamp - candidate <= 2.0 * leapt:  # a slow rig, each of whose stamps leaps
                     self.last, self.alone = candidate + self.offset, False
         return shifted
 
-    def _goes_back(self, stamp: float, shifted: float) -> float:
-        """Begin a new offset with a stamp that lies far back, as the one before it did."""
+    def _follow_step_back(self, stamp: float, shifted: float) -> float:
+        """Handle a stamp that lies far back; if the stamp before confirms it, set a new offset."""
         candidate, self.candidate = self.candidate, stamp
         if candidate is None or not 0.0 < stamp - candidate <= self._leap or candidate + self.offset > self.last:
             return shifted
         self.offset = self.last + self._gap - stamp
-        self._go_on(stamp + self.offset)
+        self._advance(stamp + self.offset)
         return self.last

@@ -1,4 +1,4 @@
-"""Memory: have it stay flat over days."""
+"""Malloc: a setting of the C library that keeps memory from growing over days."""
 
 from __future__ import annotations
 
@@ -6,14 +6,18 @@ import contextlib
 import ctypes
 
 M_MMAP_THRESHOLD = -3  # malloc.h
-THRESHOLD = 1 << 17  # bytes; what glibc begins with, and raises by itself as blocks of different sizes come and go
+THRESHOLD = 1 << 17  # bytes; glibc's initial value, which glibc raises as blocks of different sizes come and go
 
 
-def hold_flat() -> None:
-    """Have the C library map blocks of 128 KiB and more one by one, and give them back when they are freed.
+def limit_heap_growth() -> None:
+    """Have the C library map blocks of 128 KiB and more one by one, and return them when they are freed.
 
-    Else blocks of lines and samples of ever new sizes leave holes in the heap, which grows by some megabytes a minute
-    at hundreds of thousands of samples a second until it has found its size.  Without effect where there is no glibc.
+    Otherwise blocks of lines and samples, whose sizes vary, leave holes in the heap: at hundreds of thousands of
+    samples a second it grows by some megabytes a minute until it has found its size.  Without glibc this has no effect.
+
+    Examples
+    --------
+    >>> limit_heap_growth()
     """
     with contextlib.suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, THRESHOLD)

@@ -1,4 +1,4 @@
-"""Progress: how far a session has come, as its checkpoint remembers it."""
+"""Progress: how many samples a session has taken, and its clock, as stored in a checkpoint."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.data.streams import Batch
 from replant.errors import DamagedCheckpointError
-from replant.live.session.clock import Clock
+from replant.live.session.clock import RigClock
 
-COUNTER = "counter "  # before a counter's name in a checkpoint
-LATEST = 1e300  # s; what is no number is not within it either
+COUNTER = "counter "  # prefix of a counter's name in a checkpoint
+LATEST = 1e300  # s; bounds every time in a checkpoint
 
 
 @dataclass
 class Progress:
-    """How far a session has come.
+    """How many samples a session has taken, and the state of its clock.
 
     Attributes
     ----------
     taken : int
         Samples taken, rejected ones included.
     at : float
-        Rig time of the newest in s: its stamp, or taken times dt.
+        Rig time of the newest sample in s: its stamp, or taken times dt.
     sequence : int or None
-        Its number, where the device gives one.
+        Number of the newest sample, where the device gives one.
     offset, candidate, alone
-        Of the device's clock: see `Clock`.
+        State of the device's clock, see `RigClock`.
     earlier : dict
-        What the sources before this resumption counted.
+        Counters of the sources before this resumption.
     """
 
     taken: int = 0
@@ -43,7 +43,17 @@ class Progress:
     earlier: dict[str, int] = field(default_factory=dict)
 
     def advance(self, batch: Batch, t: FloatArray | None, dt: float) -> FloatArray:
-        """Count the samples of a batch, not empty, with rig time ``t``; return that, or of a regular clock its own."""
+        """Count the samples of a batch and return their rig time (K,) in s.
+
+        Parameters
+        ----------
+        batch : Batch
+            K samples, at least one.
+        t : (K,) array or None
+            Rig time in s; None on a regular clock, where it follows from the number of samples.
+        dt : float
+            Sampling time in s.
+        """
         clock = np.asarray((self.taken + 1 + np.arange(batch.u.size)) * dt) if t is None else t
         self.taken += batch.u.size
         if t is None:
@@ -52,19 +62,19 @@ class Progress:
             self.sequence = int(batch.sequence[-1])
         return clock
 
-    def follow(self, clock: Clock) -> None:
-        """Note how far the clock of the device's stamps has come."""
+    def follow(self, clock: RigClock) -> None:
+        """Store the state of the clock."""
         if np.isfinite(clock.last):
             self.at = clock.last
         self.offset, self.candidate, self.alone = clock.offset, clock.candidate, clock.alone
 
-    def clock(self, dt: float) -> Clock:
-        """Return the clock that goes on from there."""
+    def clock(self, dt: float) -> RigClock:
+        """Return a clock that continues from the stored state."""
         last = self.at if self.taken else -np.inf
-        return Clock(dt, last, self.offset, self.candidate, alone=self.alone)
+        return RigClock(dt, last, self.offset, self.candidate, alone=self.alone)
 
     def counted(self, counters: Mapping[str, int]) -> dict[str, int]:
-        """Return what was counted in all, ``counters`` being the source's of now.
+        """Return all counters: those of earlier sources plus ``counters`` of the present one.
 
         Examples
         --------
@@ -75,24 +85,24 @@ class Progress:
         return {name: self.earlier.get(name, 0) + counters.get(name, 0) for name in every}
 
     def with_counters(self, counters: Mapping[str, int]) -> dict[str, int | float | str]:
-        """Return what a checkpoint holds beside the identifier."""
-        kept: dict[str, int | float | str] = {"taken": self.taken, "at": self.at, "offset": self.offset}
+        """Return the entries that a checkpoint stores besides the identifier."""
+        entries: dict[str, int | float | str] = {"taken": self.taken, "at": self.at, "offset": self.offset}
         if self.sequence is not None:
-            kept["sequence"] = self.sequence
+            entries["sequence"] = self.sequence
         if self.candidate is not None:
-            kept["candidate"] = self.candidate
+            entries["candidate"] = self.candidate
         if self.alone:
-            kept["alone"] = 1
-        return kept | {COUNTER + name: count for name, count in self.counted(counters).items()}
+            entries["alone"] = 1
+        return entries | {COUNTER + name: count for name, count in self.counted(counters).items()}
 
     @classmethod
-    def of(cls, kept: Mapping[str, int | float | str]) -> Progress:
-        """Return the progress that a checkpoint holds.
+    def of(cls, entries: Mapping[str, int | float | str]) -> Progress:
+        """Return the progress with the entries of a checkpoint, see `with_counters`.
 
         Raises
         ------
         DamagedCheckpointError
-            If an entry is not of the kind that a session writes.
+            If an entry is not of the type or size that a session writes.
 
         Examples
         --------
@@ -100,25 +110,25 @@ class Progress:
         Progress(taken=3, at=0.5, sequence=7, offset=0.0, candidate=None, alone=False, earlier={'lost': 1})
         """
         return cls(
-            _whole(kept, "taken"),
-            _number(kept, "at"),
-            _whole(kept, "sequence", -(2**63)) if "sequence" in kept else None,
-            _number(kept, "offset"),
-            _number(kept, "candidate") if "candidate" in kept else None,
-            bool(_whole(kept, "alone")),
-            {name.removeprefix(COUNTER): _whole(kept, name) for name in kept if name.startswith(COUNTER)},
+            _whole(entries, "taken"),
+            _number(entries, "at"),
+            _whole(entries, "sequence", -(2**63)) if "sequence" in entries else None,
+            _number(entries, "offset"),
+            _number(entries, "candidate") if "candidate" in entries else None,
+            bool(_whole(entries, "alone")),
+            {name.removeprefix(COUNTER): _whole(entries, name) for name in entries if name.startswith(COUNTER)},
         )
 
 
-def _whole(kept: Mapping[str, int | float | str], name: str, least: int = 0) -> int:
-    value = kept.get(name, 0)
+def _whole(entries: Mapping[str, int | float | str], name: str, least: int = 0) -> int:
+    value = entries.get(name, 0)
     if not isinstance(value, int) or not least <= value < 2**63:
         raise DamagedCheckpointError(f"its {name!r} is no count: {value!r:.30}")
     return value
 
 
-def _number(kept: Mapping[str, int | float | str], name: str) -> float:
-    value = kept.get(name, 0.0)
+def _number(entries: Mapping[str, int | float | str], name: str) -> float:
+    value = entries.get(name, 0.0)
     if isinstance(value, str) or not -LATEST <= value <= LATEST:
         raise DamagedCheckpointError(f"its {name!r} is no time: {value!r:.30}")
     return float(value)

@@ -1,4 +1,4 @@
-"""Warm: compile what a session will need before the first sample comes, so that none waits for a compiler."""
+"""Warm-up: compiles the kernels that a session needs before its first sample arrives."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
 from replant.settings import Request
 
-PATIENCE = 3.0  # s after which the wait is explained
+EXPLAIN_AFTER = 3.0  # s after which the wait is explained
 STARTUP, SAMPLES = 500, 1200  # enough for a first model, and for the record to be solved again
 
 
-def warm(request: Request, say: Callable[[str], None]) -> None:
-    """Identify a simulated plant as is asked for, with and without time stamps.
+def warm_up(request: Request, say: Callable[[str], None]) -> None:
+    """Compile the kernels of a session by identifying a simulated plant, with and without time stamps.
 
     Parameters
     ----------
     request : Request
+        The settings of the session.
     say : callable
-        Told why, if it takes long: kernels are compiled once and kept on disk.
+        Called with a line of text if compiling takes long, or if the kernels cannot be stored on disk.
     """
     from replant.kernels.codegen.decorators import TROUBLE
 
-    waiting = threading.Timer(PATIENCE, say, ["replant: compiling (once): up to a minute"])
+    waiting = threading.Timer(EXPLAIN_AFTER, say, ["replant: compiling (once): up to a minute"])
     waiting.daemon = True
     waiting.start()
     try:
@@ -35,11 +36,11 @@ def warm(request: Request, say: Callable[[str], None]) -> None:
     finally:
         waiting.cancel()
     if TROUBLE:
-        say(f"replant: the compiled kernels cannot be kept ({TROUBLE[0]}): the next start compiles them again")
+        say(f"replant: the compiled kernels cannot be stored ({TROUBLE[0]}): the next start compiles them again")
 
 
 def _identify(request: Request) -> None:
-    u, y = _record(request)
+    u, y = _simulated_record(request)
     identifier = Identifier(**vars(request))
     identifier.update_many(u, y)
     identifier.finish_startup()
@@ -47,8 +48,8 @@ def _identify(request: Request) -> None:
     identifier.update_many(u[:2], y[:2], request.dt * np.arange(1, 3))
 
 
-def _record(request: Request) -> tuple[np.ndarray, np.ndarray]:
-    """Return a record of a plant of the structure asked for, with well-damped poles that the clock sees well."""
+def _simulated_record(request: Request) -> tuple[np.ndarray, np.ndarray]:
+    """Return input and output of a plant of the requested structure, with real poles well below the sampling rate."""
     structure, dt = request.structure, request.dt
     speeds = np.geomspace(0.05, 0.2, structure.poles) / dt
     zeros = np.geomspace(0.07, 0.3, structure.zeros) / dt

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from replant.model.transfer_function import TransferFunction
-from replant.report.numbers import WORST_PERCENT, off_by
+from replant.report.numbers import off_by, percent, with_std
 from replant.runs.result import Result
 
 REASON_INDENT = 9  # columns, below the figures
@@ -70,10 +70,10 @@ def _print_model(console: Any, result: Result, truth: TransferFunction | None) -
     console.print()
     console.print(_mode_table(result))
     console.print()
-    gain = _with_std(result.transfer_function.dc_gain, _dc_gain_std(result))
+    gain = with_std(result.transfer_function.dc_gain, _dc_gain_std(result))
     console.print(f"DC gain  {gain}", highlight=False)
-    fits = f"{_percent(result.simulation.fit)} simulated from the input alone, {_percent(result.one_step)}"
-    console.print(f"Fit      {fits} one step ahead", highlight=False)
+    simulated, one_step = (percent(fit, ascii_only=True) for fit in (result.simulation.fit, result.one_step))
+    console.print(f"Fit      {simulated} simulated from the input alone, {one_step} one step ahead", highlight=False)
 
 
 def wrapped(text: str, width: int) -> list[str]:
@@ -124,42 +124,12 @@ def _mode_table(result: Result) -> Any:
             (uncertain[i].frequency_std, uncertain[i].damping_std, uncertain[i].time_constant_std) if uncertain else ()
         )
         figures = (mode.frequency, mode.damping, mode.time_constant)
-        shown = [_with_std(figure, stds[k] if stds else math.nan) for k, figure in enumerate(figures)]
+        shown = [with_std(figure, stds[k] if stds else math.nan) for k, figure in enumerate(figures)]
         pole = f"{mode.pole.real:.4g}" + (f" +- {mode.pole.imag:.4g}j" if mode.pole.imag else "")
         if not mode.pole.imag:
             shown[1] = f"{mode.damping:.3g}"  # of a real pole it is exactly 1 or -1
         table.add_row(pole, *shown)
     return table
-
-
-def _with_std(value: float, std: float) -> str:
-    """Write a figure with its standard deviation, where one is known: to the same place, in four digits at the most.
-
-    Examples
-    --------
-    >>> _with_std(1.2345678, 0.01), _with_std(0.4700200, 0.0123), _with_std(101.1, 1100.0), _with_std(2.0, math.nan)
-    ('1.235 +- 0.010', '0.470 +- 0.012', '100 +- 1100', '2')
-    """
-    if not math.isfinite(std):
-        return f"{value:.4g}"
-    digits = 4
-    if value and std and math.isfinite(value):
-        digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(std)) + 2
-    return f"{_digits(value, min(max(digits, 1), 4))} +- {_digits(std, 2)}"
-
-
-def _digits(value: float, digits: int) -> str:
-    """Return a figure with so many digits, zeros at the end among them, and a power of ten only where it is far from 1.
-
-    Examples
-    --------
-    >>> _digits(0.47002, 3), _digits(1099.0, 2), _digits(4.5e-6, 2), _digits(0.0, 2)
-    ('0.470', '1100', '4.5e-06', '0')
-    """
-    if not 1e-4 <= abs(value) < 1e5:
-        return f"{value:.{digits}g}"
-    place = digits - 1 - math.floor(math.log10(abs(value)))
-    return f"{round(value, place):.{max(place, 0)}f}"
 
 
 def _dc_gain_std(result: Result) -> float:
@@ -205,12 +175,6 @@ def _pole(pole: complex) -> dict[str, Any]:
 
 def _stds(result: Result) -> list[float]:
     return [math.nan] * result.structure.size if result.uncertainty is None else result.uncertainty.std.tolist()
-
-
-def _percent(value: float) -> str:
-    if not math.isfinite(value):
-        return "no figure"
-    return f"{value:.1f} %" if value > WORST_PERCENT else f"below {WORST_PERCENT:.0f} %"
 
 
 def _finite(value: float) -> float | None:

@@ -1,4 +1,4 @@
-// The page: one websocket brings views, the newest is drawn; buttons send commands.
+// The page: a websocket delivers views, of which the newest is drawn; buttons send commands.
 import { clock, count, percent, rate, shortly, uncertain } from "./format.js";
 import { fillModes, typeset } from "./model.js";
 import { splane } from "./plane.js";
@@ -16,18 +16,18 @@ const SIGNS = {
   none: "M12 1L23 12L12 23L1 12z|M7.5 12h.1M12 12h.1M16.5 12h.1",
 };
 const VERDICTS = {
-  trusted: ["good", "Trusted", "The model predicts samples that it was not made from."],
-  converging: ["warn", "Still converging", "The estimate has not come to rest: do not act on it yet."],
-  "not excited": ["bad", "Not excited", "The input does not tell the parameters apart: do not use this model."],
-  inconsistent: ["bad", "Inconsistent", "The model does not explain the samples: do not use it as it is."],
-  diverged: ["bad", "Diverged", "What is shown is the last finite estimate: do not use it."],
-  unknown: ["warn", "Unknown", "Nobody can say what the model is worth at present: do not use it."],
+  trusted: ["good", "Trusted", "The model predicts samples that were not used to estimate it."],
+  converging: ["warn", "Still converging", "The estimate has not converged: do not use it yet."],
+  "not excited": ["bad", "Not excited", "The input does not excite the plant enough to determine the parameters: do not use this model."],
+  inconsistent: ["bad", "Inconsistent", "The model does not explain the samples: do not use it."],
+  diverged: ["bad", "Diverged", "The page shows the last finite estimate: do not use it."],
+  unknown: ["warn", "Unknown", "The model cannot be judged at present: do not use it."],
 };
-// what is shown instead while nothing comes in: the verdict was one on the past
+// shown instead of the verdict while no views arrive: the last verdict was about the past
 const APART = {
-  over: ["The session has ended", "What is shown is its last estimate, and nobody judges it any more."],
-  silent: ["No word from the session", "What is shown is its last estimate, and nobody judges it at present."],
-  lost: ["Not connected", "What is shown is the last estimate that came, and nobody judges it at present."],
+  over: ["The session has ended", "The page shows its last estimate, which is no longer judged."],
+  silent: ["The session does not answer", "The page shows its last estimate, which is not judged at present."],
+  lost: ["Not connected", "The page shows the last estimate received, which is not judged at present."],
 };
 
 const sentence = text => (text ? text[0].toUpperCase() + text.slice(1).replace(/\.?$/, ".") : "");
@@ -35,7 +35,7 @@ const sentence = text => (text ? text[0].toUpperCase() + text.slice(1).replace(/
 function drawVerdict(view) {
   let [gravity, headline, meaning] = VERDICTS[view.verdict] ?? ["warn", sentence(view.verdict).replace(/\.$/, ""), ""];
   if (view.status === "starting") {
-    [gravity, headline, meaning] = ["none", "Collecting the first samples", "The first model is made once there are enough of them."];
+    [gravity, headline, meaning] = ["none", "Collecting the first samples", "The first model is estimated when there are enough samples."];
   }
   const apart = apartFrom();
   if (apart) [gravity, headline, meaning] = ["none", APART[apart][0], `${APART[apart][1]} The last verdict was: ${headline.toLowerCase()}.`];
@@ -71,9 +71,9 @@ function drawVitals(view) {
   write(at("rejected"), count(total(view.rejected)));
   const lost = [...Object.entries(view.rejected ?? {}), ...Object.entries(view.counters ?? {})].filter(([, value]) => value);
   write(at("losses"), lost.length ? lost.map(([reason, value]) => `${count(value)} ${reason}`).join(" · ")
-    : "Nothing rejected, lost or malformed so far.");
+    : "No sample was rejected, lost or malformed so far.");
   write(at("adapt"), view.adapting ? "Freeze" : "Adapt");
-  at("adapt").title = view.adapting ? "Hold the parameters still; samples go on being judged" : "Let the parameters follow the samples again";
+  at("adapt").title = view.adapting ? "Stop updating the parameters; samples are still judged" : "Update the parameters again";
 }
 
 function small(place, [value, std]) {
@@ -82,7 +82,7 @@ function small(place, [value, std]) {
   place.replaceChildren(value + " ", note);
 }
 
-// --- drawing: the newest view, once a frame at the most, and only where it is seen ---
+// --- drawing: the newest view, at most once a frame, and only while the page is visible ---
 const time = timePlots(), bode = bodePlots(), parameters = parameterPlots(at("multiples")), plane = splane(at("plane"));
 readColours();
 
@@ -113,12 +113,12 @@ function ask() {
 
 // --- the connection ---
 const LINKS = { connected: "connected", connecting: "connecting to the source", waiting: "source lost, trying again", ended: "source has ended" };
-const OVER = 1000; // the code that the server hangs up with when the session has ended
+const OVER = 1000; // the code with which the server closes the websocket when the session has ended
 const FIRST = 250, LONGEST = 60_000; // ms, pauses before connecting again
 const SILENT = 15_000; // ms without a view, of which five come a second, after which the session is not heard any more
 let socket = null, wait = FIRST, open = false, over = false, timer = 0, heard = 0;
 
-/** Why what is shown is of the past; empty where it is of the present. */
+/** Why the page shows the past: "over", "lost" or "silent"; empty while it shows the present. */
 function apartFrom() {
   if (over) return "over";
   if (!open) return "lost";
@@ -130,7 +130,7 @@ function showLink() {
   let state = open ? (view?.source_state ?? "connecting") : "reconnecting";
   let text = open ? (view ? (LINKS[state] ?? state) : "connecting") : "reconnecting";
   if (apart === "over") [state, text] = ["ended", "session has ended"];
-  if (apart === "silent") [state, text] = ["waiting", "no word from the session"];
+  if (apart === "silent") [state, text] = ["waiting", "the session does not answer"];
   if (open && state === "connected" && view && !view.adapting) [state, text] = ["frozen", "connected, frozen"];
   if (page.paused) text += ", drawing paused";
   link.dataset.state = state;
@@ -138,7 +138,7 @@ function showLink() {
   at("main").dataset.fresh = apart ? "no" : "yes";
   at("pause").hidden = at("save").hidden = over;
   at("reset").disabled = !open || !view || page.acting;
-  at("adapt").disabled = at("reset").disabled || view.status === "starting"; // there is nothing to hold still yet
+  at("adapt").disabled = at("reset").disabled || view.status === "starting"; // there is nothing to freeze yet
 }
 
 function connect() {
@@ -157,7 +157,7 @@ function connect() {
     over = event.code === OVER;
     showLink();
     if (page.view) drawVerdict(page.view);
-    if (over) say("The session has ended. Load this page again when a new one has begun.");
+    if (over) say("The session has ended. Reload this page when a new session has started.");
     else if (!document.hidden) {
       timer = setTimeout(connect, wait * (0.75 + Math.random() / 2));
       wait = Math.min(2 * wait, LONGEST);
@@ -165,7 +165,7 @@ function connect() {
   };
 }
 
-/** Connect at once where that was given up or put off: somebody looks again, or the network is back. */
+/** Connect at once after a pause: the page is visible again, or the network is back. */
 function comeBack() {
   if (open || over || document.hidden || socket.readyState !== WebSocket.CLOSED) return;
   wait = FIRST;
@@ -190,7 +190,7 @@ async function post(path) {
     if (answer.ok) { say(""); return answer; }
     say((await answer.text()).trim() || `The server answered ${answer.status}.`);
   } catch {
-    say("The server cannot be reached: nothing was done.");
+    say("The server cannot be reached: the command was not executed.");
   }
   return null;
 }

@@ -1,4 +1,4 @@
-// Numbers and names as a person writes them.
+// Numbers and names as text.
 
 const SUPER = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹", SUB = "₀₁₂₃₄₅₆₇₈₉";
 export const NONE = "–";
@@ -7,10 +7,10 @@ export const known = value => typeof value === "number" && Number.isFinite(value
 const signed = text => text.replace("-", "−");
 export const superscript = n => String(n).replace(/[-0-9]/g, c => SUPER["-0123456789".indexOf(c)]);
 
-/** A name with its number lowered: a1 to a₁. */
+/** A name with its number as subscript: a1 to a₁. */
 export const lowered = name => name.replace(/\d+$/, digits => digits.replace(/\d/g, d => SUB[d]));
 
-/** Mantissa and power of ten of a number with that many digits; power 0 where it reads well without. */
+/** Mantissa and power of ten of a number with that many digits; power 0 for a number of moderate size. */
 export function parts(value, digits = 4) {
   const size = Math.abs(value);
   if (size !== 0 && (size < 1e-3 || size >= 1e6)) {
@@ -37,7 +37,7 @@ export function tick(value) {
   return signed(String(+value.toPrecision(9)));
 }
 
-/** How many places after the point show two digits of the standard deviation. */
+/** Number of decimal places that show two digits of the standard deviation. */
 const places = std => Math.max(0, 1 - Math.floor(Math.log10(std)));
 
 /** Value and, in small, its standard deviation: both to the same place. */
@@ -51,7 +51,7 @@ export function uncertain(value, std, digits = 4) {
   return [signed(value.toFixed(after)), "± " + std.toFixed(after)];
 }
 
-/** A whole number with its thousands marked; from WIDE on with a power of ten, for a field has its width. */
+/** A whole number with commas between thousands; from WIDE on with a power of ten, to fit its field. */
 const WIDE = 1e12;
 const whole = value => (Math.abs(value) < WIDE ? Math.round(value).toLocaleString("en") : number(value));
 

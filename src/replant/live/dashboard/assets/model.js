@@ -1,4 +1,4 @@
-// G(s) as a person would typeset it, and what its poles mean.
+// G(s), typeset, and the table of its poles.
 import { known, number, parts, share } from "./format.js";
 
 const MATH = "http://www.w3.org/1998/Math/MathML";
@@ -42,7 +42,7 @@ function polynomial(coefficients) {
   return { width, row: math("mtable", ...lines.map(line => math("mtr", math("mtd", math("mrow", ...line.parts))))) };
 }
 
-/** Typeset G(s) into a room; the letters shrink where the room is narrow. */
+/** Typeset G(s) into an element; the letters shrink if it is narrow. */
 export function typeset(room, view) {
   const usable = view.status !== "starting" && [view.num, view.den].every(p => p?.length && p.every(known)) && view.den.some(value => value !== 0);
   if (!usable) {
@@ -65,7 +65,7 @@ export function typeset(room, view) {
   room.replaceChildren(formula);
 }
 
-/** A cell with a value and, below it, how many percent of it the standard deviation is. */
+/** A cell with a value and, below it, its standard deviation in percent. */
 function cell(value, unit = "", std = NaN) {
   const element = document.createElement("td"), small = document.createElement("small");
   element.append(known(value) ? `${number(value)} ${unit}` : String(value));

@@ -1,4 +1,4 @@
-// The plots over time and frequency, drawn by uPlot; limits move seldom, so that what moves is the data.
+// The plots over time and frequency, drawn by uPlot; limits change seldom, so that the axes stand still.
 import { known, lowered, number, tick, timeLabel, uncertain } from "./format.js";
 
 const FONT = '12px system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", "Liberation Sans", sans-serif';
@@ -50,7 +50,7 @@ const edge = () => ({ stroke: "transparent", width: 0, points: { show: false } }
 const axis = more => ({ stroke: () => colour("muted"), font: FONT, gap: 4, ticks: { show: false },
   grid: { stroke: () => colour("grid"), width: 1 }, ...more });
 
-/** Shade what takes no part in verdict, fit and offset, behind the curves. */
+/** Shade the stretches that verdict, fit and offset leave out, behind the curves. */
 function shade({ ctx, bbox, valToPos }, spans) {
   ctx.save();
   ctx.fillStyle = colour("shade");
@@ -140,7 +140,7 @@ export function timePlots() {
       leftOut = (window.left_out ?? []).map(stretch => stretch.map(value => value - end));
       shadeKey.hidden = !leftOut.length;
       const [low, high] = extent(window.y), all = extent(window.y, window.model), room = 0.5 * (high - low);
-      // a model that runs away leaves the picture: what was measured stays to be seen
+      // the limits follow the measured output alone: a diverging model leaves the picture
       at.output = low === null ? fit.output(...all) : fit.output(Math.max(all[0], low - room), Math.min(all[1], high + room));
       at.input = fit.input(...extent(window.u));
       output.draw([t, window.y, window.model]);
@@ -234,9 +234,9 @@ function parameterPlot(room, name, i) {
     },
   });
   const draw = (view, history) => {
-    // before the first model there is nothing but zeros
+    // before the first model all values are zero
     const theta = history.parameters.map(row => (row.some(v => v !== 0) ? row[i] : null)), spread = history.std.map(row => row[i]), t = [...history.t];
-    if (view.at > t.at(-1)) { // the history comes less often
+    if (view.at > t.at(-1)) { // histories are sent less often
       theta.push(view.parameters[i]);
       spread.push(view.std[i]);
       t.push(view.at);
@@ -245,7 +245,7 @@ function parameterPlot(room, name, i) {
     rows = [t, theta, shifted(2), shifted(-2)];
     now = [view.parameters[i], view.std[i]];
     ends = [t[0] ?? 0, Math.max(view.at ?? 1, (t[0] ?? 0) + 1e-3)];
-    const settled = Math.floor(theta.length / 5); // the first moments are wild: they may leave the picture
+    const settled = Math.floor(theta.length / 5); // the estimate varies most at the beginning, which may leave the picture
     at = fit(...extent(...rows.slice(1).map(column => column.slice(settled))));
     one.draw(rows);
   };

@@ -1,4 +1,4 @@
-"""Work ahead: the next blocks of a file are read and parsed while the last ones are being used."""
+"""Prefetch: the next blocks of a file are read and parsed while the caller uses the current one."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-def ahead(jobs: Iterable[Callable[[], T]], workers: int) -> Iterator[T]:
-    """Yield the results of ``jobs`` in their order, with one more than ``workers`` of them under way.
+def prefetch(jobs: Iterable[Callable[[], T]], workers: int) -> Iterator[T]:
+    """Yield the results of ``jobs`` in their order, with ``workers`` + 1 jobs running or waiting.
 
-    Reading, parsing and identification each leave the interpreter to the others, so threads are enough.
+    Threads suffice: reading, parsing and identification each release the interpreter's lock.
 
     Examples
     --------
-    >>> list(ahead((lambda k=k: k * k for k in range(5)), workers=2))
+    >>> list(prefetch((lambda k=k: k * k for k in range(5)), workers=2))
     [0, 1, 4, 9, 16]
     """
     pending: deque[Future[T]] = deque()

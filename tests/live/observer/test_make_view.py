@@ -1,0 +1,140 @@
+"""Views: they agree with their identifier, lose no peak, and claim nothing before the first model."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.assessment import simulate
+from replant.live.observer.history import EstimateHistory
+from replant.live.observer.make_view import POINTS, make_view
+from replant.live.observer.view import SessionInfo, View
+from support.live_fakes import DT, PLANT, REQUEST, record
+from support.live_views import viewed
+
+
+def test_a_view_agrees_with_its_identifier() -> None:
+    u, y = record()
+    identifier = rp.Identifier(**vars(REQUEST))
+    identifier.update_many(u, y)
+    found = viewed(u.size)
+    np.testing.assert_array_equal(found.parameters, identifier.parameters)
+    np.testing.assert_array_equal(found.std, identifier.uncertainty.std)
+    assert found.poles == [-identifier.parameters[0]]
+    assert found.pole_covariance[0, 0, 0] == pytest.approx(identifier.covariance[0, 0])
+    assert found.dc_gain == pytest.approx(identifier.parameters[1] / identifier.parameters[0])
+    assert (found.verdict, found.reasons) == (identifier.assess().status, identifier.assess().reasons)
+    response = PLANT.response(found.bode.omega)
+    np.testing.assert_allclose(found.bode.magnitude_db, 20 * np.log10(np.abs(response)), atol=0.2)
+    assert (found.bode.magnitude_low < found.bode.magnitude_db).all()
+    assert (found.bode.magnitude_db < found.bode.magnitude_high).all()
+
+
+def test_the_window_shows_the_newest_samples_in_their_own_units() -> None:
+    u, y = record(900)
+    window = viewed(900).window
+    np.testing.assert_allclose(window.t, DT * np.arange(1, 901), atol=1e-9)
+    np.testing.assert_allclose(window.u, u)
+    np.testing.assert_allclose(window.y, y)
+    assert np.std(window.model - y) < 0.05  # the model runs through the measured output, working point included
+
+
+def after_a_stuck_sensor(samples: int) -> tuple[rp.Identifier, View]:
+    """Seen after so many samples, of which 1500 to 2000 stood still and 2600 was an outlier."""
+    u, y = record(4000)
+    y[1500:2000] = y[1500]
+    y[2600] += 50.0
+    identifier = rp.Identifier(**vars(REQUEST))
+    identifier.update_many(u[:samples], y[:samples])
+    return identifier, make_view(identifier, SessionInfo(at=samples * DT), EstimateHistory(2))
+
+
+@pytest.mark.parametrize("samples", [1900, 2050, 2500, 3000, 4000])
+def test_samples_that_were_bridged_take_no_part_in_the_fit_that_is_shown(samples: int) -> None:
+    identifier, view = after_a_stuck_sensor(samples)
+    u, y, _ = identifier.recent.T
+    bridged = identifier.bridged
+    assert bridged[1500:2000][: samples - 1500].mean() > 0.9
+    assert view.simulated > 95.0  # with them it is below 80, and below 0 while they last
+    run = simulate(identifier.transfer_function, u - 3.0, np.where(identifier.judged, y, np.nan), DT)
+    assert view.simulated == pytest.approx(run.fit)
+
+
+def test_what_is_left_out_is_told_by_when_it_came() -> None:
+    samples = 3000
+    identifier, view = after_a_stuck_sensor(samples)
+    told = np.zeros(samples, bool)
+    for begin, end in view.window.left_out:
+        told[round(begin / DT) : round(end / DT)] = True
+    np.testing.assert_array_equal(told, ~identifier.judged)
+    assert view.to_json()["window"]["left_out"][0][1] == pytest.approx(2000 * DT)
+    assert after_a_stuck_sensor(1400)[1].window.left_out.size == 0
+
+
+def test_verdict_and_fit_agree_once_the_sensor_is_free() -> None:
+    verdicts = [after_a_stuck_sensor(samples)[1].verdict for samples in (1400, 1900, 4000)]
+    assert verdicts == ["trusted", "inconsistent", "trusted"]
+
+
+def test_a_long_window_is_thinned_and_loses_no_peak() -> None:
+    u, y = record(5000)
+    y[3210] += 20.0
+    identifier = rp.Identifier(**vars(REQUEST))
+    identifier.update_many(u, y)
+    window = make_view(identifier, SessionInfo(at=250.0), EstimateHistory(2)).window
+    assert window.t.size == window.u.size == window.y.size == window.model.size <= POINTS
+    assert window.y.max() == y.max()
+    peak = int(np.argmax(window.y))
+    assert window.t[peak] == pytest.approx(3211 * DT, abs=10 * DT)
+    assert (np.diff(window.t) > 0).all()
+    assert window.t[-1] == pytest.approx(250.0, abs=10 * DT)
+
+
+def test_stamps_with_jitter_are_simulated_as_they_came() -> None:
+    t = DT * (np.arange(1, 1501) + 0.3 * np.random.default_rng(0).uniform(-1, 1, 1500))
+    found = viewed(900, t=t[:900])
+    assert np.isfinite(found.simulated)
+    assert np.ptp(np.diff(found.window.t)) > 0.1 * DT
+    np.testing.assert_allclose(found.window.t - found.window.t[-1], t[:900] - t[899], atol=1e-9)
+
+
+@pytest.mark.parametrize("samples", [0, 1, 150])
+def test_before_the_first_model_nothing_is_claimed(samples: int) -> None:
+    found = viewed(samples)
+    assert found.status == "starting"
+    assert np.isnan(found.parameters).all()
+    assert np.isnan(found.std).all()
+    assert found.den.size == found.num.size == found.poles.size == found.bode.omega.size == 0
+    assert found.window.y.size == samples
+    assert np.isnan(found.window.model).all()
+
+
+@pytest.mark.parametrize("samples", [0, 150, 1000])
+def test_a_view_is_json_under_its_own_names(samples: int) -> None:
+    found = viewed(samples, rp.Structure(3, 1))
+    plain = json.loads(json.dumps(found.to_json(), allow_nan=False))
+    assert set(plain) == set(vars(found))
+    assert set(plain["window"]) == {"t", "u", "y", "model", "left_out"}
+    assert set(plain["history"]) == {"t", "parameters", "std"}
+    assert len(plain["parameters"]) == found.parameters.size
+    if found.poles.size:
+        assert plain["poles"][0] == {"real": found.poles[0].real, "imag": found.poles[0].imag}
+    else:
+        assert plain["parameters"][0] is None
+
+
+def test_poles_come_in_pairs_with_mirrored_covariances() -> None:
+    u = np.repeat(np.random.default_rng(2).choice([-1.0, 1.0], 400), 5)
+    plant = rp.TransferFunction([4.0], [1.0, 1.0, 4.0])
+    y = plant.simulate(u, DT) + 0.01 * np.random.default_rng(3).standard_normal(u.size)
+    identifier = rp.Identifier(**{**vars(REQUEST), "structure": rp.Structure(2)})
+    identifier.update_many(u, y)
+    found = make_view(identifier, SessionInfo(), EstimateHistory(3))
+    assert found.poles[0] == found.poles[1].conjugate()
+    np.testing.assert_allclose(found.poles, [-0.5 + 1.936j, -0.5 - 1.936j], atol=0.02)
+    first, second = found.pole_covariance
+    np.testing.assert_allclose(np.diag(first), np.diag(second))
+    assert first[0, 1] == -second[0, 1]

@@ -1,0 +1,15 @@
+"""The message of an estimate: flat JSON with every digit."""
+
+from __future__ import annotations
+
+import json
+
+from support.live_views import estimate
+
+
+def test_an_estimate_is_flat_json_with_every_digit() -> None:
+    assert json.loads(estimate().as_json()) == {
+        "timestamp": 0.25, "sequence": 3, "samples": 4, "a0": 0.1 + 0.2, "b0": None, "std_a0": 1e-300, "std_b0": None,
+        "trusted": 0, "ttl": 0.0, "status": "starting", "verdict": "converging", "sent": None,
+    }  # fmt: skip
+    assert "sequence" not in json.loads(estimate(None).as_json())

@@ -1,0 +1,42 @@
+"""Rig time: stamps that only advance are kept, late ones stay late, and a clock set back continues after a gap."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from replant.live.session.clock import RigClock
+from support.live_fakes import DT
+
+
+def test_a_clock_that_only_goes_on_is_left_alone() -> None:
+    clock = RigClock(DT)
+    stamps = np.array([1e9, 1e9 + DT, 1e9 + 86400.0])  # and one that jumps ahead by a day is a gap by itself
+    assert clock.follow(stamps) is stamps
+
+
+def test_late_samples_stay_late() -> None:
+    clock = RigClock(DT)
+    clock.follow(np.array([10.0, 10.05]))
+    late = np.array([9.9, 9.95, 10.1, np.nan, 10.15])
+    np.testing.assert_array_equal(clock.follow(late), late)
+    assert clock.offset == 0.0
+
+
+def test_a_single_stamp_far_back_is_no_restart() -> None:
+    clock = RigClock(DT)
+    clock.follow(np.array([1000.0]))
+    np.testing.assert_array_equal(clock.follow(np.array([3.0, 1000.05])), [3.0, 1000.05])
+    assert clock.offset == 0.0
+
+
+def test_a_clock_set_back_by_a_day_goes_on_after_a_gap() -> None:
+    clock = RigClock(DT)
+    clock.follow(1e6 + DT * np.arange(10))
+    last = clock.last
+    rig = clock.follow(1e6 - 86400.0 + DT * np.arange(5))
+    assert rig[0] < last  # this one is rejected
+    assert (np.diff(rig[1:]) > 0).all()
+    assert rig[1] - last > 20 * DT
+    again = RigClock(DT, clock.last, clock.offset)  # as after a resumption
+    assert again.follow(np.array([1e6 - 86400.0 + 5 * DT]))[0] == pytest.approx(rig[-1] + DT)

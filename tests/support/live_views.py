@@ -1,0 +1,31 @@
+"""Views of the record in `live_fakes`, and a message."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import replant as rp
+from replant.live.observer.history import EstimateHistory
+from replant.live.observer.make_view import make_view
+from replant.live.observer.view import SessionInfo, View
+from replant.live.outputs.message import EstimateMessage
+from support.live_fakes import DT, REQUEST, record
+
+FIRST_ORDER = rp.Structure(1)
+
+
+def viewed(samples: int, structure: rp.Structure = FIRST_ORDER, t: np.ndarray | None = None) -> View:
+    u, y = record(max(samples, 1))
+    identifier = rp.Identifier(**{**vars(REQUEST), "structure": structure})
+    identifier.update_many(u[:samples], y[:samples], t)
+    before = identifier.to_bytes()
+    found = make_view(
+        identifier, SessionInfo(at=samples * DT, source="fake://", rate=20.0), EstimateHistory(structure.size)
+    )
+    assert identifier.to_bytes() == before, "looking changed the identifier"
+    return found
+
+
+def estimate(sequence: int | None = 3) -> EstimateMessage:
+    values = np.array([0.1 + 0.2, np.nan]), np.array([1e-300, np.nan])
+    return EstimateMessage(0.25, sequence, 4, ("a0", "b0"), *values, "starting", "converging")
