@@ -13,23 +13,22 @@ from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.optimizers import OPTIMIZERS
 from replant.optimizers.replay import Replay
-from replant.regressor.filters import RefinedFilter, StateVariableFilter
+from replant.regressor.filters import FILTERS
 from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
 from replant.settings import Request, Settings
 
-#: Every kind of object that settings are made of, by name.  Optimizers come from their own list.
+#: Every kind of object that settings are made of, by name.  Filters and optimizers come from their own lists.
 KINDS: dict[str, type] = {
     kind.__name__: kind
     for kind in (
         Request,
         Settings,
         Structure,
-        StateVariableFilter,
-        RefinedFilter,
         Scaling,
         Replay,
         Preprocess,
+        *FILTERS,
         *OPTIMIZERS.values(),
     )
 }

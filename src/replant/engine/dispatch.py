@@ -20,10 +20,9 @@ def step_kernels(state: State, *, regular: bool) -> tuple[Callable[..., Any], Ca
     Compiling takes long, so each does no more than it must.  All work on the same arrays: another can go on where one
     stopped, as when stamps begin to come.
     """
-    from replant.kernels.optimizers import gradient
     from replant.kernels.step import fixed_filter, shared
 
-    if state.algorithm not in gradient.CODES:
+    if state.examines_output:
         return shared.step, shared.steps
     without_model = not (state.instruments or state.rests_with_input)
     strictly_proper = state.input_entries <= state.order

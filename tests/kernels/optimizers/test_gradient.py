@@ -49,8 +49,26 @@ def test_kernel_equals_its_twin(name: str, normalize: bool, instruments: bool) -
 @pytest.mark.parametrize("name", OPTIMIZERS)
 def test_codes_name_the_kernels(name: str) -> None:
     """The number that a kernel branches on is spelled there as the optimizer is here."""
-    from replant.kernels.optimizers import gradient
-    from replant.kernels.step import shared
+    from replant.kernels.optimizers import covariance, gradient
 
-    kernels = shared if OPTIMIZERS[name].keeps_covariance else gradient
-    assert getattr(kernels, name.replace("-", "_").upper()) == OPTIMIZERS[name].code
+    loops = covariance if OPTIMIZERS[name].keeps_covariance else gradient
+    assert getattr(loops, name.replace("-", "_").upper()) == OPTIMIZERS[name].code
+
+
+def test_every_loop_declares_the_memory_of_one_optimizer() -> None:
+    from replant.kernels.optimizers import covariance, gradient
+
+    codes = {optimizer.code for optimizer in OPTIMIZERS.values()}
+    assert {*gradient.MEMORY, *covariance.MEMORY} == codes
+    assert len(gradient.MEMORY) + len(covariance.MEMORY) == len(codes)
+
+
+def test_a_memory_with_a_covariance_begins_with_its_factors_and_ends_with_alpha() -> None:
+    """Outlier test, covariance and checkpoint find them there, whatever the optimizer is."""
+    from replant.kernels.optimizers import covariance
+
+    for memory in covariance.MEMORY.values():
+        names = list(memory.sizes)
+        assert names[:2] == ["U", "D"]
+        assert names[-1] == "alpha"
+        assert memory.sizes["alpha"].at(3) == 1

@@ -26,7 +26,6 @@ from replant.kernels.monitoring.interruptions import (
 )
 from replant.kernels.optimizers import covariance as second
 from replant.kernels.optimizers import gradient as first
-from replant.kernels.optimizers.covariance import KALMAN_TRACKING, RECURSIVE_LEAST_SQUARES
 from replant.kernels.optimizers.random_stream import draw_below
 from replant.kernels.schema import LAGS, Alarm, Doubt
 
@@ -45,10 +44,7 @@ def learn_with_covariance(ints, reals, theta, memory, buffer, batch, interval):
     """Let an optimizer that keeps a covariance consume the drawn rows."""
     settings, rows = reals[ints[at.AT_SETTINGS] : ints[at.AT_SETTINGS] + ints[at.SETTINGS_SIZE]], ints[at.ROWS :]
     direction = theta.size + 2 if ints[at.INSTRUMENTS] == 1 else 0
-    if ints[at.ALGORITHM] == RECURSIVE_LEAST_SQUARES:
-        second.recursive_least_squares(theta, memory, settings, buffer, rows, batch, direction)
-    elif ints[at.ALGORITHM] == KALMAN_TRACKING:
-        second.kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, interval)
+    second.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, direction, interval)
 
 
 @outlined
