@@ -20,15 +20,15 @@ def step_kernels(state: State, *, regular: bool) -> tuple[Callable[..., Any], Ca
     Compiling takes long, so each does no more than it must.  All work on the same arrays: another can go on where one
     stopped, as when stamps begin to come.
     """
-    from replant.kernels.step import fixed_filter, shared
+    from replant.kernels.step import covariance, fixed_filter, gradient
 
     if state.examines_output:
-        return shared.step, shared.steps
+        return covariance.step, covariance.steps
     without_model = not (state.instruments or state.rests_with_input)
     strictly_proper = state.input_entries <= state.order
     if regular and without_model and strictly_proper and state.delay == 0.0:
         return fixed_filter.step, fixed_filter.steps
-    return shared.gradient_step, shared.gradient_steps
+    return gradient.step, gradient.steps
 
 
 def bound_step(state: State, kernel: Callable[..., Any], preprocess: Preprocess) -> Step:

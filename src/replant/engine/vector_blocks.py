@@ -107,12 +107,13 @@ class Block:
         self, room: Room, start: int, u: FloatArray, y: FloatArray, errors: FloatArray, parameters: FloatArray
     ) -> None:
         """Take the samples from row ``start`` on; see `replant.kernels.step.ensemble.steps`."""
-        from replant.kernels.step import ensemble as lanes
+        from replant.kernels.step import ensemble
 
-        lanes.steps(
-            self.ints, self.reals, self.banks, self.buffer, self.recent, self.apart, *self.work,
-            *room.of(len(u) - start, parameters.shape[2]), self.numbers, self.members, start, u, y, errors, parameters,
-        )  # fmt: skip
+        arrays = self.ints, self.reals, self.banks, self.buffer, self.recent
+        spaces = room.of(len(u) - start, parameters.shape[2])
+        ensemble.steps(
+            arrays, self.apart, self.work, spaces, self.numbers, self.members, start, u, y, errors, parameters
+        )
 
 
 class Room:

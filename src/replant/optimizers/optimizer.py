@@ -61,5 +61,5 @@ class Optimizer:
         """Return the kernel's memory before the first sample, for ``size`` parameters."""
         from replant.kernels.optimizers import covariance, gradient
 
-        loops = covariance if self.keeps_covariance else gradient
-        return loops.MEMORY[self.code].filled(size, **self.begins_with(size))
+        declared = covariance.MEMORY if self.keeps_covariance else gradient.MEMORY
+        return declared[self.code].filled(size, **self.begins_with(size))

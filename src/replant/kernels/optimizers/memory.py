@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from replant.kernels.codegen.decorators import inline_llvm
+from replant.kernels.codegen.decorators import inline_llvm, inline_source
 from replant.kernels.codegen.pointer import pointer
 
 
@@ -62,7 +62,7 @@ class Memory:
         begin = self.begins[name].at(P)
         return memory[begin : begin + self.sizes[name].at(P)]
 
-    def filled(self, P: int, **values: Any) -> Any:
+    def filled(self, P: int, **values: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
         """Return a memory (M,) of zeros but for the blocks given by name: a number, or as many as the block has."""
         memory = np.zeros(self.size(P))
         for name, value in values.items():
@@ -80,7 +80,7 @@ def place(begin, P):
     return begin.squares * P * P + begin.entries * P + begin.ones
 
 
-@inline_llvm
+@inline_source
 def block(memory, begin, P):
     """Return a pointer to a block of ``memory`` (an array or a pointer), by its place in `Memory.begins`."""
     return pointer(memory, place(begin, P))

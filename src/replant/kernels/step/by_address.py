@@ -12,7 +12,7 @@ from numba import carray, njit, types  # type: ignore[attr-defined]  # its hints
 from numba.extending import intrinsic
 
 from replant.kernels import schema as at
-from replant.kernels.step import fixed_filter, shared
+from replant.kernels.step import covariance, fixed_filter, gradient
 
 # the table: addresses and shapes of ints, reals, banks, buffer and recent
 INTS, REALS, BANKS, BUFFER, RECENT, SIZE = 0, 2, 4, 7, 10, 13
@@ -71,12 +71,12 @@ def arrays_at(address):
 
 @direct
 def step_at(address, u, y, t):
-    """Take one sample as `shared.step` does; raise Attention where the identifier then has something to do.
+    """Take one sample as `covariance.step` does; raise Attention where the identifier then has something to do.
 
     Python looks for an exception after every call, so that one costs nothing until it comes.
     """
     ints, reals, banks, buffer, recent = arrays_at(address)
-    error = shared.step(ints, reals, banks, buffer, recent, u, y, t)
+    error = covariance.step(ints, reals, banks, buffer, recent, u, y, t)
     if ints[at.ATTENTION] == 1:
         raise at.Attention
     return error
@@ -84,9 +84,9 @@ def step_at(address, u, y, t):
 
 @direct
 def gradient_step_at(address, u, y, t):
-    """Take one sample as `shared.gradient_step` does; raise Attention where the next one confirms one held back."""
+    """Take one sample as `gradient.step` does; raise Attention where the next one confirms one held back."""
     ints, reals, banks, buffer, recent = arrays_at(address)
-    error = shared.gradient_step(ints, reals, banks, buffer, recent, u, y, t)
+    error = gradient.step(ints, reals, banks, buffer, recent, u, y, t)
     if ints[at.ATTENTION] == 1:
         raise at.Attention
     return error
@@ -99,4 +99,4 @@ def plain_step_at(address, u, y, t):
     return fixed_filter.step(ints, reals, banks, buffer, recent, u, y, t)
 
 
-WITHOUT_ARRAYS = {shared.step: step_at, shared.gradient_step: gradient_step_at, fixed_filter.step: plain_step_at}
+WITHOUT_ARRAYS = {covariance.step: step_at, gradient.step: gradient_step_at, fixed_filter.step: plain_step_at}

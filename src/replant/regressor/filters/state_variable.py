@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from replant.errors import InvalidArgumentError
 from replant.model import state_space
 from replant.model.dead_time import split_delay
 from replant.model.structure import Structure
+from replant.regressor.filters.filter import Filter
 from replant.statistics.linear_algebra import roots
 
 
@@ -49,47 +49,6 @@ class DiscreteFilter:
     characteristic: FloatArray
     scale: FloatArray
     lag: int
-
-
-class Filter:
-    """What a filter tells about itself; the rest of the package asks for nothing else.
-
-    Attributes
-    ----------
-    input_hold : {"zoh", "foh"}
-        What u does between samples.
-    follows_estimate : bool
-        Whether it is made from the estimate, and anew as that moves; it then needs instruments and a start-up.
-    """
-
-    input_hold: str
-    follows_estimate: ClassVar[bool] = False
-
-    @property
-    def regular_only(self) -> bool:
-        """Whether it is for a regular clock alone."""
-        return False
-
-    @property
-    def fixed(self) -> StateVariableFilter | None:
-        """The fixed filter that this is; None for one that follows the estimate."""
-        return None
-
-    def fixed_at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
-        """Return the fixed filter that this is where the estimate's denominator (n + 1,), monic, is this one.
-
-        Parameters
-        ----------
-        denominator : (n + 1,) array
-            A(s).
-        dt : float
-            Sampling time in s.
-        """
-        raise NotImplementedError
-
-    def check(self, structure: Structure) -> None:
-        """Raise InvalidArgumentError where this filter is not for this structure."""
-        return
 
 
 @dataclass(frozen=True)
@@ -206,53 +165,6 @@ class StateVariableFilter(Filter):
                 f"the gbt filter rings at dt = {dt:g} s (cutoff * dt > 2): lower the cutoff or use method='exact'",
                 stacklevel=3,
             )
-
-
-@dataclass(frozen=True)
-class RefinedFilter(Filter):
-    r"""The filter 1/A(s) of the estimate itself, which follows it while the plant runs: nothing is to be chosen.
-
-    It is the filter with which the regression is optimal when the output noise is white, and with which it has no
-    error of discretisation.  It needs instruments, and a start-up from which the first A comes.
-
-    Parameters
-    ----------
-    input_hold : {"zoh", "foh"}
-        What u does between samples.
-
-    Examples
-    --------
-    >>> RefinedFilter()
-    RefinedFilter(input_hold='zoh')
-
-    References
-    ----------
-    Young (2011), "Recursive Estimation and Time-Series Analysis", chapter 8; `rsrivc` of the CONTSID toolbox.
-    """
-
-    input_hold: str = "zoh"
-    follows_estimate: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        keep(self, "input_hold", one_of, ("zoh", "foh"))
-
-    def fixed_at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
-        """Return the filter 1/A of a model as a fixed one; poles on or right of the axis are mirrored or moved off it.
-
-        Parameters
-        ----------
-        denominator : (n + 1,) array
-            A(s), monic.
-        dt : float
-            Sampling time in s; a pole is kept at least 1e-4 / dt away from the axis.
-        """
-        poles = roots(denominator)
-        poles = np.minimum(-np.abs(poles.real), -1e-4 / dt) + 1j * poles.imag
-        return StateVariableFilter(denominator=tuple(np.poly(poles).real.tolist()), input_hold=self.input_hold)
-
-
-#: Every filter.
-FILTERS: tuple[type[Filter], ...] = (StateVariableFilter, RefinedFilter)
 
 
 def _denominator(name: str, value: Sequence[float]) -> tuple[float, ...]:
