@@ -48,7 +48,7 @@ def take(arrays, apart, shared, work, cuts, u, y):
     ints, r = arrays[0], vectors(arrays[1])
     filters, regressor, estimate = cuts
     r[at.ELAPSED] += r[at.INTERVAL]
-    fixed_filter.advance_filters(ints[0], r, filters, u, y)
+    fixed_filter.advance_filters(ints[0], r, filters, r[at.INPUT_NOW], u, y)
     r[at.LAST_OUTPUT] = y
     target = fixed_filter.fill_regressor(r, regressor, y)
     fixed_filter.settle(filters[3], filters[4])
@@ -69,7 +69,7 @@ def take_tile(arrays, apart, work, u, y, errors, parameters):
     # the regular clock's discretisation is the bank's first
     cuts = fixed_filter.cut_filters(ints[0], r, b[0], place), fixed_filter.cut_regressor(ints[0], r, b), estimate
     theta, unit, row = estimate[0], estimate[5], ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
-    level = are_level(ints)
+    rings, level = fixed_filter.cut_rings(ints[0], r), are_level(ints)
     for lane in range(LANES):
         live[lane] = 1
     for k in range(inputs.size):
@@ -78,7 +78,7 @@ def take_tile(arrays, apart, work, u, y, errors, parameters):
             spread(ints)
             level = False
         if level:
-            admit(ints[0], r, vectors(recent), now_u, now_y, r[at.INTERVAL])
+            admit(ints[0], r, rings, vectors(recent), now_u, now_y)
         else:
             r[row + INPUT], r[row + OUTPUT] = now_u, now_y
             admit_each(ints, reals, banks, recent, live)

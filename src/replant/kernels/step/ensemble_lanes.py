@@ -76,11 +76,12 @@ def write_estimate(ints, reals, source, row, lane):
 
 
 @inline_llvm
-def admit(ints, reals, recent, u, y, interval):
+def admit(ints, reals, rings, recent, u, y):
     """Put an accepted sample among the raw samples and the past inputs: those of one member, or level ones'."""
+    interval = reals[at.INTERVAL]
     if ints[at.RECENT_SIZE] > 0:
         keep_sample(ints, recent, u, y, interval)
-    keep_input(ints, cut_rings(ints, reals), u, reals[at.INPUT_NOW], interval)
+    keep_input(ints, rings, u, reals[at.INPUT_NOW], interval)
 
 
 @outlined
@@ -91,7 +92,8 @@ def admit_each(ints, reals, banks, recent, live):
         u, y = reals[row + INPUT, lane], reals[row + OUTPUT, lane]
         if acceptable(ints[lane], u, y):
             live[lane] = 1
-            admit(ints[lane], reals[:, lane], recent[:, :, lane], u, y, reals[at.INTERVAL, lane])
+            own = reals[:, lane]
+            admit(ints[lane], own, cut_rings(ints[lane], own), recent[:, :, lane], u, y)
         else:
             live[lane] = 0
             reals[row + INPUT, lane], reals[row + OUTPUT, lane] = reals[at.INPUT_NOW, lane], reals[at.LAST_OUTPUT, lane]

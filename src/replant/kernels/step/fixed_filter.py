@@ -142,10 +142,10 @@ def keep_input(ints, rings, u, last, interval):
 
 
 @inline_source
-def advance_filters(ints, reals, filters, u, y):
-    """Carry the filter states from the sample before to this one, as (6)-(7) do."""
+def advance_filters(ints, reals, filters, last, u, y):
+    """Carry the filter states from the sample before, of the input ``last``, to this one, as (6)-(7) do."""
     A, constant, ramp, states, new = filters
-    last, last_y = reals[at.INPUT_NOW], reals[at.LAST_OUTPUT]
+    last_y = reals[at.LAST_OUTPUT]
     rise = u - last if ints[at.STRAIGHT_INPUT] == 1 else 0.0
     advance_states(A, constant, ramp, states, new, last_y, y - last_y, last, rise)
     reals[at.INPUT_NOW] = u
@@ -215,8 +215,9 @@ def take(ints, reals, banks, buffer, recent, cuts, u, y):
     if ints[at.STARTED] == 0:
         begin(ints, reals, banks, u, y)
     else:
-        keep_input(ints, rings, u, reals[at.INPUT_NOW], reals[at.INTERVAL])
-        advance_filters(ints, reals, filters, u, y)
+        last = reals[at.INPUT_NOW]
+        keep_input(ints, rings, u, last, reals[at.INTERVAL])
+        advance_filters(ints, reals, filters, last, u, y)
     reals[at.LAST_OUTPUT] = y
     target = fill_regressor(reals, regressor, y)
     settle(filters[3], filters[4])
