@@ -147,9 +147,14 @@ class State(StateSlots):
         input_hold: str,
         instruments: bool,
     ) -> None:
-        """Fill in structure, sampling time and kind of filter, as `build` has them.
+        """Fill in structure, sampling time and kind of filter.
 
         Nothing compiled runs: the numbers of a fixed filter are left to `fix_filter`.
+
+        Parameters
+        ----------
+        structure, dt, state_filter, input_hold, instruments
+            As in `build`.
         """
         refined = state_filter is None
         self.parameter_count, self.input_entries = structure.size, structure.zeros + 1
@@ -208,7 +213,17 @@ class State(StateSlots):
     def for_regressors(
         cls, structure: Structure, dt: float, state_filter: StateVariableFilter, preprocess: Preprocess
     ) -> State:
-        """Return arrays that turn a raw record into unscaled regressors of a fixed filter."""
+        """Return arrays that turn a raw record into unscaled regressors of a fixed filter.
+
+        Parameters
+        ----------
+        structure : Structure
+        dt : float
+            Sampling time in s.
+        state_filter : StateVariableFilter
+        preprocess : Preprocess
+            With numbers for working points.
+        """
         state = cls.build(structure, dt, state_filter=state_filter, input_hold=state_filter.input_hold)
         state.square_input = preprocess.input_map == "square"
         state.input_offset, state.output_offset = float(preprocess.input_offset), float(preprocess.output_offset)
@@ -216,7 +231,15 @@ class State(StateSlots):
 
     @classmethod
     def for_model(cls, structure: Structure, dt: float, input_hold: str) -> State:
-        """Return arrays that turn a record made ready into regressors and instruments of the refined filter."""
+        """Return arrays that turn a `Record` into regressors and instruments of the refined filter.
+
+        Parameters
+        ----------
+        structure : Structure
+        dt : float
+            Sampling time in s.
+        input_hold : {"zoh", "foh"}
+        """
         return cls.build(structure, dt, state_filter=None, input_hold=input_hold)
 
     @property
@@ -253,7 +276,15 @@ class State(StateSlots):
             self.square_input, self.input_offset, self.output_offset = kept
 
     def fix_filter(self, structure: Structure, dt: float, state_filter: StateVariableFilter) -> None:
-        """Give the fixed bank its denominator; the bilinear filter also its one discretisation."""
+        """Give the fixed bank its denominator; the bilinear filter also its one discretisation.
+
+        Parameters
+        ----------
+        structure : Structure
+        dt : float
+            Sampling time in s.
+        state_filter : StateVariableFilter
+        """
         from replant.kernels.filters import bank as bk
 
         n, entries = structure.poles, self.entries

@@ -13,6 +13,10 @@ by_address    the same kernels, their arrays given once, so that a    tests/onli
               call from Python costs less                             single samples
 ============  ======================================================  ==================================================
 
+Arguments of all kernels, as `kernels.schema` and `engine.state.State` describe them: ints (I,) int64, reals (R,), banks
+(3, size), buffer (capacity, width), recent (rows, 3 or 5); u and y in the units of the record, the time stamp t in s;
+of kernels for K samples also errors (K,) in the unit of y, and parameters (K, P) in physical units, both written.
+
 `shared` has the stages that all of them use; a variant is the list of its stages.  What is written twice, and why:
 
 ==========================  ========================  ==================================================================

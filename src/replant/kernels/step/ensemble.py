@@ -1,13 +1,13 @@
 """One sample of each of `LANES` identifiers at once: `fixed_filter`, in SIMD vectors.
 
-The arrays are those of one identifier (see `kernels.schema`), stacked: with the member axis last, so that a quantity of
-all members is one vector, but for ``ints``, where it comes first.  All arithmetic is that of `fixed_filter` and
-`optimizers.gradient`, compiled for vectors (see `codegen.simd`), so a member gets the same bits here as there and can
-go on at either place.
+The arrays are those of one identifier (see `kernels.schema`), stacked.  The member axis is the last one, so that a
+quantity of all members is one vector; of ``ints`` it is the first.  The arithmetic is that of `fixed_filter` and
+`optimizers.gradient`, compiled for vectors (see `codegen.simd`).  A member gets the same bits from either kernel, and
+either can go on where the other stopped.
 
-As long as no member rejects a sample that others accept, they are level: what counts samples is kept by the first of
-them for all.  Where they have the same random stream too, the drawn rows are the same, and each is read where it lies;
-else every member draws for itself, and the rows of the batch are gathered first.
+Members are level as long as none rejects a sample that others accept; the first member then keeps the counters for all.
+With equal random streams level members draw the same rows, which are read where they lie; otherwise every member draws
+its own rows, and those of the batch are gathered first.
 
 A member whose sample is rejected goes through the arithmetic with the others, on its last sample over again, and is put
 back afterwards.

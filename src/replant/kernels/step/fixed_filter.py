@@ -1,8 +1,8 @@
-"""What happens to one sample in the article's method: a fixed filter and a regular clock.
+"""One sample of the article's method: gradient family, fixed filter, regular clock.
 
-No instruments, no dead time, fewer zeros than poles, no covariance.
-The same numbers as `step` makes of the same arrays, to the bit, so that either can go on where the other stopped; but
-as fast as C.  With one interval there is one discretisation, so every array that a sample needs is cut once a call.
+No instruments, no dead time, fewer zeros than poles.  The result equals that of `step.gradient` to the bit, so either
+can go on where the other stopped.  With one interval there is one discretisation, so every array that a sample needs is
+cut once a call; benchmarks/kernels.py measures the ratio to C.
 """
 
 import numpy as np

@@ -46,7 +46,7 @@ def mapped_input(ints, reals, u):
 
 @inline_llvm
 def acceptable(ints, u, y):
-    """Count and turn away a sample that no filter may see; all else stays as it was, to the bit."""
+    """Return whether input and output are finite and small enough for float64; count a sample that is not."""
     if abs(u) <= at.LARGEST and abs(y) <= at.LARGEST:
         return True
     if math.isfinite(u) and math.isfinite(y):
@@ -216,7 +216,7 @@ def keep_sample(ints, recent, u, y, interval):
 
 @inline_source
 def renew_model(ints, reals, banks):
-    """Let the newest estimate take over as auxiliary model where it is due, and the residual's colour with it."""
+    """Make the newest estimate the auxiliary model where that is due, and with it the residual's autoregression."""
     if chain.renew_model(ints, reals, banks):
         colour = ints[at.AT_COLOUR]
         if ints[at.COLOURED] == 1:
@@ -229,10 +229,10 @@ def renew_model(ints, reals, banks):
 
 @inline_source
 def take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, take):
-    """Take samples by ``take``, until the identifier has something to do; return how many.
+    """Take samples by ``take``, until the identifier has work to do; return how many.
 
-    Writes the error and the estimate (physical units) after each.  ``t`` holds a time stamp for each sample, or is
-    empty where the clock is regular.
+    ``u`` and ``y`` are (K,); ``t`` (K,) are time stamps in s, or it is empty where the clock is regular.  Writes
+    ``errors`` (K,), in the unit of y, and ``parameters`` (K, P), the estimate after each sample in physical units.
     """
     theta, unit = ints[at.AT_THETA], ints[at.AT_UNIT]
     for k in range(u.size):
@@ -249,7 +249,9 @@ def take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, t
 def regressors(ints, reals, banks, u, y, intervals, phi, zeta, target, output):
     """Run the chain alone over a record, for offline use: regressors, instruments, target, auxiliary output.
 
-    Rows of rejected samples are NaN.  ``zeta`` and ``output`` are left alone where there are no instruments.
+    ``u`` and ``y`` are (K,), ``intervals`` (K,) or (1,) in s.  Writes ``phi`` and ``zeta`` (K, T), ``target`` (K,),
+    scaled, and ``output`` (K,) in the unit of y.  Rows of rejected samples are NaN.  ``zeta`` and ``output`` are left
+    alone where there are no instruments.
     """
     T = ints[at.ENTRIES]
     regular = intervals.size == 1

@@ -1,4 +1,4 @@
-"""StateVariableFilter: Lambda(s), which turns derivatives into filtered signals, and its discretisation."""
+"""StateVariableFilter: a fixed 1/Lambda(s), which turns derivatives into filtered signals, and its discretisation."""
 
 from __future__ import annotations
 
@@ -123,7 +123,13 @@ class StateVariableFilter(Filter):
             raise InvalidArgumentError("the gbt filter is strictly causal: as many zeros as poles need method='exact'")
 
     def polynomial(self, poles: int) -> FloatArray:
-        """Return Lambda(s) for ``poles`` poles: (poles + 1,), monic, descending powers."""
+        """Return Lambda(s) for ``poles`` poles: (poles + 1,), monic, descending powers.
+
+        Raises
+        ------
+        InvalidArgumentError
+            For a denominator of another order, or a cutoff whose power leaves float64.
+        """
         if self.denominator is not None:
             if len(self.denominator) != poles + 1:
                 raise InvalidArgumentError(
@@ -138,7 +144,21 @@ class StateVariableFilter(Filter):
         return polynomial
 
     def discretize(self, poles: int, dt: float, delay: float = 0.0) -> DiscreteFilter:
-        """Return the difference equations for ``poles`` poles, sampling time ``dt`` and dead time ``delay``, in s."""
+        """Return the difference equations (7).
+
+        Parameters
+        ----------
+        poles : int
+        dt : float
+            Sampling time in s.
+        delay : float
+            Dead time in s.
+
+        Raises
+        ------
+        InvalidArgumentError
+            For a bilinear filter that is unstable at this sampling time.
+        """
         poles, dt, delay = whole("poles", poles, 1), positive("dt", dt), not_negative("delay", delay)
         model = state_space.companion(self.polynomial(poles))
         lag, fraction = split_delay(delay, dt)
