@@ -100,16 +100,9 @@ class State(StateSlots):
 
     @classmethod
     def build(
-        cls,
-        structure: Structure,
-        dt: float,
-        *,
-        state_filter: StateVariableFilter | None,
-        input_hold: str = "zoh",
-        instruments: bool = False,
-        memory: FloatArray = NOTHING,
-        numbers: FloatArray = NOTHING,
-    ) -> State:
+        cls, structure: Structure, dt: float, *, state_filter: StateVariableFilter | None, input_hold: str = "zoh",
+        instruments: bool = False, memory: FloatArray = NOTHING, numbers: FloatArray = NOTHING,
+    ) -> State:  # fmt: skip
         """Return unscaled arrays without replay, and fill in what is known of a fixed filter.
 
         Parameters
@@ -128,9 +121,9 @@ class State(StateSlots):
         """
         refined = state_filter is None
         entries, ring = entries_of(structure, refined=refined), ring_of(structure, dt)
-        state = cls.empty(
-            Dimensions(structure.poles, entries, ring, memory.size, numbers.size, companions=instruments or refined)
-        )
+        companions = instruments or refined
+        sizes = Dimensions(structure.poles, entries, ring, memory.size, numbers.size, companions=companions)
+        state = cls.empty(sizes)
         state.describe(structure, dt, state_filter=state_filter, input_hold=input_hold, instruments=instruments)
         state.rescale(np.ones(entries), 1.0)
         state.memory[:], state.settings[:] = memory, numbers
@@ -139,14 +132,9 @@ class State(StateSlots):
         return state
 
     def describe(
-        self,
-        structure: Structure,
-        dt: float,
-        *,
-        state_filter: StateVariableFilter | None,
-        input_hold: str,
+        self, structure: Structure, dt: float, *, state_filter: StateVariableFilter | None, input_hold: str,
         instruments: bool,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Fill in structure, sampling time and kind of filter.
 
         Nothing compiled runs: the numbers of a fixed filter are left to `fix_filter`.
@@ -188,12 +176,9 @@ class State(StateSlots):
         sigma[: structure.size] = settings.scaling.sigmas(structure)
         state = cls.empty(Dimensions.of_settings(settings, recent))
         state.describe(
-            structure,
-            settings.dt,
-            state_filter=settings.filter.fixed,
-            input_hold=settings.filter.input_hold,
+            structure, settings.dt, state_filter=settings.filter.fixed, input_hold=settings.filter.input_hold,
             instruments=settings.instruments,
-        )
+        )  # fmt: skip
         state.rescale(sigma, settings.scaling.output)
         state.memory[:] = optimizer.memory(entries)
         state.settings[:] = optimizer.settings(settings.dt, state.unit)
