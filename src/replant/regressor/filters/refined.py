@@ -8,8 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from replant.arguments import FloatArray, keep, one_of
-from replant.regressor.filters.filter import Filter
-from replant.regressor.filters.state_variable import StateVariableFilter
+from replant.regressor.filters.state_variable import Filter, StateVariableFilter
 from replant.statistics.linear_algebra import roots
 
 

@@ -1,10 +1,14 @@
-"""StateVariableFilter: a fixed 1/Lambda(s), which turns derivatives into filtered signals, and its discretisation."""
+"""StateVariableFilter: a fixed 1/Lambda(s), which turns derivatives into filtered signals, and its discretisation.
+
+`Filter` is what every filter tells about itself: above all the fixed filter that it is, always or at an estimate.
+"""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,7 +26,6 @@ from replant.errors import InvalidArgumentError
 from replant.model import state_space
 from replant.model.dead_time import split_delay
 from replant.model.structure import Structure
-from replant.regressor.filters.filter import Filter
 from replant.statistics.linear_algebra import roots
 
 
@@ -49,6 +52,47 @@ class DiscreteFilter:
     characteristic: FloatArray
     scale: FloatArray
     lag: int
+
+
+class Filter:
+    """What a filter tells about itself; the rest of the package asks for nothing else.
+
+    Attributes
+    ----------
+    input_hold : {"zoh", "foh"}
+        What u does between samples.
+    follows_estimate : bool
+        Whether it is made from the estimate, and anew as that moves; it then needs instruments and a start-up.
+    """
+
+    input_hold: str
+    follows_estimate: ClassVar[bool] = False
+
+    @property
+    def regular_only(self) -> bool:
+        """Whether it is for a regular clock alone."""
+        return False
+
+    @property
+    def fixed(self) -> StateVariableFilter | None:
+        """The fixed filter that this is; None for one that follows the estimate."""
+        return None
+
+    def fixed_at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
+        """Return the fixed filter that this is where the estimate's denominator (n + 1,), monic, is this one.
+
+        Parameters
+        ----------
+        denominator : (n + 1,) array
+            A(s).
+        dt : float
+            Sampling time in s.
+        """
+        raise NotImplementedError
+
+    def check(self, structure: Structure) -> None:
+        """Raise InvalidArgumentError where this filter is not for this structure."""
+        return
 
 
 @dataclass(frozen=True)
