@@ -2,7 +2,7 @@
  * The loop of replant's kernels, written by hand in C: the yardstick of kernels.py.
  *
  * Same arithmetic in the same order, so the same numbers; sizes known at run time only, one struct of pointers, each
- * array on its own.  Compiled by kernels.py; `run` takes a chunk of samples, as replant.kernels.step.shared.steps does.
+ * array on its own.  Compiled by kernels.py; `run` takes a chunk of samples, as replant.kernels.step.fixed_filter.steps does.
  */
 #include <math.h>
 #include <stdint.h>

@@ -171,6 +171,14 @@ def test_what_a_check_returns_is_used(module: str) -> None:
 
 
 @every_module
+def test_no_function_takes_more_than_twelve_arguments_by_position(module: str) -> None:
+    """Of so many nobody sees which is which: arrays that go together are passed together."""
+    for node in ast.walk(TREES[module]):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            assert len(node.args.posonlyargs) + len(node.args.args) <= 12, f"line {node.lineno}: {node.name}"
+
+
+@every_module
 def test_only_declared_packages_are_imported(module: str) -> None:
     allowed = set(sys.stdlib_module_names) | LIGHT | HEAVY | TERMINAL
     assert outside(module) <= allowed, "declare it in pyproject.toml, then here"

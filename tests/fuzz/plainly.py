@@ -69,7 +69,8 @@ def make_plain() -> None:
     from replant.online import identifier, load_step, startup
 
     for info in pkgutil.walk_packages(replant.kernels.__path__, "replant.kernels."):
-        if info.name.rpartition(".")[2] in ("simd", "ensemble", "by_address", "pointer"):
+        name = info.name.rpartition(".")[2]
+        if name in ("simd", "by_address", "pointer") or name.startswith("ensemble"):
             continue
         module: Any = importlib.import_module(info.name)
         if hasattr(module, "pointer"):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import replant as rp
 from replant.engine.dimensions import Dimensions
 from replant.engine.state import State
 from replant.kernels import schema as at
@@ -19,9 +18,7 @@ INSTRUMENTED = Dimensions(order=2, entries=6, ring=8, memory=48, settings=2, com
 
 @pytest.fixture
 def state() -> State:
-    return State.lay_out(
-        rp.Structure(2), 0.1, state_filter=None, memory=np.zeros(60), numbers=np.zeros(2), recent=7, guarded=True
-    )
+    return State.empty(Dimensions(2, 6, 8, 60, 2, recent=7, companions=True, guarded=True))
 
 
 @every_slot

@@ -13,23 +13,22 @@ from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.optimizers import OPTIMIZERS
 from replant.optimizers.replay import Replay
-from replant.regressor.filters import RefinedFilter, StateVariableFilter
+from replant.regressor.filters import FILTERS
 from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
 from replant.settings import Request, Settings
 
-#: The classes of the objects in settings, by name.
+#: The classes of the objects in settings, by name; filters and optimizers come from their own registries.
 KINDS: dict[str, type] = {
     kind.__name__: kind
     for kind in (
         Request,
         Settings,
         Structure,
-        StateVariableFilter,
-        RefinedFilter,
         Scaling,
         Replay,
         Preprocess,
+        *FILTERS,
         *OPTIMIZERS.values(),
     )
 }

@@ -15,28 +15,35 @@ Step = Callable[[float, float, float], float]  # takes a sample (u, y, t) and re
 
 
 def step_kernels(state: State, *, regular: bool) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return who takes the samples of this state, one by one and many; ``regular``: without time stamps.
+    """Return the step kernels for this state: for one sample, and for many; ``regular``: without time stamps.
 
-    Compiling takes long, so each does no more than it must.  All work on the same arrays: another can go on where one
-    stopped, as when stamps begin to come.
+    All kernels work on the same arrays, so another one can go on where one stopped, as when stamps begin to come.  See
+    the table in `replant.kernels.step`.
     """
-    from replant.kernels.optimizers import gradient
-    from replant.kernels.step import fixed_filter, shared
+    from replant.kernels.step import covariance, fixed_filter, gradient
 
-    if state.algorithm not in gradient.CODES:
-        return shared.step, shared.steps
+    if state.examines_output:
+        return covariance.step, covariance.steps
     without_model = not (state.instruments or state.rests_with_input)
     strictly_proper = state.input_entries <= state.order
     if regular and without_model and strictly_proper and state.delay == 0.0:
         return fixed_filter.step, fixed_filter.steps
-    return shared.gradient_step, shared.gradient_steps
+    return gradient.step, gradient.steps
 
 
 def bound_step(state: State, kernel: Callable[..., Any], preprocess: Preprocess) -> Step:
-    """Return what takes one sample of this state as ``kernel`` does, without passing its arrays.
+    """Return a function of (u, y, t) that takes one sample of this state as ``kernel`` does.
 
-    It takes three floats and nothing else: types are not looked at.  See `replant.kernels.step.by_address`.  An input
-    map that is a function of the user's, which no kernel can call, is called before.
+    It takes three floats and nothing else: their types are not checked (see `replant.kernels.step.by_address`).  Where
+    the input map is a Python function, which no kernel can call, it is called first.
+
+    Parameters
+    ----------
+    state : State
+        Its arrays are kept alive by the function.
+    kernel : callable
+        For one sample, from `step_kernels`.
+    preprocess : Preprocess
     """
     from replant.kernels.step import by_address
 

@@ -64,8 +64,21 @@ def ready_record(
 ) -> Record:
     """Return a raw record made ready: mapped, unusable samples dropped, working point taken off.
 
-    Without a bias in the structure the mean goes too: the constant beside G(s) takes up what is left.  Where samples
-    are dropped the intervals grow: the filters are exact for what really passed.
+    Without a bias in the structure the mean is subtracted too; the constant beside G(s) takes up the remainder.  Where
+    samples are dropped the intervals grow: the filters are exact for the time that passed.
+
+    Parameters
+    ----------
+    structure : Structure
+    dt : float
+        Sampling time in s.
+    preprocess : Preprocess
+        Input map, and working point in the units of u and y.
+    u, y : (K,) arrays
+        Raw input and output.
+    stamps : (K,) array, optional
+        Time stamps in s; None for a regular clock.
+    input_hold : {"zoh", "foh"}
     """
     mapped = preprocess.map_input(u)
     accepted, _ = screen(mapped, y)

@@ -22,6 +22,18 @@ def regressors(
     """Return the regressors phi (K, P) and the target s^n/Lambda y (K,) of a record, in physical units.
 
     Rows of samples that are not finite, or too large for float64, are NaN.
+
+    Parameters
+    ----------
+    structure : Structure
+    dt : float
+        Sampling time in s.
+    state_filter : StateVariableFilter
+        1/Lambda(s).
+    preprocess : Preprocess
+        Input map, and working point in the units of u and y.
+    u, y : (K,) arrays
+        Raw input and output.
     """
     from replant.kernels.step.shared import regressors as kernel
 

@@ -13,7 +13,6 @@ import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -86,51 +85,8 @@ class State(StateSlots):
             setattr(self, slot.name, getattr(old, slot.name))
 
     @classmethod
-    def build(
-        cls, structure: Structure, dt: float, *, state_filter: StateVariableFilter | None, **choices: Any
-    ) -> State:
-        """Lay out the arrays as `lay_out` does, and fill in what is known of a fixed filter."""
-        state = cls.lay_out(structure, dt, state_filter=state_filter, **choices)
-        if state_filter is not None:
-            state.fix_filter(structure, dt, state_filter)
-        return state
-
-    @classmethod
-    def lay_out(
-        cls,
-        structure: Structure,
-        dt: float,
-        *,
-        state_filter: StateVariableFilter | None,
-        input_hold: str = "zoh",
-        instruments: bool = False,
-        sigma: FloatArray | None = None,
-        output_scale: float = 1.0,
-        memory: FloatArray = NOTHING,
-        numbers: FloatArray = NOTHING,
-        capacity: int = 1,
-        batch: int = 1,
-        recent: int = 0,
-        guarded: bool = False,
-    ) -> State:
-        """Lay out the arrays; ``state_filter`` None stands for the refined filter, which has nuisances.
-
-        Nothing compiled runs: the numbers of a fixed filter are left to `fix_filter`.
-        """
-        refined = state_filter is None
-        entries = entries_of(structure, refined=refined)
-        sizes = Dimensions(
-            structure.poles,
-            entries,
-            ring_of(structure, dt),
-            memory.size,
-            numbers.size,
-            batch=batch,
-            capacity=capacity,
-            recent=recent,
-            companions=instruments or refined,
-            guarded=guarded,
-        )
+    def empty(cls, sizes: Dimensions) -> State:
+        """Return arrays of zeros of these sizes, which say where each block begins."""
         shapes = sizes.shapes
         ints = np.zeros(shapes["ints"], np.int64)
         for block, begin in sizes.begins.items():
@@ -138,20 +94,70 @@ class State(StateSlots):
         state = cls(ints, *(np.zeros(shapes[name]) for name in ("reals", "banks", "buffer", "recent")))
         state.order, state.entries, state.ring_size = sizes.order, sizes.entries, sizes.ring
         state.memory_size, state.settings_size = sizes.memory, sizes.settings
-        state.capacity, state.batch_size, state.recent_size = capacity, batch, recent
-        state.parameter_count, state.input_entries = structure.size, structure.zeros + 1
-        state.straight_input = input_hold == "foh"
-        state.has_constant = refined or structure.bias
-        state.refined, state.instruments = refined, instruments or refined
-        state.examines_output = guarded
-        state.bilinear = state_filter is not None and state_filter.regular_only
-        state.adapt, state.serving_bank = True, 1
-        state.output_scale, state.delay, state.interval = output_scale, structure.delay, dt
-        state.ready_at = state.longest_gap = math.inf
-        sigma = np.ones(entries) if sigma is None else sigma
-        state.sigma[:], state.unit[:] = sigma, output_scale / sigma
-        state.memory[:], state.settings[:] = memory, numbers
+        state.capacity, state.batch_size, state.recent_size = sizes.capacity, sizes.batch, sizes.recent
+        state.examines_output = sizes.guarded
         return state
+
+    @classmethod
+    def build(
+        cls, structure: Structure, dt: float, *, state_filter: StateVariableFilter | None, input_hold: str = "zoh",
+        instruments: bool = False, memory: FloatArray = NOTHING, numbers: FloatArray = NOTHING,
+    ) -> State:  # fmt: skip
+        """Return unscaled arrays without replay, and fill in what is known of a fixed filter.
+
+        Parameters
+        ----------
+        structure : Structure
+        dt : float
+            Sampling time in s.
+        state_filter : StateVariableFilter or None
+            None stands for the refined filter, which has nuisances and instruments.
+        input_hold : {"zoh", "foh"}
+        instruments : bool
+        memory : (M,) array
+            Of the optimizer.
+        numbers : (S,) array
+            The optimizer's settings.
+        """
+        refined = state_filter is None
+        entries, ring = entries_of(structure, refined=refined), ring_of(structure, dt)
+        companions = instruments or refined
+        sizes = Dimensions(structure.poles, entries, ring, memory.size, numbers.size, companions=companions)
+        state = cls.empty(sizes)
+        state.describe(structure, dt, state_filter=state_filter, input_hold=input_hold, instruments=instruments)
+        state.rescale(np.ones(entries), 1.0)
+        state.memory[:], state.settings[:] = memory, numbers
+        if state_filter is not None:
+            state.fix_filter(structure, dt, state_filter)
+        return state
+
+    def describe(
+        self, structure: Structure, dt: float, *, state_filter: StateVariableFilter | None, input_hold: str,
+        instruments: bool,
+    ) -> None:  # fmt: skip
+        """Fill in structure, sampling time and kind of filter.
+
+        Nothing compiled runs: the numbers of a fixed filter are left to `fix_filter`.
+
+        Parameters
+        ----------
+        structure, dt, state_filter, input_hold, instruments
+            As in `build`.
+        """
+        refined = state_filter is None
+        self.parameter_count, self.input_entries = structure.size, structure.zeros + 1
+        self.straight_input = input_hold == "foh"
+        self.has_constant = refined or structure.bias
+        self.refined, self.instruments = refined, instruments or refined
+        self.bilinear = state_filter is not None and state_filter.regular_only
+        self.adapt, self.serving_bank = True, 1
+        self.delay, self.interval = structure.delay, dt
+        self.ready_at = self.longest_gap = math.inf
+
+    def rescale(self, sigma: FloatArray, output_scale: float) -> None:
+        """Give the regressor's entries their scales ``sigma`` (T,), and the output its own."""
+        self.output_scale = output_scale
+        self.sigma[:], self.unit[:] = sigma, output_scale / sigma
 
     @classmethod
     def of_settings(cls, settings: Settings, recent: int) -> State:
@@ -168,22 +174,14 @@ class State(StateSlots):
         entries = entries_of(structure, refined=settings.filter.follows_estimate)
         sigma = np.ones(entries)
         sigma[: structure.size] = settings.scaling.sigmas(structure)
-        unit = settings.scaling.output / sigma
-        state = cls.lay_out(
-            structure,
-            settings.dt,
-            state_filter=settings.filter.fixed,
-            input_hold=settings.filter.input_hold,
+        state = cls.empty(Dimensions.of_settings(settings, recent))
+        state.describe(
+            structure, settings.dt, state_filter=settings.filter.fixed, input_hold=settings.filter.input_hold,
             instruments=settings.instruments,
-            sigma=sigma,
-            output_scale=settings.scaling.output,
-            memory=optimizer.memory(entries),
-            numbers=optimizer.settings(settings.dt, unit),
-            capacity=replay.capacity if replay else 1,  # without replay: the newest sample, which is always learned
-            batch=replay.batch_size if replay else 1,
-            recent=recent,
-            guarded=optimizer.keeps_covariance,
-        )
+        )  # fmt: skip
+        state.rescale(sigma, settings.scaling.output)
+        state.memory[:] = optimizer.memory(entries)
+        state.settings[:] = optimizer.settings(settings.dt, state.unit)
         state.algorithm, state.normalize = optimizer.code, settings.normalize
         state.warmup = min(replay.warmup, replay.capacity - 1) if replay else 0  # a full buffer is warm
         state.seed = replay.seed if replay else 0
@@ -200,7 +198,17 @@ class State(StateSlots):
     def for_regressors(
         cls, structure: Structure, dt: float, state_filter: StateVariableFilter, preprocess: Preprocess
     ) -> State:
-        """Return arrays that turn a raw record into unscaled regressors of a fixed filter."""
+        """Return arrays that turn a raw record into unscaled regressors of a fixed filter.
+
+        Parameters
+        ----------
+        structure : Structure
+        dt : float
+            Sampling time in s.
+        state_filter : StateVariableFilter
+        preprocess : Preprocess
+            With numbers for working points.
+        """
         state = cls.build(structure, dt, state_filter=state_filter, input_hold=state_filter.input_hold)
         state.square_input = preprocess.input_map == "square"
         state.input_offset, state.output_offset = float(preprocess.input_offset), float(preprocess.output_offset)
@@ -208,7 +216,15 @@ class State(StateSlots):
 
     @classmethod
     def for_model(cls, structure: Structure, dt: float, input_hold: str) -> State:
-        """Return arrays that turn a record made ready into regressors and instruments of the refined filter."""
+        """Return arrays that turn a `Record` into regressors and instruments of the refined filter.
+
+        Parameters
+        ----------
+        structure : Structure
+        dt : float
+            Sampling time in s.
+        input_hold : {"zoh", "foh"}
+        """
         return cls.build(structure, dt, state_filter=None, input_hold=input_hold)
 
     @property
@@ -245,7 +261,15 @@ class State(StateSlots):
             self.square_input, self.input_offset, self.output_offset = kept
 
     def fix_filter(self, structure: Structure, dt: float, state_filter: StateVariableFilter) -> None:
-        """Give the fixed bank its denominator; the bilinear filter also its one discretisation."""
+        """Give the fixed bank its denominator; the bilinear filter also its one discretisation.
+
+        Parameters
+        ----------
+        structure : Structure
+        dt : float
+            Sampling time in s.
+        state_filter : StateVariableFilter
+        """
         from replant.kernels.filters import bank as bk
 
         n, entries = structure.poles, self.entries

@@ -20,7 +20,7 @@ IN_STEP = [slot.index for slot in (State.seed, State.drawn, State.buffer_filled,
 
 
 def is_under_way(state: State) -> bool:
-    """Return whether the lean kernel's first sample is taken and its one discretisation made."""
+    """Return whether the fixed-filter kernel has taken its first sample and made its discretisation."""
     from replant.kernels.filters import bank as bk
 
     kept = state.banks[0, bk.at_kept(state.order, state.entries)]
@@ -34,7 +34,7 @@ def kind(state: State) -> tuple[int, ...]:
 
 
 def order(state: State) -> tuple[int, ...]:
-    """Return by what members are sorted into blocks."""
+    """Return the key by which members are sorted into blocks."""
     return tuple(state.ints[IN_STEP].tolist())
 
 
@@ -106,19 +106,32 @@ class Block:
     def take(
         self, room: Room, start: int, u: FloatArray, y: FloatArray, errors: FloatArray, parameters: FloatArray
     ) -> None:
-        """Take the samples from row ``start`` on; see `replant.kernels.step.ensemble.steps`."""
-        from replant.kernels.step import ensemble as lanes
+        """Take the samples from row ``start`` on.
 
-        lanes.steps(
-            self.ints, self.reals, self.banks, self.buffer, self.recent, self.apart, *self.work,
-            *room.of(len(u) - start, parameters.shape[2]), self.numbers, self.members, start, u, y, errors, parameters,
-        )  # fmt: skip
+        Parameters
+        ----------
+        room : Room
+            Of the calling thread.
+        start : int
+        u, y : (K, M) or (K, 1) arrays
+        errors : (K, M) array
+            Written from row ``start`` on.
+        parameters : (M, K, size) array
+            Written likewise, in physical units.
+        """
+        from replant.kernels.step import ensemble
+
+        arrays = self.ints, self.reals, self.banks, self.buffer, self.recent
+        spaces = room.of(len(u) - start, parameters.shape[2])
+        ensemble.steps(
+            arrays, self.apart, self.work, spaces, self.numbers, self.members, start, u, y, errors, parameters
+        )
 
 
 class Room:
-    """Where the samples of a block lie while it takes them, and what comes of them: one for each thread.
+    """Work space of one thread: the samples of a block in SIMD vectors, and the results.
 
-    To make it takes as long as a hundred samples, so it serves as long as it is large enough.
+    Its allocation takes as long as a hundred samples, so it is used again as long as it is large enough.
     """
 
     def __init__(self) -> None:
@@ -142,7 +155,7 @@ def side_by_side(arrays: Sequence[FloatArray]) -> FloatArray:
 
 
 def aligned(shape: tuple[int, ...]) -> FloatArray:
-    """Return a new array of zeros that begins on a line of the cache: no vector then lies across two."""
+    """Return an array of zeros that begins on a cache line, so that no vector lies across two lines."""
     size = int(np.prod(shape))
     room = np.zeros(size + LINE // 8)
     skip = -room.ctypes.data % LINE // 8

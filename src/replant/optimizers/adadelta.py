@@ -5,9 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-import numpy as np
-
-from replant.arguments import FloatArray
 from replant.optimizers.rmsprop import RMSProp
 
 
@@ -45,7 +42,3 @@ class AdaDelta(RMSProp):
     def suggested(cls, dt: float, updates: int) -> Self:
         """Return the published constants."""
         return cls()
-
-    def memory(self, size: int) -> FloatArray:
-        """Return the mean squared gradients, then the mean squared steps of all parameters."""
-        return np.zeros(2 * size)

@@ -50,7 +50,3 @@ class AdaGrad(Optimizer):
     def settings(self, dt: float, unit: FloatArray) -> FloatArray:
         """Return [alpha, epsilon]."""
         return np.array([self.step_size, self.epsilon])
-
-    def memory(self, size: int) -> FloatArray:
-        """Return the sum of squared gradients of each parameter."""
-        return np.zeros(size)

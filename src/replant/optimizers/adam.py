@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -62,6 +62,6 @@ class Adam(Optimizer):
         """Return [alpha, beta1, beta2, epsilon]."""
         return np.array([self.step_size, self.beta1, self.beta2, self.epsilon])
 
-    def memory(self, size: int) -> FloatArray:
-        """Return m and v of all parameters, then beta1^0 and beta2^0."""
-        return np.concatenate([np.zeros(2 * size), [1.0, 1.0]])
+    def begins_with(self, size: int) -> dict[str, Any]:
+        """Return the powers of beta1 and beta2 that correct the bias of the moments: one."""
+        return {"power1": 1.0, "power2": 1.0}

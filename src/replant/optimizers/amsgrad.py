@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
-import numpy as np
-
-from replant.arguments import FloatArray
 from replant.optimizers.adam import Adam
 
 
@@ -35,6 +32,6 @@ class AMSGrad(Adam):
 
     code: ClassVar[int] = 2
 
-    def memory(self, size: int) -> FloatArray:
-        """Return m, then v, then the largest v of all parameters."""
-        return np.zeros(3 * size)
+    def begins_with(self, size: int) -> dict[str, Any]:
+        """Return nothing: the bias of the moments is not corrected."""
+        return {}

@@ -60,7 +60,3 @@ class IntegralCost(Optimizer):
     def settings(self, dt: float, unit: FloatArray) -> FloatArray:
         """Return [Tp, Gamma, beta]."""
         return np.array([dt, self.gain, self.forgetting_rate])
-
-    def memory(self, size: int) -> FloatArray:
-        """Return R (P, P), Q (P,) and the slope R theta + Q (P,)."""
-        return np.zeros(size * size + 2 * size)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -82,10 +82,9 @@ class KalmanTracking(Optimizer):
             scaled[: noise.size] = noise / unit[: noise.size] ** 2
         return np.concatenate([[1.0 / self.noise_time_constant], scaled])
 
-    def memory(self, size: int) -> FloatArray:
-        """Return U, D, the variance of the residual, work and alpha."""
-        diagonal = np.full(size, self.initial_covariance)
-        return np.concatenate([np.eye(size).ravel(), diagonal, [1.0], np.zeros(5 * size + 2 * size * size), [1.0]])
+    def begins_with(self, size: int) -> dict[str, Any]:
+        """Return U and D of the initial covariance, and one for the residual's variance and alpha."""
+        return {"U": np.eye(size).ravel(), "D": self.initial_covariance, "noise": 1.0, "alpha": 1.0}
 
 
 def _process_noise(name: str, value: float | Sequence[float]) -> float | tuple[float, ...]:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
-
-import numpy as np
+from typing import Any, ClassVar, Self
 
 from replant.arguments import FloatArray
 
@@ -21,11 +19,23 @@ def rounded(value: float) -> float:
 
 
 class Optimizer:
-    """Base of the optimizers, which are frozen dataclasses of their settings; the state lives in the identifier."""
+    """Base of the optimizers, which are frozen dataclasses of their settings; the state lives in the identifier.
 
-    code: ClassVar[int]  # of its kernel, as `replant.kernels` numbers them
-    keeps_covariance: ClassVar[bool] = False  # whether its memory begins with the factors U and D of a covariance
-    keeps_colour: ClassVar[bool] = False  # whether it leaves alpha at the end of its memory, and forgets by settings[0]
+    Attributes
+    ----------
+    code : int
+        Of its loop in `replant.kernels.optimizers`, where its memory is declared.  It is stored in checkpoints: any
+        number that no other optimizer has or had.
+    keeps_covariance : bool
+        Whether its memory begins with the factors U and D of a covariance and ends with alpha; the loop is then in
+        `replant.kernels.optimizers.covariance`, else in `replant.kernels.optimizers.gradient`.
+    keeps_colour : bool
+        Whether power and colour of the residual are kept beside it, forgotten by the first of its settings.
+    """
+
+    code: ClassVar[int]
+    keeps_covariance: ClassVar[bool] = False
+    keeps_colour: ClassVar[bool] = False
 
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:
@@ -43,6 +53,13 @@ class Optimizer:
         """Return the kernel's settings for the sampling time ``dt`` in s; ``unit`` (T,) is physical over scaled."""
         raise NotImplementedError
 
+    def begins_with(self, size: int) -> dict[str, Any]:
+        """Return the blocks of the memory that are not zero before the first sample, for ``size`` parameters."""
+        return {}
+
     def memory(self, size: int) -> FloatArray:
         """Return the kernel's memory before the first sample, for ``size`` parameters."""
-        return np.zeros(0)
+        from replant.kernels.optimizers import covariance, gradient
+
+        declared = covariance.MEMORY if self.keeps_covariance else gradient.MEMORY
+        return declared[self.code].filled(size, **self.begins_with(size))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -77,7 +77,7 @@ class RecursiveLeastSquares(Optimizer):
         """Return [mu]."""
         return np.array([self.forgetting_factor if self.time_constant is None else math.exp(-dt / self.time_constant)])
 
-    def memory(self, size: int) -> FloatArray:
-        """Return U, D, the bounds of D, work and alpha."""
-        diagonal = np.full(size, self.initial_covariance)
-        return np.concatenate([np.eye(size).ravel(), diagonal, diagonal, np.zeros(2 * size), [1.0]])
+    def begins_with(self, size: int) -> dict[str, Any]:
+        """Return U and D of the initial covariance, which bounds D later, and one for alpha."""
+        diagonal = self.initial_covariance
+        return {"U": np.eye(size).ravel(), "D": diagonal, "caps": diagonal, "alpha": 1.0}

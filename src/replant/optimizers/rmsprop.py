@@ -59,7 +59,3 @@ class RMSProp(Optimizer):
     def settings(self, dt: float, unit: FloatArray) -> FloatArray:
         """Return [alpha, rho, epsilon]."""
         return np.array([self.step_size, self.rho, self.epsilon])
-
-    def memory(self, size: int) -> FloatArray:
-        """Return the moving mean of squared gradients of each parameter."""
-        return np.zeros(size)

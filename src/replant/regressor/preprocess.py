@@ -64,7 +64,13 @@ class Preprocess:
         return self.call_map(u)
 
     def call_map(self, u: FloatArray) -> FloatArray:
-        """Return the callable's result (K,), checked for its shape."""
+        """Return the result (K,) of the function that maps the input.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If it is of another shape than ``u``.
+        """
         assert callable(self.input_map)
         mapped = array_of_reals("the result of input_map", self.input_map(u))
         if mapped.shape != u.shape:
@@ -126,9 +132,15 @@ def _level(offset: WorkingPoint, signal: FloatArray) -> float:
 
 
 def centre(preprocess: Preprocess, u: FloatArray, y: FloatArray) -> Preprocess:
-    """Return the same with the record's mean in the working point, where a constant is estimated beside G(s).
+    """Return the same with the record's mean as working point, where a constant is estimated beside G(s).
 
     That constant makes any working point right; one near the data keeps the regression well conditioned.
+
+    Parameters
+    ----------
+    preprocess : Preprocess
+    u, y : (K,) arrays
+        Raw input and output.
     """
     mapped = preprocess.map_input(u)
     accepted, _ = screen(mapped, y)

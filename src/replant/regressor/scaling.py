@@ -52,7 +52,13 @@ class Scaling:
             raise InvalidArgumentError(f"scaling regressor must be greater than 0, got {min(self.regressor):g}")
 
     def sigmas(self, structure: Structure) -> FloatArray:
-        """Return the regressor's sigmas (P,) for ``structure``."""
+        """Return the regressor's sigmas (P,) for ``structure``.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If there are not as many as the structure has parameters.
+        """
         sigmas = np.array(self.regressor)
         if sigmas.size != structure.size:
             names = ", ".join(structure.names)

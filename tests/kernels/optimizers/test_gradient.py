@@ -8,7 +8,7 @@ import pytest
 import replant as rp
 from replant.engine.state import State
 from replant.kernels import schema as at
-from replant.kernels.step.shared import learn_by_gradient, learn_with_covariance
+from replant.kernels.step import covariance, gradient
 from replant.optimizers import OPTIMIZERS
 from support.references import TWINS, extended
 
@@ -33,13 +33,12 @@ def test_kernel_equals_its_twin(name: str, normalize: bool, instruments: bool) -
     target = phi @ np.arange(1.0, P + 1) + 0.1 * generator.standard_normal(ROWS)
     update = TWINS[name].rule(optimizer, P, DT, normalize)
     expected = extended(np.zeros(P))
-    learn = learn_with_covariance if optimizer.keeps_covariance else learn_by_gradient
-    memory = state.memory[: int(state.ints[at.MEMORY_SIZE])]
+    kernels = covariance if optimizer.keeps_covariance else gradient
     for k in range(ROWS):
         along = zeta[k] if instruments else phi[k]
         row = np.concatenate([phi[k], [target[k], 1 / (1 + along @ along) if normalize else 1.0], zeta[k]])
         state.ints[at.ROWS] = 0
-        learn(state.ints, state.reals, state.theta, memory, row[None, :], 1, DT)
+        kernels.learn(state.ints, state.reals, row[None, :], 1, DT)
         arguments = (extended(phi[k]), extended(target[k]), *([extended(zeta[k])] if instruments else []))
         expected = update(expected, *arguments)
         np.testing.assert_allclose(state.theta, expected.astype(float), atol=1e-12 * float(np.abs(expected).max()))
@@ -49,8 +48,26 @@ def test_kernel_equals_its_twin(name: str, normalize: bool, instruments: bool) -
 @pytest.mark.parametrize("name", OPTIMIZERS)
 def test_codes_name_the_kernels(name: str) -> None:
     """The number that a kernel branches on is spelled there as the optimizer is here."""
-    from replant.kernels.optimizers import gradient
-    from replant.kernels.step import shared
+    from replant.kernels.optimizers import covariance, gradient
 
-    kernels = shared if OPTIMIZERS[name].keeps_covariance else gradient
-    assert getattr(kernels, name.replace("-", "_").upper()) == OPTIMIZERS[name].code
+    loops = covariance if OPTIMIZERS[name].keeps_covariance else gradient
+    assert getattr(loops, name.replace("-", "_").upper()) == OPTIMIZERS[name].code
+
+
+def test_every_loop_declares_the_memory_of_one_optimizer() -> None:
+    from replant.kernels.optimizers import covariance, gradient
+
+    codes = {optimizer.code for optimizer in OPTIMIZERS.values()}
+    assert {*gradient.MEMORY, *covariance.MEMORY} == codes
+    assert len(gradient.MEMORY) + len(covariance.MEMORY) == len(codes)
+
+
+def test_a_memory_with_a_covariance_begins_with_its_factors_and_ends_with_alpha() -> None:
+    """Outlier test, covariance and checkpoint find them there, whatever the optimizer is."""
+    from replant.kernels.optimizers import covariance
+
+    for memory in covariance.MEMORY.values():
+        names = list(memory.sizes)
+        assert names[:2] == ["U", "D"]
+        assert names[-1] == "alpha"
+        assert memory.sizes["alpha"].at(3) == 1

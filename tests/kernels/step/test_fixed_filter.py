@@ -13,13 +13,7 @@ from replant.engine.dispatch import step_kernels
 from replant.engine.state import State
 from replant.engine.vector_blocks import is_under_way
 from replant.kernels import schema as at
-from replant.kernels.step import fixed_filter
-from replant.kernels.step.shared import (
-    gradient_step,
-    gradient_steps,
-    step,
-    steps,
-)
+from replant.kernels.step import covariance, fixed_filter, gradient
 from replant.optimizers import OPTIMIZERS
 
 Kernel = Callable[..., Any]
@@ -73,7 +67,7 @@ def test_same_bits_as_the_general_kernels(
 ) -> None:
     poles, zeros, bias = structure
     ours, general = (state_of(rp.Structure(poles, zeros, bias=bias), optimizer, which, replay) for _ in range(2))
-    results = run(ours, fixed_filter.step, fixed_filter.steps), run(general, gradient_step, gradient_steps)
+    results = run(ours, fixed_filter.step, fixed_filter.steps), run(general, gradient.step, gradient.steps)
     for a, b in zip(*results, strict=True):
         assert a.tobytes() == b.tobytes()
     for a, b in zip(arrays(ours), arrays(general), strict=True):
@@ -102,13 +96,13 @@ def chosen(structure: rp.Structure, optimizer: str, *, regular: bool, **slots: i
 
 
 def test_each_identifier_gets_the_leanest_kernels_that_suit_it() -> None:
-    lean, general = (fixed_filter.step, fixed_filter.steps), (gradient_step, gradient_steps)
+    lean, general = (fixed_filter.step, fixed_filter.steps), (gradient.step, gradient.steps)
     assert chosen(rp.Structure(2, 1), "amsgrad", regular=True) == lean
     assert chosen(rp.Structure(2, 1), "amsgrad", regular=False) == general
     assert chosen(rp.Structure(2, 2, feedthrough=True), "amsgrad", regular=True) == general
     assert chosen(rp.Structure(2, 1, delay=0.05), "amsgrad", regular=True) == general
     assert chosen(rp.Structure(2, 1), "amsgrad", regular=True, INSTRUMENTS=1) == general
-    assert chosen(rp.Structure(2, 1), "recursive-least-squares", regular=True) == (step, steps)
+    assert chosen(rp.Structure(2, 1), "recursive-least-squares", regular=True) == (covariance.step, covariance.steps)
 
 
 def test_with_the_first_stamp_the_general_kernels_go_on_where_the_lean_ones_stopped() -> None:
@@ -126,7 +120,7 @@ def test_with_the_first_stamp_the_general_kernels_go_on_where_the_lean_ones_stop
         each._state.reals[at.LAST_TIME] = t[29]
         each.update(u[30], y[30], t[30])
         each.update_many(u[31:], y[31:], t[31:])
-    assert ident._steps is gradient_steps
+    assert ident._steps is gradient.steps
     np.testing.assert_array_equal(ident.parameters, twin.parameters)
 
 
@@ -135,11 +129,11 @@ def test_the_lean_kernels_go_on_where_other_intervals_took_the_place_of_the_regu
     generator = np.random.default_rng(3)
     for state in (ours, general):
         for k, t in enumerate(np.cumsum([0.0, 1.1, 0.9, 1.2, 0.8, 1.3]) * DT):
-            gradient_step(*arrays(state), np.cos(k), np.sin(k), t)
+            gradient.step(*arrays(state), np.cos(k), np.sin(k), t)
         assert not is_under_way(state)
     u, y = generator.standard_normal((2, 50))
     room = [(np.empty(50), np.empty((50, 4))) for _ in range(2)]
     fixed_filter.steps(*arrays(ours), u, y, REGULAR, *room[0])
-    gradient_steps(*arrays(general), u, y, REGULAR, *room[1])
+    gradient.steps(*arrays(general), u, y, REGULAR, *room[1])
     assert all(a.tobytes() == b.tobytes() for a, b in zip(*room, strict=True))
     assert all(a.tobytes() == b.tobytes() for a, b in zip(arrays(ours)[2:], arrays(general)[2:], strict=True))

@@ -10,7 +10,8 @@ import pytest
 import replant as rp
 from replant.engine.state import State
 from replant.kernels import schema as at
-from replant.kernels.step.shared import gradient_step, remember
+from replant.kernels.step import gradient
+from replant.kernels.step.shared import remember
 from support.builders import is_finite
 
 
@@ -32,7 +33,7 @@ def arrays(state: State) -> tuple[np.ndarray, ...]:
 
 
 def take(state: State, u: float, y: float, t: float = np.nan) -> float:
-    return gradient_step(*arrays(state), u, y, t)
+    return gradient.step(*arrays(state), u, y, t)
 
 
 def learn_number(state: State, k: float) -> int:

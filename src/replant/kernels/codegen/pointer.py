@@ -1,7 +1,7 @@
-"""The address of a number in an array, as C has it: what the loops of the general kernel work on.
+"""Pointers into arrays, as in C: what the loops of the general kernels work on.
 
-An array travels as seven numbers, a pointer as one, in a register.  And of ``array[i]`` or ``array[start : stop]``
-Numba, unsure of the signs, provides for what counts from the end or lies beyond it, which a pointer does not.
+Numba passes an array as seven numbers, a pointer as one, in a register.  For ``array[i]`` and ``array[start : stop]``
+it also emits code for negative indices and for bounds; for a pointer it does not.
 """
 
 from typing import Any

@@ -1,7 +1,7 @@
-"""What the kernels take from Numba that it does not promise to keep, and the versions with which that is tested.
+"""Numba's internal names that the kernels use, and the versions with which they are tested.
 
-Types of our own (`simd`), pointers (`pointer`) and how kernels are compiled (`decorators`) rest on it: with another
-version they might not compile, or write where they must not.
+The SIMD type (`simd`), pointers (`pointer`) and compilation (`decorators`) depend on them: with another version the
+kernels might not compile, or write to wrong addresses.
 """
 
 # ruff: noqa: E402 - what does not fit is told before something that is not there is imported

@@ -1,14 +1,13 @@
-"""A number that is sixteen: the same quantity of `LANES` members side by side, in one vector of the processor.
+"""SIMD type: `LANES` float64, one lane for each member of an ensemble.
 
-Numba does not know such a type; with it a kernel written for one identifier compiles, as it stands, to one that steps
-sixteen at once: where it reads ``theta[i]`` it gets the i-th parameter of sixteen members, and each of ``+ - * /``,
-``sqrt`` and ``max`` is a few instructions (two, four or eight, as wide as the processor is) for all of them.  Every
-lane is rounded by itself, as IEEE 754 has it, so a member gets the same bits as alone.  Left to its own devices the
-compiler does not find this: the member's loop would have to be the innermost of every sum, with all intermediate values
-in memory and checks that no two arrays overlap, which costs most of what is won.
+Numba has no such type.  With it a kernel written for one identifier compiles, without a change, to one that steps
+sixteen: ``theta[i]`` is the i-th parameter of sixteen members, and each of ``+ - * /``, ``sqrt`` and ``max`` is two to
+eight instructions, depending on the processor.  IEEE 754 rounds every lane by itself, so a member gets the same bits as
+in the kernel for one identifier.  LLVM does not vectorise over members by itself: the loop over members would have to
+be the innermost one of every sum, with all intermediate values in memory and a check that no two arrays overlap.
 
-There is no comparison of two vectors and no branch: what depends on the data of one member is done outside, lane by
-lane, where `all_within` says that there is a member of which something is out of the ordinary.
+Two vectors cannot be compared, and there is no branch on a vector.  What depends on the data of one member is done lane
+by lane, where `all_within` finds a lane out of range.
 """
 
 import math

@@ -11,6 +11,7 @@ from replant.kernels.filters.routh import slowest_decay
 from replant.kernels.monitoring import residual_colour
 from replant.kernels.optimizers import covariance as second
 from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
+from replant.kernels.optimizers.memory import place
 
 # Largest moving standard deviations that the input so far had, beyond which it leaps.  At ten times as many one such
 # sample would pass for the largest input ever, beside which all later ones rest; at a tenth a single pulse may be one.
@@ -74,7 +75,7 @@ def begin_initial_state(ints, reals, banks, y):
             variances[i] /= max(
                 reals[at.USUAL_VARIANCE], LEAST_NOISE * reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny
             )
-            cap = memory + T * T + T + first + i
+            cap = memory + place(second.AT_CAPS, T) + first + i
             reals[cap] = max(reals[cap], variances[i])
     second.begin_last(U, D, first, variances, reals[ints[at.AT_BACKUP] : ints[at.AT_BACKUP] + T])
     if ints[at.COLOURED] == 1:
@@ -96,7 +97,7 @@ def forget_constant(ints, reals, banks):
     size /= max(reals[at.USUAL_VARIANCE], LEAST_NOISE * reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny)
     for i in range(n + 1):
         variances[i] = size
-    cap = memory + T * T + T + which
+    cap = memory + place(second.AT_CAPS, T) + which
     reals[cap] = max(reals[cap], size)
     second.begin_last(U, D, which, variances, reals[ints[at.AT_BACKUP] : ints[at.AT_BACKUP] + T])
     residual_colour.begin_last(reals[ints[at.AT_COLOUR] :], which, T)

@@ -22,6 +22,7 @@ import math
 
 from replant.kernels import schema as at
 from replant.kernels.codegen.decorators import inline_llvm, inline_source, outlined
+from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain
 from replant.kernels.optimizers import covariance as second
@@ -72,10 +73,8 @@ def equation_error(ints, reals, target):
 @inline_llvm
 def own_noise(ints, reals):
     """Return what the residual's variance is in the unit of the optimizer's covariance."""
-    T = ints[at.ENTRIES]
-    if ints[at.ALGORITHM] == second.KALMAN_TRACKING:
-        return reals[ints[at.AT_MEMORY] + T * T + T]
-    return reals[ints[at.AT_SETTINGS]]
+    memory, settings = pointer(reals, ints[at.AT_MEMORY]), pointer(reals, ints[at.AT_SETTINGS])
+    return second.own_noise(ints[at.ALGORITHM], ints[at.ENTRIES], memory, settings)
 
 
 @outlined

@@ -10,11 +10,27 @@ update is Thornton's); Young, "Recursive Estimation and Time-Series Analysis", 2
 
 import numpy as np
 
-from replant.kernels.codegen.decorators import cold, inline_llvm, outlined
+from replant.kernels.codegen.decorators import cold, inline_llvm, inline_source, outlined
 from replant.kernels.codegen.pointer import pointer
+from replant.kernels.optimizers.memory import MATRIX, ONE, VECTOR, Memory, Size, block, place
 
-# The codes of these optimizers; `replant.optimizers` names them by the same numbers.
 RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9
+
+# A memory begins with the factors and ends with alpha, which outlier test and covariance read.
+LEAST_SQUARES = Memory(U=MATRIX, D=VECTOR, caps=VECTOR, projected=VECTOR, gain=VECTOR, alpha=ONE)
+TRACKING = Memory(
+    U=MATRIX, D=VECTOR, noise=ONE, increase=VECTOR, projected=VECTOR, gain=VECTOR, work=Size(2, 2, 0), alpha=ONE
+)
+
+#: What lies in the memory of each optimizer.
+MEMORY = {RECURSIVE_LEAST_SQUARES: LEAST_SQUARES, KALMAN_TRACKING: TRACKING}
+
+AT_D, AT_CAPS, AT_PROJECTED, AT_GAIN, AT_ALPHA = (
+    LEAST_SQUARES.begins[name] for name in ("D", "caps", "projected", "gain", "alpha")
+)
+AT_NOISE, AT_INCREASE, AT_TRACKING_PROJECTED, AT_TRACKING_GAIN, AT_TRACKING_WORK, AT_TRACKING_ALPHA = (
+    TRACKING.begins[name] for name in ("noise", "increase", "projected", "gain", "work", "alpha")
+)
 
 
 @outlined
@@ -130,14 +146,14 @@ def expand(U, D, covariance):
 
 @inline_llvm
 def recursive_least_squares(theta, memory, settings, buffer, rows, batch, direction):
-    """Settings [forgetting factor], memory [U (P^2), D (P), cap of D (P), work (2 P), alpha].
+    """Settings [forgetting factor], memory `LEAST_SQUARES`: ``caps`` are those of D.
 
     Forgetting divides P by the factor.  Where nothing comes in to make up for it D would grow without bound: it
     stops at its cap.
     """
     P, forgetting, estimate = theta.size, settings[0], pointer(theta, 0)
-    U, D, caps = pointer(memory, 0), pointer(memory, P * P), pointer(memory, P * P + P)
-    projected, gain = pointer(memory, P * P + 2 * P), pointer(memory, P * P + 3 * P)
+    U, D, caps = pointer(memory, 0), block(memory, AT_D, P), block(memory, AT_CAPS, P)
+    projected, gain, newest = block(memory, AT_PROJECTED, P), block(memory, AT_GAIN, P), block(memory, AT_ALPHA, P)
     for k in range(batch):
         row = pointer(buffer[rows[k]], 0)
         error = row[P]
@@ -148,20 +164,21 @@ def recursive_least_squares(theta, memory, settings, buffer, rows, batch, direct
             estimate[i] += gain[i] * error / alpha
             if forgetting < 1.0:
                 D[i] = min(D[i] / forgetting, caps[i])
-        gain[P] = alpha
+        newest[0] = alpha
 
 
 @inline_llvm
 def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, interval):
-    """Random walk of the parameters; settings [1 / time constant of the noise estimate, q (P)].
+    """Random walk of the parameters; settings [1 / time constant of the noise estimate, q (P)], memory `TRACKING`.
 
-    Memory [U (P^2), D (P), noise variance, work (2 P^2 + 5 P), alpha].  The noise variance is tracked as
-    R += (e^2 R / alpha - R) h / T, which the uncertainty of the parameters does not bias.
+    The noise variance is tracked as R += (e^2 R / alpha - R) h / T, which the uncertainty of the parameters does not
+    bias.
     """
-    P, at, estimate = theta.size, theta.size * theta.size + theta.size, pointer(theta, 0)
-    U, D, tracked = pointer(memory, 0), pointer(memory, P * P), pointer(memory, at)
-    increase, projected = pointer(memory, at + 1), pointer(memory, at + 1 + P)
-    gain, work = pointer(memory, at + 1 + 2 * P), pointer(memory, at + 1 + 3 * P)
+    P, estimate = theta.size, pointer(theta, 0)
+    U, D, tracked = pointer(memory, 0), block(memory, AT_D, P), block(memory, AT_NOISE, P)
+    increase, projected = block(memory, AT_INCREASE, P), block(memory, AT_TRACKING_PROJECTED, P)
+    gain, work = block(memory, AT_TRACKING_GAIN, P), block(memory, AT_TRACKING_WORK, P)
+    newest = block(memory, AT_TRACKING_ALPHA, P)
     for k in range(batch):
         row, noise = pointer(buffer[rows[k]], 0), tracked[0]
         for i in range(P):
@@ -173,6 +190,26 @@ def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, int
         alpha = measurement_update(P, U, D, pointer(row, direction), noise, projected, gain)
         for i in range(P):
             estimate[i] += gain[i] * error / alpha
-        memory[memory.size - 1] = alpha
+        newest[0] = alpha
         share = min(settings[0] * interval, 1.0)
         tracked[0] = max(noise + (error * error * noise / alpha - noise) * share, np.finfo(np.float64).tiny)
+
+
+@inline_source
+def learn(algorithm, theta, memory, settings, buffer, rows, batch, direction, interval):
+    """Let the optimizer of this code consume the first ``batch`` of the drawn rows; ``interval`` is in s."""
+    if algorithm == RECURSIVE_LEAST_SQUARES:
+        recursive_least_squares(theta, memory, settings, buffer, rows, batch, direction)
+    elif algorithm == KALMAN_TRACKING:
+        kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, interval)
+
+
+@inline_llvm
+def own_noise(algorithm, P, memory, settings):
+    """Return what the residual's variance is in the unit of the covariance; ``memory`` and ``settings`` are pointers.
+
+    Where U D U' is the covariance itself, that is the variance that the optimizer tracks; else a weight.
+    """
+    if algorithm == KALMAN_TRACKING:
+        return memory[place(AT_NOISE, P)]
+    return settings[0]

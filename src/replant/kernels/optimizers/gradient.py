@@ -9,6 +9,9 @@ Every kernel has the same signature:
 of a row is g = -(y - theta' phi) / m^2 * phi, or with zeta in the place of the last phi: ``direction`` is the column
 where that vector begins, 0 or P + 2.
 ``settings`` holds the optimizer's numbers in the order that its class in `replant.optimizers` gives them.
+
+Each loop has a code, by which `learn` chooses it and a checkpoint names it: any number that no other optimizer has or
+had.  `MEMORY` declares what lies in the memory of each optimizer; a loop gets a block of it by `block`.
 """
 
 import math
@@ -16,14 +19,35 @@ import math
 from replant.kernels.codegen.decorators import inline_llvm, inline_source
 from replant.kernels.codegen.pointer import pointer
 from replant.kernels.codegen.simd import prefetch
+from replant.kernels.optimizers.memory import MATRIX, NOTHING, ONE, VECTOR, Memory, block, place
 
 # 1 less this is 1.  Smaller powers of beta would end as numbers below the normal ones, which take some processors a
 # hundred cycles at each product.
 VANISHED = 1e-100
 
-# The optimizers' codes; `replant.optimizers` names them by the same numbers.
-CODES = range(8)
-GRADIENT, ADAM, AMSGRAD, ADAGRAD, RMSPROP, NADAM, ADADELTA, INTEGRAL_COST = CODES
+GRADIENT, ADAM, AMSGRAD, ADAGRAD, RMSPROP, NADAM, ADADELTA, INTEGRAL_COST = range(8)
+
+MOMENTS = Memory(first=VECTOR, second=VECTOR, power1=ONE, power2=ONE)  # m, v, beta1^t, beta2^t
+LARGEST_MOMENT = Memory(first=VECTOR, second=VECTOR, largest=VECTOR)  # m, v, max v
+SQUARES = Memory(squares=VECTOR)  # sum or moving mean of g^2
+SQUARES_AND_STEPS = Memory(squares=VECTOR, moved=VECTOR)  # moving means of g^2 and step^2
+INTEGRALS = Memory(R=MATRIX, Q=VECTOR, slope=VECTOR)  # slope: R theta + Q
+
+#: What lies in the memory of each optimizer.
+MEMORY = {
+    GRADIENT: NOTHING,
+    ADAM: MOMENTS,
+    AMSGRAD: LARGEST_MOMENT,
+    ADAGRAD: SQUARES,
+    RMSPROP: SQUARES,
+    NADAM: MOMENTS,
+    ADADELTA: SQUARES_AND_STEPS,
+    INTEGRAL_COST: INTEGRALS,
+}
+
+AT_SECOND, AT_POWER1, AT_POWER2 = (MOMENTS.begins[name] for name in ("second", "power1", "power2"))
+AT_LARGEST, AT_MOVED = LARGEST_MOMENT.begins["largest"], SQUARES_AND_STEPS.begins["moved"]
+AT_Q, AT_SLOPE = INTEGRALS.begins["Q"], INTEGRALS.begins["slope"]
 
 
 @inline_source
@@ -55,10 +79,11 @@ def gradient(theta, memory, settings, buffer, rows, batch, direction):
 
 @inline_llvm
 def adam(theta, memory, settings, buffer, rows, batch, direction):
-    """Algorithm 1; settings [alpha, beta1, beta2, epsilon], memory [m (P,), v (P,), beta1^t, beta2^t]."""
+    """Algorithm 1; settings [alpha, beta1, beta2, epsilon], memory `MOMENTS`."""
     P = theta.size
     alpha, beta1, beta2, epsilon = settings[0], settings[1], settings[2], settings[3]
-    m, v, power1, power2 = pointer(memory, 0), pointer(memory, P), memory[2 * P], memory[2 * P + 1]
+    m, v = pointer(memory, 0), block(memory, AT_SECOND, P)
+    power1, power2 = memory[place(AT_POWER1, P)], memory[place(AT_POWER2, P)]
     for k in range(batch):
         phi = row_of(buffer, rows[k])
         along = pointer(phi, direction)
@@ -72,15 +97,15 @@ def adam(theta, memory, settings, buffer, rows, batch, direction):
             m[i] = beta1 * m[i] + (1.0 - beta1) * g
             v[i] = beta2 * v[i] + (1.0 - beta2) * g * g
             theta[i] -= rate * m[i] / (math.sqrt(v[i]) * root + epsilon)
-    memory[2 * P], memory[2 * P + 1] = power1, power2
+    memory[place(AT_POWER1, P)], memory[place(AT_POWER2, P)] = power1, power2
 
 
 @inline_llvm
 def amsgrad(theta, memory, settings, buffer, rows, batch, direction):
-    """Algorithm 2, no bias correction; settings [alpha, beta1, beta2, epsilon], memory [m, v, max v], (P,) each."""
+    """Algorithm 2, no bias correction; settings [alpha, beta1, beta2, epsilon], memory `LARGEST_MOMENT`."""
     P = theta.size
     alpha, beta1, beta2, epsilon = settings[0], settings[1], settings[2], settings[3]
-    m, v, largest = pointer(memory, 0), pointer(memory, P), pointer(memory, 2 * P)
+    m, v, largest = pointer(memory, 0), block(memory, AT_SECOND, P), block(memory, AT_LARGEST, P)
     for k in range(batch):
         phi = row_of(buffer, rows[k])
         along = pointer(phi, direction)
@@ -95,7 +120,7 @@ def amsgrad(theta, memory, settings, buffer, rows, batch, direction):
 
 @inline_llvm
 def adagrad(theta, memory, settings, buffer, rows, batch, direction):
-    """Sum of squared gradients; settings [alpha, epsilon], memory [sum g^2 (P,)]."""
+    """Sum of squared gradients; settings [alpha, epsilon], memory `SQUARES`."""
     P, alpha, epsilon = theta.size, settings[0], settings[1]
     for k in range(batch):
         phi = row_of(buffer, rows[k])
@@ -109,7 +134,7 @@ def adagrad(theta, memory, settings, buffer, rows, batch, direction):
 
 @inline_llvm
 def rmsprop(theta, memory, settings, buffer, rows, batch, direction):
-    """Moving mean of squared gradients; settings [alpha, rho, epsilon], memory [v (P,)]."""
+    """Moving mean of squared gradients; settings [alpha, rho, epsilon], memory `SQUARES`."""
     P, alpha, rho, epsilon = theta.size, settings[0], settings[1], settings[2]
     for k in range(batch):
         phi = row_of(buffer, rows[k])
@@ -126,7 +151,8 @@ def nadam(theta, memory, settings, buffer, rows, batch, direction):
     """Adam with Nesterov's look-ahead; settings and memory as `adam`."""
     P = theta.size
     alpha, beta1, beta2, epsilon = settings[0], settings[1], settings[2], settings[3]
-    m, v, power1, power2 = pointer(memory, 0), pointer(memory, P), memory[2 * P], memory[2 * P + 1]
+    m, v = pointer(memory, 0), block(memory, AT_SECOND, P)
+    power1, power2 = memory[place(AT_POWER1, P)], memory[place(AT_POWER2, P)]
     for k in range(batch):
         phi = row_of(buffer, rows[k])
         along = pointer(phi, direction)
@@ -141,15 +167,15 @@ def nadam(theta, memory, settings, buffer, rows, batch, direction):
             m[i] = beta1 * m[i] + (1.0 - beta1) * g
             v[i] = beta2 * v[i] + (1.0 - beta2) * g * g
             theta[i] -= (ahead * m[i] + now * g) / (math.sqrt(v[i]) * root + epsilon)
-    memory[2 * P], memory[2 * P + 1] = power1, power2
+    memory[place(AT_POWER1, P)], memory[place(AT_POWER2, P)] = power1, power2
 
 
 @inline_llvm
 def adadelta(theta, memory, settings, buffer, rows, batch, direction):
-    """Steps in the unit of theta; settings [alpha, rho, epsilon], memory [mean g^2 (P,), mean step^2 (P,)]."""
+    """Steps in the unit of theta; settings [alpha, rho, epsilon], memory `SQUARES_AND_STEPS`."""
     P = theta.size
     alpha, rho, epsilon = settings[0], settings[1], settings[2]
-    squares, moved = pointer(memory, 0), pointer(memory, P)
+    squares, moved = pointer(memory, 0), block(memory, AT_MOVED, P)
     for k in range(batch):
         phi = row_of(buffer, rows[k])
         along = pointer(phi, direction)
@@ -164,7 +190,7 @@ def adadelta(theta, memory, settings, buffer, rows, batch, direction):
 
 @inline_llvm
 def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
-    """(19); settings [Tp, Gamma, beta], memory [R (P P,), Q (P,), the slope R theta + Q (P,)].
+    """(19); settings [Tp, Gamma, beta], memory `INTEGRALS`.
 
     theta moves along the R and Q held before the row, then the row enters them, as the article's index t says; so the
     slope that the next row needs is known at once, and R is gone through once a row.
@@ -182,7 +208,7 @@ def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
 @inline_llvm
 def follow_integral(P, theta, R, period, gain, beta, buffer, width, rows, batch, direction):
     """Do what `integral_cost` says, with pointers; ``width`` is that of a row of the buffer."""
-    keep, Q, slope = 1.0 - period * beta, pointer(R, P * P), pointer(R, P * P + P)
+    keep, Q, slope = 1.0 - period * beta, block(R, AT_Q, P), block(R, AT_SLOPE, P)
     for k in range(batch):
         phi = pointer(buffer, rows[k] * width)
         for i in range(P):

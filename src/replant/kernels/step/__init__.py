@@ -1,17 +1,36 @@
 """One sample from its arrival to the new estimate, one file for each compiled variant.
 
-============  ======================================================  ============================================
-file          what it is for                                          what holds its bits equal
-============  ======================================================  ============================================
-shared        every optimizer, filter and clock: the plain reading    NumPy twins, tests/support/references.py
-fixed_filter  gradient family, fixed filter, regular clock, neither   tests/kernels/step/test_fixed_filter.py beside
-              instruments nor dead time                               shared
+============  ======================================================  ==================================================
+file          what it serves                                          what holds its bits equal
+============  ======================================================  ==================================================
+gradient      the gradient family: any filter, any clock              NumPy twins, tests/support/references.py
+covariance    optimizers with a covariance, outputs examined          NumPy twins, tests/support/references.py
+fixed_filter  the gradient family, a fixed filter, a regular clock,   tests/kernels/step/test_fixed_filter.py beside
+              neither instruments nor dead time                       gradient
 ensemble      sixteen of these at once, one in each SIMD lane         tests/online/test_ensemble.py beside single
                                                                       members
 by_address    the same kernels, their arrays given once, so that a    tests/online/test_identifier.py, chunks beside
               call from Python costs less                             single samples
-============  ======================================================  ============================================
+============  ======================================================  ==================================================
 
-The variants are written apart because a branch, an argument or an array less in the loop of one sample is most of their
-gain; docs/performance.md has the figures.
+Arguments of all kernels, as `kernels.schema` and `engine.state.State` describe them: ints (I,) int64, reals (R,), banks
+(3, size), buffer (capacity, width), recent (rows, 3 or 5); u and y in the units of the record, the time stamp t in s;
+of kernels for K samples also errors (K,) in the unit of y, and parameters (K, P) in physical units, both written.
+
+`shared` has the stages that all of them use; a variant is the list of its stages.  What is written twice, and why:
+
+==========================  ========================  ==================================================================
+what                        where                     why
+==========================  ========================  ==================================================================
+the order of the stages     `take` of each variant    one function with all branches would be compiled whole for
+                                                      everybody; most identifiers need one variant
+`update_estimate`           shared, fixed_filter,     the general one calls its parts as functions, that of the fixed
+                            ensemble_replay           filter has them in its loop; vectors have no branch on data, so an
+                                                      update is undone lane by lane
+the loop over samples       `shared.take_many`,       the arrays of the fixed filter are cut once a call, not once a
+                            fixed_filter              sample
+filters and regressor       `filters.chain`,          one bank, one interval and held inputs need neither a search for a
+                            fixed_filter              discretisation nor pieces of a dead time
+counting                    `take`, ensemble_lanes    level members are counted once for all
+==========================  ========================  ==================================================================
 """

@@ -1,10 +1,10 @@
-"""One sample without passing arrays: what `Identifier.update` calls.
+"""The step kernels with one address in the place of five arrays: what `Identifier.update` calls.
 
-Of a call with five arrays Python and Numba spend more than most kernels take: each array's type is looked up, its
-fields are read.  The arrays of a state stay where they are, so one table of their addresses is enough, and the entry
-that is compiled for numbers can be called as it is, without a look at their types: a third of a microsecond less.
+A call with five arrays takes longer than most kernels: Numba looks up the type of each array and reads its fields.  The
+arrays of a state do not move, so a table of their addresses replaces them.  The compiled entry for one int and three
+floats is called directly, without a look at the types.
 
-Whoever calls keeps the table and the arrays alive, and passes one int and three floats, nothing else.
+The caller keeps the table and the arrays alive, and passes one int and three floats, nothing else.
 """
 
 import numpy as np
@@ -12,14 +12,24 @@ from numba import carray, njit, types  # type: ignore[attr-defined]  # its hints
 from numba.extending import intrinsic
 
 from replant.kernels import schema as at
-from replant.kernels.step import fixed_filter, shared
+from replant.kernels.step import covariance, fixed_filter, gradient
 
 # the table: addresses and shapes of ints, reals, banks, buffer and recent
 INTS, REALS, BANKS, BUFFER, RECENT, SIZE = 0, 2, 4, 7, 10, 13
 
 
 def table_of(ints, reals, banks, buffer, recent):
-    """Return the table of these arrays (SIZE,)."""
+    """Return the table (SIZE,) int64 of addresses and shapes.
+
+    Parameters
+    ----------
+    ints : (I,) int64 array
+    reals : (R,) array
+    banks : (3, size) array
+    buffer : (capacity, width) array
+    recent : (R, 3) or (R, 5) array
+        The arrays of a `replant.engine.state.State`, each in C order.
+    """
     numbers = []
     for array in (ints, reals, banks, buffer, recent):
         assert array.flags.c_contiguous
@@ -38,7 +48,7 @@ def entry_of(kernel_at):
 def _pointer(kind):
     @intrinsic
     def pointer(typing_context, address):
-        """Take an address for that of the first of many numbers."""
+        """Convert an address to a pointer to numbers of this type."""
 
         def build(context, builder, signature, arguments):
             return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
@@ -70,13 +80,13 @@ def arrays_at(address):
 
 
 @direct
-def step_at(address, u, y, t):
-    """Take one sample as `shared.step` does; raise Attention where the identifier then has something to do.
+def covariance_step_at(address, u, y, t):
+    """Take one sample as `covariance.step` does; raise Attention where the identifier then has work to do.
 
     Python looks for an exception after every call, so that one costs nothing until it comes.
     """
     ints, reals, banks, buffer, recent = arrays_at(address)
-    error = shared.step(ints, reals, banks, buffer, recent, u, y, t)
+    error = covariance.step(ints, reals, banks, buffer, recent, u, y, t)
     if ints[at.ATTENTION] == 1:
         raise at.Attention
     return error
@@ -84,19 +94,23 @@ def step_at(address, u, y, t):
 
 @direct
 def gradient_step_at(address, u, y, t):
-    """Take one sample as `shared.gradient_step` does; raise Attention where the next one confirms one held back."""
+    """Take one sample as `gradient.step` does; raise Attention where the next one confirms one held back."""
     ints, reals, banks, buffer, recent = arrays_at(address)
-    error = shared.gradient_step(ints, reals, banks, buffer, recent, u, y, t)
+    error = gradient.step(ints, reals, banks, buffer, recent, u, y, t)
     if ints[at.ATTENTION] == 1:
         raise at.Attention
     return error
 
 
 @direct
-def plain_step_at(address, u, y, t):
+def fixed_filter_step_at(address, u, y, t):
     """Take one sample as `fixed_filter.step` does."""
     ints, reals, banks, buffer, recent = arrays_at(address)
     return fixed_filter.step(ints, reals, banks, buffer, recent, u, y, t)
 
 
-WITHOUT_ARRAYS = {shared.step: step_at, shared.gradient_step: gradient_step_at, fixed_filter.step: plain_step_at}
+WITHOUT_ARRAYS = {
+    covariance.step: covariance_step_at,
+    gradient.step: gradient_step_at,
+    fixed_filter.step: fixed_filter_step_at,
+}

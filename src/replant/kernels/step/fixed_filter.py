@@ -1,8 +1,8 @@
-"""What happens to one sample in the article's method: a fixed filter and a regular clock.
+"""One sample of the article's method: gradient family, fixed filter, regular clock.
 
-No instruments, no dead time, fewer zeros than poles, no covariance.
-The same numbers as `step` makes of the same arrays, to the bit, so that either can go on where the other stopped; but
-as fast as C.  With one interval there is one discretisation, so every array that a sample needs is cut once a call.
+No instruments, no dead time, fewer zeros than poles.  The result equals that of `step.gradient` to the bit, so either
+can go on where the other stopped.  With one interval there is one discretisation, so every array that a sample needs is
+cut once a call; benchmarks/kernels.py measures the ratio to C.
 """
 
 import numpy as np
@@ -17,13 +17,17 @@ from replant.kernels.codegen.decorators import (
 from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain
-from replant.kernels.optimizers import gradient as first
+from replant.kernels.optimizers import gradient as loops
 from replant.kernels.step.shared import (
     acceptable,
+    cut_estimate,
     draw_rows,
+    keep_and_write,
     keep_estimate,
     keep_sample,
-    left_float64,
+    mapped_input,
+    may_learn,
+    undo_unless_finite,
 )
 
 
@@ -38,26 +42,28 @@ def place_of(bank, n, T, interval):
 
 
 @inline_source
-def cut_filters(ints, reals, banks):
-    """Return the arrays of the filters.
+def cut_filters(ints, reals, bank, place):
+    """Return the arrays of `advance_states`, of the exact solution that begins at ``place``.
 
     A (n n,), the responses to a constant and to a ramp (n,); the states of the output, then of the input, and room for
-    the new ones (2 n,); the rings of past inputs, held inputs and intervals.
+    the new ones (2 n,).
     """
-    n, T, ring, bank = ints[at.ORDER], ints[at.ENTRIES], ints[at.RING_SIZE], banks[0]
-    place, states, room = place_of(bank, n, T, reals[at.INTERVAL]), bk.at_states(n, T), ints[at.AT_WORK]
+    n, states, room = ints[at.ORDER], bk.at_states(ints[at.ORDER], ints[at.ENTRIES]), ints[at.AT_WORK]
     constant = place + 1 + n * n
-    inputs, held, intervals = ints[at.AT_INPUTS], ints[at.AT_HELD], ints[at.AT_INTERVALS]
     return (
         bank[place + 1 : constant],
         bank[constant : constant + n],
         bank[constant + n : constant + 2 * n],
         bank[states : states + 2 * n],
         reals[room : room + 2 * n],
-        reals[inputs : inputs + ring],
-        reals[held : held + ring],
-        reals[intervals : intervals + ring],
     )
+
+
+@inline_source
+def cut_rings(ints, reals):
+    """Return the rings of past inputs, held inputs and intervals (RING,)."""
+    ring, inputs, held, intervals = ints[at.RING_SIZE], ints[at.AT_INPUTS], ints[at.AT_HELD], ints[at.AT_INTERVALS]
+    return reals[inputs : inputs + ring], reals[held : held + ring], reals[intervals : intervals + ring]
 
 
 @inline_source
@@ -77,28 +83,6 @@ def cut_regressor(ints, reals, banks):
         bank[gain + n : gain + T],
         reals[room + 2 * n - inputs : room + 2 * n],
         reals[phi + n : phi + T],
-    )
-
-
-@inline_source
-def cut_estimate(ints, reals):
-    """Return what is learned, and with what.
-
-    theta (T,) and the optimizer's memory (M,); both as they were before the newest sample; phi (T,); the unit of
-    theta (T,); the optimizer's settings (S,); the drawn rows (BATCH,).
-    """
-    T, M, S = ints[at.ENTRIES], ints[at.MEMORY_SIZE], ints[at.SETTINGS_SIZE]
-    theta, memory, backup = ints[at.AT_THETA], ints[at.AT_MEMORY], ints[at.AT_BACKUP]
-    phi, unit, settings = ints[at.AT_PHI], ints[at.AT_UNIT], ints[at.AT_SETTINGS]
-    return (
-        reals[theta : theta + T],
-        reals[memory : memory + M],
-        reals[backup : backup + T],
-        reals[backup + T : backup + T + M],
-        reals[phi : phi + T],
-        reals[unit : unit + T],
-        reals[settings : settings + S],
-        ints[at.ROWS : at.ROWS + ints[at.BATCH_SIZE]],
     )
 
 
@@ -147,15 +131,21 @@ def begin(ints, reals, banks, u, y):
 
 
 @inline_source
-def advance_filters(ints, reals, filters, u, y):
-    """Carry the filter states from the sample before to this one, as (6)-(7) do."""
-    A, constant, ramp, states, new, inputs, held, intervals = filters
-    interval, last, last_y = reals[at.INTERVAL], reals[at.INPUT_NOW], reals[at.LAST_OUTPUT]
+def keep_input(ints, rings, u, last, interval):
+    """Keep an input in the rings: a dead time, or stamps, may come into use where another kernel goes on."""
+    inputs, held, intervals = rings
     newest = np.uint64(ints[at.RING_HEAD] + 1)  # unsigned: need not be checked when it serves as index
     if newest == np.uint64(inputs.size):
         newest = np.uint64(0)
     ints[at.RING_HEAD] = newest
     inputs[newest], held[newest], intervals[newest] = u, last, interval
+
+
+@inline_source
+def advance_filters(ints, reals, filters, last, u, y):
+    """Carry the filter states from the sample before, of the input ``last``, to this one, as (6)-(7) do."""
+    A, constant, ramp, states, new = filters
+    last_y = reals[at.LAST_OUTPUT]
     rise = u - last if ints[at.STRAIGHT_INPUT] == 1 else 0.0
     advance_states(A, constant, ramp, states, new, last_y, y - last_y, last, rise)
     reals[at.INPUT_NOW] = u
@@ -186,48 +176,36 @@ def error_of(theta, phi, target):
 
 
 @inline_source
-def keep_and_write(ints, row, estimate, target):
-    """Keep the estimate as it is and write a sample into its row of the buffer; return the a-priori error, scaled.
-
-    In one pass: for a few parameters to begin a loop takes longer than to run it.
-    """
-    theta, memory, kept_theta, kept_memory, phi = estimate[:5]
-    T, squares, error = phi.size, 0.0, target
-    for i in range(phi.size):
-        entry, parameter = phi[i], theta[i]
-        row[i], kept_theta[i] = entry, parameter
-        squares += entry * entry
-        error -= parameter * entry
-    row[T] = target
-    row[T + 1] = 1.0 / (1.0 + squares) if ints[at.NORMALIZE] == 1 else 1.0
-    for i in range(memory.size):
-        kept_memory[i] = memory[i]
+def update_estimate(ints, buffer, estimate, target):
+    """Learn the newest sample and its batch; undo what leaves float64.  Returns the a-priori error, scaled."""
+    theta, memory, _, _, _, _, settings, rows = estimate
+    error = keep_and_write(ints, loops.row_of(buffer, ints[at.BUFFER_HEAD]), estimate, target)
+    batch = draw_rows(ints, rows)
+    loops.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, 0)
+    undo_unless_finite(ints, estimate)
     return error
 
 
 @inline_source
-def update_estimate(ints, buffer, estimate, target):
-    """Learn the newest sample and its batch; undo what leaves float64.  Returns the a-priori error, scaled."""
-    theta, memory, kept_theta, kept_memory, _, unit, settings, rows = estimate
-    error = keep_and_write(ints, first.row_of(buffer, ints[at.BUFFER_HEAD]), estimate, target)
-    batch = draw_rows(ints, rows)
-    first.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, 0)
-    if left_float64(theta, unit, memory):
-        ints[at.REFUSED] += 1
-        for i in range(theta.size):
-            theta[i] = kept_theta[i]
-        for i in range(memory.size):
-            memory[i] = kept_memory[i]
-    return error
+def cut(ints, reals, banks):
+    """Return every array that a sample needs: `cut_filters`, `cut_rings`, `cut_regressor`, `cut_estimate`."""
+    place = place_of(banks[0], ints[at.ORDER], ints[at.ENTRIES], reals[at.INTERVAL])
+    return (
+        cut_filters(ints, reals, banks[0], place),
+        cut_rings(ints, reals),
+        cut_regressor(ints, reals, banks),
+        cut_estimate(ints, reals),
+    )
 
 
 @inline_llvm
-def take(ints, reals, banks, buffer, recent, filters, regressor, estimate, u, y):
-    """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected."""
-    if ints[at.SQUARE_INPUT] == 1:
-        u = u * u
-    u -= reals[at.INPUT_OFFSET]
-    y -= reals[at.OUTPUT_OFFSET]
+def take(ints, reals, banks, buffer, recent, cuts, u, y):
+    """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected.
+
+    ``cuts`` are those of `cut`.
+    """
+    filters, rings, regressor, estimate = cuts
+    u, y = mapped_input(ints, reals, u), y - reals[at.OUTPUT_OFFSET]
     if not acceptable(ints, u, y):
         return np.nan
     if ints[at.RECENT_SIZE] > 0:
@@ -237,17 +215,19 @@ def take(ints, reals, banks, buffer, recent, filters, regressor, estimate, u, y)
     if ints[at.STARTED] == 0:
         begin(ints, reals, banks, u, y)
     else:
-        advance_filters(ints, reals, filters, u, y)
+        last = reals[at.INPUT_NOW]
+        keep_input(ints, rings, u, last, reals[at.INTERVAL])
+        advance_filters(ints, reals, filters, last, u, y)
     reals[at.LAST_OUTPUT] = y
     target = fill_regressor(reals, regressor, y)
     settle(filters[3], filters[4])
     ints[at.SAMPLES] += 1
-    if ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM]:
-        error = error_of(estimate[0], estimate[4], target)
-        ints[at.RESTED] += 1
-    else:
+    if may_learn(ints, reals):
         error = update_estimate(ints, buffer, estimate, target)
         ints[at.LEARNED] = ints[at.SAMPLES]
+    else:
+        error = error_of(estimate[0], estimate[4], target)
+        ints[at.RESTED] += 1
     if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
         keep_estimate(ints, reals)
     return error * reals[at.OUTPUT_SCALE]
@@ -258,8 +238,7 @@ def step(ints, reals, banks, buffer, recent, u, y, t):
     """Take one sample; return its error as `take` does.  ``t`` must be NaN: the clock is regular."""
     if ints[at.STARTED] == 1:
         discretize(ints, reals, banks[0])
-    filters, regressor = cut_filters(ints, reals, banks), cut_regressor(ints, reals, banks)
-    return take(ints, reals, banks, buffer, recent, filters, regressor, cut_estimate(ints, reals), u, y)
+    return take(ints, reals, banks, buffer, recent, cut(ints, reals, banks), u, y)
 
 
 @kernel
@@ -270,11 +249,10 @@ def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
     """
     if ints[at.STARTED] == 1:
         discretize(ints, reals, banks[0])
-    filters, regressor = cut_filters(ints, reals, banks), cut_regressor(ints, reals, banks)
-    estimate = cut_estimate(ints, reals)
-    theta, unit = estimate[0], estimate[5]
+    cuts = cut(ints, reals, banks)
+    theta, unit = cuts[3][0], cuts[3][5]
     for k in range(u.size):
-        errors[k] = take(ints, reals, banks, buffer, recent, filters, regressor, estimate, u[k], y[k])
+        errors[k] = take(ints, reals, banks, buffer, recent, cuts, u[k], y[k])
         for i in range(parameters.shape[1]):
             parameters[k, i] = theta[i] * unit[i]
     return u.size

@@ -1,4 +1,13 @@
-"""What happens to one sample: checks, chain, buffer, updates.  One kernel serves `update` and `update_many`."""
+"""The stages of one sample that every variant of the step kernel uses: checks, the update, what is kept.
+
+    mapped_input, acceptable        the raw sample: working point, magnitude
+    cut_estimate, keep_and_write,   the update of the estimate: keep what it changes, write the sample into the buffer,
+    draw_rows, undo_unless_finite   draw the batch, (let the optimizer learn it), undo what left float64
+    keep_sample, keep_estimate      what is kept for assessment
+    renew_model, take_many          general variants: the auxiliary model, and the loop over many samples
+
+`regressors` is the chain of filters alone, for a record.
+"""
 
 import math
 
@@ -15,20 +24,9 @@ from replant.kernels.codegen.decorators import (
 from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain
-from replant.kernels.monitoring import estimate_path as trail
-from replant.kernels.monitoring import outliers, residual_colour
-from replant.kernels.monitoring.interruptions import (
-    begin_initial_state,
-    input_leaps,
-    input_rests,
-    interval_of,
-    is_far,
-)
-from replant.kernels.optimizers import covariance as second
-from replant.kernels.optimizers import gradient as first
-from replant.kernels.optimizers.covariance import KALMAN_TRACKING, RECURSIVE_LEAST_SQUARES
+from replant.kernels.monitoring import residual_colour
 from replant.kernels.optimizers.random_stream import draw_below
-from replant.kernels.schema import LAGS, Alarm, Doubt
+from replant.kernels.schema import LAGS
 
 # The estimate is kept each time the samples have grown by an eighth: of the four kept the oldest lies then three to
 # four of these steps back, so that a quarter to a third of all samples, and later three to four times PAST_STEP, are
@@ -40,23 +38,71 @@ KEEP_AFTER_PART, KEEP_AFTER_LEAST = 8, 32
 FEW = 16
 
 
-@outlined
-def learn_with_covariance(ints, reals, theta, memory, buffer, batch, interval):
-    """Let an optimizer that keeps a covariance consume the drawn rows."""
-    settings, rows = reals[ints[at.AT_SETTINGS] : ints[at.AT_SETTINGS] + ints[at.SETTINGS_SIZE]], ints[at.ROWS :]
-    direction = theta.size + 2 if ints[at.INSTRUMENTS] == 1 else 0
-    if ints[at.ALGORITHM] == RECURSIVE_LEAST_SQUARES:
-        second.recursive_least_squares(theta, memory, settings, buffer, rows, batch, direction)
-    elif ints[at.ALGORITHM] == KALMAN_TRACKING:
-        second.kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, interval)
+@inline_llvm
+def mapped_input(ints, reals, u):
+    """Return the input as the filters see it, u or u^2 less the working point; ``u`` and ``reals`` may be vectors."""
+    return (u * u if ints[at.SQUARE_INPUT] == 1 else u) - reals[at.INPUT_OFFSET]
 
 
-@outlined
-def learn_by_gradient(ints, reals, theta, memory, buffer, batch, interval):
-    """Let an optimizer that follows the gradient consume the drawn rows."""
-    settings, rows = reals[ints[at.AT_SETTINGS] : ints[at.AT_SETTINGS] + ints[at.SETTINGS_SIZE]], ints[at.ROWS :]
-    direction = theta.size + 2 if ints[at.INSTRUMENTS] == 1 else 0
-    first.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, direction)
+@inline_llvm
+def acceptable(ints, u, y):
+    """Return whether input and output are finite and small enough for float64; count a sample that is not."""
+    if abs(u) <= at.LARGEST and abs(y) <= at.LARGEST:
+        return True
+    if math.isfinite(u) and math.isfinite(y):
+        ints[at.TOO_LARGE] += 1
+    else:
+        ints[at.NOT_FINITE] += 1
+    return False
+
+
+@inline_llvm
+def may_learn(ints, reals):
+    """Say whether the user has not frozen the estimate, and the filters have settled after a gap."""
+    return not (ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM])
+
+
+@inline_source
+def cut_estimate(ints, reals):
+    """Return what is learned, and with what.
+
+    theta (T,) and the optimizer's memory (M,); both as they were before the newest sample; phi (T,); the unit of
+    theta (T,); the optimizer's settings (S,); the drawn rows (BATCH,).
+    """
+    T, M, S = ints[at.ENTRIES], ints[at.MEMORY_SIZE], ints[at.SETTINGS_SIZE]
+    theta, memory, backup = ints[at.AT_THETA], ints[at.AT_MEMORY], ints[at.AT_BACKUP]
+    phi, unit, settings = ints[at.AT_PHI], ints[at.AT_UNIT], ints[at.AT_SETTINGS]
+    return (
+        reals[theta : theta + T],
+        reals[memory : memory + M],
+        reals[backup : backup + T],
+        reals[backup + T : backup + T + M],
+        reals[phi : phi + T],
+        reals[unit : unit + T],
+        reals[settings : settings + S],
+        ints[at.ROWS : at.ROWS + ints[at.BATCH_SIZE]],
+    )
+
+
+@inline_source
+def keep_and_write(ints, row, estimate, target):
+    """Keep the estimate as it is and write a sample into its row of the buffer; return the a-priori error, scaled.
+
+    ``row`` becomes [phi (T,), target, 1/m^2], m^2 = 1 + phi' phi where updates are normalised.  In one pass: for a few
+    parameters to begin a loop takes longer than to run it.
+    """
+    theta, memory, kept_theta, kept_memory, phi = estimate[:5]
+    T, squares, error = phi.size, 0.0, target
+    for i in range(phi.size):
+        entry, parameter = phi[i], theta[i]
+        row[i], kept_theta[i] = entry, parameter
+        squares += entry * entry
+        error -= parameter * entry
+    row[T] = target
+    row[T + 1] = 1.0 / (1.0 + squares) if ints[at.NORMALIZE] == 1 else 1.0
+    for i in range(memory.size):
+        kept_memory[i] = memory[i]
+    return error
 
 
 @inline_llvm
@@ -77,46 +123,28 @@ def draw_rows(ints, rows):
 
 @outlined
 def remember(ints, reals, buffer, target):
-    """Store the sample in the buffer (over the oldest once it is full) and draw the rows of this sample's batch.
+    """Keep the estimate, store the sample in the buffer and draw the rows of its batch; return how many.
 
-    Algorithm 3 of the article, mended: as printed it takes the buffer for empty again each time the index wraps.
+    With instruments zeta (T,) lies behind the row of `keep_and_write`, and m^2 = 1 + zeta' zeta: the noise of phi would
+    correlate with it.  Once the buffer is full the newest sample takes the place of the oldest: Algorithm 3 of the
+    article, mended; as printed it takes the buffer for empty again each time the index wraps.
     """
-    T, row = ints[at.ENTRIES], buffer[ints[at.BUFFER_HEAD]]
-    phi = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + T]
-    squares = 0.0
-    for i in range(phi.size):
-        row[i] = phi[i]
-        squares += phi[i] * phi[i]
+    T, row, estimate = ints[at.ENTRIES], buffer[ints[at.BUFFER_HEAD]], cut_estimate(ints, reals)
+    keep_and_write(ints, row, estimate, target)
     if ints[at.INSTRUMENTS] == 1:
         zeta, companion = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + T], row[T + 2 :]
         squares = 0.0
         for i in range(zeta.size):
             companion[i] = zeta[i]
             squares += zeta[i] * zeta[i]
-    row[T] = target
-    row[T + 1] = 1.0 / (1.0 + squares) if ints[at.NORMALIZE] == 1 else 1.0
-    return draw_rows(ints, ints[at.ROWS :])
+        row[T + 1] = 1.0 / (1.0 + squares) if ints[at.NORMALIZE] == 1 else 1.0
+    return draw_rows(ints, estimate[7])
 
 
 @inline_llvm
-def acceptable(ints, u, y):
-    """Count and turn away a sample that no filter may see; all else stays as it was, to the bit."""
-    if abs(u) <= at.LARGEST and abs(y) <= at.LARGEST:
-        return True
-    if math.isfinite(u) and math.isfinite(y):
-        ints[at.TOO_LARGE] += 1
-    else:
-        ints[at.NOT_FINITE] += 1
-    return False
-
-
-@outlined
-def lacks_output_alone(ints, u, y):
-    """Return whether a sample that was turned away has an input that can be used, and no output."""
-    if not (math.isnan(y) and abs(u) <= at.LARGEST):
-        return False
-    ints[at.NOT_FINITE] -= 1
-    return True
+def direction_of(ints):
+    """Return the column of the buffer where the vector begins that updates follow: that of zeta, or of phi."""
+    return ints[at.ENTRIES] + 2 if ints[at.INSTRUMENTS] == 1 else 0
 
 
 @outlined
@@ -143,19 +171,9 @@ def left_float64(theta, unit, memory):
 
 
 @inline_source
-def update_estimate(ints, reals, buffer, target, interval, learn):
-    """Let ``learn`` take in the newest sample and its batch; undo what leaves float64."""
-    T, M, kept = ints[at.ENTRIES], ints[at.MEMORY_SIZE], ints[at.AT_BACKUP]
-    theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]
-    memory = reals[ints[at.AT_MEMORY] : ints[at.AT_MEMORY] + M]
-    unit = reals[ints[at.AT_UNIT] : ints[at.AT_UNIT] + T]
-    kept_theta, kept_memory = reals[kept : kept + T], reals[kept + T : kept + T + M]
-    for i in range(theta.size):
-        kept_theta[i] = theta[i]
-    for i in range(memory.size):
-        kept_memory[i] = memory[i]
-    batch = remember(ints, reals, buffer, target)
-    learn(ints, reals, theta, memory, buffer, batch, interval)
+def undo_unless_finite(ints, estimate):
+    """Undo an update that left float64, and count it."""
+    theta, memory, kept_theta, kept_memory, _, unit, _, _ = estimate
     if left_float64(theta, unit, memory):
         ints[at.REFUSED] += 1
         for i in range(theta.size):
@@ -164,23 +182,13 @@ def update_estimate(ints, reals, buffer, target, interval, learn):
             memory[i] = kept_memory[i]
 
 
-@outlined
-def record_residual(ints, reals, error):
-    """Keep power and colour of the residual, and the estimate's path, where the optimizer keeps a covariance."""
-    T = ints[at.ENTRIES]
-    colour, path = reals[ints[at.AT_COLOUR] :], reals[ints[at.AT_PATH] :]
-    zeta = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + T]
-    phi = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + T]
-    if ints[at.INSTRUMENTS] == 0:
-        for i in range(T):
-            zeta[i] = phi[i]
-    forgetting = reals[ints[at.AT_SETTINGS]]
-    alpha = reals[ints[at.AT_MEMORY] + ints[at.MEMORY_SIZE] - 1]
-    residual_colour.record(colour, error, alpha, forgetting, zeta)
-    if colour[residual_colour.COUNT] >= path[trail.DUE]:
-        theta, memory = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T], ints[at.AT_MEMORY]
-        U, D = reals[memory : memory + T * T], reals[memory + T * T : memory + T * T + T]
-        trail.keep(path, theta, U, D, colour[residual_colour.COUNT])
+@inline_source
+def update_estimate(ints, reals, buffer, target, interval, learn):
+    """Let ``learn`` consume the newest sample, whose scaled target this is, and its batch: the general variants."""
+    batch = remember(ints, reals, buffer, target)
+    learn(ints, reals, buffer, batch, interval)
+    undo_unless_finite(ints, cut_estimate(ints, reals))
+    ints[at.LEARNED] = ints[at.SAMPLES]
 
 
 @cold
@@ -206,23 +214,9 @@ def keep_sample(ints, recent, u, y, interval):
     ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT_SIZE] else 0
 
 
-@inline_llvm
-def keep_guarded_sample(ints, reals, recent, u, y, interval):
-    """Keep the raw sample, over the oldest one, with the output that the filters saw and why.
-
-    Where there is no output, what the filters saw stands for it.
-    """
-    head = ints[at.RECENT_HEAD]
-    row = recent[head]
-    row[at.INPUT], row[at.STEP] = u, interval
-    row[at.OUTPUT] = reals[at.USED_OUTPUT] if ints[at.DOUBT] == Doubt.MISSING else y
-    row[at.BRIDGED], row[at.DOUBTED] = reals[at.USED_OUTPUT], ints[at.DOUBT]
-    ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT_SIZE] else 0
-
-
 @inline_source
 def renew_model(ints, reals, banks):
-    """Let the newest estimate take over as auxiliary model where it is due, and the residual's colour with it."""
+    """Make the newest estimate the auxiliary model where that is due, and with it the residual's autoregression."""
     if chain.renew_model(ints, reals, banks):
         colour = ints[at.AT_COLOUR]
         if ints[at.COLOURED] == 1:
@@ -234,86 +228,11 @@ def renew_model(ints, reals, banks):
 
 
 @inline_source
-def take_by_gradient(ints, reals, banks, buffer, recent, u, y, t):
-    """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected.
-
-    ``t`` is its time stamp in s, or NaN where the clock is regular.
-    """
-    if ints[at.SQUARE_INPUT] == 1:
-        u = u * u
-    u -= reals[at.INPUT_OFFSET]
-    y -= reals[at.OUTPUT_OFFSET]
-    if not acceptable(ints, u, y):
-        return np.nan
-    interval = interval_of(ints, reals, banks, u, y, t)
-    if math.isnan(interval):
-        return np.nan
-    at_rest = ints[at.RESTS_WITH_INPUT] == 1 and input_rests(ints, reals, u)
-    if ints[at.RECENT_SIZE] > 0:
-        keep_sample(ints, recent, u, y, interval)
-    if ints[at.INSTRUMENTS] == 1:
-        renew_model(ints, reals, banks)
-    target = chain.observe(ints, reals, banks, u, y, interval)
-    error = outliers.equation_error(ints, reals, target)
-    ints[at.SAMPLES] += 1
-    if at_rest or ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM]:
-        ints[at.RESTED] += 1
-    else:
-        update_estimate(ints, reals, buffer, target, interval, learn_by_gradient)
-        ints[at.LEARNED] = ints[at.SAMPLES]
-    if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
-        keep_estimate(ints, reals)
-    return error * reals[at.OUTPUT_SCALE]
-
-
-@inline_source
-def take_guarded(ints, reals, banks, buffer, recent, u, y, t):
-    """Take one sample as `take_by_gradient` does, with an optimizer that keeps a covariance.
-
-    Its output is examined; of a sample whose output alone is missing, NaN, the input is used.
-    """
-    if ints[at.SQUARE_INPUT] == 1:
-        u = u * u
-    u -= reals[at.INPUT_OFFSET]
-    y -= reals[at.OUTPUT_OFFSET]
-    if not (acceptable(ints, u, y) or lacks_output_alone(ints, u, y)):
-        return np.nan
-    if is_far(reals, u) and input_leaps(ints, reals, u, y, t):
-        return np.nan
-    interval = interval_of(ints, reals, banks, u, y, t)
-    if math.isnan(interval):
-        return np.nan
-    at_rest = ints[at.RESTS_WITH_INPUT] == 1 and input_rests(ints, reals, u)
-    if ints[at.INSTRUMENTS] == 1:
-        renew_model(ints, reals, banks)
-    if ints[at.STARTED] == 0 and ints[at.GAP_AT] > 0 and ints[at.REFINED] * ints[at.COLOURED] == 1:
-        begin_initial_state(ints, reals, banks, y)
-    target = outliers.observe(ints, reals, banks, u, y, interval)
-    if ints[at.RECENT_SIZE] > 0:
-        keep_guarded_sample(ints, reals, recent, u, y, interval)
-    ints[at.SAMPLES] += 1
-    tells = not (at_rest or ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM])
-    if not tells or ints[at.ALARM] >= Alarm.RESTS:
-        ints[at.RESTED] += 1
-    elif ints[at.DOUBT] == Doubt.NONE and outliers.is_calm(ints, reals):
-        update_estimate(ints, reals, buffer, target, interval, learn_with_covariance)
-        ints[at.LEARNED] = ints[at.SAMPLES]
-        if ints[at.COLOURED] == 1 and not outliers.begins_anew(ints, reals):
-            record_residual(ints, reals, reals[at.ERROR])
-    outliers.watch(ints, reals, tells)
-    if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
-        keep_estimate(ints, reals)
-    if ints[at.SAMPLES] == ints[at.ATTENTION_AT] or ints[at.ALARM] == Alarm.RAISED:
-        ints[at.ATTENTION] = 1
-    return reals[at.ERROR] * reals[at.OUTPUT_SCALE]
-
-
-@inline_source
 def take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, take):
-    """Take samples by ``take``, until the identifier has something to do; return how many.
+    """Take samples by ``take``, until the identifier has work to do; return how many.
 
-    Writes the error and the estimate (physical units) after each.  ``t`` holds a time stamp for each sample, or is
-    empty where the clock is regular.
+    ``u`` and ``y`` are (K,); ``t`` (K,) are time stamps in s, or it is empty where the clock is regular.  Writes
+    ``errors`` (K,), in the unit of y, and ``parameters`` (K, P), the estimate after each sample in physical units.
     """
     theta, unit = ints[at.AT_THETA], ints[at.AT_UNIT]
     for k in range(u.size):
@@ -326,46 +245,19 @@ def take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, t
     return u.size
 
 
-# A user needs one pair, and mostly one of the two: each is compiled by itself.
-
-
-@kernel
-def step(ints, reals, banks, buffer, recent, u, y, t):
-    """Take one sample with an optimizer that keeps a covariance."""
-    return take_guarded(ints, reals, banks, buffer, recent, u, y, t)
-
-
-@kernel
-def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
-    """Take many samples as `take_many` does, with an optimizer that keeps a covariance."""
-    return take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, take_guarded)
-
-
-@kernel
-def gradient_step(ints, reals, banks, buffer, recent, u, y, t):
-    """Take one sample with an optimizer that follows the gradient."""
-    return take_by_gradient(ints, reals, banks, buffer, recent, u, y, t)
-
-
-@kernel
-def gradient_steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
-    """Take many samples as `take_many` does, with an optimizer that follows the gradient."""
-    return take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, take_by_gradient)
-
-
 @kernel
 def regressors(ints, reals, banks, u, y, intervals, phi, zeta, target, output):
     """Run the chain alone over a record, for offline use: regressors, instruments, target, auxiliary output.
 
-    Rows of rejected samples are NaN.  ``zeta`` and ``output`` are left alone where there are no instruments.
+    ``u`` and ``y`` are (K,), ``intervals`` (K,) or (1,) in s.  Writes ``phi`` and ``zeta`` (K, T), ``target`` (K,),
+    scaled, and ``output`` (K,) in the unit of y.  Rows of rejected samples are NaN.  ``zeta`` and ``output`` are left
+    alone where there are no instruments.
     """
     T = ints[at.ENTRIES]
     regular = intervals.size == 1
     for k in range(u.size):
         interval = intervals[0] if regular else intervals[k]
-        uk = u[k] * u[k] if ints[at.SQUARE_INPUT] == 1 else u[k]
-        uk -= reals[at.INPUT_OFFSET]
-        yk = y[k] - reals[at.OUTPUT_OFFSET]
+        uk, yk = mapped_input(ints, reals, u[k]), y[k] - reals[at.OUTPUT_OFFSET]
         if acceptable(ints, uk, yk):
             target[k] = chain.observe(ints, reals, banks, uk, yk, interval)
             for i in range(T):

@@ -24,7 +24,7 @@ DASHES: tuple[Any, ...] = (
     "solid", (0, (7, 2)), (0, (7, 2, 1.5, 2)), (0, (2, 1.5)), (0, (7, 2, 1.5, 2, 1.5, 2)), (0, (12, 3))
 )  # fmt: skip
 #: Colour and dashes of each of many curves; dashes, because in grey colours are not enough.
-LINES = tuple((COLOURS[i % 6], DASHES[(i + 3 * (i // 6)) % 6]) for i in range(12))
+LINES = tuple((COLOURS[i % 6], DASHES[(i + (0, 3, 1, 4, 2, 5)[i // 6]) % 6]) for i in range(36))
 SIGMAS = 2.0  # half-width of every band, in standard deviations
 NO_EXCITATION, NO_CONDITION = 1e-12, 1e10  # beyond which eigenvalue and condition number are round-off
 SHOWN = 3_000  # points a curve; beyond it min and max of each stretch stand for the stretch

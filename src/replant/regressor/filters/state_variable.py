@@ -1,4 +1,7 @@
-"""StateVariableFilter: Lambda(s), which turns derivatives into filtered signals, and its discretisation."""
+"""StateVariableFilter: a fixed 1/Lambda(s), which turns derivatives into filtered signals, and its discretisation.
+
+`Filter` is what every filter tells about itself: above all the fixed filter that it is, always or at an estimate.
+"""
 
 from __future__ import annotations
 
@@ -164,7 +167,13 @@ class StateVariableFilter(Filter):
             raise InvalidArgumentError("the gbt filter is strictly causal: as many zeros as poles need method='exact'")
 
     def polynomial(self, poles: int) -> FloatArray:
-        """Return Lambda(s) for ``poles`` poles: (poles + 1,), monic, descending powers."""
+        """Return Lambda(s) for ``poles`` poles: (poles + 1,), monic, descending powers.
+
+        Raises
+        ------
+        InvalidArgumentError
+            For a denominator of another order, or a cutoff whose power leaves float64.
+        """
         if self.denominator is not None:
             if len(self.denominator) != poles + 1:
                 raise InvalidArgumentError(
@@ -179,7 +188,21 @@ class StateVariableFilter(Filter):
         return polynomial
 
     def discretize(self, poles: int, dt: float, delay: float = 0.0) -> DiscreteFilter:
-        """Return the difference equations for ``poles`` poles, sampling time ``dt`` and dead time ``delay``, in s."""
+        """Return the difference equations (7).
+
+        Parameters
+        ----------
+        poles : int
+        dt : float
+            Sampling time in s.
+        delay : float
+            Dead time in s.
+
+        Raises
+        ------
+        InvalidArgumentError
+            For a bilinear filter that is unstable at this sampling time.
+        """
         poles, dt, delay = whole("poles", poles, 1), positive("dt", dt), not_negative("delay", delay)
         model = state_space.companion(self.polynomial(poles))
         lag, fraction = split_delay(delay, dt)
@@ -206,53 +229,6 @@ class StateVariableFilter(Filter):
                 f"the gbt filter rings at dt = {dt:g} s (cutoff * dt > 2): lower the cutoff or use method='exact'",
                 stacklevel=3,
             )
-
-
-@dataclass(frozen=True)
-class RefinedFilter(Filter):
-    r"""The filter 1/A(s) of the estimate itself, which follows it while the plant runs: nothing is to be chosen.
-
-    It is the filter with which the regression is optimal when the output noise is white, and with which it has no
-    error of discretisation.  It needs instruments, and a start-up from which the first A comes.
-
-    Parameters
-    ----------
-    input_hold : {"zoh", "foh"}
-        What u does between samples.
-
-    Examples
-    --------
-    >>> RefinedFilter()
-    RefinedFilter(input_hold='zoh')
-
-    References
-    ----------
-    Young (2011), "Recursive Estimation and Time-Series Analysis", chapter 8; `rsrivc` of the CONTSID toolbox.
-    """
-
-    input_hold: str = "zoh"
-    follows_estimate: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        keep(self, "input_hold", one_of, ("zoh", "foh"))
-
-    def fixed_at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
-        """Return the filter 1/A of a model as a fixed one; poles on or right of the axis are mirrored or moved off it.
-
-        Parameters
-        ----------
-        denominator : (n + 1,) array
-            A(s), monic.
-        dt : float
-            Sampling time in s; a pole is kept at least 1e-4 / dt away from the axis.
-        """
-        poles = roots(denominator)
-        poles = np.minimum(-np.abs(poles.real), -1e-4 / dt) + 1j * poles.imag
-        return StateVariableFilter(denominator=tuple(np.poly(poles).real.tolist()), input_hold=self.input_hold)
-
-
-#: Every filter.
-FILTERS: tuple[type[Filter], ...] = (StateVariableFilter, RefinedFilter)
 
 
 def _denominator(name: str, value: Sequence[float]) -> tuple[float, ...]:

@@ -1,0 +1,86 @@
+"""Layout of an optimizer's memory: named blocks, declared once, beside the loop that works on them.
+
+From the declaration come the places that the loop uses (`Memory.begins` and `block`), the length of the memory, and its
+content before the first sample (`Memory.filled`).  The size of a block is a polynomial in P, the entries of theta.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from replant.kernels.codegen.decorators import inline_llvm, inline_source
+from replant.kernels.codegen.pointer import pointer
+
+
+class Size(NamedTuple):
+    """squares P^2 + entries P + ones: a block's length, or where it begins."""
+
+    squares: int
+    entries: int
+    ones: int
+
+    def at(self, P: int) -> int:
+        """Return the number for P entries."""
+        return self.squares * P * P + self.entries * P + self.ones
+
+
+ONE, VECTOR, MATRIX = Size(0, 0, 1), Size(0, 1, 0), Size(1, 0, 0)
+
+
+class Memory:
+    """Blocks of numbers, one after the other in the order in which they are given.
+
+    Parameters
+    ----------
+    **sizes : Size
+        The length of each block, by its name: `ONE`, `VECTOR` (P,), `MATRIX` (P P,) or another `Size`.
+
+    Examples
+    --------
+    >>> memory = Memory(mean=VECTOR, power=ONE)
+    >>> memory.size(2), memory.begins["power"].at(2)
+    (3, 2)
+    >>> memory.filled(2, power=1.0)
+    array([0., 0., 1.])
+    """
+
+    def __init__(self, **sizes: Size) -> None:
+        self.sizes: Mapping[str, Size] = sizes
+        self.begins: dict[str, Size] = {}
+        self.end = Size(0, 0, 0)
+        for name, size in sizes.items():
+            self.begins[name] = self.end
+            self.end = Size(*(begin + length for begin, length in zip(self.end, size, strict=True)))
+
+    def size(self, P: int) -> int:
+        """Return how many numbers all blocks have."""
+        return self.end.at(P)
+
+    def of(self, memory: Any, name: str, P: int) -> Any:
+        """Return the view of one block of ``memory`` (M,)."""
+        begin = self.begins[name].at(P)
+        return memory[begin : begin + self.sizes[name].at(P)]
+
+    def filled(self, P: int, **values: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """Return a memory (M,) of zeros but for the blocks given by name: a number, or as many as the block has."""
+        memory = np.zeros(self.size(P))
+        for name, value in values.items():
+            self.of(memory, name, P)[:] = value
+        return memory
+
+
+#: The memory of an optimizer that keeps nothing between two updates.
+NOTHING = Memory()
+
+
+@inline_llvm
+def place(begin, P):
+    """Return where a block with this `Size` before it begins."""
+    return begin.squares * P * P + begin.entries * P + begin.ones
+
+
+@inline_source
+def block(memory, begin, P):
+    """Return a pointer to a block of ``memory`` (an array or a pointer), by its place in `Memory.begins`."""
+    return pointer(memory, place(begin, P))

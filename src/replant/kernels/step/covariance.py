@@ -1,0 +1,133 @@
+"""One sample with an optimizer that keeps a covariance: its output is examined before it is learned.
+
+The stages of `step.gradient.take`, and around them the tests that a covariance makes possible: outliers, stuck sensors,
+outputs that are missing, changes of the plant.
+"""
+
+import math
+
+import numpy as np
+
+from replant.kernels import schema as at
+from replant.kernels.codegen.decorators import inline_llvm, inline_source, kernel, outlined
+from replant.kernels.monitoring import estimate_path as trail
+from replant.kernels.monitoring import outliers, residual_colour
+from replant.kernels.monitoring.interruptions import (
+    begin_initial_state,
+    input_leaps,
+    input_rests,
+    interval_of,
+    is_far,
+)
+from replant.kernels.optimizers import covariance as loops
+from replant.kernels.schema import Alarm, Doubt
+from replant.kernels.step.shared import (
+    acceptable,
+    cut_estimate,
+    direction_of,
+    keep_estimate,
+    mapped_input,
+    may_learn,
+    renew_model,
+    take_many,
+    update_estimate,
+)
+
+
+@outlined
+def learn(ints, reals, buffer, batch, interval):
+    """Let the optimizer consume the first ``batch`` of the drawn rows; ``interval`` is in s."""
+    theta, memory, _, _, _, _, settings, rows = cut_estimate(ints, reals)
+    loops.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, direction_of(ints), interval)
+
+
+@outlined
+def lacks_output_alone(ints, u, y):
+    """Return whether a sample that was turned away has an input that can be used, and no output."""
+    if not (math.isnan(y) and abs(u) <= at.LARGEST):
+        return False
+    ints[at.NOT_FINITE] -= 1
+    return True
+
+
+@inline_llvm
+def keep_guarded_sample(ints, reals, recent, u, y, interval):
+    """Keep the raw sample, over the oldest one, with the output that the filters saw and why.
+
+    Where there is no output, what the filters saw stands for it.
+    """
+    head = ints[at.RECENT_HEAD]
+    row = recent[head]
+    row[at.INPUT], row[at.STEP] = u, interval
+    row[at.OUTPUT] = reals[at.USED_OUTPUT] if ints[at.DOUBT] == Doubt.MISSING else y
+    row[at.BRIDGED], row[at.DOUBTED] = reals[at.USED_OUTPUT], ints[at.DOUBT]
+    ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT_SIZE] else 0
+
+
+@outlined
+def record_residual(ints, reals, error):
+    """Keep power and colour of the residual, and the estimate's path, where the optimizer keeps a covariance."""
+    T = ints[at.ENTRIES]
+    colour, path = reals[ints[at.AT_COLOUR] :], reals[ints[at.AT_PATH] :]
+    zeta = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + T]
+    phi = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + T]
+    if ints[at.INSTRUMENTS] == 0:
+        for i in range(T):
+            zeta[i] = phi[i]
+    forgetting = reals[ints[at.AT_SETTINGS]]
+    alpha = reals[ints[at.AT_MEMORY] + ints[at.MEMORY_SIZE] - 1]
+    residual_colour.record(colour, error, alpha, forgetting, zeta)
+    if colour[residual_colour.COUNT] >= path[trail.DUE]:
+        theta, memory = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T], ints[at.AT_MEMORY]
+        U, D = reals[memory : memory + T * T], reals[memory + T * T : memory + T * T + T]
+        trail.keep(path, theta, U, D, colour[residual_colour.COUNT])
+
+
+@inline_source
+def take(ints, reals, banks, buffer, recent, u, y, t):
+    """Take one sample as `step.gradient.take` does, with an optimizer that keeps a covariance.
+
+    Its output is examined; of a sample whose output alone is missing, NaN, the input is used.
+    """
+    u, y = mapped_input(ints, reals, u), y - reals[at.OUTPUT_OFFSET]
+    if not (acceptable(ints, u, y) or lacks_output_alone(ints, u, y)):
+        return np.nan
+    if is_far(reals, u) and input_leaps(ints, reals, u, y, t):
+        return np.nan
+    interval = interval_of(ints, reals, banks, u, y, t)
+    if math.isnan(interval):
+        return np.nan
+    at_rest = ints[at.RESTS_WITH_INPUT] == 1 and input_rests(ints, reals, u)
+    if ints[at.INSTRUMENTS] == 1:
+        renew_model(ints, reals, banks)
+    if ints[at.STARTED] == 0 and ints[at.GAP_AT] > 0 and ints[at.REFINED] * ints[at.COLOURED] == 1:
+        begin_initial_state(ints, reals, banks, y)
+    target = outliers.observe(ints, reals, banks, u, y, interval)
+    if ints[at.RECENT_SIZE] > 0:
+        keep_guarded_sample(ints, reals, recent, u, y, interval)
+    ints[at.SAMPLES] += 1
+    tells = not at_rest and may_learn(ints, reals)
+    if not tells or ints[at.ALARM] >= Alarm.RESTS:
+        ints[at.RESTED] += 1
+    elif ints[at.DOUBT] == Doubt.NONE and outliers.is_calm(ints, reals):
+        update_estimate(ints, reals, buffer, target, interval, learn)
+        if ints[at.COLOURED] == 1 and not outliers.begins_anew(ints, reals):
+            record_residual(ints, reals, reals[at.ERROR])
+    outliers.watch(ints, reals, tells)
+    if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
+        keep_estimate(ints, reals)
+    if ints[at.SAMPLES] == ints[at.ATTENTION_AT] or ints[at.ALARM] == Alarm.RAISED:
+        ints[at.ATTENTION] = 1
+    return reals[at.ERROR] * reals[at.OUTPUT_SCALE]
+
+
+@kernel
+def step(ints, reals, banks, buffer, recent, u, y, t):
+    """Take one sample; return its error as `take` does."""
+    return take(ints, reals, banks, buffer, recent, u, y, t)
+
+
+@kernel
+def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
+    """Take many samples as `take_many` does."""
+    return take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, take)

@@ -1,0 +1,75 @@
+"""One sample with an optimizer of the gradient family: any filter, any clock, dead time, instruments.
+
+`take` is the plain reading of what happens to a sample; `step.fixed_filter` is faster for the method of the article.
+"""
+
+import math
+
+import numpy as np
+
+from replant.kernels import schema as at
+from replant.kernels.codegen.decorators import inline_source, kernel, outlined
+from replant.kernels.filters import chain
+from replant.kernels.monitoring import outliers
+from replant.kernels.monitoring.interruptions import input_rests, interval_of
+from replant.kernels.optimizers import gradient as loops
+from replant.kernels.step.shared import (
+    acceptable,
+    cut_estimate,
+    direction_of,
+    keep_estimate,
+    keep_sample,
+    mapped_input,
+    may_learn,
+    renew_model,
+    take_many,
+    update_estimate,
+)
+
+
+@outlined
+def learn(ints, reals, buffer, batch, interval):
+    """Let the optimizer consume the first ``batch`` of the drawn rows; ``interval``, in s, does not matter to it."""
+    theta, memory, _, _, _, _, settings, rows = cut_estimate(ints, reals)
+    loops.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, direction_of(ints))
+
+
+@inline_source
+def take(ints, reals, banks, buffer, recent, u, y, t):
+    """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected.
+
+    ``t`` is its time stamp in s, or NaN where the clock is regular.
+    """
+    u, y = mapped_input(ints, reals, u), y - reals[at.OUTPUT_OFFSET]
+    if not acceptable(ints, u, y):
+        return np.nan
+    interval = interval_of(ints, reals, banks, u, y, t)
+    if math.isnan(interval):
+        return np.nan
+    at_rest = ints[at.RESTS_WITH_INPUT] == 1 and input_rests(ints, reals, u)
+    if ints[at.RECENT_SIZE] > 0:
+        keep_sample(ints, recent, u, y, interval)
+    if ints[at.INSTRUMENTS] == 1:
+        renew_model(ints, reals, banks)
+    target = chain.observe(ints, reals, banks, u, y, interval)
+    error = outliers.equation_error(ints, reals, target)
+    ints[at.SAMPLES] += 1
+    if at_rest or not may_learn(ints, reals):
+        ints[at.RESTED] += 1
+    else:
+        update_estimate(ints, reals, buffer, target, interval, learn)
+    if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
+        keep_estimate(ints, reals)
+    return error * reals[at.OUTPUT_SCALE]
+
+
+@kernel
+def step(ints, reals, banks, buffer, recent, u, y, t):
+    """Take one sample; return its error as `take` does."""
+    return take(ints, reals, banks, buffer, recent, u, y, t)
+
+
+@kernel
+def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
+    """Take many samples as `take_many` does."""
+    return take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, take)
