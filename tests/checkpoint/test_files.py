@@ -279,5 +279,5 @@ def test_reading(tmp_path: Path, file: Path) -> None:
     os.mkfifo(tmp_path / "pipe")  # which would block
     with pytest.raises(CheckpointError, match="not a checkpoint"):
         files.read(tmp_path / "pipe")
-    with pytest.raises(CheckpointError, match="not a file"):
+    with pytest.raises(CheckpointError, match="not that of a regular file"):
         files.write(tmp_path / "pipe", FIRST)
