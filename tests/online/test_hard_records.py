@@ -12,9 +12,9 @@ import pytest
 
 import replant as rp
 from replant.errors import ReplantError
-from replant.live.observer.history import History
-from replant.live.observer.make_view import look
-from replant.live.observer.view import Pulse
+from replant.live.observer.history import EstimateHistory
+from replant.live.observer.make_view import make_view
+from replant.live.observer.view import SessionInfo
 from replant.offline.structure_search import search
 from support.builders import random_plant
 
@@ -103,9 +103,9 @@ def test_every_way_to_a_model_ends_in_good_order(kind, seed: int) -> None:
     live = rp.Identifier(structure, DT, startup=100)
     for part in (slice(0, 350), slice(350, None)):
         live.update_many(u[part], y[part])
-        look(live, Pulse(), History(structure.size))
+        make_view(live, SessionInfo(), EstimateHistory(structure.size))
     live.finish_startup()
-    view = look(live, Pulse(), History(structure.size))
+    view = make_view(live, SessionInfo(), EstimateHistory(structure.size))
     assert view.verdict == live.assess().status
     for way in (
         lambda: rp.fit(u, y, DT, structure),

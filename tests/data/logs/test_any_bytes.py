@@ -107,10 +107,10 @@ def forks(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
             process.stdin.flush()
             code = int(process.stdout.readline())
             if code:
-                raise matlab.ended(path, code)
+                raise matlab.process_error(path, code)
             return (tmp_path / "answer").read_bytes()
 
-        monkeypatch.setattr(matlab, "answer", answer)
+        monkeypatch.setattr(matlab, "read_in_subprocess", answer)
         yield
 
 
