@@ -1,12 +1,14 @@
 r"""How well abs G is known, and whether the newest samples contradict it, at the frequencies that the input excites.
 
-A coefficient may be known well and abs G badly, or the other way round; whoever uses the model uses G.  The relative
-standard deviation of abs G at a frequency follows from the covariance of the coefficients by the delta method.  The
-excited frequencies are those at which :math:`|G|^2` times the input's power density, the power density of the model's
-output, is at least a hundredth of its largest: a tenth of the amplitude.
+A coefficient may be known well and abs G badly, or the other way round; whoever uses the model uses G.  After a
+change of the plant a new model is made from few samples.  It is trusted where three standard deviations of abs G fit
+into the error that a trusted model may have.  The relative standard deviation of abs G at a frequency follows from the
+covariance of the coefficients by the delta method.  The excited frequencies are those at which :math:`|G|^2` times the
+input's power density, the power density of the model's output, is at least a hundredth of its largest: a tenth of the
+amplitude.
 
 The second test finds a change of the plant that the residual over a long record hides: one Gauss-Newton step
-(`assessment.distance`) over the newest samples alone, for several lengths, and what it makes of abs G.
+(`distance.newest_distances`) over the newest samples alone, for several lengths, and what it makes of abs G.
 
 Source: Ljung (1999), "System Identification: Theory for the User", sections 9.4 and 6.4 (Welch's spectrum).
 """
@@ -19,13 +21,13 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment.cross_test import FALSE_ALARM
-from replant.assessment.distance import distance
+from replant.assessment.distance import newest_distances
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.verdict import Finding, duration, percent
 from replant.model.uncertainty import Uncertainty
 from replant.statistics.linear_algebra import roots
 
-# Largest relative error of abs G with which a model may be trusted: the bound that docs/live.md documents.
+# Largest relative error of abs G with which a model is trusted after a change: the bound that docs/live.md documents.
 LARGEST_ERROR = 0.1
 # Standard deviations of abs G that must fit into it: 0.3 % of right estimates are then farther off at a frequency.
 SIGMAS = 3.0
@@ -55,9 +57,9 @@ def gain_findings(evidence: Evidence, runs: Runs, covariance: FloatArray) -> lis
     std = _uncertainty(evidence, covariance).response(omega)[0]
     findings = [] if evidence.in_sample else _contradiction(evidence, runs, omega)
     worst = float(std.max()) if np.isfinite(std).all() else np.inf
-    if not SIGMAS * worst <= LARGEST_ERROR:
-        reason = f"at a frequency that the input excites abs G is known to {percent(worst)} only"
-        findings.append(Finding("converging", f"{reason} (standard deviation): take more samples, or move the input"))
+    if evidence.after_change and not SIGMAS * worst <= LARGEST_ERROR:
+        reason = f"since the plant has changed abs G is known to {percent(worst)} only (standard deviation)"
+        findings.append(Finding("converging", f"{reason}, at a frequency that the input excites"))
     return findings
 
 
@@ -73,7 +75,7 @@ def excited_frequencies(evidence: Evidence) -> FloatArray:
     hertz, density = welch(u - u.mean(), fs=1.0 / dt, nperseg=min(u.size, SEGMENT))
     omega, density = 2.0 * np.pi * hertz[1:], density[1:]
     poles = np.abs(roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])))
-    lowest = SLOWEST * float(poles.min())
+    lowest = SLOWEST * max(float(poles.min()), 1.0 / evidence.record.span)  # a slower pole counts as one as slow
     if 0.0 < lowest < omega[0]:
         below = np.geomspace(lowest, omega[0], SLOW_FREQUENCIES, endpoint=False)
         omega, density = np.concatenate([below, omega]), np.concatenate([np.full(below.size, density[0]), density])
@@ -84,10 +86,8 @@ def excited_frequencies(evidence: Evidence) -> FloatArray:
 def _contradiction(evidence: Evidence, runs: Runs, omega: FloatArray) -> list[Finding]:
     """Say whether the newest samples alone would put abs G elsewhere, and over which length it is most."""
     present, surest, size, length = _magnitude(evidence, evidence.estimate, omega), 0.0, 0.0, 0
-    for count in (evidence.enough * times for times in LENGTHS):
-        if count > evidence.samples:
-            break
-        away = distance(runs.now, slice(evidence.samples - count, evidence.samples), FALSE_ALARM)
+    counts = [evidence.enough * times for times in LENGTHS]
+    for count, away in newest_distances(runs.now, counts, FALSE_ALARM, max(evidence.slowness, 1.0)):
         if not away.statistic > 1.0:
             continue
         there = _magnitude(evidence, evidence.estimate[: evidence.coefficients] + away.step, omega)

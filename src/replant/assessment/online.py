@@ -85,6 +85,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         follows=state.past_step == SHORTEST_STEP,
         largest_power=state.largest_power,
         grown=samples - state.change_began if state.alarm else 0,
+        after_change=_is_after_change(state),
         unsettled=_unsettled(state, settings, known),
         missing=_missing(in_use),
         stuck=state.stuck_outputs > 0 and samples - state.stuck_last < STUCK_LATELY,
@@ -114,10 +115,20 @@ def _missing(kept: RecentSamples) -> int:
     return len(kept) - 1 - int(there[-1]) if there.size else len(kept)
 
 
+def _is_after_change(state: State) -> bool:
+    """Return whether the estimate was begun anew, or revised, after a change of the plant.
+
+    An estimate that forgets does not become better known for ever: once the change is older than the samples kept, its
+    uncertainty is that of its memory.
+    """
+    changed = max(state.revised_from, state.record_began)
+    forgotten = state.past_step == SHORTEST_STEP and state.samples - changed > state.recent_size
+    return changed > 0 and not forgotten
+
+
 def _unsettled(state: State, settings: Settings, known: FloatArray) -> float:
     """Return how uncertain a revised estimate is in what was known before the change, as a part of itself."""
-    forgotten = state.past_step == SHORTEST_STEP and state.samples - state.revised_from > state.recent_size
-    if not state.was_revised or forgotten:  # what forgets is at length as uncertain by right
+    if not (state.was_revised and _is_after_change(state)):
         return 0.0
     size = settings.structure.poles + settings.structure.zeros + 1
     before, std = np.abs(state.prior[:, :size])
