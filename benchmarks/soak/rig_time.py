@@ -13,17 +13,17 @@ import numpy as np
 
 from replant import Identifier
 from soak.faults import FAULTS, Fault, deck
-from soak.rig import Rig
+from soak.rig import DT, Rig
 
 WRONG = 0.1  # part by which abs G may be off
 #: Samples after something has happened, at which the verdict is looked at.
-LOOKS = (8, 16, 32, 64, 128, 256, 400, 640, 1000, 1600, 2500, 4000, 6400, 10_000, 16_000)
+LOOKS = (8, 16, 32, 64, 128, 256, 400, 640, 1000, 1600, 2500, 4000, 5000, 6400, 10_000, 16_000)
 STRIDE = 64_000  # samples between two looks later on
 BETWEEN = (600.0, 3600.0)  # s between two faults
 HOURS_A_RIG = 25.0
-#: For so long, in s, "trusted" may be said of a model that has become wrong, see docs/live.md: 1,000 samples; where the
-#: input rests, which shows no change, until it is said that it does: 6,400.
-LIMIT, AT_REST = 16.0, 100.0
+#: For so long, in s, "trusted" may be said of a model that has become wrong, see docs/live.md: 640 samples; where the
+#: input rests, which shows no change, until every sample that the verdict holds out is of the rest: 5,000.
+LIMIT, AT_REST = 640 * DT, 5000 * DT
 
 
 @dataclass

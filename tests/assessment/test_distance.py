@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 import replant as rp
 from replant.assessment.changes import growth
-from replant.assessment.distance import Distance, distance
+from replant.assessment.distance import Distance, distance, newest_distances
 from replant.engine.record import Record
 from replant.simulation.model_run import run_model
 from replant.statistics.autoregression import whiteness
@@ -55,6 +55,28 @@ def test_its_covariance_is_honest(colour: float) -> None:
     alarms = np.mean([each.statistic > 1.0 for each in found])
     assert alarms < 0.05 + 4 * np.sqrt(0.05 * 0.95 / 200)
     np.testing.assert_allclose([each.statistic for each in found], squares / chi2.ppf(0.95, 3), rtol=1e-6)
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.8, 0.98])
+def test_over_the_newest_samples_alone_coloured_noise_is_no_change(colour: float) -> None:
+    """60 records, run with the true model, the newest 100, 200 and 400 of 2000 samples.
+
+    The test's square is chi2 with three degrees of freedom: its mean lies within four standard errors of 3, and alarms
+    at 1e-4 are not expected: 0.02 of 180.
+    """
+    squares: dict[int, list[float]] = {}
+    limit = chi2.ppf(1.0 - 1e-4, 3)
+    for seed in range(60):
+        u = binary(seed, SAMPLES, 8)
+        y = PLANT.simulate(u, DT) + 0.05 * coloured(seed, colour)
+        run = run_model(STRUCTURE, TRUE, Record(u, y, np.array([DT])), DT)
+        assert run is not None
+        for count, found in newest_distances(run, (100, 200, 400, 5000), 1e-4):
+            squares.setdefault(count, []).append(found.statistic * limit)
+    assert list(squares) == [100, 200, 400]
+    for each in squares.values():
+        assert abs(np.mean(each) - 3.0) < 4.0 * np.sqrt(6.0 / 60)
+        assert max(each) < limit
 
 
 # --- whiteness, and the residual's growth

@@ -10,6 +10,7 @@ Source: Soderstrom and Stoica (1983), "Instrumental Variable Methods for System 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,3 +77,48 @@ def distance(run: ModelRun, rows: slice, false_alarm: float) -> Distance:
     square = float(step @ pseudo_inverse(covariance, 1e-14) @ step)
     statistic = math.inf if math.isnan(square) else square / float(chi2_quantile(1.0 - false_alarm, len(step)))
     return Distance(step / lengths, statistic, covariance / np.outer(lengths, lengths))
+
+
+def newest_distances(
+    run: ModelRun, counts: Iterable[int], false_alarm: float, wider: float = 1.0
+) -> Iterator[tuple[int, Distance]]:
+    """Yield the Gauss-Newton step that the newest samples alone ask of an estimate, for each number of them.
+
+    A few samples do not tell the colour of their own residual: tested with it, coloured noise would be taken for a
+    change.  So colour and power are those of the residual over the whole run, and instruments and residual are whitened
+    by them (generalised least squares).  Where the few samples leave more power, that is used.
+
+    Parameters
+    ----------
+    run : ModelRun
+    counts : iterable of int
+        Numbers of newest samples; larger ones than the run has are left out.
+    false_alarm : float
+        Chance that a statistic exceeds 1 where the estimate is right.
+    wider : float
+        Times the standard deviation by the residual's colour that the estimate really scatters, as under slow noise.
+    """
+    from scipy.stats import chi2
+
+    noise = Autoregression.of(run.error - run.error.mean())
+    white = noise.whiten(run.error)
+    usual = float(white.var())
+    nuisances = noise.whiten(np.hstack([run.nuisances, np.ones((len(run.error), 1))]))
+    slopes = noise.whiten(run.zeta)
+    for count in counts:
+        if count > len(white):
+            return
+        newest = slice(len(white) - count, None)
+        zeta = without(slopes[newest], nuisances[newest])
+        error = without(white[newest, None], nuisances[newest])[:, 0]
+        lengths = lengths_of(zeta)
+        zeta = zeta / lengths
+        basis = orthogonal(products(zeta, zeta))
+        inverse = basis @ basis.T
+        step = inverse @ products(zeta, error[:, None])[:, 0]
+        left = error - np.einsum("ij,j->i", zeta, step)
+        free = max(count - len(step) - nuisances.shape[1], 1)
+        covariance = wider**2 * max(usual, float(left @ left) / free) * inverse
+        square = float(step @ pseudo_inverse(covariance, 1e-14) @ step)
+        statistic = math.inf if math.isnan(square) else square / float(chi2.ppf(1.0 - false_alarm, len(step)))
+        yield count, Distance(step / lengths, statistic, covariance / np.outer(lengths, lengths))

@@ -10,6 +10,7 @@ import numpy as np
 from replant.assessment.cross_test import FALSE_ALARM
 from replant.assessment.distance import distance as distance_of
 from replant.assessment.evidence import Evidence, Runs
+from replant.assessment.gain import gain_findings
 from replant.assessment.verdict import Finding, figure, percent
 
 # Standard deviation of a coefficient of the denominator, as a part of its size, beyond which it is not known yet: the
@@ -69,6 +70,7 @@ class Certainty:
             *_of_uncertainty(uncertainty, _scatter(evidence, runs, known), slow_noise(evidence, uncertainty)),
             *_of_movement(evidence, moved, sigmas, improves),
             *_of_distance(evidence, distance, away.statistic),
+            *gain_findings(evidence, runs, known),
         ]
         return cls(figures, improves, findings)
 

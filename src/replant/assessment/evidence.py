@@ -55,6 +55,9 @@ class Evidence:
         Median time between samples in s, interruptions included; 0 where there are no time stamps.
     grown : int
         Samples since the residual began to exceed its usual size, if that is statistically significant; else 0.
+    after_change : bool
+        Whether the estimate was begun anew, or revised, after a change of the plant; an estimate that forgets counts as
+        such only while the newest samples kept reach back to the change.
     unsettled : float
         After a change of the plant, the largest relative standard deviation of a coefficient that was known before;
         else 0.
@@ -89,6 +92,7 @@ class Evidence:
     largest_power: float = 0.0
     usual_interval: float = 0.0
     grown: int = 0
+    after_change: bool = False
     unsettled: float = 0.0
     missing: int = 0
     stuck: bool = False

@@ -85,6 +85,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         follows=state.past_step == SHORTEST_STEP,
         largest_power=state.largest_power,
         grown=samples - state.change_began if state.alarm else 0,
+        after_change=_is_after_change(state),
         unsettled=_unsettled(state, settings, known),
         missing=_missing(in_use),
         stuck=state.stuck_outputs > 0 and samples - state.stuck_last < STUCK_LATELY,
@@ -114,10 +115,20 @@ def _missing(kept: RecentSamples) -> int:
     return len(kept) - 1 - int(there[-1]) if there.size else len(kept)
 
 
+def _is_after_change(state: State) -> bool:
+    """Return whether the estimate was begun anew, or revised, after a change of the plant.
+
+    An estimate that forgets does not become better known for ever: once the change is older than the samples kept, its
+    uncertainty is that of its memory.
+    """
+    changed = max(state.revised_from, state.record_began)
+    forgotten = state.past_step == SHORTEST_STEP and state.samples - changed > state.recent_size
+    return changed > 0 and not forgotten
+
+
 def _unsettled(state: State, settings: Settings, known: FloatArray) -> float:
     """Return the largest relative std of a revised estimate's coefficients, among those known before the change."""
-    forgotten = state.past_step == SHORTEST_STEP and state.samples - state.revised_from > state.recent_size
-    if not state.was_revised or forgotten:  # an optimizer that forgets becomes as uncertain without a change
+    if not (state.was_revised and _is_after_change(state)):
         return 0.0
     size = settings.structure.coefficients
     before, std = np.abs(state.prior[:, :size])

@@ -1,4 +1,12 @@
-"""Solving again: the record so far as it grows, and what came since the plant has changed."""
+"""Change response: what is done about an alarm of the residual's CUSUM test.
+
+The samples since the alarm began are looked into at growing intervals.  A look has one of four results:
+
+1. the residual is explained by another constant or initial state: only these are learned anew;
+2. the samples since the alarm, with the estimate before it as a prior, give a model: the estimate is revised;
+3. these samples alone, or the whole record, give a model that predicts much better: the record begins anew there;
+4. none of these: another look follows, until the larger residual is taken for the usual one.
+"""
 
 from __future__ import annotations
 
@@ -39,9 +47,9 @@ PATIENCE = 1.5  # each look takes so many times the samples of the one before
 
 @quiet
 def first_look(state: State, settings: Settings) -> int:
-    """Return at how many accepted samples what came since an alarm is to be looked into.
+    """Return the number of accepted samples at which an alarm is first looked into.
 
-    Nothing is learned so long, if the estimate is old enough to be missed.
+    Until then a mature estimate (`resolving.is_mature`) does not learn: the samples may be of a failed sensor.
     """
     _note_estimate(state, settings)
     state.alarm = Alarm.RESTS if is_mature(state, settings) else Alarm.LOOKED_INTO
@@ -49,9 +57,10 @@ def first_look(state: State, settings: Settings) -> int:
 
 
 def _note_estimate(state: State, settings: Settings) -> None:
-    """Note the estimate before a change and how well it is known, which what came since is to revise.
+    """Store the estimate before a change and its standard deviations: the prior of a revision.
 
-    Later it may have learned from that itself.  Just revised it stays the one before: that is still the better known.
+    It is stored at once, before the estimate learns from samples of the changed plant.  Where the estimate was itself
+    revised a short while ago, the older prior stays: it is known better than the revised estimate.
     """
     samples = state.samples
     if state.was_revised and _is_brief(state, settings, samples - state.revised_from):
@@ -63,13 +72,13 @@ def _note_estimate(state: State, settings: Settings) -> None:
 
 @quiet
 def look(old: State, settings: Settings) -> tuple[State, int]:
-    """Look for a model of what came since the residual has grown.
+    """Look for a model of the samples since the alarm began.
 
-    Returns the state to go on with, and at how many accepted samples to look again; 0: no more.
+    Returns the state to go on with, and the number of accepted samples at which to look again; 0: no further look.
     """
     from replant.kernels.monitoring import outliers
 
-    if old.alarm == Alarm.NONE:  # it went as it came
+    if old.alarm == Alarm.NONE:  # the residual is as usual again
         return old, 0
     samples = old.samples
     kept = RecentSamples.since(old, _began(old)).after_stuck()
@@ -77,7 +86,8 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     later = samples + max(int((PATIENCE - 1.0) * length), 50)
     if length < _least(settings) or kept.stuck > MOST_DOUBTED:
         return old, later
-    if float(np.ptp(kept.output[-_least(settings) :])) == 0.0:  # a gain of nought explains it, and is no plant
+    # a constant output: a gain of zero would explain it, but it is a failed sensor
+    if float(np.ptp(kept.output[-_least(settings) :])) == 0.0:
         return old, later
     mature = is_mature(old, settings)
     share, explained = _share_left(old, settings, kept.record(settings.dt, settings.filter.input_hold))
@@ -86,8 +96,8 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         if renewed is not None:
             return renewed, 0
     if share < BETTER:
-        # if what came since does not suffice, perhaps all does: the estimate and not the plant may have gone astray; a
-        # model of all of it then leaves no more than usual
+        # where the samples since the alarm give no model, the whole record may: then not the plant has changed but the
+        # estimate was wrong, and the residual of a model of the whole record is no larger than usual
         usual = outliers.GROWN * max(old.usual_variance, outliers.LEAST * old.largest_output)
         whole = max(old.record_began, old.gap_at)
         for begin, most in ((samples - length, math.inf), (whole, usual * settings.scaling.output**2)):
@@ -105,17 +115,27 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     if share >= BETTER and length >= enough:
         _believe_residual(old)
         return old, 0
-    if length > RECENT // 2:  # it may have changed once more
+    if length > RECENT // 2:  # the plant may have changed a second time: only the newer half counts
         old.change_began = samples - RECENT // 4
         return old, samples + RECENT // 4
     return old, later
 
 
 def _hardly_changed(old: State, settings: Settings, kept: RecentSamples, explained: bool) -> State | None:
-    """Return the state after learning what came since, where another constant or initial state would explain it.
+    """Return the state after learning the samples since the alarm, where another constant explains them; else None.
 
-    None where they do not.  To a record that is brief beside it a slow mode that has changed looks like either: what is
-    as likely to have moved gets room to.  A longer one tells by itself, and slow disturbances are nothing that moved.
+    An initial state that differs is treated like a constant.  In a record that is brief beside the slowest time
+    constant, a slow mode that has changed looks the same; the coefficients are then revised with a prior, unless they
+    have probably not moved.  A longer record tells the two apart, and there a slow disturbance is no change of G(s).
+
+    Parameters
+    ----------
+    old : State
+    settings : Settings
+    kept : RecentSamples
+        Since the alarm began.
+    explained : bool
+        Whether the present model explains these samples, and no new model predicts them much better.
     """
     brief = _is_brief(old, settings, len(kept))
     rests = [kept[int(beginning * len(kept)) :] for beginning in BEGINNINGS]
@@ -128,7 +148,15 @@ def _hardly_changed(old: State, settings: Settings, kept: RecentSamples, explain
 
 
 def _revised_since(old: State, settings: Settings, begin: int) -> State | None:
-    """Return the state after revising the estimate by what came since ``begin``, where that is brief; else None."""
+    """Return the state revised by the samples since ``begin``; None where they are not brief, or give no model.
+
+    Parameters
+    ----------
+    old : State
+    settings : Settings
+    begin : int
+        Accepted samples before the first one used.
+    """
     kept = RecentSamples.since(old, begin)
     if _is_guesswork(kept) or not (is_mature(old, settings) and _is_brief(old, settings, len(kept))):
         return None
@@ -137,15 +165,24 @@ def _revised_since(old: State, settings: Settings, begin: int) -> State | None:
 
 
 def _is_guesswork(kept: RecentSamples) -> bool:
-    """Return whether too much of a record is no output that was measured."""
+    """Return whether too many outputs of a record were bridged rather than measured."""
     bridged = (kept.doubt > 0) & (kept.output == kept.bridged)
     return float((bridged | (kept.doubt == Doubt.STUCK)).mean()) > MOST_DOUBTED
 
 
 def _solved_since(old: State, settings: Settings, begin: int, most: float) -> State | None:
-    """Return the state after solving what came since ``begin``.
+    """Return the state that begins at a model of the samples since ``begin`` alone.
 
-    None where that leads to no model to be used, or to a residual's variance above ``most``.
+    None where they give no usable model, or where its residual's variance exceeds ``most``.
+
+    Parameters
+    ----------
+    old : State
+    settings : Settings
+    begin : int
+        Accepted samples before the first one used.
+    most : float
+        In the output's unit squared.
     """
     kept = RecentSamples.since(old, begin)
     if _is_guesswork(kept):
@@ -160,16 +197,26 @@ def _solved_since(old: State, settings: Settings, begin: int, most: float) -> St
 
 
 def _revised(old: State, settings: Settings, kept: RecentSamples, stayed: float = 1.0) -> State | None:
-    """Return the state after revising the estimate by what came since.
+    """Return the state revised by samples after a change, its alarm ended.
 
-    None where it then leaves more than usual, or is more likely than ``stayed`` not to have moved at all.
+    None where the revised model's residual is larger than usual, or where the probability that no coefficient has moved
+    exceeds ``stayed``.
+
+    Parameters
+    ----------
+    old : State
+    settings : Settings
+    kept : RecentSamples
+        The samples after the change.
+    stayed : float
+        Largest probability that no coefficient has moved.
     """
     new = restart_from_prior(old, settings, kept, stayed)
     return None if new is None else _on_its_own(new)
 
 
 def _on_its_own(new: State) -> State:
-    """Return a state that has just begun anew, the alarm ended and the past estimates forgotten."""
+    """End the alarm of a state that has just begun anew, and forget its past estimates."""
     samples = new.samples
     new.past_kept, new.past_due = 0, samples
     new.alarm, new.change_began = Alarm.NONE, samples
@@ -177,37 +224,47 @@ def _on_its_own(new: State) -> State:
 
 
 def _least(settings: Settings) -> int:
+    """Return the fewest samples since an alarm that are looked into."""
     structure = settings.structure
     return max(4 * (2 * structure.poles + structure.zeros + 2), int(EARLIEST * settings.startup))
 
 
 def _began(state: State) -> int:
+    """Return the accepted samples before those since the alarm, in one piece."""
     return max(state.change_began, state.gap_at, state.record_began)
 
 
 def _settling(state: State, settings: Settings) -> float:
-    """Return how many samples the plant needs to show what it has become."""
+    """Return in how many samples the slowest mode has settled; infinite for a model that is not stable."""
     denominator = np.concatenate([[1.0], state.physical[: settings.structure.poles]])
     slowest = -float(roots(denominator).real.max())
     return SETTLED / (slowest * settings.dt) if slowest > 0.0 else math.inf
 
 
 def _is_brief(state: State, settings: Settings, length: int) -> bool:
-    """Return whether so many samples cannot tell the slowest mode, and what was known of it before is missed."""
+    """Return whether so many samples are too few to identify the slowest mode without a prior."""
     return length < BRIEF / SETTLED * _settling(state, settings)
 
 
 def _explained_before(state: State) -> bool:
-    """Return whether the model usually explains enough of the output that it would be missed."""
+    """Return whether the model usually explains a part of the output's power, at least `EXPLAINED`."""
     return bool(state.usual_variance < (1.0 - EXPLAINED) * state.largest_output)
 
 
 def _share_left(state: State, settings: Settings, record: Record) -> tuple[float, bool]:
-    """Return what a model of the first two thirds of a record leaves of the last, over what the present one leaves.
+    """Return the ratio of two residual variances, and whether the present model explains the output by the input.
 
-    The share is one where it may be chance, or is not known.  And whether the present model explains the output there,
-    by the input and not by offset and initial state alone.  Where no model is quite right one that is made for a few
-    samples always fits these better: only what it has not seen tells whether the plant has changed.
+    The ratio compares, over the last third of a record, a model identified from the first two thirds with the present
+    one.  It is at least `BETTER` where the difference may be chance, and 1 where no new model explains the output.
+    A model fitted to a few samples always fits these better; only samples that it has not seen tell a change.
+
+    Parameters
+    ----------
+    state : State
+        Of the present model.
+    settings : Settings
+    record : Record
+        The samples since the alarm.
     """
     structure, seen = settings.structure, 2 * record.u.size // 3
     refined = refine(structure, record.first(seen)) if float(np.ptp(record.u[:seen])) > 0.0 else None
@@ -220,14 +277,14 @@ def _share_left(state: State, settings: Settings, record: Record) -> tuple[float
             explains[which] = left[which] < (1.0 - EXPLAINED) * float(np.var(unforced))
     if not explains[0]:
         return 1.0, explains[1]
-    least = np.finfo(float).eps * power  # what rounding leaves is nothing
+    least = np.finfo(float).eps * power  # rounding errors do not count
     share = (left[0] + least) / (left[1] + least)
     sure = -(record.u.size - seen) * math.log(max(share, 1e-300)) > SURE
     return share if sure else max(share, BETTER), explains[1]
 
 
 def _believe_residual(state: State) -> None:
-    """Take the residual's present power for usual: no model explains it better; and be slower to suspect it."""
+    """Take the residual's present variance for the usual one, as no model explains it, and double the CUSUM limit."""
     from replant.kernels.monitoring import outliers
 
     state.alarm = Alarm.NONE

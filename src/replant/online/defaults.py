@@ -1,4 +1,4 @@
-"""The choices that the data make when the user makes none: cutoff, scaling, step size, buffer (docs/defaults.md)."""
+"""Defaults: cutoff, scaling, step size and buffer chosen from the data where the user chose none (docs/defaults.md)."""
 
 from __future__ import annotations
 
@@ -23,9 +23,20 @@ UNKNOWN_LENGTH = 2_000  # samples to come that an optimizer is tuned for where n
 
 @quiet
 def settle(request: Request, u: FloatArray, y: FloatArray, length: int | None = None) -> Settings:
-    """Return definite settings, what is "auto" chosen from a record of raw input and output (K,).
+    """Return definite settings: what is "auto" is chosen from a record.
 
-    ``length`` is how many samples there will be in all, where that is known.
+    Parameters
+    ----------
+    request : Request
+    u, y : (K,) arrays
+        Raw input and output.
+    length : int, optional
+        Number of samples that there will be in all, where it is known.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the settings do not go together.
     """
     structure, dt, instruments = request.structure, request.dt, request.wants_instruments
     preprocess = request.preprocess.resolve(u, y)
@@ -53,7 +64,7 @@ def settle(request: Request, u: FloatArray, y: FloatArray, length: int | None = 
 
 
 def _choose_replay(request: Request) -> Replay | None:
-    """Return the buffer: none for an optimizer that remembers every sample by itself."""
+    """Return the replay buffer; None for an optimizer that keeps a covariance, which remembers every sample."""
     if request.replay is None or isinstance(request.replay, Replay):
         return request.replay
     optimizer = request.optimizer

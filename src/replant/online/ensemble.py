@@ -34,14 +34,14 @@ Take = Callable[..., None]  # takes the samples from a row on: (room, row, u, y,
 class Ensemble:
     """Step M identifiers at once: on M streams, or on one stream with M settings.
 
-    Each member is what the identifier would be by itself, to the last digits: with a start-up, rejected samples,
-    random numbers and an end of its own.  The samples of all come at the same time.
+    Each member gives the result of a single identifier up to rounding: it has its own start-up, rejected samples and
+    random numbers.  All members take their samples at the same time.
 
     Parameters
     ----------
     identifiers : Identifier or sequence of Identifier
-        One to be copied, or each member; of structures with the same parameters.  They are copied: the ensemble never
-        touches yours.
+        One to be copied for all members, or one for each; their structures must have the same parameters.  The ensemble
+        works on copies.
     members : int, optional
         How many copies, where one identifier is given.
     n_jobs : int, optional
@@ -92,7 +92,7 @@ class Ensemble:
         return len(self._members)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy needs: members by themselves, which form blocks anew."""
+        """Return what a copy needs: the single members; the copy forms its blocks anew."""
         return {
             "_members": [self.member(number) for number in range(len(self))],
             "_blocks": [],
@@ -105,7 +105,12 @@ class Ensemble:
         Parameters
         ----------
         u, y : (M,) arrays or floats
-            A number is for all members.
+            A number is used for all members.
+
+        Raises
+        ------
+        InvalidArgumentError, ArgumentTypeError
+            If shapes or types do not fit; the state stays as it was.
         """
         errors, _ = self._run(self._row("u", u), self._row("y", y), 0, self._rooms[:1])
         return errors.reshape(-1)
@@ -116,7 +121,7 @@ class Ensemble:
         Parameters
         ----------
         u, y : (K, M) or (K,) arrays
-            A vector is for all members.
+            A vector is used for all members.
 
         Raises
         ------
@@ -126,20 +131,38 @@ class Ensemble:
         return self._run(self._rows("u", u), self._rows("y", y), 0, self._rooms)[0]
 
     def trace(self, u: Any, y: Any) -> tuple[Trace, ...]:
-        """Take a chunk of samples as `update_many` does; return each member's `Trace`: K (P + 1) numbers a member."""
+        """Take a chunk of samples as `update_many` does; return the `Trace` of each member, K (P + 1) numbers each.
+
+        Raises
+        ------
+        InvalidArgumentError, ArgumentTypeError
+            If shapes or types do not fit; the state stays as it was.
+        """
         start = self.parameters
         errors, parameters = self._run(self._rows("u", u), self._rows("y", y), start.shape[1], self._rooms)
         each = np.ascontiguousarray(errors.T)
         return tuple(Trace(self.names, *one) for one in zip(start, parameters, each, strict=True))
 
     def freeze(self) -> None:
-        """Stop adapting, as `Identifier.freeze` does, all members."""
+        """Stop adapting, all members; see `Identifier.freeze`.
+
+        Raises
+        ------
+        InvalidArgumentError
+            While a member is still starting.
+        """
         self._must_run()
         for member in self._members:
             member.freeze()
 
     def resume(self) -> None:
-        """Adapt again after `freeze`."""
+        """Adapt again after `freeze`, all members.
+
+        Raises
+        ------
+        InvalidArgumentError
+            While a member is still starting.
+        """
         self._must_run()
         for member in self._members:
             member.resume()
@@ -151,7 +174,7 @@ class Ensemble:
             member.reset()
 
     def member(self, number: int) -> Identifier:
-        """Return a copy of one member: an identifier in the same state, which goes on as the member does."""
+        """Return a copy of one member, an identifier in the same state."""
         return self._members[number].clone()
 
     @property
@@ -180,14 +203,14 @@ class Ensemble:
         return tuple(member.status for member in self._members)
 
     def _row(self, name: str, value: Any) -> FloatArray:
-        """Return one sample of each member as a chunk (1, M), or (1, 1) for all."""
+        """Return one sample of each member as a chunk (1, M), or (1, 1) where it is the same for all."""
         array = array_of_reals(name, value)
         if array.shape not in ((), (len(self),)):
             raise InvalidArgumentError(f"{name} must be a number or have shape ({len(self)},), got shape {array.shape}")
         return array.reshape(1, -1)
 
     def _rows(self, name: str, value: Any) -> FloatArray:
-        """Return a chunk as (K, M), or (K, 1) for all members."""
+        """Return a chunk as (K, M), or as (K, 1) where it is the same for all members."""
         array = array_of_reals(name, value)
         if array.ndim == 1:
             return array[:, None]
@@ -236,7 +259,10 @@ class Ensemble:
         parameters[number, start:end] = trace.parameters[:, : parameters.shape[2]]
 
     def _form_blocks(self, reached: dict[int, int]) -> list[tuple[Block, int]]:
-        """Put the members that may form blocks, of those with the samples that they have ``reached``, into some."""
+        """Form blocks of members that are ready and alike; return each with the row of the chunk it begins at.
+
+        ``reached`` holds, by the member's number, how many samples of the chunk it has taken.
+        """
         from replant.kernels.codegen.simd import LANES
 
         ready = [n for n in reached if may_join(self._members[n]) and is_ready(self._members[n])]
@@ -258,7 +284,7 @@ class Ensemble:
 
 
 def may_join(member: Identifier) -> bool:
-    """Return whether a member belongs into a block, now or, as far as is known, once it has begun."""
+    """Return whether a member can be stepped in a block, now or, by its settings, after its start-up."""
     if member.settings is None:
         return not member._request.wants_instruments
     from replant.kernels.step import fixed_filter
@@ -267,7 +293,7 @@ def may_join(member: Identifier) -> bool:
 
 
 def is_ready(member: Identifier) -> bool:
-    """Return whether it has begun, and its filters are under way."""
+    """Return whether a member's start-up is over and its filters run."""
     return member.settings is not None and is_under_way(member._state)
 
 
@@ -294,7 +320,7 @@ def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None)
 
 
 def _rooms(n_jobs: int | None, members: int) -> list[Room]:
-    """Return a room for each of the threads that joblib's ``n_jobs`` stands for, no more than there are members."""
+    """Return one workspace for each thread by joblib's meaning of ``n_jobs``, at most one for each member."""
     jobs = 1 if n_jobs is None else whole("n_jobs", n_jobs, -(2**31))
     if jobs == 0:
         raise InvalidArgumentError("n_jobs must not be 0: 1 is one thread, -1 all processors")
@@ -303,9 +329,9 @@ def _rooms(n_jobs: int | None, members: int) -> list[Room]:
 
 
 def _carry_out(tasks: Iterable[tuple[Take, int]], rooms: Sequence[Room], *chunk: FloatArray) -> None:
-    """Let each task take the samples of a chunk from its row on, in as many threads as there are rooms.
+    """Run all tasks over a chunk, each from its start row on, in one thread for each workspace.
 
-    Whoever is ready takes the next portion of the task that has waited longest.
+    A thread that is free takes the next portion of the task that has waited longest.
     """
     u, y, *results = chunk
     waiting = deque(task for task in tasks if task[1] < len(u))
@@ -314,7 +340,7 @@ def _carry_out(tasks: Iterable[tuple[Take, int]], rooms: Sequence[Room], *chunk:
         while True:
             try:
                 take, start = waiting.popleft()
-            except IndexError:  # the others are at the last ones
+            except IndexError:  # the other threads work on the last portions
                 return
             end = start + PORTION
             take(room, start, u[:end], y[:end], *results)

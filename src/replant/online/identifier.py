@@ -1,4 +1,4 @@
-"""Identifier: wires filters, regressor, scaling, buffer and optimizer together and owns their state."""
+"""Identifier: connects filters, regressor, scaling, buffer and optimizer, and owns their state."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ if TYPE_CHECKING:
 class Identifier(Estimate):
     r"""Identify G(s) online: samples go in one by one, the estimate is there after each.
 
-    What is left to "auto" is chosen from the first ``startup`` accepted samples, which are held back for that and
-    then learned in their order, so none is lost; until then the estimate stays at zero and `settings` is None.
+    Settings left at "auto" are chosen from the first ``startup`` accepted samples.  These are held back and then
+    learned in their order, so that none is lost; until then the estimate is zero and `settings` is None.
 
     Parameters
     ----------
@@ -78,8 +78,8 @@ class Identifier(Estimate):
     preprocess : Preprocess
         Input map and working point.
     startup : int
-        Samples held back at the beginning, from which choices and the first model are made.  Doubled as often as
-        needed where they do not suffice for instruments, up to 20000.
+        Samples held back at the beginning, from which settings and the first model are made.  Doubled, up to 20000,
+        until they suffice for a first model that can make instruments.
 
     Raises
     ------
@@ -92,17 +92,17 @@ class Identifier(Estimate):
     in `rejected`.  An update that would leave float64 is undone: the last finite estimate stays and `status` says
     "diverged".  Memory does not grow with the stream.
 
-    An optimizer that keeps a covariance learns from no output that cannot be: an outlier, or a sensor that is stuck
-    or at its limit.  The filters see the model's output instead; `rejected` counts such samples, `samples` as well.
-    The same becomes of a sample whose output alone is missing, NaN; in the start-up it is rejected.  A single input
-    beyond a thousand times what it was so far, as its moving variance says, was misread: the sample is held back,
-    and taken only if the next one is as far away.  A sample that is held back counts as rejected so long.
-    Where the residual grows and stays so, `assess` says that something has changed; a model of what came since then
-    takes over as soon as it can be used and predicts what it has not seen much better than the present one.
+    An optimizer that keeps a covariance ignores implausible outputs: outliers, and those of a sensor that is stuck or
+    at its limit.  The filters see the model's output instead; such samples count in `rejected` and in `samples`.  A
+    sample whose output alone is missing (NaN) is treated alike; during start-up it is rejected.  A single input beyond
+    a thousand times its moving standard deviation is taken for misread: the sample is held back, and taken only if the
+    next input is as far away.  While it is held back it counts as rejected.
+    Where the residual grows and stays large, `assess` says that something has changed.  A model of the samples since
+    then replaces the present one as soon as it is usable and predicts unseen samples much better.
 
-    As the record grows to twice, four times, ... the start-up, it is solved again as a whole, from the present
-    estimate, until 10000 samples are reached: a first model from too short a start-up does not leave its traces.
-    Such a solution takes some tens of milliseconds; every other update about a microsecond.
+    When the record has grown to 2, 4, 8, ... times the start-up, up to 10000 samples, it is solved again as a whole
+    from the present estimate, so that a poor first model has no lasting effect.  Such a solution takes some tens of
+    milliseconds, every other update about a microsecond.
 
     Examples
     --------
@@ -140,7 +140,7 @@ class Identifier(Estimate):
         self.reset()
 
     def reset(self) -> None:
-        """Forget every sample and begin again, choices left to "auto" included."""
+        """Forget every sample and begin again; settings left at "auto" are chosen anew."""
         self._settings: Settings | None = None
         self._held: list[Held] = []
         self._strays: list[float] = []
@@ -157,36 +157,48 @@ class Identifier(Estimate):
         return copy.deepcopy(self)
 
     def save(self, path: AnyPath, progress: Progress | None = None) -> None:
-        """Save everything to a file, from which `replant.load` goes on to the bit.
+        """Save the whole state to a file, from which `replant.load` continues to the bit.
 
-        The file is whole at every moment, whatever happens; what it was before is kept as ``path`` + ".previous".
+        The file is replaced atomically; the one before is kept as ``path`` + ".previous".
 
         Parameters
         ----------
         path : path
         progress : dict, optional
-            Of int, float and str: kept along, for `replant.online.saving.load`; how far a source was read, say.
+            Of int, float and str, returned by `replant.online.saving.load`; how far a source was read, say.
 
         Raises
         ------
         CheckpointError
-            If the file cannot be written; what was there stays.
+            If the file cannot be written; the one that was there stays.
         InvalidArgumentError
-            If something cannot be kept, as an ``input_map`` that is a function.
+            If something cannot be saved, as an ``input_map`` that is a function.
         """
         from replant.checkpoint.files import write
 
         write(path, self.to_bytes(progress))
 
     def to_bytes(self, progress: Progress | None = None) -> bytes:
-        """Return everything as bytes for `from_bytes`; equal states give equal bytes.  See `save`."""
+        """Return the whole state as bytes for `from_bytes`; equal states give equal bytes.  See `save`.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If something cannot be saved, as an ``input_map`` that is a function.
+        """
         from replant.checkpoint.encoding import encode
 
         return encode(vars(self), progress)
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Identifier:
-        """Return the identifier whose bytes these are; anything else raises DamagedCheckpointError."""
+        """Return the identifier from the bytes of `to_bytes`.
+
+        Raises
+        ------
+        DamagedCheckpointError
+            If the bytes are anything else.
+        """
         from replant.checkpoint.encoding import decode
 
         return cls._of(decode(data).attributes)
@@ -275,19 +287,19 @@ class Identifier(Estimate):
         return trace
 
     def _take(self, u: FloatArray, y: FloatArray, t: FloatArray, errors: FloatArray, parameters: FloatArray) -> int:
-        """Run a chunk, up to where something is to be looked into; do so, and return how many samples were taken."""
+        """Run a chunk up to a sample that needs attention, attend to it, and return the number of samples taken."""
         state = self._state
         taken: int = self._steps(*state.arrays, u, y, t, errors, parameters)
         if state.held_at == BELIEVED:
             self._take_held()
-            return taken - 1  # the one that confirms it goes behind it
+            return taken - 1  # the sample that confirms it is taken after it
         if state.attention:
             self._attend()
             parameters[taken - 1] = self.parameters
         return taken
 
     def _take_held(self) -> None:
-        """Take the sample that was held back, which the next one has confirmed."""
+        """Take the sample that was held back, as the next one has confirmed it."""
         state = self._state
         u, y, t = np.array([[state.held_input], [state.held_output], [state.held_time]])
         state.attention = False
@@ -300,16 +312,16 @@ class Identifier(Estimate):
             self._attend()
 
     def _attend(self) -> None:
-        """After a sample: look into an alarm, or solve again, where either is due."""
+        """Look into an alarm, or solve the record again, where either is due."""
         try:
             self._attend_to(self._state.samples)
-        finally:  # also where the user interrupts it
+        finally:  # also after KeyboardInterrupt
             self._plan()
 
     def _attend_to(self, samples: int) -> None:
         state, settings = self._state, self._settings
         assert settings is not None
-        state.attention_at, state.attention = 0, False  # what is learned again is not to stop for it
+        state.attention_at, state.attention = 0, False  # samples that are learned again must not stop for attention
         if state.alarm == Alarm.RAISED:
             state.look_at = first_look(state, settings)
         if samples == self._resolve_at:
@@ -322,13 +334,13 @@ class Identifier(Estimate):
             found.look_at = look_at
 
     def _go_on_with(self, state: State) -> State:
-        """Take a new state in the place of the present one, if it is one."""
+        """Replace the present state, unless it is the same one; return it."""
         if state is not self._state:
             self._work_on(state, regular=self._regular)
         return state
 
     def _plan(self) -> None:
-        """Tell the kernels at which sample there is something to do next: at once, where that was interrupted."""
+        """Set the sample at which the kernels next ask for attention: the next one, where a task was interrupted."""
         state, now = self._state, self._state.samples
         dues = [now + 1 if 0 < due <= now else due for due in (self._resolve_at, state.look_at)]
         self._resolve_at, state.look_at = dues
@@ -336,7 +348,7 @@ class Identifier(Estimate):
         state.attention = False
 
     def finish_startup(self) -> None:
-        """Begin with the samples held so far, and learn them; without effect once begun.
+        """End the start-up with the samples held so far; without effect afterwards.
 
         For records shorter than the start-up.
         """
@@ -344,11 +356,23 @@ class Identifier(Estimate):
             self._begin(at_any_rate=True)
 
     def freeze(self) -> None:
-        """Stop adapting: samples go on through the filters, the estimate stays."""
+        """Stop adapting: the filters still take samples, the estimate stays.
+
+        Raises
+        ------
+        InvalidArgumentError
+            During start-up, when there is no estimate yet.
+        """
         self._adapt(False)
 
     def resume(self) -> None:
-        """Adapt again after `freeze`."""
+        """Adapt again after `freeze`.
+
+        Raises
+        ------
+        InvalidArgumentError
+            During start-up, when there is no estimate yet.
+        """
         self._adapt(True)
 
     def _adapt(self, adapt: bool) -> None:
@@ -357,13 +381,13 @@ class Identifier(Estimate):
         self._state.adapt = adapt
         self._state.change_began, self._state.cusum = self._state.samples, 0.0
         if not adapt:
-            # a later solution would learn what came in meanwhile
+            # a later solution would learn the samples that come while frozen
             self._resolve_at = self._state.look_at = 0
             self._state.alarm = Alarm.NONE
             self._plan()
 
     def _stamp(self, t: Any) -> float:
-        """Return a time stamp for the kernel: infinite, which it rejects, where it is not finite."""
+        """Return a time stamp for the kernel: infinite, which the kernel rejects, where it is not finite."""
         chosen = self._request.filter
         if isinstance(chosen, Filter) and chosen.regular_only:
             raise InvalidArgumentError("the gbt filter knows a regular clock only: give no t, or use method='exact'")
@@ -384,13 +408,13 @@ class Identifier(Estimate):
         return self._hold_back(np.array([u]), np.array([y]), np.array([t]))
 
     def _hold_back(self, u: FloatArray, y: FloatArray, t: FloatArray) -> float:
-        """Keep samples for start-up, no more than it lacks; with the last one, begin.  Returns the error of that."""
+        """Hold samples for start-up, at most as many as it lacks; begin with the last one and return its error."""
         hold_back(self._held, self._strays, self._held_rejects, self._request, u, y, t)
         if len(self._held) < self._hold or awaits_successor(self._held, self._request.dt) or self._drop_lone_inputs():
             return NAN
         try:
             return self._begin()
-        except BaseException:  # the user's interruption too: begin with the next sample, then
+        except BaseException:  # KeyboardInterrupt included: the next sample begins
             self._held.pop()
             raise
 
@@ -404,7 +428,7 @@ class Identifier(Estimate):
         return bool(lone)
 
     def _begin(self, *, at_any_rate: bool = False) -> float:
-        """Make every setting definite, lay out the state and learn the held samples; return the last one's error."""
+        """Choose the settings, lay out the state and learn the held samples; return the error of the last one."""
         u, y, t = np.array(self._held, np.float64).reshape(-1, 3).T.copy()
         clean = without_spikes(y) if self._request.wants_instruments else y
         settings = settle(self._request, u, clean)
@@ -433,19 +457,19 @@ class Identifier(Estimate):
         return error
 
     def _work_on(self, state: State, *, regular: bool) -> None:
-        """Go on with this state: choose who takes its samples; those for a regular clock do until the first stamp."""
+        """Go on with a state: choose its step kernels; those for a regular clock serve until the first time stamp."""
         self._state, self._regular = state, regular
         self._mapped = callable(self._request.preprocess.input_map)
         self._kernel, self._steps = step_kernels(state, regular=regular)
         self._step = self._first_step
 
     def _first_step(self, u: float, y: float, t: float) -> float:
-        """Take a sample; what takes the next ones is compiled here, which who takes many at once never needs."""
+        """Take a sample and bind the kernel for single samples; `update_many` does not need that one compiled."""
         self._step = bound_step(self._state, self._kernel, self._request.preprocess)
         return self._step(u, y, t)
 
     def _wait_longer(self) -> float:
-        """Hold twice as much for start-up; at the limit, let the older half go: a rig may idle before it moves."""
+        """Double the start-up; at its limit drop the older half of the samples, as a rig may idle before it moves."""
         if 2 * self._hold <= LONGEST_STARTUP:
             self._hold *= 2
         else:

@@ -22,7 +22,17 @@ ROOM = 1e6  # how far forgetting may let the variances grow beyond those of the 
 
 @quiet
 def initialize(state: State, settings: Settings, refined: Refined, record: Record) -> None:
-    """Begin at a refined estimate: it makes the instruments, and its parameters and covariance are the start."""
+    """Write a refined estimate into a state: parameters, covariance, auxiliary model, and what is monitored.
+
+    Parameters
+    ----------
+    state : State
+        Just laid out; it is changed.
+    settings : Settings
+    refined : Refined
+        The estimate of ``record``.
+    record : Record
+    """
     entries, rate = state.entries, _rates(state, settings)
     state.stability_margin = SLOWEST / record.span
     state.largest_bandwidth = settings.structure.poles * FASTEST / record.dt
@@ -44,21 +54,21 @@ def initialize(state: State, settings: Settings, refined: Refined, record: Recor
 
 
 def _memory(state: State, settings: Settings) -> int:
-    """Return after how many samples the optimizer will have forgotten; 0: never, or after more than start-up had."""
+    """Return the optimizer's memory in samples; 0 where it is infinite, or much longer than the start-up."""
     size = state.entries
     numbers = state.settings
     if settings.optimizer.keeps_colour:
         share = 1.0 - float(numbers[0])
-    else:  # a variance that a parameter gains in a sample, over what it is
+    else:  # relative growth of a variance in one sample
         known = np.diag(compose(*state.factors))
         share = float((numbers[1 : 1 + size] * settings.dt / np.maximum(known, 1e-300)).max())
     return max(math.ceil(1.0 / share), SHORTEST_MEMORY) if share > 0.1 * state.forget_input else 0
 
 
 def _rates(state: State, settings: Settings) -> FloatArray:
-    """Return what turns the refined filter's parameters (T,) into those of this state's filter.
+    """Return the divisors (T,) that turn the refined filter's parameters into those of this state's filter.
 
-    Only the bias differs: behind a fixed filter it is seen times 1/lambda_0.
+    Only the bias differs: a fixed filter multiplies it by 1/lambda_0.
     """
     from replant.kernels.filters.bank import DENOMINATOR
 
@@ -85,9 +95,10 @@ def _write_covariance(state: State, settings: Settings, refined: Refined, rate: 
 
 
 def _write_tracking(state: State, settings: Settings, refined: Refined, record: Record) -> None:
-    """Give the Kalman filter the residual's variance, and the constant the walk that the others force on it.
+    """Write the residual's variance and the process noise of the constant into the Kalman filter's memory.
 
-    With the working point taken off, the constant of A y = B u + c is c = b0 u_R - a0 y_R: it walks when they do.
+    With the working point taken off, the constant of A y = B u + c is c = b0 u_R - a0 y_R: where a0 and b0 walk,
+    so does the constant.
     """
     size, structure = state.entries, settings.structure
     scale = settings.scaling.output
@@ -101,7 +112,7 @@ def _write_tracking(state: State, settings: Settings, refined: Refined, record: 
 
 
 def _write_monitoring(state: State, settings: Settings, refined: Refined, record: Record) -> None:
-    """Write what is usual: the residual's variance, the output's size, and how often neighbours are equal."""
+    """Write what is monitored against: residual's variance, output's size, share of equal neighbours."""
     scale = settings.scaling.output
     state.late_variance = state.usual_variance = refined.variance / scale**2
     state.residuals_seen = record.u.size

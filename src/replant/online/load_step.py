@@ -17,12 +17,20 @@ KEPT = (State.outliers, State.stuck, State.rested, State.gaps)  # counters of sa
 
 
 def only_constant_moved(state: State, settings: Settings, record: Record) -> bool:
-    """Return whether G(s) as it is explains a record as well as usual, but only with another constant.
+    """Return whether the present G(s) explains a record with another constant, and does not with the present one.
 
-    The initial state is fitted in either case: over a record shorter than the plant's memory it makes up for much, and
-    what it explains by itself does not tell the constant.
+    The initial state is fitted in both cases.  Over a record shorter than the plant's memory it explains much of the
+    output by itself, which is no evidence for another constant.
+
+    Parameters
+    ----------
+    state : State
+        Of the present model.
+    settings : Settings
+    record : Record
+        The samples since the alarm.
     """
-    if not state.coloured:  # what tracks lets the constant walk by itself
+    if not state.coloured:  # a tracking optimizer lets the constant walk by itself
         return False
     from replant.kernels.monitoring import outliers
 
@@ -32,7 +40,7 @@ def only_constant_moved(state: State, settings: Settings, record: Record) -> boo
     if run is None:
         return False
     usual = max(state.usual_variance, outliers.LEAST * state.largest_output) * settings.scaling.output**2
-    # before a dead time has passed the input lies before the record
+    # until the dead time has passed, the input that acts lies before the record
     intervals = np.broadcast_to(record.intervals, record.u.size)
     known = np.cumsum(intervals) > settings.structure.delay + intervals
     if not known.any():
@@ -48,9 +56,15 @@ def only_constant_moved(state: State, settings: Settings, record: Record) -> boo
 
 
 def with_new_constant(old: State, record: Record) -> State:
-    """Return the state after learning a record, its newest samples, once more: constant and initial state unknown.
+    """Return the state after learning its newest samples again, with constant and initial state unknown.
 
-    The other parameters keep estimate and covariance, as after a gap.
+    The other parameters keep their estimate and covariance, as after a gap.
+
+    Parameters
+    ----------
+    old : State
+    record : Record
+        The newest samples of ``old``.
     """
     from replant.engine.dispatch import step_kernels
     from replant.kernels.monitoring.interruptions import forget_constant, interrupt
@@ -65,11 +79,11 @@ def with_new_constant(old: State, record: Record) -> State:
     new.last_time -= span
     new.alarm = Alarm.NONE
     interrupt(new.ints, new.reals, new.banks, 0.0)
-    new.learn_from = new.elapsed + new.delay  # until then the input lies before the record
+    new.learn_from = new.elapsed + new.delay  # until then the input that acts lies before the record
     forget_constant(new.ints, new.reals, new.banks)
     errors, unseen = np.empty(count), np.empty((count, 0))
     _, steps = step_kernels(new, regular=regular)
-    limit, new.cusum_limit = new.cusum_limit, 0.0  # no alarm from what has been looked into
+    limit, new.cusum_limit = new.cusum_limit, 0.0  # these samples have been looked into: they raise no alarm
     new.held_at = BELIEVED  # all of it was taken before
     with new.without_preprocessing():
         steps(*new.arrays, record.u, record.y, stamps, errors, unseen)

@@ -1,4 +1,4 @@
-"""Estimate: what can be read of an identifier; nothing here changes it."""
+"""Readout: the properties and methods of an identifier that do not change it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from replant.settings import Request, Settings
 
 
 class Estimate:
-    """The estimate of an `Identifier`, how sure it is, what it was made of and with."""
+    """The estimate of an `Identifier`, its uncertainty, its settings and its samples."""
 
     _request: Request
     _settings: Settings | None
@@ -28,7 +28,7 @@ class Estimate:
 
     @property
     def request(self) -> Request:
-        """What was asked for, "auto" where the data are to decide."""
+        """The settings as the user gave them, "auto" where the data decide."""
         return self._request
 
     @property
@@ -48,7 +48,7 @@ class Estimate:
 
     @property
     def settings(self) -> Settings | None:
-        """What the identifier works with; None while samples are held back for start-up."""
+        """The definite settings; None while samples are held back for start-up."""
         return self._settings
 
     @property
@@ -68,7 +68,7 @@ class Estimate:
     def covariance(self) -> FloatArray:
         """Covariance (P, P) of the estimate in physical units, the residual's colour taken into account.
 
-        NaN where no honest one is known: during start-up, and without instruments, where noise biases the estimate.
+        NaN during start-up, and without instruments, where noise biases the estimate by an unknown amount.
         """
         if self._settings is None:
             return np.full((self.structure.size, self.structure.size), np.nan)
@@ -110,14 +110,14 @@ class Estimate:
 
     @property
     def judged(self) -> BoolArray:
-        """Which samples of `recent` (K,) the verdict stands on: since the last interruption, and not bridged."""
+        """Which samples of `recent` (K,) the verdict uses: those since the last interruption that were not bridged."""
         if self._settings is None:
             return np.ones(len(self._held), bool)
         return judged(self._state, self.dt)
 
     @property
     def bridged(self) -> BoolArray:
-        """Which samples of `recent` (K,) were bridged: outliers, and outputs of a sensor that was stuck."""
+        """Which samples of `recent` (K,) were bridged: outliers, missing outputs, outputs of a stuck sensor."""
         if self._settings is None:
             return np.zeros(len(self._held), bool)
         return RecentSamples.of(self._state).is_bridged

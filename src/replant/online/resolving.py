@@ -1,4 +1,4 @@
-"""Resolving: the record so far, or what came since a change, solved as a whole from what the state keeps."""
+"""Solving again: the record so far, or the samples since a change, solved as a whole from the samples kept."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ MATURE = 8  # start-ups: an estimate from fewer may itself have gone astray; the
 
 
 def next_solution(state: State, settings: Settings) -> int:
-    """Return at how many accepted samples the record as a whole is solved again, twice of what it is; 0: never."""
+    """Return the number of accepted samples at which the record is solved again, twice as long as now; 0: never."""
     revised = state.was_revised
     origin, samples = state.revised_from if revised else state.record_began, state.samples
     remembers_all = settings.optimizer.keeps_colour and state.settings[0] == 1.0
     due = 2 * (samples - origin)
-    if revised and samples - origin < RECENT:  # of a slow mode each sample tells
+    if revised and samples - origin < RECENT:  # the last solution uses all samples kept, as a slow mode needs them
         due = min(due, RECENT)
     return origin + due if remembers_all and settings.filter.follows_estimate and due <= RECENT else 0
 
 
 @quiet
 def solve_again(old: State, settings: Settings) -> State | None:
-    """Return the state after solving the record so far as a whole, from the present estimate.
+    """Return the state that begins at a solution of the whole record, found from the present estimate.
 
-    None where that leads to no model that could be used, or where the record is not in one piece.
+    None where no usable model is found, or where the record has a gap or too many bridged outputs.
     """
     if old.was_revised:
         return _revised_again(old, settings) if old.adapt else None
@@ -56,7 +56,7 @@ def solve_again(old: State, settings: Settings) -> State | None:
 
 
 def _revised_again(old: State, settings: Settings) -> State | None:
-    """Return the state after revising the estimate before a change once more, by all that came since."""
+    """Return the state revised anew from the estimate before a change, by all samples since; None where that fails."""
     begin = old.revised_from
     kept = RecentSamples.since(old, begin)
     if old.samples - begin > len(kept) or kept.doubted > MOST_DOUBTED:
@@ -69,9 +69,19 @@ def _revised_again(old: State, settings: Settings) -> State | None:
 
 
 def restart_from_prior(old: State, settings: Settings, kept: RecentSamples, stayed: float = 1.0) -> State | None:
-    """Return the state that begins at the estimate noted before a change, revised by a record.
+    """Return the state that begins at the estimate before a change (`State.prior`), revised by the samples after it.
 
-    The record that the estimate is made from goes on: it is not solved again without what was known before.
+    None where the revised model's residual is larger than usual, or where the probability that no coefficient has moved
+    exceeds ``stayed``.  Later solutions use the same prior.
+
+    Parameters
+    ----------
+    old : State
+    settings : Settings
+    kept : RecentSamples
+        The samples after the change.
+    stayed : float
+        Largest probability that no coefficient has moved.
     """
     from replant.kernels.monitoring import outliers
 
@@ -83,7 +93,7 @@ def restart_from_prior(old: State, settings: Settings, kept: RecentSamples, stay
         return None
     new = restart(old, settings, found[0], record, old.record_began)
     new.gap_at = new.revised_from = old.samples - len(kept)
-    # as slow as the plant was it may still be
+    # the record is short, and its length no bound for a time constant: the plant may be as slow as before
     new.stability_margin = min(new.stability_margin, old.stability_margin)
     new.forget_input = min(new.forget_input, old.forget_input)
     clear_doubt(new, kept)
@@ -91,7 +101,7 @@ def restart_from_prior(old: State, settings: Settings, kept: RecentSamples, stay
 
 
 def clear_doubt(state: State, kept: RecentSamples) -> None:
-    """Take doubt off the newest raw samples where the model was solved for with the output as it was measured."""
+    """Mark the newest samples as measured, not bridged, where the model was solved for with the measured output."""
     doubted = np.flatnonzero((kept.doubt > 0) & (kept.output != kept.bridged))
     rows, recent = (state.samples - len(kept) + doubted) % len(state.recent), RecentSamples(state.recent)
     recent.bridged[rows] = recent.output[rows]
@@ -99,16 +109,28 @@ def clear_doubt(state: State, kept: RecentSamples) -> None:
 
 
 def is_mature(state: State, settings: Settings) -> bool:
-    """Return whether the record is so long that a larger residual says more of the plant than of the estimate.
+    """Return whether the record is so long that a larger residual means a changed plant, not a wrong estimate.
 
-    What forgets is never solved again as it grows, and has nothing to wait for.
+    True as well where the record is not solved again as it grows, as with a forgetting factor.
     """
     length = state.samples - state.record_began
     return length >= MATURE * settings.startup or not next_solution(state, settings)
 
 
 def restart(old: State, settings: Settings, refined: Refined, record: Record, origin: int) -> State:
-    """Return a state that begins at a refined estimate of the record since ``origin``, and goes on where ``old`` is."""
+    """Return a state that begins at a refined estimate and goes on at the newest sample of ``old``.
+
+    Parameters
+    ----------
+    old : State
+    settings : Settings
+    refined : Refined
+        The estimate of ``record``.
+    record : Record
+        The newest samples; the filters are run over it.
+    origin : int
+        Accepted samples before the record that the estimate is made from.
+    """
     new = State.of_settings(settings, RECENT)
     initialize(new, settings, refined, record)
     stamps = REGULAR

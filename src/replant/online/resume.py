@@ -1,4 +1,4 @@
-"""The short way back: the identifier that was saved under a name."""
+"""Resume: load an identifier from its checkpoint."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from replant.online.identifier import Identifier
 
 
 def load(path: AnyPath) -> Identifier:
-    """Return the identifier that `Identifier.save` put there; it goes on to the bit as if nothing had happened.
+    """Return the identifier that `Identifier.save` wrote; it continues to the bit as if it had never stopped.
 
-    Where the file is damaged or gone, and the one before it (``path`` + ".previous") is not, that one is used, and a
-    warning says so.
+    Where the file is damaged or missing, the previous one (``path`` + ".previous") is used, with a warning.
 
     Parameters
     ----------
@@ -30,7 +29,7 @@ def load(path: AnyPath) -> Identifier:
 
     See Also
     --------
-    replant.online.saving.load : tells what was saved along, and whether the previous one had to be used.
+    replant.online.saving.load : also returns the progress saved with it, and why the previous file was used.
 
     Examples
     --------

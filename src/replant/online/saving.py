@@ -1,4 +1,4 @@
-"""Save an identifier to a file, and go on from it, or from the one before it."""
+"""Saving: write an identifier to a checkpoint file, and load it or the previous one."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from replant.online.identifier import Identifier
 
 @dataclass(frozen=True, eq=False)
 class Loaded:
-    """What a checkpoint gave.
+    """The contents of a checkpoint.
 
     Attributes
     ----------
     identifier : Identifier
         In the state in which it was saved, to the bit.
     progress : dict
-        What was given to `save` along with it.
+        The numbers and words given to `save`.
     used_previous : str or None
-        Why the previous checkpoint had to be used instead; None where it had not.
+        Why the previous checkpoint was used instead; None where it was not.
     """
 
     identifier: Identifier
@@ -35,19 +35,34 @@ class Loaded:
 
 
 def save(path: AnyPath, identifier: Identifier, progress: Progress | None = None) -> None:
-    """Save ``identifier``, with numbers and words of the caller's along; see `Identifier.save`."""
+    """Write an identifier to a file, see `Identifier.save`.
+
+    Parameters
+    ----------
+    path : path
+    identifier : Identifier
+    progress : dict, optional
+        Of int, float and str: returned by `load`; how far a source was read, say.
+
+    Raises
+    ------
+    CheckpointError
+        If the file cannot be written; the one that was there stays.
+    InvalidArgumentError
+        If something cannot be saved, as an ``input_map`` that is a function.
+    """
     write(path, encode(vars(identifier), progress))
 
 
 def load(path: AnyPath) -> Loaded:
-    """Return what was saved under ``path``, or, where that is damaged or gone, what was saved before it.
+    """Return what was saved under ``path``, or where that is damaged or missing, what was saved before it.
 
     Raises
     ------
     MissingCheckpointError
         If there is neither the file nor a previous one.
     DamagedCheckpointError, CheckpointError
-        If there is none that can be used: one line says why of each.
+        If none of them can be used; the message says why for each.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Start-up: from the first samples, held back, to a model, its covariance, and filters that have settled."""
+"""Start-up: the first samples are held back; a model, its covariance and settled filters are made from them."""
 
 from __future__ import annotations
 
@@ -28,10 +28,21 @@ def hold_back(
     held: list[Held], strays: list[float], rejects: dict[str, int], request: Request,
     u: FloatArray, y: FloatArray, t: FloatArray,
 ) -> None:  # fmt: skip
-    """Add samples to those held for start-up; count the ones that are rejected, by the reason.
+    """Add samples to those held for start-up, and count the rejected ones by reason.
 
-    ``t`` is empty, or NaN, where there are no stamps, and infinite where a stamp is not finite.  ``strays`` are the
-    newest stamps in a row, each later than the one before, that lie before the newest one held.
+    Parameters
+    ----------
+    held : list of (u, y, t)
+        Samples held so far; changed in place.
+    strays : list of float
+        The newest consecutive stamps that increase but lie before the newest one held; changed in place.
+    rejects : dict
+        Rejected samples by reason; changed in place.
+    request : Request
+    u, y : (K,) arrays
+        Raw samples.
+    t : (K,) or (0,) array
+        Time stamps in s: empty or NaN where there are none, infinite where a stamp was not finite.
     """
     accepted, rejected = screen(request.preprocess.map_input(u), y)
     for reason, count in rejected.items():
@@ -47,9 +58,9 @@ def hold_back(
 
 
 def _admit(held: list[Held], strays: list[float], rejects: dict[str, int], dt: float, sample: Held) -> None:
-    """Hold one sample, as far as its stamp allows, by the rules of `kernels.monitoring.interruptions`.
+    """Hold one sample, or reject it by its stamp, by the rules of `kernels.monitoring.interruptions`.
 
-    The newest one held may have leapt ahead: unless this one confirms it, it was misread.
+    Where the stamp of the newest sample held had leapt ahead and this one does not confirm it, that sample is rejected.
     """
     stamp = sample[2]
     last = held[-1][2] if held else math.nan
@@ -79,7 +90,7 @@ def awaits_successor(held: list[Held], dt: float) -> bool:
 
 
 def lone_inputs(u: FloatArray) -> list[int]:
-    """Return where a mapped input (K,) is, for one sample, far beyond what it is otherwise; at two samples at the most.
+    """Return the indices of at most two isolated samples at which a mapped input (K,) is far beyond all others.
 
     Examples
     --------
@@ -98,15 +109,25 @@ def lone_inputs(u: FloatArray) -> list[int]:
 
 
 def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn: bool) -> FloatArray:
-    """Run held samples through the kernel and return the errors (K,).
+    """Run held samples through the kernel and return the a-priori errors (K,).
 
-    Without ``learn`` only filters, counters and kept samples follow: the estimate has been solved for.  No estimate
-    is kept meanwhile: choices were made, or the estimate solved for, with all of these samples.
+    No past estimate is kept meanwhile: settings or estimate were chosen with all of these samples, so that none of them
+    is unseen.
+
+    Parameters
+    ----------
+    state : State
+        It is changed.
+    u, y : (K,) arrays
+    t : (K,) or (0,) array
+        Time stamps in s; empty for a regular clock.
+    learn : bool
+        False where the estimate has been solved for from these samples: only filters, counters and kept samples follow.
     """
     _, steps = step_kernels(state, regular=t.size == 0)
     errors, unseen = np.empty(u.size), np.empty((u.size, 0))
     rested = state.rested
-    state.adapt, state.held_at = learn, BELIEVED  # what leapt has been judged
+    state.adapt, state.held_at = learn, BELIEVED  # leaps among the held samples have been judged
     steps(*state.arrays, u, y, t, errors, unseen)
     state.adapt, state.held_at = True, 0
     if state.examines_output:
@@ -121,7 +142,8 @@ def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn:
 def without_spikes(y: FloatArray) -> FloatArray:
     """Return an output with gross outliers replaced by the median of five neighbours.
 
-    Gross is what lies further from that median than twice the whole range of it: nothing that a plant does.
+    An outlier is gross if it lies further from that median than twice the median's whole range, as no plant's output
+    does.
 
     Examples
     --------
@@ -141,14 +163,21 @@ def without_spikes(y: FloatArray) -> FloatArray:
 
 @quiet
 def modelled(settings: Settings, u: FloatArray, y: FloatArray, t: FloatArray) -> tuple[Record, Refined | None]:
-    """Return held samples made ready, and their `first_model`; ``t`` is NaN where there is no stamp."""
+    """Return held samples as a record, and their `first_model`.
+
+    Parameters
+    ----------
+    settings : Settings
+    u, y, t : (K,) arrays
+        Raw samples; t in s, NaN where there is no stamp.
+    """
     stamps, hold = None if np.isnan(t).any() else t, settings.filter.input_hold
     record = ready_record(settings.structure, settings.dt, settings.preprocess, u, y, stamps, hold)
     return record, first_model(settings.structure, record)
 
 
 def carry_over(old: State, new: State) -> None:
-    """Keep of a state that is replaced: counters, clock, raw samples, past estimates, the user's choice to freeze."""
+    """Copy to a new state what outlasts its estimate: counters, clock, raw samples, past estimates, a user's freeze."""
     new.take_over(
         old,
         *(State.not_finite, State.too_large, State.not_later, State.too_dense, State.refused, State.rested),
@@ -159,7 +188,7 @@ def carry_over(old: State, new: State) -> None:
     new.learned = old.samples
     new.change_began = old.change_began if old.alarm else old.samples
     new.past[:], new.recent[:] = old.past, old.recent
-    # stamps may have been as regular as none, and of a bridged output the least step is none of the sensor's
+    # not from the warm-up: a regular record has no stamps, and steps between bridged outputs are not the sensor's
     new.take_over(old, State.last_time, State.last_raw, State.sensor_step, State.cusum_limit)
     new.prior[:] = old.prior
     new.largest_power = max(old.largest_power, new.largest_power)

@@ -57,6 +57,11 @@ class Trace:
         >>> trace.index([2.0])              # (0 - 2)^2 + (1 - 2)^2
         array([5.])
 
+        Raises
+        ------
+        InvalidArgumentError
+            If ``true`` has another shape.
+
         References
         ----------
         Bernat and Kolota (2023), (21).
@@ -114,7 +119,13 @@ class Trace:
         return frames.trace_dataset(self.names, self.parameters, self.errors, dt)
 
     def __add__(self, other: Trace) -> Trace:
-        """Join with the trace of the chunk that came next."""
+        """Return this trace joined with that of the next chunk.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the traces are of different parameters.
+        """
         if self.names != other.names:
             raise InvalidArgumentError(f"traces of different parameters: {self.names} and {other.names}")
         return Trace(

@@ -1,0 +1,119 @@
+r"""How well abs G is known, and whether the newest samples contradict it, at the frequencies that the input excites.
+
+A coefficient may be known well and abs G badly, or the other way round; whoever uses the model uses G.  After a
+change of the plant a new model is made from few samples.  It is trusted where three standard deviations of abs G fit
+into the error that a trusted model may have.  The relative standard deviation of abs G at a frequency follows from the
+covariance of the coefficients by the delta method.  The excited frequencies are those at which :math:`|G|^2` times the
+input's power density, the power density of the model's output, is at least a hundredth of its largest: a tenth of the
+amplitude.
+
+The second test finds a change of the plant that the residual over a long record hides: one Gauss-Newton step
+(`distance.newest_distances`) over the newest samples alone, for several lengths, and what it makes of abs G.
+
+Source: Ljung (1999), "System Identification: Theory for the User", sections 9.4 and 6.4 (Welch's spectrum).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.assessment.cross_test import FALSE_ALARM
+from replant.assessment.distance import newest_distances
+from replant.assessment.evidence import Evidence, Runs
+from replant.assessment.verdict import Finding, duration, percent
+from replant.model.uncertainty import Uncertainty
+from replant.statistics.linear_algebra import roots
+
+# Largest relative error of abs G with which a model is trusted after a change: the bound that docs/live.md documents.
+LARGEST_ERROR = 0.1
+# Standard deviations of abs G that must fit into it: 0.3 % of right estimates are then farther off at a frequency.
+SIGMAS = 3.0
+# Of the largest power density of the model's output; below that a frequency is not excited.
+EXCITED = 0.01
+SEGMENT = 1024  # samples of a segment of Welch's spectrum
+SLOWEST, SLOW_FREQUENCIES = 0.1, 8  # frequencies added below the spectrum's: from this part of the slowest pole on
+# Lengths of the newest samples over which a change is looked for, in numbers of samples that say something.
+LENGTHS = (1, 2, 4, 8, 16)
+# Part of abs G by which they must contradict it: half of what may be off, ...
+CONTRADICTS = 0.5 * LARGEST_ERROR
+# ... in standard deviations at that frequency, where all coefficients together are no chance.
+CONTRADICTS_SIGMAS = 2.0
+
+
+def gain_findings(evidence: Evidence, runs: Runs, covariance: FloatArray) -> list[Finding]:
+    """Say where abs G is not known well enough, and where the newest samples contradict it.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    runs : Runs
+    covariance : (n + m + 1, n + m + 1) array
+        Of the estimate's coefficients.
+    """
+    omega = excited_frequencies(evidence)
+    std = _uncertainty(evidence, covariance).response(omega)[0]
+    findings = [] if evidence.in_sample else _contradiction(evidence, runs, omega)
+    worst = float(std.max()) if np.isfinite(std).all() else np.inf
+    if evidence.after_change and not SIGMAS * worst <= LARGEST_ERROR:
+        reason = f"since the plant has changed abs G is known to {percent(worst)} only (standard deviation)"
+        findings.append(Finding("converging", f"{reason}, at a frequency that the input excites"))
+    return findings
+
+
+def excited_frequencies(evidence: Evidence) -> FloatArray:
+    """Return the frequencies (F,), in rad/s, that the input excites.
+
+    A record shorter than the slowest mode does not resolve the lowest ones: the density there is taken for that of the
+    lowest frequency that it resolves.
+    """
+    from scipy.signal import welch
+
+    u, dt = evidence.record.u, evidence.record.dt
+    hertz, density = welch(u - u.mean(), fs=1.0 / dt, nperseg=min(u.size, SEGMENT))
+    omega, density = 2.0 * np.pi * hertz[1:], density[1:]
+    poles = np.abs(roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])))
+    lowest = SLOWEST * max(float(poles.min()), 1.0 / evidence.record.span)  # a slower pole counts as one as slow
+    if 0.0 < lowest < omega[0]:
+        below = np.geomspace(lowest, omega[0], SLOW_FREQUENCIES, endpoint=False)
+        omega, density = np.concatenate([below, omega]), np.concatenate([np.full(below.size, density[0]), density])
+    power = _magnitude(evidence, evidence.estimate, omega) ** 2 * density
+    return np.asarray(omega[power >= EXCITED * power.max()])
+
+
+def _contradiction(evidence: Evidence, runs: Runs, omega: FloatArray) -> list[Finding]:
+    """Say whether the newest samples alone would put abs G elsewhere, and over which length it is most."""
+    present, surest, size, length = _magnitude(evidence, evidence.estimate, omega), 0.0, 0.0, 0
+    counts = [evidence.enough * times for times in LENGTHS]
+    for count, away in newest_distances(runs.now, counts, FALSE_ALARM, max(evidence.slowness, 1.0)):
+        if not away.statistic > 1.0:
+            continue
+        there = _magnitude(evidence, evidence.estimate[: evidence.coefficients] + away.step, omega)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            off = np.abs(there / present - 1.0)
+        margin = off - CONTRADICTS_SIGMAS * _uncertainty(evidence, away.covariance).response(omega)[0]
+        margin[~(off > CONTRADICTS)] = 0.0
+        k = int(np.argmax(np.nan_to_num(margin)))
+        if margin[k] > surest:
+            surest, size, length = float(margin[k]), float(off[k]), count
+    if not surest > 0.0:
+        return []
+    span = duration(evidence.seconds(length))
+    reason = f"the samples of the last {span} alone would put abs G {percent(size)} elsewhere"
+    return [Finding("inconsistent", f"{reason}: the plant may have changed")]
+
+
+def _magnitude(evidence: Evidence, coefficients: FloatArray, omega: FloatArray) -> FloatArray:
+    """Return abs G (F,) of a model given by its coefficients."""
+    n = evidence.structure.poles
+    s = 1j * omega
+    den = np.concatenate([[1.0], coefficients[:n]])
+    return np.asarray(np.abs(np.polyval(coefficients[n : evidence.coefficients], s) / np.polyval(den, s)))
+
+
+def _uncertainty(evidence: Evidence, covariance: FloatArray) -> Uncertainty:
+    """Return the uncertainty of G(s) alone, without a bias."""
+    structure = dataclasses.replace(evidence.structure, bias=False)
+    return Uncertainty(structure, evidence.estimate[: evidence.coefficients], covariance)
