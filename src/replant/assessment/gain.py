@@ -69,11 +69,9 @@ def excited_frequencies(evidence: Evidence) -> FloatArray:
     A record shorter than the slowest mode does not resolve the lowest ones: the density there is taken for that of the
     lowest frequency that it resolves.
     """
-    from scipy.signal import welch
-
     u, dt = evidence.record.u, evidence.record.dt
-    hertz, density = welch(u - u.mean(), fs=1.0 / dt, nperseg=min(u.size, SEGMENT))
-    omega, density = 2.0 * np.pi * hertz[1:], density[1:]
+    size = min(u.size, SEGMENT)
+    omega, density = 2.0 * np.pi * np.fft.rfftfreq(size, dt)[1:], _density(u, size)[1:]
     poles = np.abs(roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])))
     lowest = SLOWEST * max(float(poles.min()), 1.0 / evidence.record.span)  # a slower pole counts as one as slow
     if 0.0 < lowest < omega[0]:
@@ -81,6 +79,13 @@ def excited_frequencies(evidence: Evidence) -> FloatArray:
         omega, density = np.concatenate([below, omega]), np.concatenate([np.full(below.size, density[0]), density])
     power = _magnitude(evidence, evidence.estimate, omega) ** 2 * density
     return np.asarray(omega[power >= EXCITED * power.max()])
+
+
+def _density(u: FloatArray, size: int) -> FloatArray:
+    """Return Welch's estimate of the power density of u (K,), at no particular scale, from segments of ``size``."""
+    segments = np.lib.stride_tricks.sliding_window_view(u, size)[:: max(size // 2, 1)]
+    segments = (segments - segments.mean(axis=1, keepdims=True)) * np.hanning(size + 1)[:size]
+    return np.asarray((np.abs(np.fft.rfft(segments)) ** 2).mean(axis=0))
 
 
 def _contradiction(evidence: Evidence, runs: Runs, omega: FloatArray) -> list[Finding]:
