@@ -71,7 +71,8 @@ def excited_frequencies(evidence: Evidence) -> FloatArray:
     """
     u, dt = evidence.record.u, evidence.record.dt
     size = min(u.size, SEGMENT)
-    omega, density = 2.0 * np.pi * np.fft.rfftfreq(size, dt)[1:], _density(u, size)[1:]
+    omega: FloatArray = np.arange(1, size // 2 + 1) * (2.0 * np.pi / (size * dt))
+    density = _density(u, size)[1:]
     poles = np.abs(roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])))
     lowest = SLOWEST * max(float(poles.min()), 1.0 / evidence.record.span)  # a slower pole counts as one as slow
     if 0.0 < lowest < omega[0]:
