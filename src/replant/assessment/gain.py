@@ -71,7 +71,7 @@ def excited_frequencies(evidence: Evidence) -> FloatArray:
     """
     u, dt = evidence.record.u, evidence.record.dt
     size = min(u.size, SEGMENT)
-    omega: FloatArray = np.arange(1, size // 2 + 1) * (2.0 * np.pi / (size * dt))
+    omega: FloatArray = np.asarray(2.0 * np.pi * np.fft.rfftfreq(size, dt)[1:], float)
     density = _density(u, size)[1:]
     poles = np.abs(roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])))
     lowest = SLOWEST * max(float(poles.min()), 1.0 / evidence.record.span)  # a slower pole counts as one as slow
