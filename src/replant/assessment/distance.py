@@ -98,8 +98,6 @@ def newest_distances(
     wider : float
         Times the standard deviation by the residual's colour that the estimate really scatters, as under slow noise.
     """
-    from scipy.stats import chi2
-
     noise = Autoregression.of(run.error - run.error.mean())
     white = noise.whiten(run.error)
     usual = float(white.var())
@@ -120,5 +118,5 @@ def newest_distances(
         free = max(count - len(step) - nuisances.shape[1], 1)
         covariance = wider**2 * max(usual, float(left @ left) / free) * inverse
         square = float(step @ pseudo_inverse(covariance, 1e-14) @ step)
-        statistic = math.inf if math.isnan(square) else square / float(chi2.ppf(1.0 - false_alarm, len(step)))
+        statistic = math.inf if math.isnan(square) else square / float(chi2_quantile(1.0 - false_alarm, len(step)))
         yield count, Distance(step / lengths, statistic, covariance / np.outer(lengths, lengths))
