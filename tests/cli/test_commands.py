@@ -302,7 +302,7 @@ def test_reasons_fit_the_terminal_and_keep_figures_with_their_units(
     monkeypatch.setenv("COLUMNS", str(columns))
     _, as_json, _ = call(capsys, "run", log, *COLUMNS, "--json")
     _, out, _ = call(capsys, "run", log, *COLUMNS)
-    reasons = out[out.index("Verdict") : out.index("Chosen from")].rstrip().splitlines()[1:]
+    reasons = out[out.index("Verdict") : out.index("Settings chosen from")].rstrip().splitlines()[1:]
     assert " ".join(line.strip() for line in reasons) == " ".join(json.loads(as_json)["verdict"]["reasons"])
     for line in reasons:
         assert len(line) <= columns
