@@ -9,7 +9,7 @@ import numpy as np
 
 from replant import Structure, TransferFunction
 from replant.arguments import FloatArray
-from replant.kernels.filters.simulate import go_on
+from replant.kernels.filters.simulate import continued_states
 from replant.model import state_space
 
 DT = 1.0 / 64.0  # s; a power of two, so that time stamps are multiples of it to the bit
@@ -112,10 +112,10 @@ class Rig:
         self._row = plant.output_row(model)
 
     def _run(self, u: FloatArray) -> FloatArray:
-        inputs, output = np.concatenate([self._inputs, u]), np.empty(u.size)
-        go_on(self._transition, self._taps, self._row, inputs, self._state, -1, output)
+        inputs = np.concatenate([self._inputs, u])
+        states = continued_states(self._transition, self._taps, inputs, self._state, -1)
         self._inputs = inputs[-2:]
-        return output
+        return np.asarray(states @ self._row)
 
     def _steps(self, samples: int) -> FloatArray:
         levels = self.rng.uniform(-1.0, 1.0, -(-samples // self._hold))

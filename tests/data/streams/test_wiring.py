@@ -113,7 +113,7 @@ def test_the_reasons_on_the_page_are_those_that_are_counted() -> None:
     """Each reason that the page quotes stands in the sources' code, or is one of the identifier's."""
     code = "".join(path.read_text() for path in Path(rp.__file__).parent.joinpath("data", "streams").glob("*.py"))
     code += "".join(f'"{reason}"' for reason in REASONS)
-    table = PAGE.partition("## What goes wrong on a wire")[2].partition("\n## ")[0]
+    table = PAGE.partition("## Faults of the connection")[2].partition("\n## ")[0]
     quoted = set(re.findall(r'"([^"]+)"', table))
     assert {"duplicate", "lost", "too long", "cut off"} <= quoted
     assert {reason for reason in quoted if f'"{reason}"' not in code} == set()

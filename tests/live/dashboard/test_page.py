@@ -159,7 +159,7 @@ def test_a_session_that_has_ended_is_said_and_not_looked_for(browser, feed: Feed
     assert page.text("samples") == "123,456"  # the last view came before the goodbye
     assert page.text("headline") == "The session has ended"
     assert "The last verdict was: " in page.text("meaning")
-    assert "Load this page again" in page.text("notice")
+    assert "Reload this page" in page.text("notice")
     assert page.page.locator("#main").get_attribute("data-fresh") == "no"
     assert page.page.locator("#reset").is_disabled()
     assert not page.page.locator("#save").is_visible()
