@@ -26,6 +26,11 @@ from replant.statistics.projections import (
 )
 from replant.statistics.udu import larger
 
+RANK_TOLERANCE = 1e-14
+"""Eigenvalue of the step's covariance below which a direction counts as not there [part of the largest].
+Derivation: some fifty times the precision of float64.
+"""
+
 
 @dataclass(frozen=True)
 class Distance:
@@ -64,6 +69,6 @@ def distance(run: ModelRun, rows: slice, false_alarm: float) -> Distance:
     variance = float(innovation @ innovation) / max(innovation.size - len(step), 1)
     covariance = variance * inverse @ products(coloured, coloured) @ inverse
     covariance = larger(covariance, float(np.mean(left**2)) * inverse)
-    square = float(step @ pseudo_inverse(covariance, 1e-14) @ step)
+    square = float(step @ pseudo_inverse(covariance, RANK_TOLERANCE) @ step)
     statistic = math.inf if math.isnan(square) else square / float(chi2.ppf(1.0 - false_alarm, len(step)))
     return Distance(step / lengths, statistic, covariance / np.outer(lengths, lengths))

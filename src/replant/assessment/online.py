@@ -19,8 +19,14 @@ from replant.kernels.schema import PAST, Doubt
 from replant.settings import Request, Settings
 from replant.statistics.linear_algebra import quiet
 
-STUCK_LATELY = 200  # samples since the sensor was stuck, within which it is not relied on
-MOST_IRREGULAR = 5000  # samples looked at where each interval costs a discretisation of its own
+STUCK_LATELY = 200
+"""Samples since the sensor was last stuck within which it is not relied on [samples].
+Origin: as long as learning waits (CALM).
+Sensitivity: not measured.
+"""
+
+MOST_IRREGULAR = 5000
+"""Samples that the verdict looks at where each interval costs a discretisation of its own [samples]."""
 NO_SAMPLE = Assessment("converging", ("no sample yet",))
 
 

@@ -8,7 +8,10 @@ from dataclasses import dataclass
 #: From the gravest: of several findings the first one's word is the verdict.
 STATUSES = ("diverged", "not excited", "inconsistent", "converging", "trusted")
 
-LEAST_PERCENT, MOST_FIGURE = 0.01, 1e4  # beyond which a figure in a reason tells nothing more
+LEAST_PERCENT = 0.01
+"""Part below which a figure in a reason tells nothing more [%]."""
+MOST_FIGURE = 1e4
+"""Figure beyond which it tells nothing more [number]."""
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ from replant.errors import CheckpointError, MissingCheckpointError
 
 AnyPath = str | os.PathLike[str]
 
-LARGEST = 2**36  # bytes; more is no checkpoint
+LARGEST = 2**36
+"""Largest file that is read as a checkpoint [bytes]."""
 
 
 def write(path: AnyPath, data: bytes) -> None:

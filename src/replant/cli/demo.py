@@ -25,8 +25,10 @@ from replant.rigs import Rig, deap_rig, deap_voltage
 from replant.runs.run import Result, run_online
 from replant.settings import Request
 
-SAMPLES = 240_000  # 240 s at 1 kHz
-VOLTAGE = 6  # seed of a voltage that still moves at the end, for a verdict on samples held out
+SAMPLES = 240_000
+"""Length of the demo's record: 240 s at 1 kHz [samples]."""
+VOLTAGE = 6
+"""Seed of a voltage that still moves at the end, for a verdict on samples held out [seed]."""
 STRUCTURE = Structure(poles=3, zeros=1)
 DEFAULT, ARTICLE = "replant's default", "the article's AMSGrad"
 TITLE = "Dielectric elastomer actuator, simulated"

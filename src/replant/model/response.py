@@ -9,7 +9,8 @@ from replant.model import state_space
 from replant.model.dead_time import split_delay
 from replant.model.transfer_function import TransferFunction
 
-NOTHING = 1e-200  # of a free response, below which it has died out; before its numbers become slow ones (denormal)
+NOTHING = 1e-200
+"""Size of a free response below which it has died out; before its numbers become slow ones (denormal) [number]."""
 
 
 class Response:

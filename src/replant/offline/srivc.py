@@ -36,13 +36,107 @@ from replant.statistics.linear_algebra import (
 )
 from replant.statistics.udu import compose, factor_information, larger
 
-CUTOFFS = 8  # of state-variable filters tried for a start, evenly spaced in the logarithm
-SHORT, LONG = 4, 20  # iterations of each start, and of the most promising ones
+CUTOFFS = 8
+"""State-variable filters tried for a start, evenly spaced in the logarithm [count].
+Origin: kept: see sensitivity.
+Sensitivity: not measured.
+"""
+
+SHORT = 4
+"""Iterations of each start [count].
+Origin: kept: see sensitivity.
+Sensitivity: not measured.
+"""
+
+LONG = 20
+"""Iterations of the most promising starts [count].
+Origin: kept: see sensitivity.
+Sensitivity: not measured.
+"""
+
+SLOWEST_CUTOFF = 5.0
+"""Slowest of their cutoffs; the fastest is 1 / dt [1 / duration of the record].
+Origin: kept: see sensitivity.
+Sensitivity: not measured.
+"""
+
 PROMISING = 3
-POLISH = 30  # Gauss-Newton steps
-SLOWEST = 0.01  # margin of stability, over the record's length
-FASTEST = 3.0  # bound of a pole's magnitude, over the sampling time
-ACCEPTABLE = 0.25  # relative uncertainty up to which a start-up is long enough
+"""Starts that are iterated further [count].
+Origin: kept: see sensitivity.
+Sensitivity: not measured.
+"""
+
+STALLED = 1e-6
+"""Decrease of the cost below which an iteration stalls [part of the cost].
+Origin: kept: see sensitivity.
+Sensitivity: not measured.
+"""
+
+STALLS = 6
+"""Iterations that may stall [count].
+Origin: kept: see sensitivity.
+Sensitivity: not measured.
+"""
+
+STILL = 1e-3
+"""Movement of the estimate below which the iteration has converged [standard deviations of what a regressor's entry
+tells].
+Origin: kept: see sensitivity.
+Sensitivity: not measured.
+"""
+
+DONE = 1e-6
+"""Gain of a Gauss-Newton step below which the fit is done [variances of the residual].
+Derivation: a thousandth of a standard deviation.
+"""
+
+NEARLY_DONE = 0.1
+"""The same where no shorter step gains anything either [variances of the residual].
+Derivation: a third of a standard deviation: where poles are as fast as the sampling the instruments' root lies a
+little beside the least cost.
+"""
+
+ROUNDING = 1e-18
+"""Power of the residual below which only rounding is left [part of the output's power].
+Origin: kept: see sensitivity.
+Sensitivity: not measured.
+"""
+
+HALVINGS = 10
+"""Halvings of a Gauss-Newton step at the most [count].
+Origin: kept: see sensitivity.
+Sensitivity: not measured.
+"""
+
+BINDING = 4.0
+"""Distance of a pole from the axis up to which that margin binds, as with an integrator [margins].
+Origin: kept: see sensitivity.
+Sensitivity: not measured.
+"""
+
+POLISH = 30
+"""Gauss-Newton steps at the most [count].
+Origin: kept: see sensitivity.
+Sensitivity: not measured.
+"""
+
+SLOWEST = 0.01
+"""Margin of stability [1 / duration of the record].
+Origin: kept: see sensitivity.
+Sensitivity: not measured.
+"""
+
+FASTEST = 3.0
+"""Bound of a pole's magnitude [1 / sampling time].
+Derivation: beyond pi / dt a pole lies above half the sampling rate.
+"""
+
+ACCEPTABLE = 0.25
+"""Relative uncertainty up to which a start-up is long enough [part of a coefficient's size].
+Origin: a recursion from a bad first model can go wrong; a quarter leaves the sign and the size of each coefficient
+known.
+Sensitivity: not measured.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +283,7 @@ class Problem:
             assert current is not None
             model = current
             done = self.run(model[:n], model[n:])
-            stalls += not done.cost < best * (1.0 - 1e-6)
+            stalls += not done.cost < best * (1.0 - STALLED)
             if done.cost < best:
                 best, best_model = done.cost, model
             found = solve(done.zeta.T @ done.phi, done.zeta.T @ done.target)
@@ -197,7 +291,7 @@ class Problem:
                 return best, best_model, None
             change = np.abs(found - model) * np.linalg.norm(done.zeta, axis=0)
             current = self._projected(found)
-            if change.max() <= 1e-3 * math.sqrt(done.cost) or stalls >= patience:
+            if change.max() <= STILL * math.sqrt(done.cost) or stalls >= patience:
                 break
         return best, best_model, current
 
@@ -213,19 +307,19 @@ class Problem:
             gain = float(direction @ gradient) / self.record.u.size
             samples = self.record.u.size
             # done at a thousandth of a standard deviation, or where only rounding is left
-            if gain * samples <= 1e-6 * done.cost or done.cost <= 1e-18 * power:
+            if gain * samples <= DONE * done.cost or done.cost <= ROUNDING * power:
                 return model, done, True
             better = self._line_search(model, direction, done.cost)
             if better is None:
                 # no descent left: the instruments are exact but for the model output's run between samples, so that
                 # where poles are as fast as the sampling their root lies a little beside the least cost
-                return model, done, gain * samples <= 1e-1 * done.cost
+                return model, done, gain * samples <= NEARLY_DONE * done.cost
             model, done = better
         return model, done, False
 
     def _line_search(self, model: FloatArray, direction: FloatArray, cost: float) -> tuple[FloatArray, Pass] | None:
         n = self.structure.poles
-        for halvings in range(10):
+        for halvings in range(HALVINGS):
             tried = model + direction * 0.5**halvings
             if self.is_usable(tried[:n]):
                 done = self.run(tried[:n], tried[n:])
@@ -255,13 +349,13 @@ def refine(structure: Structure, record: Record, given: Sequence[FloatArray] = (
     problem = Problem(structure, record)
     starts = [problem._projected(np.asarray(theta, np.float64)) for theta in given]
     if not starts:
-        cutoffs = np.geomspace(5.0 / record.span, 1.0 / record.dt, CUTOFFS)
+        cutoffs = np.geomspace(SLOWEST_CUTOFF / record.span, 1.0 / record.dt, CUTOFFS)
         starts = [problem.from_cutoff(float(cutoff)) for cutoff in cutoffs]
     tried = [problem.improve(start, SHORT, SHORT) for start in starts if start is not None]
     tried.sort(key=lambda outcome: outcome[0])
     for _, _, last in list(tried[:PROMISING]):
         if last is not None:
-            tried.append(problem.improve(last, LONG, 6))
+            tried.append(problem.improve(last, LONG, STALLS))
     if not tried:
         return None
     best, model, _ = min(tried, key=lambda outcome: outcome[0])
@@ -285,7 +379,7 @@ def conclude(
     """
     n, samples, size = problem.structure.poles, problem.record.u.size, model.size
     theta, error = model, done.error
-    if not np.any(known) and roots(np.concatenate([[1.0], model[:n]])).real.max() > -4.0 * problem.slowest:
+    if not np.any(known) and roots(np.concatenate([[1.0], model[:n]])).real.max() > -BINDING * problem.slowest:
         # the margin binds, as with an integrator: one free step from the projected filter is the estimate
         step = solve(done.zeta.T @ done.phi, done.zeta.T @ done.error)
         if step is not None:

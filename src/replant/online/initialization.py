@@ -14,9 +14,29 @@ from replant.settings import Settings
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.udu import compose, factor_covariance
 
-LIMIT = 50.0  # usual variances by which the residual must have exceeded what is no growth, summed, to be looked into
-SHORTEST_MEMORY = 100  # samples of an input that stands still, before which it does not rest
-ROOM = 1e6  # how far forgetting may let the variances grow beyond those of the start-up
+LIMIT = 50.0
+"""Sum by which the residual must have exceeded GROWN that raises the alarm [usual power, summed].
+Origin: kept: see sensitivity.
+Sensitivity: not measured.
+"""
+
+SHORTEST_MEMORY = 100
+"""Samples of an input that stands still before which it does not rest, where an optimizer forgets [samples].
+Origin: kept: see sensitivity.
+Sensitivity: not measured.
+"""
+
+FORGETS = 0.1
+"""Share that is forgotten in a sample, times the start-up's samples, up to which an optimizer counts as one that never
+forgets [ratio].
+Derivation: its memory is then ten start-ups.
+"""
+
+ROOM = 1e6
+"""How far forgetting may let the variances grow beyond those of the start-up [ratio of variances].
+Origin: kept: see sensitivity.
+Sensitivity: not measured.
+"""
 
 
 @quiet
@@ -51,7 +71,7 @@ def _memory(state: State, settings: Settings) -> int:
     else:  # a variance that a parameter gains in a sample, over what it is
         known = np.diag(compose(*state.factors))
         share = float((numbers[1 : 1 + size] * settings.dt / np.maximum(known, 1e-300)).max())
-    return max(math.ceil(1.0 / share), SHORTEST_MEMORY) if share > 0.1 * state.forget_input else 0
+    return max(math.ceil(1.0 / share), SHORTEST_MEMORY) if share > FORGETS * state.forget_input else 0
 
 
 def _rates(state: State, settings: Settings) -> FloatArray:

@@ -21,7 +21,8 @@ OFFLINE = ("srivc", "least_squares")
 METHODS = (DEFAULT, *OPTIMIZERS, *OFFLINE)
 #: What is compared where nobody says: the default beside the article's methods and the whole record at once.
 USUAL = (DEFAULT, "amsgrad", "gradient", *OFFLINE)
-TRIAL = 500  # samples of a trial run
+TRIAL = 500
+"""Samples of a trial run [samples]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,13 @@ import numpy as np
 
 from replant.arguments import FloatArray
 
-SMALL = 1 << 17  # multiplications that stay in one thread
-WEAKEST = 1e-13  # eigenvalue of scaled sums, relative, below which a direction counts as not there
+SMALL = 1 << 17
+"""Multiplications that stay in one thread [count]."""
+
+WEAKEST = 1e-13
+"""Eigenvalue of scaled sums below which a direction counts as not there [part of the largest].
+Derivation: some hundred times the precision of float64.
+"""
 
 
 def products(a: FloatArray, b: FloatArray) -> FloatArray:

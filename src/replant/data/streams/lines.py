@@ -6,8 +6,8 @@ from collections import Counter
 
 import numpy as np
 
-#: A longer line is passed over, in bytes.
 LONGEST = 1 << 16
+"""Length beyond which a line is passed over [bytes]."""
 
 
 class Lines:

@@ -15,12 +15,13 @@ from replant.errors import InvalidArgumentError, MissingDependencyError
 
 EXAMPLE = "mqtt://127.0.0.1:1883/rig/1"
 PORT = 1883
-#: How often the broker must have heard of us, in s.
+"""Port of a broker, as registered [number]."""
 KEEPALIVE = 15
-#: A longer message is passed over, in bytes.
+"""Longest time in which the broker must hear of us [s]."""
 LONGEST_MESSAGE = 1 << 20
-#: Messages taken together at the most.
+"""Length beyond which a message is passed over [bytes]."""
 TOGETHER = 256
+"""Messages taken together at the most [count]."""
 
 
 class MqttSource(Reader):

@@ -8,8 +8,8 @@ import time
 from replant.data.streams.address import Address
 from replant.data.streams.alarm import Alarm
 
-#: The longest pause at once, in s: beyond it the system's timers may refuse.
 LONGEST_PAUSE = 3600.0
+"""Longest pause at once: beyond it the system's timers may refuse [s]."""
 
 
 class Pace:

@@ -27,10 +27,10 @@ from replant.data.streams.rows import (
 
 Item = TypeVar("Item")
 
-#: A block of so many lines is read line by line: reading at once costs as much as ten of them.
 FEW = 10
-#: Whole numbers up to here are exact in float64.
+"""Lines up to which a block is read line by line: reading at once costs as much as ten of them [lines]."""
 LARGEST_NUMBER = 2.0**53
+"""Whole numbers up to here are exact in float64 [number]."""
 #: What is wrong with a row whose time stamp or number cannot be one.
 REASONS = {"n": "not a sequence number", "t": "time not finite"}
 

@@ -14,8 +14,9 @@ from replant.errors import InvalidArgumentError, MissingDependencyError
 
 EXAMPLE = "serial:///dev/ttyUSB0?baud=115200"
 BAUD = 115_200
-#: The longest that a read waits, in s: how soon a closed source is noticed.
+"""Usual rate of a serial line [bit/s]."""
 WAIT = 0.1
+"""Longest time that a read waits: how soon a closed source is noticed [s]."""
 
 
 class SerialSource(Reader):

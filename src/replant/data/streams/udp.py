@@ -12,11 +12,12 @@ from replant.data.streams.reader import Reader
 from replant.errors import InvalidArgumentError
 
 EXAMPLE = "udp://0.0.0.0:9000"
-#: What the system is asked to keep for us, in bytes; it may grant less.
 BUFFER = 1 << 23
-#: Datagrams read together at the most.
+"""What the system is asked to keep for us; it may grant less [bytes]."""
 TOGETHER = 512
+"""Datagrams read together at the most [count]."""
 LARGEST_DATAGRAM = 1 << 16
+"""Room for one datagram, more than UDP allows [bytes]."""
 
 
 class UdpSource(Reader):

@@ -13,8 +13,8 @@ import numpy as np
 from replant.kernels.codegen.decorators import cold, inline_llvm, outlined
 from replant.kernels.codegen.pointer import pointer
 
-# The codes of these optimizers; `replant.optimizers` names them by the same numbers.
 RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9
+"""Codes of these optimizers; `replant.optimizers` names them by the same numbers [code]."""
 
 
 @outlined

@@ -17,9 +17,10 @@ from replant.kernels.codegen.decorators import inline_llvm, inline_source
 from replant.kernels.codegen.pointer import pointer
 from replant.kernels.codegen.simd import prefetch
 
-# 1 less this is 1.  Smaller powers of beta would end as numbers below the normal ones, which take some processors a
-# hundred cycles at each product.
 VANISHED = 1e-100
+"""Power of beta below which it counts as nought: 1 less it is 1, and smaller ones would end as numbers below the
+normal ones, which take some processors a hundred cycles at each product [number].
+"""
 
 # The optimizers' codes; `replant.optimizers` names them by the same numbers.
 CODES = range(8)

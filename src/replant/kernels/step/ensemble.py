@@ -44,8 +44,10 @@ from replant.kernels.step.shared import (
 # Rows of the work space, after the 2 n that `fixed_filter.advance_states` uses.
 INPUT, OUTPUT, ERROR, FINITE, ASIDE = range(5)
 ASIDE_SCALARS = 3
+"""Rows of the work space behind ASIDE [count]."""
 
-AHEAD = 16  # rows that the memory is asked for before they are copied
+AHEAD = 16
+"""Rows that the memory is asked for before they are copied [count]."""
 
 # What is the same for level members.
 LEVEL = (

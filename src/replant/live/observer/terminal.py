@@ -15,9 +15,12 @@ from replant.model.transfer_function import TransferFunction
 from replant.report.numbers import off_by
 from replant.report.terminal.summary import fraction, true_parameters, wrapped
 
-LINES_APART = 5.0  # s between two lines where nobody watches
-WIDEST = 1e12  # a number from there on is written with a power of ten
-REASONS_WIDTH = 71  # columns, where a terminal has 80
+LINES_APART = 5.0
+"""Time between two lines where nobody watches [s]."""
+WIDEST = 1e12
+"""Magnitude from which on a number is written with a power of ten [number]."""
+REASONS_WIDTH = 71
+"""Width of the reasons, where a terminal has 80 columns [columns]."""
 #: Of each verdict: a shape and a colour, that either alone may tell.
 LOOKS = {
     "trusted": ("●", "green"),

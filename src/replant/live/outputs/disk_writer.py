@@ -10,6 +10,7 @@ from replant.live.outputs.notices import Notices
 from replant.system.worker import Worker
 
 MOST_WAITING = 16
+"""Pieces of work that wait for the disk at the most [count]."""
 
 
 class Background:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-AGAIN = 60.0  # s until the same thing may be said again
+AGAIN = 60.0
+"""Time until the same thing may be said again [s]."""
 
 
 class Notices:

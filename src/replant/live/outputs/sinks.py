@@ -23,8 +23,11 @@ from replant.live.outputs.message import (
 )
 
 MQTT_PORT = 1883
-PATIENCE = 5.0  # s that a broker may be away before it is said
-KEEPALIVE = 1, 15  # s, least and most
+"""Port of a broker, as registered [number]."""
+PATIENCE = 5.0
+"""Time that a broker may be away before it is said [s]."""
+KEEPALIVE = 1, 15
+"""Least and longest time in which the broker must hear of us [s]."""
 #: What the broker says for a session that is gone without a word.
 WILL = json.dumps({"trusted": 0, "ttl": 0.0, "status": ENDED, "verdict": UNKNOWN}, separators=(",", ":")).encode()
 

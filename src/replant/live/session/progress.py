@@ -13,7 +13,8 @@ from replant.errors import DamagedCheckpointError
 from replant.live.session.clock import Clock
 
 COUNTER = "counter "  # before a counter's name in a checkpoint
-LATEST = 1e300  # s; what is no number is not within it either
+LATEST = 1e300
+"""Time beyond which a stamp is no time; what is no number is not within it either [s]."""
 
 
 @dataclass

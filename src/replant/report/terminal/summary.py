@@ -12,7 +12,8 @@ from replant.model.transfer_function import TransferFunction
 from replant.report.numbers import WORST_PERCENT, off_by
 from replant.runs.run import Result
 
-REASON_INDENT = 9  # columns, below the figures
+REASON_INDENT = 9
+"""Indent of the reasons, below the figures [columns]."""
 
 
 def as_json(result: Result) -> dict[str, Any]:
