@@ -1,19 +1,22 @@
 """Halve and double each tuned constant, and say what changes on a battery of records: `make sensitivity`.
 
 Every value has a process of its own, forked from one that has not imported the package; what came of each is added to
-out/sensitivity.jsonl, so that a run that was interrupted goes on.  Processor time: five seconds a value.
+out/sensitivity.jsonl, so that a run that was interrupted goes on; `--write` puts that into the strings below the
+constants.  Processor time: five seconds a value.
 """
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import hashlib
 import json
 import math
 import os
 import resource
 import sys
 import tempfile
+import textwrap
 import time
 import traceback
 from collections.abc import Iterable, Mapping
@@ -131,49 +134,85 @@ def _samples(late: float) -> str:
     return "never" if math.isinf(late) else f"{late:.0f} samples"
 
 
+def write(rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write what was measured below each constant, after "Sensitivity: ", in the source."""
+    said: dict[str, dict[float, str]] = {}
+    for row in rows:
+        said.setdefault(row["name"], {})[row["factor"]] = row["words"]
+    for name, by_factor in said.items():
+        home, _, own = name.rpartition(".")
+        path = ROOT / "src" / "replant" / f"{home.replace('.', '/')}.py"
+        lines = path.read_text(encoding="utf-8").splitlines()
+        begin = next(i for i, line in enumerate(lines) if line.startswith((f"{own} = ", f"{own}: Final = ")))
+        begin = next(i for i in range(begin, len(lines)) if lines[i].startswith("Sensitivity: "))
+        end = lines.index('"""', begin)
+        lines[begin:end] = textwrap.wrap(f"Sensitivity: {_sentence(by_factor)}.", 120, break_on_hyphens=False)
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _sentence(by_factor: Mapping[float, str]) -> str:
+    halved, doubled = by_factor.get(0.5, "the same number"), by_factor.get(2.0, "not measured")
+    return f"halved or doubled, {halved}" if halved == doubled else f"halved, {halved}; doubled, {doubled}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", nargs="*", help="names, as assessment.changes.SURE")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "sensitivity.jsonl")
+    parser.add_argument("--write", action="store_true", help="only write what was measured into the source")
     parser.add_argument("--seconds", type=float, default=math.inf, help="processor time to spend")
     arguments = parser.parse_args()
+    if arguments.write:
+        write([json.loads(line) for line in arguments.out.read_text(encoding="utf-8").splitlines()])
+        return
     usual = measurable()
     chosen = arguments.only or list(usual)
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     done = set()
     if arguments.out.exists():
         done = {(row["name"], row["factor"]) for row in map(json.loads, arguments.out.read_text().splitlines())}
-    with tempfile.TemporaryDirectory() as folder:
-        sys.path.insert(0, folder)
-        os.environ["NUMBA_CACHE_DIR"] = f"{folder}/kernels"
-        numba.config.reload_config()
-        make_copy(ROOT / "src" / "replant", Path(folder), usual)
-        for _ in range(2):  # the first one compiles
-            before = measured({})
-        if "failed" in before:
-            raise SystemExit(before["failed"])
-        print(json.dumps(before, indent=1))
-        begun = os.times()
-        for name in chosen:
-            for factor in (0.5, 2.0):
-                spent = os.times()
-                if sum(spent[:4]) - sum(begun[:4]) > arguments.seconds:
-                    return
-                value = scaled(usual[name], factor)
-                if (name, factor) in done or value == usual[name]:
-                    continue
-                at = time.perf_counter()
-                after = measured({name: value})
-                row = {
-                    "name": name,
-                    "usual": usual[name],
-                    "factor": factor,
-                    "value": value,
-                    "words": words(before, after),
-                }
-                with arguments.out.open("a") as file:
-                    file.write(json.dumps(row | {"outcomes": after}) + "\n")
-                print(f"{name} = {value} ({time.perf_counter() - at:.0f} s): {row['words']}", flush=True)
+    folder = _copy(usual)
+    sys.path.insert(0, str(folder))
+    os.environ["NUMBA_CACHE_DIR"] = f"{folder}/kernels"
+    numba.config.reload_config()
+    measured({})  # the first one compiles
+    before = measured({})
+    if "failed" in before:
+        raise SystemExit(before["failed"])
+    begun = os.times()
+    for name in chosen:
+        for factor in (0.5, 2.0):
+            spent = os.times()
+            if sum(spent[:4]) - sum(begun[:4]) > arguments.seconds:
+                return
+            value = scaled(usual[name], factor)
+            if (name, factor) in done or value == usual[name]:
+                continue
+            at = time.perf_counter()
+            after = measured({name: value})
+            row = {
+                "name": name,
+                "usual": usual[name],
+                "factor": factor,
+                "value": value,
+                "words": words(before, after),
+            }
+            with arguments.out.open("a") as file:
+                file.write(json.dumps(row | {"outcomes": after}) + "\n")
+            print(f"{name} = {value} ({time.perf_counter() - at:.0f} s): {row['words']}", flush=True)
+
+
+def _copy(usual: Mapping[str, Any]) -> Path:
+    """Return the folder of a copy of this source, made where there is none yet: it keeps the compiled kernels."""
+    files = [*sorted((ROOT / "src" / "replant").rglob("*.py")), Path(__file__).with_name("adjustable.py")]
+    digest = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
+    folder = Path(tempfile.gettempdir()) / f"replant-adjustable-{os.getuid()}-{digest}"
+    if not folder.exists():
+        with tempfile.TemporaryDirectory(dir=folder.parent) as made:
+            make_copy(ROOT / "src" / "replant", Path(made), usual)
+            Path(made).rename(folder)
+            Path(made).mkdir()  # which is removed now
+    return folder
 
 
 if __name__ == "__main__":

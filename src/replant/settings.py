@@ -169,6 +169,6 @@ def _check_together(chosen: Settings | Request) -> None:
 
 LONGEST_STARTUP = 20_000
 """Samples held back at the most, before a start-up that does not suffice is taken as it is [samples].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """

@@ -33,14 +33,14 @@ Sensitivity: not measured.
 
 FEWEST_BLOCKS = 8
 """Least number of earlier stretches of the same length [count].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 BURST = 2.0
 """Power of the newest stretch, over the largest of an earlier one, beyond which it is a sudden failure [ratio of
 powers].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
@@ -52,7 +52,7 @@ Sensitivity: not measured.
 
 LONGEST_MEMORY = 500
 """Largest lag over which the residual's colour is counted [samples].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 

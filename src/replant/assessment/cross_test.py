@@ -27,60 +27,61 @@ from replant.statistics.projections import lengths_of, orthogonal, products
 FALSE_ALARM = 1e-4
 """Chance that a test finds something where there is nothing [probability].
 Level: 0.01 %: the verdict is asked for many times in a run.
+Sensitivity: not measured.
 """
 
 CORE_STATE_DELAYS = (0, 2)
 """Delays of the states in the small set of columns, which finds most faults with the least to pay for chance [steps of
 FAST_STEP].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 CORE_INPUT_DELAYS = (0, 2, 5, 13)
 """Delays of the input in the small set of columns [samples].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 STATE_DELAYS = (1, 4, 8)
 """Further delays of the states, in the large set [steps of FAST_STEP].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 INPUT_DELAYS = (1, 3, 8)
 """Further delays of the input, in the large set [samples].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 SLOW_DELAYS = (0.5, 1.0, 2.0)
 """Long delays of the input, in the large set [slowest time constants].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 FAST_STEP = 0.5
 """Step of the states' delays [fastest time constants].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 FARTHEST = 0.02
 """Longest step of the states' delays [part of the record].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 PER_COLUMN = 8
 """Samples that each column of the regression needs [samples].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 FILTERED_AWAY = 1e-9
 """Length of a column behind the whitening filter below which only rounding is left of it [part of its length before].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 

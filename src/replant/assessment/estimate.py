@@ -41,14 +41,14 @@ Sensitivity: not measured.
 SLOW = 3.0
 """Scatter of the estimate along its path beyond which slow noise is named as the reason [standard deviations that the
 residual's power and colour make].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 MENTIONED = 1e-3
 """Uncertainty below which slow noise is not named: what rounding leaves may be slow, too [part of a coefficient's
 size].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
@@ -62,12 +62,13 @@ SUSPECT = 0.05
 """Chance that the distance is taken for real where it is not, of an estimate without instruments: noise does bias it,
 and the only question is how much [probability].
 Level: 5 %.
+Sensitivity: not measured.
 """
 
 IMPROVED = 0.9
 """Power left by the present estimate, over that left by the earlier one, below which an estimate that moved improves
 [ratio of powers].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 

@@ -17,7 +17,7 @@ from replant.statistics.linear_algebra import roots
 
 FEWEST = 100
 """Samples held out below which they say nothing for a model [samples].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 

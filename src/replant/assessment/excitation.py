@@ -22,6 +22,7 @@ from replant.statistics.projections import products, without
 WORST_CONDITION = 1e7
 """Condition number of the scaled regressors beyond which float64 does not tell the parameters apart [ratio].
 Derivation: its square, which the normal equations see, leaves two digits of the sixteen.
+Sensitivity: not measured.
 """
 
 LEAST_SHARE = 0.01
@@ -39,7 +40,7 @@ Sensitivity: not measured.
 
 ROUNDING = 1e-9
 """Length of a regressor, nuisances taken off, below which only rounding is left of it [part of its length before].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 

@@ -10,20 +10,20 @@ from replant.assessment.verdict import Finding, duration
 MOST_OFF = 0.2
 """Difference of the usual interval from the sampling time beyond which one of them is wrong [part of the sampling
 time].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 FEW_LEVELS = 4
 """Values of an output up to which it is most likely the input: two-level inputs are what identification is done with,
 two-level sensors are not [count].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 MANY_LEVELS = 20
 """Values of a signal beyond which it is no switch [count].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
@@ -36,26 +36,26 @@ Sensitivity: not measured.
 ELSEWHERE = 0.01
 """Distance of the modelled output from the extreme, on the mean, below which the output rests there by right [part of
 the output's spread].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 SELDOM = 0.005
 """Share of equal neighbours below which noise resolves the sensor's scale, so that equal samples are no chance [share
 of samples].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 SECTIONS = 8
 """Parts of the record of which one at least must be resolved: the sensor may fail in others [count].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 TIES = 6
 """Samples at an extreme that are the end of the scale where noise resolves it [samples].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
@@ -94,19 +94,19 @@ Sensitivity: not measured.
 ON_GRID = 0.01
 """Distance of a difference between two values from a whole number of steps, up to which the scale has steps [part of
 the difference].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 MOST_STEPS = 1e6
 """Steps between two neighbouring values beyond which the scale counts as having none [steps].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 ROUNDING = 1e-6
 """Residual below which it is no noise [part of the output's spread].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 

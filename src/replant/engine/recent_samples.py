@@ -14,13 +14,13 @@ from replant.kernels.schema import BRIDGED, DOUBTED, INPUT, OUTPUT, STEP, Doubt
 
 LONELY = 5
 """Outliers in a row that are no more than that; what lasts longer may be the plant [samples].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 STUCK_RUN = 4
 """Ties in a row of a sensor that was stuck: what lies before is not looked at after a change [samples].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 

@@ -29,13 +29,13 @@ from replant.kernels.slots import Block, Choice, Flag, Integer, Nested, Part, Re
 
 PAST: Final = 4
 """Past estimates kept; what came after the oldest is held out from it, for assessment [count].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 LAGS: Final = 4
 """Order of the residual's autoregression [samples].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
@@ -64,6 +64,7 @@ LEAP: Final = 50.0
 """Interval beyond which a stamp leaps ahead: its successor must confirm it [sampling times].
 Derivation: more than the 40 that a clock that was set counts as; at half as many its every first sample would leap. A
 misread stamp that is less ahead costs the samples up to it: twice as many are more than learning may stand still for.
+Sensitivity: not measured.
 """
 
 FARTHEST: Final = 0.01 * 2.0**52
@@ -75,7 +76,7 @@ jitter of a tenth in.
 
 MOST_EARLIER: Final = 10
 """Stamps in a row that advance, but lie before the newest accepted one, after which the clock was set [samples].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 

@@ -16,13 +16,13 @@ from replant.statistics.linear_algebra import quiet
 
 SLOWEST_CUTOFF = 10.0
 """Slowest cutoff tried [1 / duration of the record].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 CANDIDATES = 16
 """Cutoffs tried, evenly spaced in the logarithm [count].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 

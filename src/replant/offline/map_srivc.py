@@ -33,7 +33,7 @@ from replant.statistics.linear_algebra import quiet, roots, solve
 
 STAYS = 0.01
 """Part of its size by which a coefficient is held to be off that has stayed [part of its size].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
@@ -45,19 +45,20 @@ Sensitivity: not measured.
 
 FLOOR = 0.03
 """Part of what its neighbours make it, as which a coefficient counts at the least [part].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 ITERATIONS = 10
 """Instrumental-variable steps from the prior's mean [count].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 CONVERGED = 1e-3
 """Gain of a Gauss-Newton step below which the fit is done [variances of the residual].
 Derivation: a thirtieth of a standard deviation.
+Sensitivity: not measured.
 """
 
 ALL, NONE = 0, 1

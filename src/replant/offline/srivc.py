@@ -38,97 +38,100 @@ from replant.statistics.udu import compose, factor_information, larger
 
 CUTOFFS = 8
 """State-variable filters tried for a start, evenly spaced in the logarithm [count].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 SHORT = 4
 """Iterations of each start [count].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 LONG = 20
 """Iterations of the most promising starts [count].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 SLOWEST_CUTOFF = 5.0
 """Slowest of their cutoffs; the fastest is 1 / dt [1 / duration of the record].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 PROMISING = 3
 """Starts that are iterated further [count].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 STALLED = 1e-6
 """Decrease of the cost below which an iteration stalls [part of the cost].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 STALLS = 6
 """Iterations that may stall [count].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 STILL = 1e-3
 """Movement of the estimate below which the iteration has converged [standard deviations of what a regressor's entry
 tells].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 DONE = 1e-6
 """Gain of a Gauss-Newton step below which the fit is done [variances of the residual].
 Derivation: a thousandth of a standard deviation.
+Sensitivity: not measured.
 """
 
 NEARLY_DONE = 0.1
 """The same where no shorter step gains anything either [variances of the residual].
 Derivation: a third of a standard deviation: where poles are as fast as the sampling the instruments' root lies a
 little beside the least cost.
+Sensitivity: not measured.
 """
 
 ROUNDING = 1e-18
 """Power of the residual below which only rounding is left [part of the output's power].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 HALVINGS = 10
 """Halvings of a Gauss-Newton step at the most [count].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 BINDING = 4.0
 """Distance of a pole from the axis up to which that margin binds, as with an integrator [margins].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 POLISH = 30
 """Gauss-Newton steps at the most [count].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 SLOWEST = 0.01
 """Margin of stability [1 / duration of the record].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 FASTEST = 3.0
 """Bound of a pole's magnitude [1 / sampling time].
 Derivation: beyond pi / dt a pole lies above half the sampling rate.
+Sensitivity: not measured.
 """
 
 ACCEPTABLE = 0.25

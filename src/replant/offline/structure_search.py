@@ -25,7 +25,7 @@ Sensitivity: not measured.
 
 ENOUGH = 0.5
 """Held-out fit that more parameters must bring to be worth having [%].
-Origin: kept: see the tests of the structure search.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 

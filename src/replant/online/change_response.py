@@ -23,60 +23,61 @@ from replant.statistics.projections import without
 BETTER = 0.5
 """Power left of the last third of what came since by a model of the first two, over what the present one leaves, up to
 which a change is believed [ratio of powers].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 SURE = 15.0
 """Gain in the logarithm of the likelihood below which a change may be chance [nats].
 Derivation: more than as many coefficients as a usual model has would gain by chance.
+Sensitivity: not measured.
 """
 
 EXPLAINED = 0.3
 """Part of the output's power there that the model must explain [part of the output's power].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 LIKELY = 0.8
 """Probability that no coefficient has moved beyond which only the constant is learned anew [probability].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 BRIEF = 0.25
 """Length of a record below which it cannot tell the slowest mode [slowest time constants].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 BEGINNINGS = 0.125, 0.25
 """Parts of what came since an alarm, after which whatever has moved is held to have moved [part of the record since].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 EARLIEST = 0.25
 """Length of what came since after which it is looked into first [start-ups].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 LATEST = 2.0
 """Length after which a change is no longer believed [start-ups].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 WORSE = 0.8
 """Ratio of powers as of BETTER from which on a model of what came since is hardly better [ratio of powers].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 EARLIER = 0.5
 """Length after which a change is then no longer believed [start-ups].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
@@ -89,13 +90,13 @@ Sensitivity: not measured.
 
 SOONEST = 50
 """Samples between two looks at the least [samples].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 PATIENCE = 1.5
 """Growth of what came since until the next look [ratio of lengths].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 

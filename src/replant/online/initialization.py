@@ -16,13 +16,13 @@ from replant.statistics.udu import compose, factor_covariance
 
 LIMIT = 50.0
 """Sum by which the residual must have exceeded GROWN that raises the alarm [usual power, summed].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 SHORTEST_MEMORY = 100
 """Samples of an input that stands still before which it does not rest, where an optimizer forgets [samples].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
@@ -30,11 +30,12 @@ FORGETS = 0.1
 """Share that is forgotten in a sample, times the start-up's samples, up to which an optimizer counts as one that never
 forgets [ratio].
 Derivation: its memory is then ten start-ups.
+Sensitivity: not measured.
 """
 
 ROOM = 1e6
 """How far forgetting may let the variances grow beyond those of the start-up [ratio of variances].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 

@@ -14,7 +14,7 @@ from replant.statistics.projections import without
 TELLING = 0.2
 """Change of the gain that the record must be able to show before another constant is believed instead: where the input
 hardly moves they look alike [part of the gain].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 

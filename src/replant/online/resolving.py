@@ -20,7 +20,7 @@ REGULAR = np.zeros(0)  # the time stamps of a regular clock
 
 MOST_DOUBTED = 0.05
 """Share of bridged samples up to which a record is one that can be solved [share of samples].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 

@@ -23,11 +23,13 @@ GROSS = 2.0
 """Distance of an output from the median of its neighbours beyond which it is a spike [ranges of that median over the
 record].
 Derivation: nothing that a plant does.
+Sensitivity: not measured.
 """
 
 SPIKE_NEIGHBOURS = 5
 """Neighbours whose median tells what an output is without its spikes [samples].
 Derivation: two spikes in a row are outvoted.
+Sensitivity: not measured.
 """
 
 FAR = 1e3
@@ -38,7 +40,7 @@ Sensitivity: not measured.
 
 MOST_LONE = 2
 """Inputs of a start-up that may be misread; more are pulses [count].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 

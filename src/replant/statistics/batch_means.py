@@ -33,6 +33,7 @@ Sensitivity: not measured.
 LEAST_BLOCKS = 6.0
 """Blocks of equal weight, 1 / sum w^2, below which a path tells no variance; of longer blocks half as many [count].
 Derivation: six blocks know a standard deviation to a third.
+Sensitivity: not measured.
 """
 
 BEYOND_CHANCE = 4.0

@@ -16,11 +16,12 @@ INPUT_LEAP = 1e3
 """Distance beyond which an input leaps [largest moving standard deviations that it so far had].
 Derivation: at ten times as many one such sample would pass for the largest input ever, beside which all later ones
 rest; at a tenth a single pulse may be one.
+Sensitivity: not measured.
 """
 
 AT_REST = 1e-6
 """Moving variance of the input below which it rests [part of the largest that it has been].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
@@ -36,6 +37,7 @@ Sensitivity: not measured.
 LEAST_NOISE = 1e-12
 """Least variance of the residual that such a variance is compared with [part of that square].
 Derivation: where there is no noise at all.
+Sensitivity: not measured.
 """
 
 SETTLE = 5.0

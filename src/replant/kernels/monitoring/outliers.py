@@ -30,49 +30,50 @@ from replant.kernels.schema import Alarm, Doubt
 GATE = 64.0
 """A-priori error beyond which an output may be an outlier, the parameters' own uncertainty counted: eight standard
 deviations [variances of the residual].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 UNSETTLED = 1e4
 """The same while the filters' initial state is unknown, on its own [largest squares of the modelled output].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 ENOUGH = 100.0
 """Residuals that give a variance to judge by [samples].
 Derivation: 100 residuals know a standard deviation to 7 %.
+Sensitivity: not measured.
 """
 
 SHORT = 1.0 / 200.0
 """Share of the newest residual in its variance lately [share].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 LONG = 1.0 / 4000.0
 """Share of the newest residual in its usual variance [share].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 MOST = 9.0
 """Power that one residual counts as at the most: three standard deviations [variances].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 UNKNOWN = 4.0
 """Variance of an a-priori error beyond which it is that of an initial state not yet known, and no residual [variances
 of the residual].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 FADE = 0.9
 """What is left, after a sample, of a bridged output's distance from the model's [ratio].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
@@ -86,30 +87,31 @@ Sensitivity: not measured.
 RESOLVED = 0.01
 """Share of ties (a sample equal to a new one before it) below which the scale is fine, and a tie is not learned
 [share].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 COARSE = 0.3
 """Share of ties from which on the scale is coarse [share].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 CHANCE = -18.0
 """Logarithm of the chance of a run of ties below which it is none [logarithm].
 Derivation: 1.5e-8, one run in 66 million samples.
+Sensitivity: not measured.
 """
 
 MANY = 8
 """Ties in a row on a coarse scale that are looked at [samples].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 MOVED_RESOLVED = 0.0625
 """Square by which the modelled output must have moved meanwhile, on a fine scale [variances of the residual].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
@@ -121,13 +123,13 @@ Sensitivity: not measured.
 
 PART_RESOLVED = 1e-8
 """The same on a fine scale, where there is hardly any noise [part of the modelled output's largest square].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 PART = 1e-3
 """The same on a coarse scale [part of the modelled output's largest square].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
@@ -140,36 +142,38 @@ Sensitivity: not measured.
 
 COARSER = 1.01
 """Growth of the least step seen, with each one that is larger: a scale may change [ratio a step].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 CALM = 200
 """Samples after a stuck one until learning goes on: a sensor that saturates does so again soon [samples].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 FORGOTTEN = 5000
 """Samples after a stuck one until its output is forgotten [samples].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 TIE_SHARE = 1.0 / 500.0
 """Share of the newest sample in the share of ties [share].
-Origin: kept: see sensitivity.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
 LEAST_TIE_SHARE = 1e-3
 """Share of ties that a scale counts as having at the least [share].
 Derivation: half of what TIE_SHARE adds with one tie: fewer were not seen.
+Sensitivity: not measured.
 """
 
 GROWN = 2.0
 """Power of the residual that is no growth yet [usual power].
 Derivation: the reference value r ln r / (r - 1) of Page's test for a power that grows r = 5 times.
+Sensitivity: not measured.
 """
 
 RETURNED = 50.0
