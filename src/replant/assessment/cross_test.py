@@ -22,7 +22,7 @@ from replant.arguments import FloatArray
 from replant.simulation.model_run import ModelRun
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import roots
-from replant.statistics.projections import lengths_of, orthogonal, products
+from replant.statistics.projections import TAKEN_AWAY, lengths_of, orthogonal, products
 
 FALSE_ALARM = 1e-4
 """Chance that a test finds something where there is nothing [probability].
@@ -79,12 +79,6 @@ Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
-FILTERED_AWAY = 1e-9
-"""Length of a column behind the whitening filter below which only rounding is left of it [part of its length before].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
-"""
-
 
 @dataclass(frozen=True)
 class Unexplained:
@@ -115,7 +109,7 @@ def unexplained(run: ModelRun, rows: slice, dt: float, surplus: float = 0.0) -> 
     noise = Autoregression.of(error)
     e, z = noise.whiten(error), noise.whiten(columns)
     lengths = lengths_of(z)
-    left = lengths > FILTERED_AWAY * lengths_of(columns)
+    left = lengths > TAKEN_AWAY * lengths_of(columns)
     if not left.any() or not float(e @ e) > 0.0:
         return Unexplained(0.0, 0.0, 0.0)
     z, few = z[:, left] / lengths[left], int(left[:few].sum())

@@ -17,7 +17,7 @@ import numpy as np
 from replant.assessment.verdict import Finding, percent
 from replant.simulation.model_run import ModelRun
 from replant.statistics.linear_algebra import eigenvalues
-from replant.statistics.projections import products, without
+from replant.statistics.projections import TAKEN_AWAY, products, without
 
 WORST_CONDITION = 1e7
 """Condition number of the scaled regressors beyond which float64 does not tell the parameters apart [ratio].
@@ -35,12 +35,6 @@ Sensitivity: not measured.
 LEAST_POWER = 1e-4
 """Variance of the input over the newest samples below which it rests [part of the largest that it has been].
 Origin: a hundredth of the amplitude.
-Sensitivity: not measured.
-"""
-
-ROUNDING = 1e-9
-"""Length of a regressor, nuisances taken off, below which only rounding is left of it [part of its length before].
-Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
@@ -70,7 +64,7 @@ def excitation(run: ModelRun, newest: slice) -> Excitation:
     zeta = without(run.zeta, run.nuisances)
     lengths = np.linalg.norm(zeta, axis=0)
     # what is left of a signal that the nuisances explain altogether is rounding
-    if not (lengths > ROUNDING * np.linalg.norm(run.zeta, axis=0)).all():
+    if not (lengths > TAKEN_AWAY * np.linalg.norm(run.zeta, axis=0)).all():
         return Excitation(math.inf, 0.0)
     scaled = zeta / lengths * math.sqrt(len(zeta))
     values = eigenvalues(products(scaled, scaled) / len(zeta))

@@ -35,6 +35,7 @@ from replant.assessment.verdict import (
     duration,
     percent,
 )
+from replant.engine.state import GAP
 from replant.simulation.model_run import ModelRun
 from replant.simulation.offset_fit import fit_percent
 from replant.statistics.autoregression import whiteness
@@ -61,12 +62,6 @@ NEGLIGIBLE = 1e-4
 """What the input could still explain that is not worth a word: a hundredth of the amplitude [part of the output's
 power].
 Origin: a choice of what matters to a user.
-Sensitivity: not measured.
-"""
-
-MOST_MISSING = 20
-"""Samples in a row without an output beyond which nothing says that the model still holds [samples].
-Origin: as long as the pause after which filters begin anew (GAP).
 Sensitivity: not measured.
 """
 
@@ -146,7 +141,7 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
 def _of_guard(evidence: Evidence) -> list[Finding]:
     """Return what was noticed as the samples came in."""
     findings = []
-    if evidence.missing > MOST_MISSING:
+    if evidence.missing > GAP:
         reason = f"no output has come for {duration(evidence.seconds(evidence.missing))}, the input alone"
         findings.append(Finding("inconsistent", f"{reason}: sensor, or its cable"))
     elif evidence.stuck:

@@ -19,12 +19,6 @@ from replant.kernels.schema import PAST, Doubt
 from replant.settings import Request, Settings
 from replant.statistics.linear_algebra import quiet
 
-STUCK_LATELY = 200
-"""Samples since the sensor was last stuck within which it is not relied on [samples].
-Origin: as long as learning waits (CALM).
-Sensitivity: not measured.
-"""
-
 MOST_IRREGULAR = 5000
 """Samples that the verdict looks at where each interval costs a discretisation of its own [samples]."""
 NO_SAMPLE = Assessment("converging", ("no sample yet",))
@@ -67,6 +61,8 @@ def assess_starting(request: Request, held: Sequence[tuple[float, float, float]]
 @quiet
 def evidence_of(state: State, settings: Settings) -> Evidence:
     """Return the evidence that a state holds."""
+    from replant.kernels.monitoring import outliers
+
     dt, size, origin, samples = settings.dt, settings.structure.size, state.record_began, state.samples
     in_use = _in_use(RecentSamples.of(state).cleaned(), state)
     kept = in_use.since_last_gap(dt)
@@ -93,7 +89,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         grown=samples - state.change_began if state.alarm else 0,
         unsettled=_unsettled(state, settings, known),
         missing=_missing(in_use),
-        stuck=state.stuck_outputs > 0 and samples - state.stuck_last < STUCK_LATELY,
+        stuck=state.stuck_outputs > 0 and samples - state.stuck_last < outliers.CALM,
         usual_interval=float(np.median(in_use.interval[1:])) if len(in_use) > 1 else 0.0,
         measured=newest.output.copy(),
         bridged=newest.is_stuck,

@@ -14,12 +14,6 @@ from replant.settings import Settings
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.udu import compose, factor_covariance
 
-LIMIT = 50.0
-"""Sum by which the residual must have exceeded GROWN that raises the alarm [usual power, summed].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
-"""
-
 SHORTEST_MEMORY = 100
 """Samples of an input that stands still before which it does not rest, where an optimizer forgets [samples].
 Origin: not recorded; kept, see sensitivity.
@@ -122,6 +116,8 @@ def _write_tracking(state: State, settings: Settings, refined: Refined, record: 
 
 def _write_monitoring(state: State, settings: Settings, refined: Refined, record: Record) -> None:
     """Write what is usual: the residual's variance, the output's size, and how often neighbours are equal."""
+    from replant.kernels.monitoring import outliers
+
     scale = settings.scaling.output
     state.late_variance = state.usual_variance = refined.variance / scale**2
     state.residuals_seen = record.u.size
@@ -130,7 +126,7 @@ def _write_monitoring(state: State, settings: Settings, refined: Refined, record
     steps = np.abs(np.diff(record.y))
     state.sensor_step = float(steps[steps > 0.0].min(initial=math.inf))
     state.last_raw = math.nan
-    state.cusum_limit = LIMIT if state.refined else 0.0  # a fixed filter's error is not that of the output
+    state.cusum_limit = outliers.LIMIT if state.refined else 0.0  # a fixed filter's error is not that of the output
 
 
 def _write_colour(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:

@@ -176,9 +176,10 @@ Derivation: the reference value r ln r / (r - 1) of Page's test for a power that
 Sensitivity: not measured.
 """
 
-RETURNED = 50.0
-"""Sum by which the residual must have stayed below GROWN that ends an alarm [usual power, summed].
-Origin: as LIMIT, the sum that raises it.
+LIMIT = 50.0
+"""Sum by which the residual must have exceeded GROWN that raises the alarm, and must have stayed below that
+ends it [usual power, summed].
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
@@ -409,7 +410,7 @@ def test_power(ints, reals, power):
     if ints[at.ALARM] != Alarm.NONE:
         back = max(reals[at.CUSUM] + GROWN - power, 0.0)
         reals[at.CUSUM] = back
-        if back > RETURNED:
+        if back > LIMIT:
             if ints[at.ALARM] == Alarm.FLOATS:  # what came meanwhile is no part of the record
                 ints[at.GAP_AT] = ints[at.SAMPLES]
             else:
