@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: demo test slow lint types check bench bench-live regression soak fuzz faults accuracy pages clean help
+.PHONY: demo test slow lint types check bench bench-live regression soak fuzz faults accuracy sensitivity pages clean help
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -65,9 +65,13 @@ faults: $(READY)  ## let every call of a live session fail that can, one a sessi
 accuracy: $(READY)  ## accuracy, Monte Carlo beside what is promised; writes docs/accuracy.md and out/accuracy
 	$(BIN)/python benchmarks/accuracy $(ARGS)
 
-pages: $(READY)  ## what is made from the source: the picture of the folders, the page of the state
+sensitivity: $(READY)  ## halve and double each tuned constant on a battery of records; half an hour; out/sensitivity.jsonl
+	$(BIN)/python benchmarks/sensitivity $(ARGS)
+
+pages: $(READY)  ## what is made from the source: the picture of the folders, the pages of state and constants
 	$(BIN)/python tools/architecture.py --picture docs/pictures/architecture.svg
 	$(BIN)/python tools/state_page.py
+	$(BIN)/python tools/constants_page.py
 
 clean:           ## remove everything that was generated
 	rm -rf $(VENV) $(UPLOT) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

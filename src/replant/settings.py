@@ -23,7 +23,8 @@ from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
 
 AUTO = "auto"
-LONGEST_DELAY = 1_000_000  # sampling times; the inputs of the whole dead time are kept
+LONGEST_DELAY = 1_000_000
+"""Longest dead time; the inputs of the whole dead time are kept [sampling times]."""
 DEFAULT_OPTIMIZER = "recursive-least-squares"
 
 
@@ -168,4 +169,8 @@ def _check_together(chosen: Settings | Request) -> None:
         chosen.optimizer.check(chosen.structure.size)
 
 
-LONGEST_STARTUP = 20_000  # samples held back at the most, before a start-up that does not suffice is taken as it is
+LONGEST_STARTUP = 20_000
+"""Samples held back at the most, before a start-up that does not suffice is taken as it is [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""

@@ -11,20 +11,56 @@ from replant.arguments import FloatArray
 from replant.assessment.evidence import FEWEST, Evidence, Runs
 from replant.assessment.verdict import Finding, duration, figure
 
-# Standard deviations, of the logarithm of the residual's power, that are no chance
 SURE = 4.0
-# Part of the output's power by which the residual must have grown to matter: a tenth of the amplitude.  Disturbances
-# come and go; that they are stronger for a while does not make a model wrong.
+"""Growth of the residual's power beyond which it is no chance [standard deviations of the logarithm of the power].
+Origin: a normal deviate beyond 4 has the chance 3e-5, and the verdict is asked many times.
+Sensitivity: not measured.
+"""
+
 MATTERS = 0.01
-# A sudden failure is looked for over the last BLOCKS samples, so that it is found whether it is violent or mild,
+"""Growth of the residual's power below which it does not matter: a tenth of the amplitude. Disturbances come and go;
+that they are stronger for a while does not make a model wrong [part of the output's power].
+Origin: a choice of what matters to a user.
+Sensitivity: not measured.
+"""
+
 BLOCKS = (32, 64, 128, 256, 512)
-FEWEST_BLOCKS = 8  # of the same length before it
-# ... as a residual whose power is so many times the largest that it has been over as long,
+"""Lengths of the newest stretch over which a sudden failure is looked for, so that it is found whether it is violent
+or mild [samples].
+Origin: powers of two, from what a failure needs to show to half of the samples held out.
+Sensitivity: not measured.
+"""
+
+FEWEST_BLOCKS = 8
+"""Least number of earlier stretches of the same length [count].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
 BURST = 2.0
-# ... and by so much of the output's power larger than the usual one.
+"""Power of the newest stretch, over the largest of an earlier one, beyond which it is a sudden failure [ratio of
+powers].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
 BURST_MATTERS = 0.05
-LONGEST_MEMORY = 500  # lags over which the residual's colour is counted
-PARTS = 25  # of a residual, whose scatter tells how sure its power is
+"""Growth over the usual power of a stretch below which it does not matter [part of the output's power].
+Origin: a choice of what matters to a user, above MATTERS as one stretch is short.
+Sensitivity: not measured.
+"""
+
+LONGEST_MEMORY = 500
+"""Largest lag over which the residual's colour is counted [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+PARTS = 25
+"""Parts of a residual whose scatter tells how sure its power is [count].
+Origin: batch means: 24 degrees of freedom know a standard deviation to a seventh.
+Sensitivity: not measured.
+"""
 
 
 def growth_finding(evidence: Evidence, runs: Runs, figures: dict[str, Any]) -> list[Finding]:

@@ -24,20 +24,62 @@ from replant.simulation.model_run import ModelRun
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.chi2 import chi2_quantile
 from replant.statistics.linear_algebra import roots
-from replant.statistics.projections import lengths_of, orthogonal, products
+from replant.statistics.projections import TAKEN_AWAY, lengths_of, orthogonal, products
 
-FALSE_ALARM = 1e-4  # chance that the test finds something where there is nothing
-# Two sets of columns are tried.  A few find most faults of a model with the least to pay for chance,
-CORE_STATE_DELAYS = (0, 2)  # in steps of FAST_STEP times the fastest time constant
-CORE_INPUT_DELAYS = (0, 2, 5, 13)  # samples
-# ... and many more those that are spread wide.
+FALSE_ALARM = 1e-4
+"""Chance that a test finds something where there is nothing [probability].
+Level: 0.01 %: the verdict is asked for many times in a run.
+Sensitivity: not measured.
+"""
+
+CORE_STATE_DELAYS = (0, 2)
+"""Delays of the states in the small set of columns, which finds most faults with the least to pay for chance [steps of
+FAST_STEP].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+CORE_INPUT_DELAYS = (0, 2, 5, 13)
+"""Delays of the input in the small set of columns [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
 STATE_DELAYS = (1, 4, 8)
+"""Further delays of the states, in the large set [steps of FAST_STEP].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
 INPUT_DELAYS = (1, 3, 8)
-SLOW_DELAYS = (0.5, 1.0, 2.0)  # of the input, in slowest time constants
+"""Further delays of the input, in the large set [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+SLOW_DELAYS = (0.5, 1.0, 2.0)
+"""Long delays of the input, in the large set [slowest time constants].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
 FAST_STEP = 0.5
-FARTHEST = 0.02  # of the record: longest step of a delay of the states
-PER_COLUMN = 8  # samples that each column of the regression needs at the least
-FILTERED_AWAY = 1e-9  # relative size of a column behind the filter, below which nothing of it is left
+"""Step of the states' delays [fastest time constants].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+FARTHEST = 0.02
+"""Longest step of the states' delays [part of the record].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+PER_COLUMN = 8
+"""Samples that each column of the regression needs [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
 
 
 @dataclass(frozen=True)
@@ -78,7 +120,7 @@ def unexplained(run: ModelRun, rows: slice, dt: float, surplus: float = 0.0) -> 
     noise = Autoregression.of(error)
     e, z = noise.whiten(error), noise.whiten(columns)
     lengths = lengths_of(z)
-    left = lengths > FILTERED_AWAY * lengths_of(columns)
+    left = lengths > TAKEN_AWAY * lengths_of(columns)
     if not left.any() or not float(e @ e) > 0.0:
         return Unexplained(0.0, 0.0, 0.0)
     z, few = z[:, left] / lengths[left], int(left[:few].sum())

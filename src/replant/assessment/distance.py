@@ -28,6 +28,11 @@ from replant.statistics.projections import (
 )
 from replant.statistics.udu import larger
 
+RANK_TOLERANCE = 1e-14
+"""Eigenvalue of the step's covariance below which a direction counts as not there [part of the largest].
+Derivation: some fifty times the precision of float64.
+"""
+
 
 @dataclass(frozen=True)
 class Distance:
@@ -74,7 +79,7 @@ def distance(run: ModelRun, rows: slice, false_alarm: float) -> Distance:
     variance = float(innovation @ innovation) / max(innovation.size - len(step), 1)
     covariance = variance * inverse @ products(coloured, coloured) @ inverse
     covariance = larger(covariance, float(np.mean(left**2)) * inverse)
-    square = float(step @ pseudo_inverse(covariance, 1e-14) @ step)
+    square = float(step @ pseudo_inverse(covariance, RANK_TOLERANCE) @ step)
     statistic = math.inf if math.isnan(square) else square / float(chi2_quantile(1.0 - false_alarm, len(step)))
     return Distance(step / lengths, statistic, covariance / np.outer(lengths, lengths))
 
@@ -117,6 +122,6 @@ def newest_distances(
         left = error - np.einsum("ij,j->i", zeta, step)
         free = max(count - len(step) - nuisances.shape[1], 1)
         covariance = wider**2 * max(usual, float(left @ left) / free) * inverse
-        square = float(step @ pseudo_inverse(covariance, 1e-14) @ step)
+        square = float(step @ pseudo_inverse(covariance, RANK_TOLERANCE) @ step)
         statistic = math.inf if math.isnan(square) else square / float(chi2_quantile(1.0 - false_alarm, len(step)))
         yield count, Distance(step / lengths, statistic, covariance / np.outer(lengths, lengths))

@@ -13,23 +13,65 @@ from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.gain import gain_findings
 from replant.assessment.verdict import Finding, figure, percent
 
-# Standard deviation of a coefficient of the denominator, as a part of its size, beyond which it is not known yet: the
-# 95 % interval is then wider than a third either way.
 MOST_UNCERTAIN = 0.15
-# Root mean square, over the simulated output's, of what the estimate's own error does to that output.
+"""Standard deviation of a coefficient of the denominator beyond which it is not known yet: the 95 % interval is then
+wider than a third either way [part of its size].
+Origin: a choice of what a user may rely on.
+Sensitivity: not measured.
+"""
+
 MOST_SCATTER = 0.1
-# Movement of a coefficient as a part of its size, and in its standard deviations, beyond which the estimate still moves
-MOST_MOVED, MOVED_SIGMAS = 0.1, 4.0
-# Times the standard deviation that the residual's power and colour make, beyond which slow noise is named as the
-# reason, if the coefficients are not known to this part anyway: what rounding leaves may be slow, too.
-SLOW, MENTIONED = 3.0, 1e-3
-# Distance, as a part of the coefficients' size, from where the samples would put them, up to which it is of no account
+"""Effect of the estimate's own error on the simulated output beyond which the estimate is not known yet [root mean
+square, part of the output's].
+Origin: a choice of what a user may rely on.
+Sensitivity: not measured.
+"""
+
+MOST_MOVED = 0.1
+"""Movement of a coefficient below which the estimate stands still [part of its size].
+Origin: a choice of what a user may rely on.
+Sensitivity: not measured.
+"""
+
+MOVED_SIGMAS = 4.0
+"""Movement of a coefficient beyond which it is no chance [standard deviations].
+Origin: a normal deviate beyond 4 has the chance 6e-5.
+Sensitivity: not measured.
+"""
+
+SLOW = 3.0
+"""Scatter of the estimate along its path beyond which slow noise is named as the reason [standard deviations that the
+residual's power and colour make].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+MENTIONED = 1e-3
+"""Uncertainty below which slow noise is not named: what rounding leaves may be slow, too [part of a coefficient's
+size].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
 FARTHEST = 0.05
-# Chance that the distance is taken for real where it is not, of an estimate without instruments: noise does bias it,
-# and the only question is how much; over all samples kept, as the plant's changes do not matter to that.
+"""Distance from where the samples would put the coefficients that is of no account [part of their size].
+Origin: a third of MOST_UNCERTAIN: a standard deviation that trust allows.
+Sensitivity: not measured.
+"""
+
 SUSPECT = 0.05
-# An estimate improves if it moved, and leaves less than this part of what the earlier one left of the same samples.
+"""Chance that the distance is taken for real where it is not, of an estimate without instruments: noise does bias it,
+and the only question is how much [probability].
+Level: 5 %.
+Sensitivity: not measured.
+"""
+
 IMPROVED = 0.9
+"""Power left by the present estimate, over that left by the earlier one, below which an estimate that moved improves
+[ratio of powers].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,17 @@ from replant.model.structure import Structure
 from replant.simulation.model_run import ModelRun, run_model
 from replant.statistics.linear_algebra import roots
 
-FEWEST = 100  # samples held out, below which they say nothing for a model
-PER_COEFFICIENT = 10  # ... and for each coefficient
+FEWEST = 100
+"""Samples held out below which they say nothing for a model [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+PER_COEFFICIENT = 10
+"""Samples held out for each coefficient below which they say nothing [samples].
+Origin: ten observations for a regressor, a rule of thumb of regression.
+Sensitivity: not measured.
+"""
 
 
 @dataclass(frozen=True, eq=False)

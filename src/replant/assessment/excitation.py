@@ -17,16 +17,26 @@ import numpy as np
 from replant.assessment.verdict import Finding, percent
 from replant.simulation.model_run import ModelRun
 from replant.statistics.linear_algebra import eigenvalues
-from replant.statistics.projections import products, without
+from replant.statistics.projections import TAKEN_AWAY, products, without
 
-#: Condition number of the scaled regressors beyond which float64 does not tell the parameters apart.
 WORST_CONDITION = 1e7
-# Smallest eigenvalue of the newest samples' information, as a part of what it is over all, below which nothing that
-# they show speaks for or against the model: their standard deviations would be ten times those of as many others.
+"""Condition number of the scaled regressors beyond which float64 does not tell the parameters apart [ratio].
+Derivation: its square, which the normal equations see, leaves two digits of the sixteen.
+Sensitivity: not measured.
+"""
+
 LEAST_SHARE = 0.01
-# Variance of the input over the newest samples, as a part of the largest that it has been, below which it rests: a
-# hundredth of the amplitude.
+"""Smallest eigenvalue of the newest samples' information below which nothing that they show speaks for or against the
+model [part of what it is over all samples].
+Origin: standard deviations from them would be ten times those from as many others.
+Sensitivity: not measured.
+"""
+
 LEAST_POWER = 1e-4
+"""Variance of the input over the newest samples below which it rests [part of the largest that it has been].
+Origin: a hundredth of the amplitude.
+Sensitivity: not measured.
+"""
 
 
 @dataclass(frozen=True)
@@ -56,7 +66,7 @@ def excitation(run: ModelRun, newest: slice) -> Excitation:
     zeta = without(run.zeta, run.nuisances)
     lengths = np.linalg.norm(zeta, axis=0)
     # of a column that the nuisances explain completely, only rounding is left
-    if not (lengths > 1e-9 * np.linalg.norm(run.zeta, axis=0)).all():
+    if not (lengths > TAKEN_AWAY * np.linalg.norm(run.zeta, axis=0)).all():
         return Excitation(math.inf, 0.0)
     scaled = zeta / lengths * math.sqrt(len(zeta))
     values = eigenvalues(products(scaled, scaled) / len(zeta))

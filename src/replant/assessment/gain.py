@@ -27,20 +27,60 @@ from replant.assessment.verdict import Finding, duration, percent
 from replant.model.uncertainty import Uncertainty
 from replant.statistics.linear_algebra import roots
 
-# Largest relative error of abs G with which a model is trusted after a change: the bound that docs/live.md documents.
 LARGEST_ERROR = 0.1
-# Standard deviations of abs G that must fit into it: 0.3 % of right estimates are then farther off at a frequency.
+"""Largest relative error of abs G with which a model is trusted after a change [part of abs G].
+Origin: the bound that docs/live.md documents.
+Sensitivity: not measured.
+"""
+
 SIGMAS = 3.0
-# Of the largest power density of the model's output; below that a frequency is not excited.
+"""Standard deviations of abs G that must fit into the largest error [standard deviations].
+Level: 99.7 %: 0.3 % of right estimates are farther off at a frequency.
+Sensitivity: not measured.
+"""
+
 EXCITED = 0.01
-SEGMENT = 1024  # samples of a segment of Welch's spectrum
-SLOWEST, SLOW_FREQUENCIES = 0.1, 8  # frequencies added below the spectrum's: from this part of the slowest pole on
-# Lengths of the newest samples over which a change is looked for, in numbers of samples that say something.
+"""Power density of the model's output below which a frequency is not excited [part of the largest].
+Origin: a tenth of the amplitude.
+Sensitivity: not measured.
+"""
+
+SEGMENT = 1024
+"""Length of a segment of Welch's spectrum [samples].
+Origin: not recorded.
+Sensitivity: not measured.
+"""
+
+SLOWEST = 0.1
+"""Lowest of the frequencies that are added below the spectrum's [part of the slowest pole's magnitude].
+Origin: not recorded.
+Sensitivity: not measured.
+"""
+
+SLOW_FREQUENCIES = 8
+"""Frequencies that are added below the spectrum's [count].
+Origin: not recorded.
+Sensitivity: not measured.
+"""
+
 LENGTHS = (1, 2, 4, 8, 16)
-# Part of abs G by which they must contradict it: half of what may be off, ...
+"""Lengths of the newest samples over which a change is looked for [numbers of samples that say something].
+Origin: not recorded.
+Sensitivity: not measured.
+"""
+
 CONTRADICTS = 0.5 * LARGEST_ERROR
-# ... in standard deviations at that frequency, where all coefficients together are no chance.
+"""Part of abs G by which the newest samples must contradict it [part of abs G].
+Derivation: half of the largest error.
+Sensitivity: not measured.
+"""
+
 CONTRADICTS_SIGMAS = 2.0
+"""The same in standard deviations at that frequency, where the test of all coefficients together is significant
+[standard deviations].
+Origin: not recorded.
+Sensitivity: not measured.
+"""
 
 
 def gain_findings(evidence: Evidence, runs: Runs, covariance: FloatArray) -> list[Finding]:

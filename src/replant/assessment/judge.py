@@ -40,23 +40,45 @@ from replant.assessment.verdict import (
     duration,
     percent,
 )
+from replant.engine.state import GAP
 from replant.simulation.model_run import ModelRun
 from replant.simulation.offset_fit import fit_percent
 from replant.statistics.autoregression import whiteness
 from replant.statistics.linear_algebra import quiet, roots
 
-# Simulated fit in percent below which the input explains next to nothing: at a fit of 10 the noise has four times the
-# power of the model's output, and a right model of such a plant is of little use.
 POOREST_FIT = 10.0
-WORST_FIT = -1000.0  # %; what is worse is not told apart
-# Part of the output's power that the input could still explain, up to which a model is trusted with a caveat: a
-# sixteenth of the output's amplitude.  Real plants are never quite linear, nor of finite order.  The surest of the
-# tests must stay below it with its doubt added.
+"""Simulated fit below which the input explains next to nothing [%].
+Origin: at a fit of 10 the noise has four times the power of the model's output: a right model of such a plant is of
+little use.
+Sensitivity: not measured.
+"""
+
+WORST_FIT = -1000.0
+"""Simulated fit below which fits are not told apart in words [%]."""
+
 LARGEST_PART = (1.0 / 16.0) ** 2
-# ... and below which it is not worth a word: a hundredth of the amplitude.
+"""What the input could still explain, up to which a model is trusted with a caveat: a sixteenth of the output's
+amplitude. The surest of the tests must stay below it with its doubt added [part of the output's power].
+Origin: real plants are never quite linear, nor of finite order.
+Sensitivity: not measured.
+"""
+
 NEGLIGIBLE = 1e-4
-MOST_MISSING = 20  # samples in a row without an output, beyond which nothing says that the model still holds
-RESTING = 1e-12  # relative movement of the input that is rounding
+"""What the input could still explain that is not worth a word: a hundredth of the amplitude [part of the output's
+power].
+Origin: a choice of what matters to a user.
+Sensitivity: not measured.
+"""
+
+MEDIAN_TO_STD = 1.4826
+"""Standard deviation of a normal distribution over the median of its absolute values [ratio].
+Derivation: 1 / 0.6745, the upper quartile of the standard normal distribution.
+"""
+
+RESTING = 1e-12
+"""Movement of the input that is rounding [part of its largest magnitude].
+Derivation: some thousand times the precision of float64.
+"""
 
 Figures = dict[str, Any]
 
@@ -124,7 +146,7 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
 def _of_guard(evidence: Evidence) -> list[Finding]:
     """Return the findings of the online monitoring."""
     findings = []
-    if evidence.missing > MOST_MISSING:
+    if evidence.missing > GAP:
         reason = f"no output has arrived for {duration(evidence.seconds(evidence.missing))}, only the input"
         findings.append(Finding("inconsistent", f"{reason}: check the sensor and its cable"))
     elif evidence.stuck:
@@ -145,7 +167,7 @@ def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
     y, newest = evidence.raw, evidence.newest
     modelled = evidence.record.y - runs.old.error
     error = runs.old.error[evidence.used] if evidence.used.any() else runs.old.error
-    noise = 1.4826 * float(np.median(np.abs(error)))  # std of normal noise, robust to failures
+    noise = MEDIAN_TO_STD * float(np.median(np.abs(error)))  # std of normal noise, robust to failures
     count = len(y[newest])
     intervals = evidence.record.intervals
     steps = np.full(count, intervals[0]) if intervals.size == 1 else intervals[newest]

@@ -11,7 +11,8 @@ from replant.assessment.verdict import Assessment
 from replant.engine.record import Record
 from replant.model.structure import Structure
 
-MOST_SAMPLES = 50_000  # looked at, the newest of them: five times what an identifier keeps
+MOST_SAMPLES = 50_000
+"""Samples of a record that the verdict looks at, the newest of them [samples]."""
 
 
 def assess_record(

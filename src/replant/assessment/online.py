@@ -19,8 +19,8 @@ from replant.kernels.schema import PAST, Doubt
 from replant.settings import Request, Settings
 from replant.statistics.linear_algebra import quiet
 
-STUCK_LATELY = 200  # samples since the sensor was stuck, within which it is not relied on
-MOST_IRREGULAR = 5000  # samples looked at where each interval costs a discretisation of its own
+MOST_IRREGULAR = 5000
+"""Samples that the verdict looks at where each interval costs a discretisation of its own [samples]."""
 NO_SAMPLE = Assessment("converging", ("no sample yet",))
 
 
@@ -61,6 +61,8 @@ def assess_starting(request: Request, held: Sequence[tuple[float, float, float]]
 @quiet
 def evidence_of(state: State, settings: Settings) -> Evidence:
     """Return the evidence for a verdict that a state holds."""
+    from replant.kernels.monitoring import outliers
+
     dt, size, origin, samples = settings.dt, settings.structure.size, state.record_began, state.samples
     in_use = _in_use(RecentSamples.of(state).cleaned(), state)
     kept = in_use.since_last_gap(dt)
@@ -88,7 +90,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         after_change=_is_after_change(state),
         unsettled=_unsettled(state, settings, known),
         missing=_missing(in_use),
-        stuck=state.stuck_outputs > 0 and samples - state.stuck_last < STUCK_LATELY,
+        stuck=state.stuck_outputs > 0 and samples - state.stuck_last < outliers.CALM,
         usual_interval=float(np.median(in_use.interval[1:])) if len(in_use) > 1 else 0.0,
         measured=newest.output.copy(),
         bridged=newest.is_stuck,

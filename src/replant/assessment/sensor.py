@@ -7,30 +7,108 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.assessment.verdict import Finding, duration
 
-MOST_OFF = 0.2  # of the sampling time, that the usual interval may differ from it
-# A sensor that has more than MANY values is not a switch.  One that has FEW_LEVELS while the input has many is most
-# likely the input: two-level inputs are what identification is done with, two-level sensors are not.
-FEW_LEVELS, MANY_LEVELS = 4, 20
-# A value that a continuous signal takes exactly again and again, at one of its extremes, is the end of the scale: one
-# sample in fifty there is far more than noise or a coarse scale (a bell curve over 20 steps) puts at its very end.
+MOST_OFF = 0.2
+"""Difference of the usual interval from the sampling time beyond which one of them is wrong [part of the sampling
+time].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+FEW_LEVELS = 4
+"""Values of an output up to which it is most likely the input: two-level inputs are what identification is done with,
+two-level sensors are not [count].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+MANY_LEVELS = 20
+"""Values of a signal beyond which it is no switch [count].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
 AT_THE_END = 0.02
-# ... if the model says that the output was elsewhere meanwhile, by more than this part of its spread (a plant that
-# comes to rest reaches one value again and again as well, but the model is there, too).
+"""Share of samples exactly at an extreme beyond which it is the end of the sensor's scale [share of samples].
+Origin: far more than a normal distribution over 20 steps puts at its very end.
+Sensitivity: not measured.
+"""
+
 ELSEWHERE = 0.01
-# Where noise lets two samples in a row be equal more seldom than so, in some part of the record at least (the sensor
-# may fail in others), it resolves the scale: equal samples are then no chance.
-SELDOM, SECTIONS = 0.005, 8
-# So many at an extreme of the newest samples are enough then, over windows so long, so that a failure is found soon.
-TIES, WINDOWS = 6, (64, 256, 1024)
-# A sensor is stuck, or for a while at the end of its scale, if at least so many samples in a row are equal to the bit
+"""Distance of the modelled output from the extreme, on the mean, below which the output rests there by right [part of
+the output's spread].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+SELDOM = 0.005
+"""Share of equal neighbours below which noise resolves the sensor's scale, so that equal samples are no chance [share
+of samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+SECTIONS = 8
+"""Parts of the record of which one at least must be resolved: the sensor may fail in others [count].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+TIES = 6
+"""Samples at an extreme that are the end of the scale where noise resolves it [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+WINDOWS = (64, 256, 1024)
+"""Newest samples that are searched for them, so that a failure is found soon [samples].
+Origin: powers of four.
+Sensitivity: not measured.
+"""
+
 STUCK_SAMPLES = 8
-# ... while the model's output moved by so many standard deviations of the residual: a still output is no chance then
+"""Samples in a row equal to the bit from which on a sensor may be stuck, or at the end of its scale [samples].
+Origin: as MANY of the recursion, kernels/monitoring/outliers.py.
+Sensitivity: not measured.
+"""
+
 STUCK_MOVED = 4.0
-# ... or at all, where noise resolves the scale,
+"""Movement of the modelled output meanwhile below which a still output may be chance [standard deviations of the
+residual].
+Origin: a normal deviate beyond 4 has the chance 6e-5.
+Sensitivity: not measured.
+"""
+
 MOVED_AT_ALL = 0.25
-# ... and by more than so many of the sensor's steps: a coarse scale stands still by itself while a slow output passes.
+"""The same where noise resolves the scale, and a tie is no chance by itself [standard deviations of the residual].
+Origin: the square root of MOVED_RESOLVED of the recursion, kernels/monitoring/outliers.py.
+Sensitivity: not measured.
+"""
+
 STUCK_STEPS = 3.0
-ROUNDING = 1e-6  # part of the output's spread below which a residual is no noise
+"""The same in steps of the sensor's scale: a coarse scale stands still by itself while a slow output passes [steps of
+the scale].
+Origin: tests/online/test_quantised_sensor.py: an output that settles stands still between two steps.
+Sensitivity: not measured.
+"""
+
+ON_GRID = 0.01
+"""Distance of a difference between two values from a whole number of steps, up to which the scale has steps [part of
+the difference].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+MOST_STEPS = 1e6
+"""Steps between two neighbouring values beyond which the scale counts as having none [steps].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+ROUNDING = 1e-6
+"""Residual below which it is no noise [part of the output's spread].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
 
 
 def clock_finding(usual: float, dt: float) -> list[Finding]:
@@ -158,5 +236,5 @@ def smallest_step(values: FloatArray) -> float:
     distances = np.diff(values)
     least = float(distances.min())
     multiples = distances / least
-    on_grid = np.abs(multiples - np.rint(multiples)) < 0.01 * multiples
-    return least if bool(on_grid.all()) and multiples.max() < 1e6 else 0.0
+    on_grid = np.abs(multiples - np.rint(multiples)) < ON_GRID * multiples
+    return least if bool(on_grid.all()) and multiples.max() < MOST_STEPS else 0.0

@@ -8,7 +8,10 @@ from dataclasses import dataclass
 #: The statuses, the gravest first.  The verdict has that of its gravest finding.
 STATUSES = ("diverged", "not excited", "inconsistent", "converging", "trusted")
 
-LEAST_PERCENT, MOST_FIGURE = 0.01, 1e4  # beyond which a figure in a reason tells nothing more
+LEAST_PERCENT = 0.01
+"""Part below which a figure in a reason tells nothing more [%]."""
+MOST_FIGURE = 1e4
+"""Figure beyond which it tells nothing more [number]."""
 
 
 @dataclass(frozen=True)

@@ -38,11 +38,19 @@ from replant.settings import Request, Settings
 Progress = Mapping[str, int | float | str]
 
 MAGIC = b"\x89replant"
-VERSION = 2  # to be raised when the meaning of anything stored changes; the layout of the state watches over itself
+
+VERSION = 2
+"""Format of a checkpoint, to be raised when the meaning of anything stored changes; the layout of the state watches
+over itself [number].
+"""
+
 START = struct.Struct("<8sII")
 DIGEST = 32
+"""Length of the checksum, of SHA-256 [bytes]."""
 LONGEST_HEADER = 2**20
-LARGEST = 2**34  # bytes of one array, rows not stored included: a state beyond 16 GiB is none
+"""Longest header that is read [bytes]."""
+LARGEST = 2**34
+"""Largest array that is read, rows not stored included: no state needs 16 GiB [bytes]."""
 
 #: The attributes of an identifier that are no arrays, and their types; `RUNNING`: only after the start-up.
 ATTRIBUTES: dict[str, type | tuple[type, ...]] = {

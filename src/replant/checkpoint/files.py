@@ -22,7 +22,8 @@ from replant.system.refusals import reason_of
 
 AnyPath = str | os.PathLike[str]
 
-LARGEST = 2**36  # bytes; no checkpoint is larger
+LARGEST = 2**36
+"""Largest file that is read as a checkpoint [bytes]."""
 
 
 def write(path: AnyPath, data: bytes) -> None:

@@ -22,7 +22,8 @@ from replant.system.refusals import one_line
 
 DASHBOARD = "127.0.0.1:8710"
 UNITS = {"ms": 1e-3, "s": 1.0, "": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
-LONGEST_TOKEN = 1024  # characters
+LONGEST_TOKEN = 1024
+"""Longest token that is read from a file [characters]."""
 DEMO = "demo"  # the source that needs no options, because its structure is known
 
 

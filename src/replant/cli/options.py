@@ -90,7 +90,12 @@ class Seconds(Range):
 
 
 MOST_TRIED = 1000
-MOST_OFF = 0.1  # of the sampling time given, from which time stamps may differ unsaid: jitter and lost samples
+"""Structures that a search may try [count]."""
+
+MOST_OFF = 0.1
+"""Difference of the time stamps' usual interval from the sampling time given that needs no word: jitter and lost
+samples [part of the sampling time].
+"""
 
 BIAS = click.option("--bias", is_flag=True, help="Also identify a constant added to the output of G(s).")
 INPUT_MAP = click.option(

@@ -13,8 +13,8 @@ from replant.kernels.slots import Block
 from replant.model.structure import Structure
 from replant.settings import Settings
 
-# Times the nominal rate at which samples may come where there is a dead time: so many past inputs are kept.
 DENSEST = 4.0
+"""Rate at which samples may come where there is a dead time: so many past inputs are kept [nominal rates]."""
 
 
 @dataclass(frozen=True)
@@ -121,4 +121,5 @@ def ring_of(structure: Structure, dt: float) -> int:
     return math.ceil(DENSEST * (structure.delay / dt)) + 8
 
 
-RECENT = 10_000  # raw samples kept: for solving the start-up again as it grows, and for assessment
+RECENT = 10_000
+"""Raw samples kept: for solving the start-up again as it grows, and for assessment [samples]."""

@@ -12,8 +12,17 @@ from replant.engine.record import Record
 from replant.engine.state import GAP, State
 from replant.kernels.schema import BRIDGED, DOUBTED, INPUT, OUTPUT, STEP, Doubt
 
-LONELY = 5  # outliers in a row that are no more than that; what lasts longer may be the plant
-STUCK_RUN = 4  # ties in a row of a sensor that was stuck: what lies before is not looked at
+LONELY = 5
+"""Outliers in a row that are no more than that; what lasts longer may be the plant [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+STUCK_RUN = 4
+"""Ties in a row of a sensor that was stuck: what lies before is not looked at after a change [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,11 +29,24 @@ from replant.settings import Settings
 IntArray = npt.NDArray[np.int64]
 
 NOTHING = np.zeros(0)
-GAP = 20.0  # sampling times without a sample, after which the filters begin anew
-# Samples between two past estimates kept: of the 10000 raw samples kept at most half are then held out from the oldest,
+
+GAP = 20.0
+"""Time without a sample after which the filters begin anew [sampling times].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
 LONGEST_STEP = 1250
-# ... a few hundred where the estimate follows a plant that changes, and is soon out of date by right.
+"""Samples between two past estimates kept, at the most [samples].
+Derivation: of the RECENT raw samples kept at most half are then held out from the oldest of the PAST estimates.
+Sensitivity: not measured.
+"""
+
 SHORTEST_STEP = 128
+"""The same where the estimate follows a plant that changes, and is soon out of date by right [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
 
 
 @dataclass(eq=False, slots=True)

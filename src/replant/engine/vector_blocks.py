@@ -11,7 +11,8 @@ from replant.arguments import FloatArray
 from replant.engine.state import IntArray, State
 from replant.kernels.schema import LAYOUT, LINE, StateSlots
 
-TILE = 256  # samples that a block takes at once: they, and what comes of them, stay in the cache
+TILE = 256
+"""Samples that a block takes at once: they, and what comes of them, stay in the processor's cache [samples]."""
 #: What the members of a block have in common: everything in `ints` but the random seed and what changes.
 ALIKE = [slot.index for slot in StateSlots.integers if slot.writer == LAYOUT and slot is not StateSlots.seed]
 ALIKE += [StateSlots.rests_with_input.index, StateSlots.adapt.index]
@@ -25,7 +26,7 @@ def is_under_way(state: State) -> bool:
 
     kept = state.banks[0, bk.at_kept(state.order, state.entries)]
     interval = state.interval
-    return state.started and bool(abs(kept - interval) <= 1e-9 * interval)
+    return state.started and bool(abs(kept - interval) <= bk.SAME_INTERVAL * interval)
 
 
 def kind(state: State) -> tuple[int, ...]:

@@ -27,27 +27,58 @@ from typing import Final
 
 from replant.kernels.slots import Block, Choice, Flag, Integer, Nested, Part, Real, Table
 
-PAST: Final = 4  # past estimates kept; what came after the oldest is held out from it, for assessment
-LAGS: Final = 4  # order of the residual's autoregression
-ROOM: Final = 64  # rows of the estimate's path; once the record is long at least half of them are in use
+PAST: Final = 4
+"""Past estimates kept; what came after the oldest is held out from it, for assessment [count].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
 
-LINE: Final = 64  # bytes of a line of the processor's cache
-LARGEST: Final = 1e150  # largest magnitude accepted: its square, and sums of such, are still far inside float64
+LAGS: Final = 4
+"""Order of the residual's autoregression [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+ROOM: Final = 64
+"""Rows of the estimate's path; once the record is long at least half of them are in use [count].
+Origin: white noise keeps its standard deviations within a third.
+Sensitivity: not measured.
+"""
+
+LINE: Final = 64
+"""A line of the processor's cache [bytes]."""
+
+LARGEST: Final = 1e150
+"""Largest magnitude of a sample that is accepted: its square, and sums of such, are still far inside float64 [number].
+"""
 
 # Columns of the raw samples kept; a state that does not examine its outputs has the first three.
 INPUT, OUTPUT, STEP, BRIDGED, DOUBTED = range(5)
 
-# HELD_AT while the identifier takes a sample that was held back, or a record that it has judged already.
 BELIEVED: Final = -1
-# A stamp that lies so many sampling times ahead leaps: its successor must confirm it.  More than the 40 that a clock
-# that was set counts as: at half as many its every first sample would leap.  A misread stamp that is less ahead costs
-# the samples up to it: twice as many are more than learning may stand still for.
+"""Value of HELD_AT while the identifier takes a sample that was held back, or a record that it has judged already
+[number].
+"""
+
 LEAP: Final = 50.0
-# Sampling times from zero beyond which float64 tells stamps apart by no better than a hundredth of one.  Seconds since
-# 1970 reach it at 26 kHz; a tenth of it would refuse them at 3 kHz, and ten times it would let jitter of a tenth in.
+"""Interval beyond which a stamp leaps ahead: its successor must confirm it [sampling times].
+Derivation: more than the 40 that a clock that was set counts as; at half as many its every first sample would leap. A
+misread stamp that is less ahead costs the samples up to it: twice as many are more than learning may stand still for.
+Sensitivity: not measured.
+"""
+
 FARTHEST: Final = 0.01 * 2.0**52
-# Stamps in a row that advance, but lie before the newest accepted one; the next one shows that the clock was set.
+"""Time from zero beyond which float64 tells stamps apart by no better than a hundredth of a sampling time [sampling
+times].
+Derivation: seconds since 1970 reach it at 26 kHz; a tenth of it would refuse them at 3 kHz, and ten times it would let
+jitter of a tenth in.
+"""
+
 MOST_EARLIER: Final = 10
+"""Stamps in a row that advance, but lie before the newest accepted one, after which the clock was set [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
 
 FIXED: Final = {"PAST": PAST, "LAGS": LAGS, "ROOM": ROOM}
 

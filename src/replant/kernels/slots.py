@@ -14,7 +14,10 @@ from typing import Any, ClassVar, Generic, Self, TypeVar, overload
 
 import numpy as np
 
-NEVER = 2**53  # samples: no stream is as long, a float64 tells them apart, and sums of many are inside int64
+NEVER = 2**53
+"""A sample that never comes: no stream is as long, a float64 tells samples apart up to it, and sums of many are inside
+int64 [samples].
+"""
 
 Kind = TypeVar("Kind", bound=IntEnum)
 Inner = TypeVar("Inner", bound="Part")

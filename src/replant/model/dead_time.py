@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+WHOLE = 1e-9
+"""Distance of a dead time from a whole number of samples up to which it counts as whole [part of it].
+Derivation: some million times the precision of float64: a decimal fraction of a decimal sampling time is hit.
+"""
+
 
 def split_delay(delay: float, dt: float) -> tuple[int, float]:
     """Return a dead time in s as whole samples and a fraction of one; a fraction below 1e-9 is rounded away.
@@ -13,6 +18,6 @@ def split_delay(delay: float, dt: float) -> tuple[int, float]:
     """
     samples = delay / dt
     nearest = round(samples)
-    if abs(samples - nearest) < 1e-9 * max(1.0, samples):
+    if abs(samples - nearest) < WHOLE * max(1.0, samples):
         return nearest, 0.0
     return int(samples), samples - int(samples)

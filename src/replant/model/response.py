@@ -15,7 +15,8 @@ from replant.arguments import FloatArray
 from replant.model import state_space
 from replant.model.dead_time import split_delay
 
-NOTHING = 1e-200  # of a free response, below which it has died out; before its numbers become slow ones (denormal)
+NOTHING = 1e-200
+"""Size of a free response below which it has died out; before its numbers become slow ones (denormal) [number]."""
 
 
 class Rational(Protocol):

@@ -14,8 +14,20 @@ from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
 from replant.statistics.linear_algebra import quiet
 
-CANDIDATES = 16  # cutoffs tried, evenly spaced in the logarithm
-MOST_SAMPLES = 20_000  # looked at for the choice
+SLOWEST_CUTOFF = 10.0
+"""Slowest cutoff tried [1 / duration of the record].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+CANDIDATES = 16
+"""Cutoffs tried, evenly spaced in the logarithm [count].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+MOST_SAMPLES = 20_000
+"""Samples looked at for the choice [samples]."""
 
 
 @quiet
@@ -40,7 +52,7 @@ def choose_filter(
     u, y = u[:MOST_SAMPLES], y[:MOST_SAMPLES]
     accepted, _ = screen(preprocess.map_input(u), y)
     y = np.where(accepted, y, np.nan)
-    slowest, fastest = 10.0 / (u.size * dt), 1.0 / dt
+    slowest, fastest = SLOWEST_CUTOFF / (u.size * dt), 1.0 / dt
     candidates = np.geomspace(min(slowest, fastest / 10), fastest, CANDIDATES)
     linear_input = np.where(accepted, preprocess.map_input(u) - float(preprocess.input_offset), np.nan)
     best, best_fit = StateVariableFilter(cutoff=rounded(float(candidates[CANDIDATES // 2]))), -np.inf

@@ -31,15 +31,42 @@ from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
 from replant.offline.refined import PriorInformation, Refined, conclude
-from replant.offline.srivc import POLISH, Problem
+from replant.offline.srivc import HALVINGS, NEARLY_DONE, POLISH, Problem
 from replant.simulation.auxiliary_model import Pass
 from replant.statistics.linear_algebra import quiet, roots, solve
 
-STAYS, MOVES = 0.01, 1.0  # parts of its size by which a coefficient is held to be off that has stayed, or moved
-FLOOR = 0.03  # part of what its neighbours make it, as which a coefficient counts at the least
-ITERATIONS = 10  # of the instrumental-variable step
-HALVINGS = 10
-ALL, NONE = 0, 1  # of the suppositions
+STAYS = 0.01
+"""Part of its size by which a coefficient is held to be off that has stayed [part of its size].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+MOVES = 1.0
+"""The same of one that has moved [part of its size].
+Origin: a coefficient that moves may double or vanish.
+Sensitivity: not measured.
+"""
+
+FLOOR = 0.03
+"""Part of what its neighbours make it, as which a coefficient counts at the least [part].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+ITERATIONS = 10
+"""Instrumental-variable steps from the prior's mean [count].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+CONVERGED = 1e-3
+"""Gain of a Gauss-Newton step below which the fit is done [variances of the residual].
+Derivation: a thirtieth of a standard deviation.
+Sensitivity: not measured.
+"""
+
+ALL, NONE = 0, 1
+"""Places among the suppositions [index]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +221,7 @@ def _most_likely(problem: Problem, model: FloatArray, prior: Prior) -> tuple[Flo
                 model, done = tried, after
                 break
         else:
-            return model, done, gain <= 1e-1 * prior.variance
-        if gain <= 1e-3 * prior.variance:
+            return model, done, gain <= NEARLY_DONE * prior.variance
+        if gain <= CONVERGED * prior.variance:
             return model, done, True
     return model, done, False

@@ -22,7 +22,18 @@ from replant.statistics.linear_algebra import (
 )
 from replant.statistics.udu import compose, factor_information, larger
 
-ACCEPTABLE = 0.25  # relative uncertainty up to which a start-up is long enough
+ACCEPTABLE = 0.25
+"""Relative uncertainty up to which a start-up is long enough [part of a coefficient's size].
+Origin: a recursion from a bad first model can go wrong; a quarter leaves the sign and the size of each coefficient
+known.
+Sensitivity: not measured.
+"""
+
+BINDING = 4.0
+"""Distance of a pole from the axis up to which the margin of stability binds, as with an integrator [margins].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +148,7 @@ def conclude(
     """
     samples, size = record.u.size, model.size
     theta, error = model, done.error
-    if prior is None and roots(np.concatenate([[1.0], model[structure.denominator]])).real.max() > -4.0 * slowest:
+    if prior is None and roots(np.concatenate([[1.0], model[structure.denominator]])).real.max() > -BINDING * slowest:
         # a pole lies at the margin, as an integrator's does: one step without the margin gives the estimate
         step = solve(done.zeta.T @ done.phi, done.zeta.T @ done.error)
         if step is not None:

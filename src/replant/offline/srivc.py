@@ -31,12 +31,97 @@ from replant.offline.refined import Refined, conclude
 from replant.simulation.auxiliary_model import AuxiliaryModel, Pass
 from replant.statistics.linear_algebra import quiet, roots, solve
 
-CUTOFFS = 8  # of state-variable filters tried for a start, evenly spaced in the logarithm
-SHORT, LONG = 4, 20  # iterations of each start, and of the most promising ones
+CUTOFFS = 8
+"""State-variable filters tried for a start, evenly spaced in the logarithm [count].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+SHORT = 4
+"""Iterations of each start [count].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+LONG = 20
+"""Iterations of the most promising starts [count].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+SLOWEST_CUTOFF = 5.0
+"""Slowest of their cutoffs; the fastest is 1 / dt [1 / duration of the record].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
 PROMISING = 3
-POLISH = 30  # Gauss-Newton steps
-SLOWEST = 0.01  # margin of stability, over the record's length
-FASTEST = 3.0  # bound of a pole's magnitude, over the sampling time
+"""Starts that are iterated further [count].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+STALLED = 1e-6
+"""Decrease of the cost below which an iteration stalls [part of the cost].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+STALLS = 6
+"""Iterations that may stall [count].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+STILL = 1e-3
+"""Movement of the estimate below which the iteration has converged [standard deviations of what a regressor's entry
+tells].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+DONE = 1e-6
+"""Gain of a Gauss-Newton step below which the fit is done [variances of the residual].
+Derivation: a thousandth of a standard deviation.
+Sensitivity: not measured.
+"""
+
+NEARLY_DONE = 0.1
+"""The same where no shorter step gains anything either [variances of the residual].
+Derivation: a third of a standard deviation: where poles are as fast as the sampling the instruments' root lies a
+little beside the least cost.
+Sensitivity: not measured.
+"""
+
+ROUNDING = 1e-18
+"""Power of the residual below which only rounding is left [part of the output's power].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+HALVINGS = 10
+"""Halvings of a Gauss-Newton step at the most [count].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+POLISH = 30
+"""Gauss-Newton steps at the most [count].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+SLOWEST = 0.01
+"""Margin of stability [1 / duration of the record].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+FASTEST = 3.0
+"""Bound of a pole's magnitude [1 / sampling time].
+Derivation: beyond pi / dt a pole lies above half the sampling rate.
+Sensitivity: not measured.
+"""
 
 
 class Problem:
@@ -123,7 +208,7 @@ class Problem:
         for _ in range(iterations):
             model = current
             done = self.run(model)
-            stalls += not done.cost < best * (1.0 - 1e-6)
+            stalls += not done.cost < best * (1.0 - STALLED)
             if done.cost < best:
                 best, best_model = done.cost, model
             found = solve(done.zeta.T @ done.phi, done.zeta.T @ done.target)
@@ -131,7 +216,7 @@ class Problem:
                 return best, best_model, None
             change = np.abs(found - model) * np.linalg.norm(done.zeta, axis=0)
             current = self.project(found)
-            if change.max() <= 1e-3 * math.sqrt(done.cost) or stalls >= patience:
+            if change.max() <= STILL * math.sqrt(done.cost) or stalls >= patience:
                 break
         return best, best_model, current
 
@@ -147,19 +232,19 @@ class Problem:
             gain = float(direction @ gradient) / self.record.u.size
             samples = self.record.u.size
             # converged: the step is a thousandth of a standard deviation, or the error is rounding
-            if gain * samples <= 1e-6 * done.cost or done.cost <= 1e-18 * power:
+            if gain * samples <= DONE * done.cost or done.cost <= ROUNDING * power:
                 return model, done, True
             better = self._line_search(model, direction, done.cost)
             if better is None:
                 # no step lowers the cost: the instruments join the model's output by straight lines between samples, so
                 # that with poles as fast as the sampling the gradient vanishes a little beside the least cost
-                return model, done, gain * samples <= 1e-1 * done.cost
+                return model, done, gain * samples <= NEARLY_DONE * done.cost
             model, done = better
         return model, done, False
 
     def _line_search(self, model: FloatArray, direction: FloatArray, cost: float) -> tuple[FloatArray, Pass] | None:
-        """Return the model after the longest of ten halved steps that lowers the cost; None if none does."""
-        for halvings in range(10):
+        """Return the model after the longest of `HALVINGS` halved steps that lowers the cost; None if none does."""
+        for halvings in range(HALVINGS):
             tried = model + direction * 0.5**halvings
             if self.is_usable(tried):
                 done = self.run(tried)
@@ -193,13 +278,13 @@ def refine(structure: Structure, record: Record, given: Sequence[FloatArray] = (
     problem = Problem(structure, record)
     starts: list[FloatArray | None] = [problem.project(np.asarray(theta, np.float64)) for theta in given]
     if not starts:
-        cutoffs = np.geomspace(5.0 / record.span, 1.0 / record.dt, CUTOFFS)
+        cutoffs = np.geomspace(SLOWEST_CUTOFF / record.span, 1.0 / record.dt, CUTOFFS)
         starts = [problem.from_cutoff(float(cutoff)) for cutoff in cutoffs]
     tried = [problem.improve(start, SHORT, SHORT) for start in starts if start is not None]
     tried.sort(key=lambda outcome: outcome[0])
     for _, _, last in list(tried[:PROMISING]):
         if last is not None:
-            tried.append(problem.improve(last, LONG, 6))
+            tried.append(problem.improve(last, LONG, STALLS))
     if not tried:
         return None
     best, model, _ = min(tried, key=lambda outcome: outcome[0])

@@ -17,8 +17,17 @@ from replant.offline.fit import FitResult, fit
 from replant.regressor.preprocess import Preprocess
 from replant.statistics.linear_algebra import quiet
 
-TRAINED = 0.7  # of the record; the rest is held out
-ENOUGH = 0.5  # points of held-out fit that more parameters must bring to be worth having
+TRAINED = 0.7
+"""Part of the record that models are fitted to; the rest is held out [share].
+Origin: a rule of thumb of cross validation.
+Sensitivity: not measured.
+"""
+
+ENOUGH = 0.5
+"""Held-out fit that more parameters must bring to be worth having [%].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
 
 
 @dataclass(frozen=True, eq=False)

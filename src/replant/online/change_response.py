@@ -28,21 +28,85 @@ from replant.simulation.model_run import run_model
 from replant.statistics.linear_algebra import quiet, roots
 from replant.statistics.projections import without
 
-# A change is believed where a model of the first two thirds of what came since leaves, of the last, at most this part
-# of what the present one leaves,
 BETTER = 0.5
-# ... by so many units of the log likelihood: more than as many coefficients would gain by chance,
+"""Power left of the last third of what came since by a model of the first two, over what the present one leaves, up to
+which a change is believed [ratio of powers].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
 SURE = 15.0
-# ... and explains at least this part of the output's power there.
+"""Gain in the logarithm of the likelihood below which a change may be chance [nats].
+Derivation: more than as many coefficients as a usual model has would gain by chance.
+Sensitivity: not measured.
+"""
+
 EXPLAINED = 0.3
-LIKELY = 0.8  # that no coefficient has moved: then only the constant is learned anew
-BRIEF = 0.25  # slowest time constants, below which a record cannot tell them
-BEGINNINGS = 0.125, 0.25  # parts of what came since, after which whatever has moved is held to have moved
-EARLIEST = 0.25  # of a start-up, after which it is looked into first,
-LATEST = 2.0  # ... and after which it is no longer believed,
-WORSE, EARLIER = 0.8, 0.5  # or earlier if a model of what came since is hardly better than the present one
-SETTLED = 10.0  # slowest time constants: an input that moves seldom must have moved meanwhile
-PATIENCE = 1.5  # each look takes so many times the samples of the one before
+"""Part of the output's power there that the model must explain [part of the output's power].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+LIKELY = 0.8
+"""Probability that no coefficient has moved beyond which only the constant is learned anew [probability].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+BRIEF = 0.25
+"""Length of a record below which it cannot tell the slowest mode [slowest time constants].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+BEGINNINGS = 0.125, 0.25
+"""Parts of what came since an alarm, after which whatever has moved is held to have moved [part of the record since].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+EARLIEST = 0.25
+"""Length of what came since after which it is looked into first [start-ups].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+LATEST = 2.0
+"""Length after which a change is no longer believed [start-ups].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+WORSE = 0.8
+"""Ratio of powers as of BETTER from which on a model of what came since is hardly better [ratio of powers].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+EARLIER = 0.5
+"""Length after which a change is then no longer believed [start-ups].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+SETTLED = 10.0
+"""Time in which an input that moves seldom must have moved, before a change is no longer believed [slowest time
+constants].
+Origin: as WARM_TIME_CONSTANTS: the plant shows what it has become.
+Sensitivity: not measured.
+"""
+
+SOONEST = 50
+"""Samples between two looks at the least [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+PATIENCE = 1.5
+"""Growth of what came since until the next look [ratio of lengths].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
 
 
 @quiet
@@ -83,7 +147,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     samples = old.samples
     kept = RecentSamples.since(old, _began(old)).after_stuck()
     length = len(kept)
-    later = samples + max(int((PATIENCE - 1.0) * length), 50)
+    later = samples + max(int((PATIENCE - 1.0) * length), SOONEST)
     if length < _least(settings) or kept.stuck > MOST_DOUBTED:
         return old, later
     # a constant output: a gain of zero would explain it, but it is a failed sensor

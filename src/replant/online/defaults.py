@@ -18,7 +18,8 @@ from replant.settings import (
 )
 from replant.statistics.linear_algebra import quiet
 
-UNKNOWN_LENGTH = 2_000  # samples to come that an optimizer is tuned for where nobody knows better
+UNKNOWN_LENGTH = 2_000
+"""Samples to come that an optimizer is tuned for where nobody knows better [samples]."""
 
 
 @quiet

@@ -25,8 +25,10 @@ from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
 from replant.online.trace import Trace
 
-LEAST = 3  # members that a block pays for: it takes about the time of three
-PORTION = 8192  # samples after which a thread may go on with other members: none then waits long for the last one
+LEAST = 3
+"""Members that a block pays for: it takes about the time of three [count]."""
+PORTION = 8192
+"""Samples after which a thread may go on with other members: none then waits long for the last one [samples]."""
 
 Take = Callable[..., None]  # takes the samples from a row on: (room, row, u, y, errors, parameters)
 

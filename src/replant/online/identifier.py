@@ -42,7 +42,8 @@ from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
 from replant.settings import AUTO, LONGEST_STARTUP, Request, Settings
 
-NAN = math.nan  # looked up at every sample
+NAN = math.nan
+"""NaN, looked up at every sample [number]."""
 DERIVED = {"_kernel", "_mapped", "_step", "_steps"}  # attributes that follow from the others
 
 if TYPE_CHECKING:

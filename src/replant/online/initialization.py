@@ -15,9 +15,24 @@ from replant.settings import Settings
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.udu import compose, factor_covariance
 
-LIMIT = 50.0  # usual variances by which the residual must have exceeded what is no growth, summed, to be looked into
-SHORTEST_MEMORY = 100  # samples of an input that stands still, before which it does not rest
-ROOM = 1e6  # how far forgetting may let the variances grow beyond those of the start-up
+SHORTEST_MEMORY = 100
+"""Samples of an input that stands still before which it does not rest, where an optimizer forgets [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+FORGETS = 0.1
+"""Share that is forgotten in a sample, times the start-up's samples, up to which an optimizer counts as one that never
+forgets [ratio].
+Derivation: its memory is then ten start-ups.
+Sensitivity: not measured.
+"""
+
+ROOM = 1e6
+"""How far forgetting may let the variances grow beyond those of the start-up [ratio of variances].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
 
 
 @quiet
@@ -62,7 +77,7 @@ def _memory(state: State, settings: Settings) -> int:
     else:  # relative growth of a variance in one sample
         known = np.diag(compose(*state.factors))
         share = float((numbers[1 : 1 + size] * settings.dt / np.maximum(known, 1e-300)).max())
-    return max(math.ceil(1.0 / share), SHORTEST_MEMORY) if share > 0.1 * state.forget_input else 0
+    return max(math.ceil(1.0 / share), SHORTEST_MEMORY) if share > FORGETS * state.forget_input else 0
 
 
 def _rates(state: State, settings: Settings) -> FloatArray:
@@ -113,6 +128,8 @@ def _write_tracking(state: State, settings: Settings, refined: Refined, record: 
 
 def _write_monitoring(state: State, settings: Settings, refined: Refined, record: Record) -> None:
     """Write what is monitored against: residual's variance, output's size, share of equal neighbours."""
+    from replant.kernels.monitoring import outliers
+
     scale = settings.scaling.output
     state.late_variance = state.usual_variance = refined.variance / scale**2
     state.residuals_seen = record.u.size
@@ -121,7 +138,7 @@ def _write_monitoring(state: State, settings: Settings, refined: Refined, record
     steps = np.abs(np.diff(record.y))
     state.sensor_step = float(steps[steps > 0.0].min(initial=math.inf))
     state.last_raw = math.nan
-    state.cusum_limit = LIMIT if state.refined else 0.0  # a fixed filter's error is not that of the output
+    state.cusum_limit = outliers.LIMIT if state.refined else 0.0  # a fixed filter's error is not that of the output
 
 
 def _write_colour(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:

@@ -11,8 +11,13 @@ from replant.settings import Settings
 from replant.simulation.model_run import run_model
 from replant.statistics.projections import without
 
-# Where the input hardly moves, another gain looks like another constant: a gain this part larger would have to show.
 TELLING = 0.2
+"""Change of the gain that the record must be able to show before another constant is believed instead: where the input
+hardly moves they look alike [part of the gain].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
 KEPT = (State.outliers, State.stuck, State.rested, State.gaps)  # counters of samples, each of which is counted once
 
 

@@ -18,8 +18,19 @@ from replant.settings import Settings
 from replant.statistics.linear_algebra import quiet
 
 REGULAR = np.zeros(0)  # the time stamps of a regular clock
-MOST_DOUBTED = 0.05  # share of bridged samples up to which a record is one
-MATURE = 8  # start-ups: an estimate from fewer may itself have gone astray; the record goes on to be solved again
+
+MOST_DOUBTED = 0.05
+"""Share of bridged samples up to which a record is one that can be solved [share of samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+MATURE = 8
+"""Length of the record before which its estimate may itself have gone astray, and goes on to be solved again
+[start-ups].
+Origin: three doublings of the start-up, after each of which the record is solved again.
+Sensitivity: not measured.
+"""
 
 
 def next_solution(state: State, settings: Settings) -> int:

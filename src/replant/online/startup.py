@@ -20,8 +20,30 @@ from replant.statistics.linear_algebra import quiet
 
 Held = tuple[float, float, float]  # a sample (u, y, t) held for start-up
 
-SPIKE_NEIGHBOURS = 5  # samples that tell what an output is without its spikes
-FAR, MOST_LONE = 1e3, 2  # times the largest other input that one must be to be misread; more than two are pulses
+GROSS = 2.0
+"""Distance of an output from the median of its neighbours beyond which it is a spike [ranges of that median over the
+record].
+Derivation: nothing that a plant does.
+Sensitivity: not measured.
+"""
+
+SPIKE_NEIGHBOURS = 5
+"""Neighbours whose median tells what an output is without its spikes [samples].
+Derivation: two spikes in a row are outvoted.
+Sensitivity: not measured.
+"""
+
+FAR = 1e3
+"""Distance of an input beyond which it was misread [times the largest other one].
+Origin: as INPUT_LEAP of the recursion.
+Sensitivity: not measured.
+"""
+
+MOST_LONE = 2
+"""Inputs of a start-up that may be misread; more are pulses [count].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
 
 
 def hold_back(
@@ -155,7 +177,7 @@ def without_spikes(y: FloatArray) -> FloatArray:
     half = SPIKE_NEIGHBOURS // 2
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(y, half, mode="reflect"), SPIKE_NEIGHBOURS)
     median = np.median(windows, axis=1)
-    limit = 2.0 * float(np.ptp(median))
+    limit = GROSS * float(np.ptp(median))
     with np.errstate(over="ignore"):
         gross = (np.abs(y - median) > limit) & (limit > 0.0)
     return np.where(gross, median, y) if gross.any() else y

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from replant.arguments import keep, whole
 from replant.errors import InvalidArgumentError
 
-LARGEST_BATCH = 100_000  # updates a sample: they take some milliseconds, which nothing interrupts
+LARGEST_BATCH = 100_000
+"""Updates a sample at the most: they take some milliseconds, which nothing interrupts [count]."""
 
 
 @dataclass(frozen=True)

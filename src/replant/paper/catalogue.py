@@ -27,7 +27,8 @@ ACTUATOR = "actuator"
 ACTUATOR_FIGURES = ("fig6", "fig7", "fig8")
 #: What `replant reproduce` reproduces, in the article's order; "actuator" is a table that the article does not have.
 NAMES = (*TABLES, *FIGURES, *ACTUATOR_FIGURES, ACTUATOR)
-DOTS = 150  # an inch, of the PNG
+DOTS = 150
+"""Resolution of the PNG [1/inch]."""
 
 
 @dataclass(frozen=True, eq=False)

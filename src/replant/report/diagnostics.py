@@ -15,11 +15,17 @@ from replant.runs.result import Result
 
 IntArray = np.ndarray[tuple[int], np.dtype[np.int64]]
 
-# two-sided standard normal quantiles
 BAND_95, BAND_99 = 1.960, 2.576
-FEWEST = 8  # residuals below which a correlation says nothing
-WINDOWS = 100  # that a record is long, unless they become too short for the parameters
-STRIDES = 4  # steps in which a window moves by its length
+"""Two-sided standard normal quantiles, at 95 and 99 % [standard deviations].
+Level: 95 and 99 %.
+"""
+
+FEWEST = 8
+"""Residuals below which a correlation says nothing [samples]."""
+WINDOWS = 100
+"""Windows in a record, unless they become too short for the parameters [count]."""
+STRIDES = 4
+"""Steps in which a window moves by its length [count]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,10 @@ from replant.report.numbers import complex_number, number
 from replant.runs.result import Result
 
 GOOD, WARN, BAD = "good", "warn", "bad"
-FEW_SAMPLES = 10  # a parameter
-MANY_REJECTED = 0.01  # part of the record
+FEW_SAMPLES = 10
+"""Samples for each parameter below which a record is called short [samples]."""
+MANY_REJECTED = 0.01
+"""Share of rejected samples that is mentioned as many [share of samples]."""
 
 # status: gravity, headline, what it means
 _VERDICTS = {

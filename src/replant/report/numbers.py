@@ -8,10 +8,14 @@ from replant.arguments import FloatArray
 from replant.model.transfer_function import TransferFunction
 
 MINUS, TIMES, PLUS_MINUS = "−", "×", "±"
-PLAIN = 1e6  # from here on a power of ten is split off
-WORST_PERCENT = -1000.0  # below which it does not matter how bad a fit is
-LINE = 42  # digits that a line of a polynomial may be wide
-WIDEST = 1e12  # a grouped number from here on is written with a power of ten
+PLAIN = 1e6
+"""Magnitude from which on a power of ten is split off [number]."""
+WORST_PERCENT = -1000.0
+"""Fit below which it does not matter how bad it is [%]."""
+LINE = 42
+"""Width of a line of a polynomial [digits]."""
+WIDEST = 1e12
+"""Magnitude from which on a grouped number is written with a power of ten [number]."""
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 

@@ -22,7 +22,8 @@ OFFLINE = ("srivc", "least_squares")
 METHODS = (DEFAULT, *OPTIMIZERS, *OFFLINE)
 #: What is compared by default: replant's default, two of the article's optimizers, and the fits of the whole record.
 USUAL = (DEFAULT, "amsgrad", "gradient", *OFFLINE)
-TRIAL = 500  # samples of a trial run
+TRIAL = 500
+"""Samples of a trial run [samples]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,8 @@ from replant.data.logs.parquet import CHECKED, SUFFIXES
 from replant.errors import LogError, MissingDependencyError
 from replant.online.trace import Trace
 
-GROUP_ROWS = 1 << 17  # of a row group: what is held before it is written
+GROUP_ROWS = 1 << 17
+"""Rows of a row group: what is held before it is written [rows]."""
 
 
 class FullTrace:

@@ -9,7 +9,8 @@ import numpy as np
 from replant.arguments import BoolArray, FloatArray
 from replant.runs.thinning import Thinned, Thinner
 
-POINTS = 36_000  # of each signal at most: a screen is 2,000 columns wide, so nine-fold zoom loses nothing
+POINTS = 36_000
+"""Points of each signal at most: a screen is 2,000 columns wide, so nine-fold zoom loses nothing [count]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,8 @@ from replant.simulation.stretches import (
 )
 from replant.statistics.linear_algebra import quiet
 
-MOST_SHADES = 1000  # stretches left out that a plot tells apart
+MOST_SHADES = 1000
+"""Stretches left out that a plot tells apart [count]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,12 +28,17 @@ from replant.simulation.stretches import (
 )
 from replant.statistics.linear_algebra import quiet
 
-CHUNK = 1 << 13  # samples between two reports of progress: fewer than an identifier keeps
-PIECE = 1 << 15  # samples of the second pass that are looked at together
-MOST_ROWS = 10_000  # of history kept: more than a plot can show
-SETTLED = 1_000_000  # samples looked at where choices are made from the record beforehand
+CHUNK = 1 << 13
+"""Samples between two reports of progress: fewer than an identifier keeps [samples]."""
+PIECE = 1 << 15
+"""Samples of the second pass that are looked at together [samples]."""
+MOST_ROWS = 10_000
+"""Rows of history kept: more than a plot can show [rows]."""
+SETTLED = 1_000_000
+"""Samples looked at where choices are made from the record beforehand [samples]."""
 IDENTIFYING, TESTING = "identifying", "testing"  # the stages of a run
-BANDS = 200  # times that standard deviations are taken along the way
+BANDS = 200
+"""Times that standard deviations are taken along the way [count]."""
 
 
 def run_online(

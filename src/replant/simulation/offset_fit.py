@@ -13,6 +13,11 @@ from replant.model.transfer_function import TransferFunction
 from replant.simulation.free_run import free_run
 from replant.statistics.linear_algebra import least_norm, quiet
 
+RANK_TOLERANCE = 1e-12
+"""Singular value of the scaled free responses below which it counts as zero [part of the largest].
+Derivation: some thousand times the precision of float64.
+"""
+
 
 @dataclass(frozen=True)
 class Simulation:
@@ -134,7 +139,7 @@ def initial_weights(forced: FloatArray, free: FloatArray, y: FloatArray) -> Floa
     lengths = np.linalg.norm(basis, axis=0)
     lengths[lengths == 0.0] = 1.0
     # the columns are scaled: the sizes of a response that dies out and of one that grows differ by many decades
-    found, rank, _ = least_norm(basis / lengths, y[kept] - forced[kept], 1e-12)
+    found, rank, _ = least_norm(basis / lengths, y[kept] - forced[kept], RANK_TOLERANCE)
     if rank == 0:
         return None
     weights = np.zeros(usable.size)

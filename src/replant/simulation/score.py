@@ -18,7 +18,8 @@ from replant.model.transfer_function import TransferFunction
 from replant.simulation.offset_fit import bridged, initial_weights, with_initial
 from replant.statistics.autoregression import Autoregression
 
-FITTED = 1 << 18  # samples over which the initial state is fitted
+FITTED = 1 << 18
+"""Samples over which the initial state is fitted [samples]."""
 
 _BoolArray = np.ndarray[tuple[int], np.dtype[np.bool_]]
 

@@ -18,6 +18,15 @@ from replant.statistics.chi2 import chi2_quantile
 from replant.statistics.linear_algebra import quiet
 
 WHITENESS_LAGS = 25
+"""Lags of the portmanteau statistic [samples].
+Origin: a usual number for records of hundreds to thousands of samples.
+Sensitivity: not measured.
+"""
+
+WHITENESS_LEVEL = 0.99
+"""Level of the portmanteau statistic's limit [probability].
+Level: 99 %.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,4 +118,4 @@ def whiteness(error: FloatArray) -> float:
     if lags < 1 or not power > 0.0:
         return 0.0
     correlations = np.array([error[lag:] @ error[: error.size - lag] for lag in range(1, lags + 1)]) / power
-    return float(error.size * (correlations @ correlations) / chi2_quantile(0.99, lags))
+    return float(error.size * (correlations @ correlations) / chi2_quantile(WHITENESS_LEVEL, lags))

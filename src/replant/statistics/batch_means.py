@@ -27,13 +27,31 @@ from replant.arguments import FloatArray
 from replant.kernels.schema import FIXED, ROOM, PathSlots
 from replant.statistics.udu import compose, factor_information
 
-LEAST_ROWS = 16  # blocks that tell a variance
-LEAST_BLOCKS = 6.0  # as many of equal weight, 1 / sum w^2; of longer blocks half as many
-# Standard deviations, of a variance told by so many blocks, by which it exceeds what the residual's colour makes it:
-# then there is noise slower than the colour knows, and longer blocks are asked as well.  Where there is none, they
-# would only add to the scatter of the figure.
+LEAST_ROWS = 16
+"""Blocks below which a path tells no variance [count].
+Origin: half of what the path of a long record has at the least, ROOM / 2.
+Sensitivity: not measured.
+"""
+
+LEAST_BLOCKS = 6.0
+"""Blocks of equal weight, 1 / sum w^2, below which a path tells no variance; of longer blocks half as many [count].
+Derivation: six blocks know a standard deviation to a third.
+Sensitivity: not measured.
+"""
+
 BEYOND_CHANCE = 4.0
+"""Excess of a variance, told by so many blocks, over what the residual's colour makes it, beyond which there is noise
+slower than the colour knows, and longer blocks are asked as well. Where there is none, they would only add to the
+scatter of the figure [standard deviations].
+Origin: a normal deviate beyond 4 has the chance 3e-5.
+Sensitivity: not measured.
+"""
+
 LONGER = (2, 4, 8)
+"""Lengths of the longer blocks [blocks].
+Origin: powers of two: each asks a path of half as many.
+Sensitivity: not measured.
+"""
 
 
 def path_variances(

@@ -12,7 +12,11 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.statistics.linear_algebra import quiet
 
-LEAST_PIVOT = 1e-13  # of the equilibrated information: what the data do not tell gets a large variance, not an infinite
+LEAST_PIVOT = 1e-13
+"""Floor of a pivot of the equilibrated information: a direction that the data do not determine gets a large, finite
+variance [part of the diagonal].
+Derivation: some hundred times the precision of float64.
+"""
 
 
 @quiet

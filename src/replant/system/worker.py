@@ -6,7 +6,8 @@ import _thread
 import threading
 from collections.abc import Callable
 
-START_TIMEOUT = 60.0  # s within which a thread that was started must have begun: it needs microseconds
+START_TIMEOUT = 60.0
+"""Time within which a thread that was started must have begun: it needs microseconds [s]."""
 
 
 class Worker:

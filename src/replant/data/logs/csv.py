@@ -39,10 +39,13 @@ from replant.data.logs.prefetch import prefetch
 from replant.data.logs.table import Table
 from replant.errors import LogError
 
-BLOCK_BYTES = 1 << 21  # bounds the memory of the text held at a time
-WORKERS = 2  # blocks parsed at once
+BLOCK_BYTES = 1 << 21
+"""Text of a log held at a time [bytes]."""
+WORKERS = 2
+"""Blocks parsed at once [count]."""
 
 _HEAD_BYTES = 1 << 16
+"""Beginning of a file that its layout is told from [bytes]."""
 _WIDE = "utf-16"  # comes as utf-8 from where the file is read
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _ODD = tuple(mark.encode() for mark in ('"', *COMMENT_MARKS))  # a block with one of them is not for pyarrow

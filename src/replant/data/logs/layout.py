@@ -22,12 +22,19 @@ from replant.errors import LogError
 COMMENT_MARKS = ("#", "%")
 DELIMITERS = (";", "\t", "|", ",", None)  # None: runs of blanks.  Of two with equal score the first one is taken
 QUOTES_REMEDY = "correct it, or write a quotation mark within a quoted cell twice"
-LONGEST_LINE = 1 << 26  # characters: a million columns and more
-LONGEST_NAME = 1000  # characters
+LONGEST_LINE = 1 << 26
+"""Longest line that is read: a million columns and more [characters]."""
+LONGEST_NAME = 1000
+"""Longest name of a column [characters]."""
 
 _SAMPLE_ROWS = 100
-_SAMPLE_CHARACTERS = 1 << 18  # bounds the cost of the detection for files with very wide rows
+"""Rows that the layout is detected from [rows]."""
+
+_SAMPLE_CHARACTERS = 1 << 18
+"""Characters that the layout is detected from; they bound the cost for files with very wide rows [characters]."""
+
 _HEAD_BYTES = 1 << 16
+"""Beginning of a file that its layout is detected from [bytes]."""
 _CONTROL_BYTES = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a"))
 _BEGUN_NUMBER = re.compile(r"[+-]?[.,]?\d")
 _EXCEL_HINT = re.compile(r"sep=.?", re.IGNORECASE)  # a first line that tells Excel the delimiter

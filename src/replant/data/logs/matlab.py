@@ -24,12 +24,21 @@ from replant.data.logs.damage import damage_as_log_error
 from replant.data.logs.table import Table
 from replant.errors import LogError
 
-# Limits of the process, far above the need of a record, which compression makes at most about ten times smaller
-MEMORY, MEMORY_PER_BYTE = 4 << 30, 32  # bytes, and bytes for each of the file
-SECONDS, SECONDS_PER_BYTE = 120.0, 1e-6
+MEMORY = 4 << 30
+"""Memory that the reading process may take: far above the need of a record, which compression makes at most about ten
+times smaller [bytes].
+"""
+
+MEMORY_PER_BYTE = 32
+"""The same for each byte of the file, in addition [bytes]."""
+SECONDS = 120.0
+"""Time that the reading process may take [s]."""
+SECONDS_PER_BYTE = 1e-6
+"""The same for each byte of the file, in addition [s]."""
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
-_HEADER_BYTES = 128  # text that names the version; in a v7.3 file 512 bytes of it come before the magic
+_HEADER_BYTES = 128
+"""Text that names the version; in a v7.3 file 512 bytes of it come before the magic number [bytes]."""
 _SAVE_AGAIN = "save it again in MATLAB with save(..., '-v7')"
 _CRASHES = {"SIGSEGV", "SIGBUS", "SIGABRT", "SIGFPE", "SIGILL"}
 

@@ -20,8 +20,10 @@ from replant.data.logs.prefetch import prefetch
 from replant.data.logs.table import Table, nth_row
 from replant.errors import LogError, MissingDependencyError
 
-BLOCK_ROWS = 1 << 16  # read at a time
-BUFFER_BYTES = 1 << 20  # of a column
+BLOCK_ROWS = 1 << 16
+"""Rows read at a time [rows]."""
+BUFFER_BYTES = 1 << 20
+"""Buffer of a column [bytes]."""
 SUFFIXES = (".parquet", ".pq")
 CHECKED: dict[str, Any] = {"write_page_checksum": True}  # what pyarrow's writers are called with
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from replant.data.logs.log import Log
 from replant.data.logs.table import Table
 
-MOST_HELD = 1 << 20  # samples up to which a log is held in memory: 24 MB
+MOST_HELD = 1 << 20
+"""Length up to which a log is held in memory: 24 MB [samples]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from replant.errors import ArgumentTypeError, LogError
 
-NAMES_SHOWN = 12  # a wrong name lists this many, closest first: one line stays readable
-NAME_SHOWN = 60  # characters of each
+NAMES_SHOWN = 12
+"""Names that the error of a wrong name lists, closest first: one line stays readable [count]."""
+NAME_SHOWN = 60
+"""Characters of each of them [characters]."""
 
 
 def nth_row(row: int) -> str:

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
 
-CHECKED = 1 << 18  # stamps that the usual interval is taken from
-TOLERANCE = 0.01  # an interval may differ from the sampling time by this share of it
+CHECKED = 1 << 18
+"""Stamps that the usual interval is taken from [samples]."""
+TOLERANCE = 0.01
+"""Difference of an interval from the sampling time up to which the clock is regular [part of the sampling time]."""
 
 _UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
 _UNITS |= {"ns": 1e-9, "min": 60.0, "h": 3600.0}
@@ -22,7 +24,8 @@ _UNIT = rf"(?:\s*[\[(/]\s*({'|'.join(_UNITS)})\s*[\])]?|_(s|ms|us|ns))"
 _UNIT_AT_END = re.compile(rf".*{_UNIT}", re.IGNORECASE)
 _TIME_NAME = re.compile(rf"(?:.*\.)?(?:t|time|timestamp){_UNIT}?", re.IGNORECASE)
 
-_ENDLESS = 1e300  # the difference of two stamps beyond it may leave float64
+_ENDLESS = 1e300
+"""Magnitude of a stamp beyond which the difference of two may leave float64 [s]."""
 _REMEDY = "drop that row, or give the sampling time (dt, --dt) instead of a time column"
 _RESAMPLE = (
     "resample the log, or give the sampling time (dt, --dt) instead of a time column if the stamps are only jitter, or "

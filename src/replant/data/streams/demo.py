@@ -16,14 +16,19 @@ from replant.model import state_space
 from replant.rigs import deap_rig
 from replant.signals import random_steps, white_noise
 
-#: Samples simulated at once: each block has its own input and noise, a function of the seed and its number alone.
 BLOCK = 1 << 16
-#: Samples handed over at once at the most.
+"""Samples simulated at once: each block has its own input and noise, a function of the seed and its number alone
+[samples].
+"""
+
 PART = 1 << 12
-#: Steps of the demo's voltage last up to so many samples: whoever watches sees the slow mode within seconds, too.
+"""Samples handed over at once at the most [samples]."""
 LONGEST_STEP = 4000
-#: Its flutter, in kV up and down, each for so many samples: the input never rests, and meets the resonance at 12 Hz.
-FLUTTER, FLUTTER_HOLD = 0.2, 20
+"""Longest step of the demo's voltage: whoever watches sees the slow mode within seconds, too [samples]."""
+FLUTTER = 0.2
+"""Flutter of the demo's voltage, up and down: the input never rests, and meets the resonance at 12 Hz [kV]."""
+FLUTTER_HOLD = 20
+"""Samples that each value of it lasts [samples]."""
 
 
 class DemoSource(Reader):

@@ -10,10 +10,10 @@ import numpy as np
 
 from replant.data.streams.batch import Batch
 
-#: Samples that wait at the most: 0.6 s at 200,000 samples/s, 4 MB.
 CAPACITY = 1 << 17
-#: Samples handed over at once at the most.
+"""Samples that wait at the most: 0.6 s at 200,000 samples/s, 4 MB [samples]."""
 LARGEST_BATCH = 1 << 14
+"""Samples handed over at once at the most [samples]."""
 
 EMPTY = np.empty(0)
 

@@ -6,8 +6,8 @@ from collections import Counter
 
 import numpy as np
 
-#: The longest line in bytes; a longer one is skipped.
 LONGEST = 1 << 16
+"""The longest line; a longer one is skipped [bytes]."""
 
 
 class LineSplitter:

@@ -15,12 +15,13 @@ from replant.errors import InvalidArgumentError, MissingDependencyError
 
 EXAMPLE = "mqtt://127.0.0.1:1883/rig/1"
 PORT = 1883
-#: MQTT's keep-alive interval, in s: the broker hears from the client at least that often.
+"""Port of a broker, as registered [number]."""
 KEEPALIVE = 15
-#: The longest message in bytes; a longer one is skipped and counted.
+"""MQTT's keep-alive interval: the broker hears from the client at least that often [s]."""
 LONGEST_MESSAGE = 1 << 20
-#: Largest number of messages parsed together.
+"""The longest message; a longer one is skipped and counted [bytes]."""
 TOGETHER = 256
+"""Largest number of messages parsed together [count]."""
 
 
 class MqttSource(Reader):

@@ -8,17 +8,22 @@ import numpy as np
 
 from replant.data.streams.batch import Batch
 
-#: Numbers ahead of the last one beyond which a number leaps, and within which the next one confirms it.  A misread
-#: number that is less ahead costs the samples up to it, as duplicates: twice as many would be more than learning may
-#: stand still for; half as many, and losses in bursts are leaps more often, which costs no sample.
 LEAP = 50
-#: A number back by more than this, with its successor after it, is a device that started anew, where nothing is sent
-#: again: the rule of RFC 3550, appendix A.1, with more room for packets that overtake.
+"""Numbers ahead of the last one beyond which a number leaps, and within which the next one confirms it [samples].
+Derivation: a misread number that is less ahead costs the samples up to it, as duplicates: twice as many would be more
+than learning may stand still for; half as many, and losses in bursts are leaps more often, which costs no sample.
+"""
+
 MISORDER = 1000
-#: Values at which the counters of devices wrap.
+"""Numbers back beyond which a number, with its successor after it, is a device that started anew, where nothing is
+sent again [samples].
+Derivation: the rule of RFC 3550, appendix A.1, with more room for packets that overtake.
+"""
+
 WRAPS = 1 << 16, 1 << 32
-#: Number of remembered leaps, from which the numbers may return.
+"""Values at which the counters of devices wrap [count]."""
 LEAPS_KEPT = 8
+"""Number of remembered leaps, from which the numbers may return [count]."""
 
 
 class Numbering:

@@ -8,8 +8,8 @@ import time
 from replant.data.streams.address import Address
 from replant.data.streams.stop_request import StopRequest
 
-#: The longest single pause in s: the system's timers may refuse a longer one.
 LONGEST_PAUSE = 3600.0
+"""The longest single pause: the system's timers may refuse a longer one [s]."""
 
 
 class Pace:

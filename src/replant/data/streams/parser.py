@@ -27,10 +27,10 @@ from replant.data.streams.rows import (
 
 Item = TypeVar("Item")
 
-#: A block of at most this many lines is parsed line by line: parsing it as a whole costs as much as ten lines.
 FEW = 10
-#: Float64 represents every whole number up to this one exactly.
+"""Lines up to which a block is parsed line by line: parsing it as a whole costs as much as ten lines [lines]."""
 LARGEST_NUMBER = 2.0**53
+"""Largest whole number up to which float64 represents every one exactly [number]."""
 #: The reason under which a row with an invalid number or time stamp is counted.
 REASONS = {"n": "not a sequence number", "t": "time not finite"}
 

@@ -13,8 +13,8 @@ from replant.data.streams.rows import FIELDS, Malformed
 
 #: The first bytes of a packed payload; four letters that name its columns follow ("ntuy", "tuy ", "uy  ").
 MAGIC = b"RPL1"
-#: The bytes before the numbers of a packed payload.
 HEADER = 8
+"""Bytes before the numbers of a packed payload [bytes]."""
 
 
 class Payloads:

@@ -14,6 +14,7 @@ from replant.data.streams.reader import Reader
 from replant.errors import InvalidArgumentError
 
 BLOCK = 1 << 18
+"""Bytes taken at once at the most [bytes]."""
 
 
 class PipeSource(Reader):

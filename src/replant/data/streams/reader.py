@@ -13,12 +13,12 @@ from replant.data.streams.numbering import Numbering
 from replant.data.streams.stop_request import StopRequest
 from replant.system.worker import Worker
 
-#: An empty batch comes after this long without samples, in s.
 TICK = 0.1
-#: How long a closed source may still take to let go of what it reads from, in s.
+"""Time without samples after which an empty batch comes [s]."""
 CLOSE_TIMEOUT = 1.0
-#: First and longest pause before connecting again, in s.
+"""Time that a closed source may still take to let go of what it reads from [s]."""
 BACKOFF = 0.1, 5.0
+"""First and longest pause before connecting again [s]."""
 
 
 class Reader(ABC):

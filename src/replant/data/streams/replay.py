@@ -18,8 +18,8 @@ from replant.data.streams.pace import Pace, speed_of
 from replant.data.streams.reader import Reader
 from replant.errors import InvalidArgumentError
 
-#: Samples handed over at once at the most.
 BLOCK = 1 << 12
+"""Samples handed over at once at the most [samples]."""
 
 
 class ReplaySource(Reader):

@@ -14,8 +14,9 @@ from replant.errors import InvalidArgumentError, MissingDependencyError
 
 EXAMPLE = "serial:///dev/ttyUSB0?baud=115200"
 BAUD = 115_200
-#: The longest wait of one read, in s; a closed source ends within this time.
+"""Usual rate of a serial line [bit/s]."""
 WAIT = 0.1
+"""The longest wait of one read; a closed source ends within this time [s]."""
 
 
 class SerialSource(Reader):

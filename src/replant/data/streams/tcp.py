@@ -11,10 +11,10 @@ from replant.data.streams.parser import Parser
 from replant.data.streams.reader import Reader
 
 EXAMPLE = "tcp://127.0.0.1:9000"
-#: Largest number of bytes received at once.
 BLOCK = 1 << 18
-#: How long the peer may take to accept, in s.
+"""Largest number of bytes received at once [bytes]."""
 CONNECT_TIMEOUT = 5.0
+"""Time that the peer may take to accept [s]."""
 #: A peer that was switched off is noticed after 5 + 3 * 2 s.
 KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
 

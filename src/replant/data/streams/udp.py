@@ -12,11 +12,12 @@ from replant.data.streams.reader import Reader
 from replant.errors import InvalidArgumentError
 
 EXAMPLE = "udp://0.0.0.0:9000"
-#: Receive buffer that is requested from the system, in bytes; the system may grant less.
 BUFFER = 1 << 23
-#: Largest number of datagrams parsed together.
+"""Receive buffer that is requested from the system; the system may grant less [bytes]."""
 TOGETHER = 512
+"""Largest number of datagrams parsed together [count]."""
 LARGEST_DATAGRAM = 1 << 16
+"""Room for one datagram, more than UDP allows [bytes]."""
 
 
 class UdpSource(Reader):

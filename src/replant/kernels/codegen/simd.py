@@ -25,9 +25,10 @@ from replant.kernels.codegen.private import (
 )
 from replant.kernels.schema import LINE
 
-#: Members side by side.  Twice as many as the widest processors take at once: while an instruction waits for the first
-#: half, the second is under way, and what is the same for all, loops and counters, is spread over more of them.
 LANES = 16
+"""Members side by side. Twice as many as the widest processors take at once: while an instruction waits for the first
+half, the second is under way, and what is the same for all, loops and counters, is spread over more of them [count].
+"""
 
 
 class Vector(types.Type):

@@ -22,18 +22,29 @@ from replant.kernels.filters.matrix_exponential import exponential
 
 OUTPUT, INPUT, MODEL, IMPULSE, CONSTANT = range(5)
 CHANNELS = 5
+"""Channels of a bank [count]."""
 
 # --- a bank's numbers
-SCALE = 0  # c, rad/s
-MODEL_OUTPUT = 1  # the auxiliary model's output at the newest sample
-NEXT = 2  # the discretisation to be replaced next
-DENOMINATOR = 3  # (n,)  d_{n-1} .. d_0; then come, one after the other:
-# characteristic (n,)   d_i / c^(n-i)
-# gain (T,)             from state to scaled regressor entry
-# weights (T,)          the auxiliary model: scaled parameters of a noise-free output
-# states (5 n,)
-# discretisations       KEPT times: interval, Ad (n^2), constant (n), ramp (n)
+SCALE = 0
+"""Place of c among a bank's numbers [index]."""
+MODEL_OUTPUT = 1
+"""Place of the auxiliary model's output at the newest sample [index]."""
+NEXT = 2
+"""Place of the number of the discretisation to be replaced next [index]."""
+
+DENOMINATOR = 3
+"""Place of d_(n-1) .. d_0, (n,), behind which come, one after the other: the characteristic d_i / c^(n-i), (n,); the
+gains from state to scaled regressor entry, (T,); the weights, the auxiliary model's scaled parameters of a noise-free
+output, (T,); the states, (5 n,); KEPT discretisations: interval, Ad (n^2), constant (n), ramp (n) [index].
+"""
+
 KEPT = 4
+"""Discretisations kept: a regular clock needs one, a fractional dead time three [count]."""
+
+SAME_INTERVAL = 1e-9
+"""Difference of two intervals up to which they share a discretisation [part of the interval].
+Derivation: far below a jitter that matters, far above the rounding of stamps that are differences.
+"""
 
 
 @inline_llvm
@@ -107,7 +118,7 @@ def discretization(bank, n, T, interval, work):
     kept, size = at_kept(n, T), 1 + n * n + 2 * n
     intervals = pointer(bank, kept)
     for slot in range(KEPT):
-        if abs(intervals[slot * size] - interval) <= 1e-9 * interval:
+        if abs(intervals[slot * size] - interval) <= SAME_INTERVAL * interval:
             return kept + slot * size
     return new_discretization(bank, n, T, interval, work)
 

@@ -10,10 +10,34 @@ from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters.routh import all_left_of, bandwidth, slowest_decay
 
-WARM_TIME_CONSTANTS = 10.0  # of the new model's slowest pole, before a warming bank takes over
-MISSING = 1.5  # sampling times between two samples, beyond which one is taken to be missing
-MOVED = 1.0 / 3.0  # how far a held input is taken to have moved, on the mean, while samples were missing
-RETRY = 10.0  # samples until the estimate is looked at again when it could not serve as a model
+WARM_TIME_CONSTANTS = 10.0
+"""Time that a bank with a new model warms up before it takes over [slowest time constants of the model].
+Derivation: what is left of a wrong initial state is then exp(-10), 5e-5.
+Sensitivity: not measured.
+"""
+
+MISSING = 1.5
+"""Interval beyond which a sample is taken to be missing [sampling times].
+Derivation: half-way between none and one.
+Sensitivity: not measured.
+"""
+
+MOVED = 1.0 / 3.0
+"""How far a held input is taken to have moved, on the mean, while samples were missing [part of the way].
+Derivation: a half is right if it moved on the way, nought if it stood: a third errs least in the worse of both.
+Sensitivity: not measured.
+"""
+
+ROUNDING = 1e-12
+"""Room for rounding where a dead time is a whole number of intervals [part of the time].
+Derivation: some thousand times the precision of float64.
+"""
+
+RETRY = 10.0
+"""Samples until the estimate is looked at again when it could not serve as a model [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
 
 
 @outlined
@@ -67,7 +91,7 @@ def advance_delayed_input(ints, reals, bank, interval, slot, work):
     # go back to the piece of the input that acts when the newest interval begins
     age = 0.0  # of the sample `newer`
     pieces = 1
-    while pieces < ring - 1 and age + intervals[newer] < (interval + delay) * (1.0 - 1e-12):
+    while pieces < ring - 1 and age + intervals[newer] < (interval + delay) * (1.0 - ROUNDING):
         age += intervals[newer]
         newer = older
         older = newer - 1 if newer > 0 else ring - 1
@@ -81,7 +105,7 @@ def advance_delayed_input(ints, reals, bank, interval, slot, work):
     while True:
         until = max(age - delay, 0.0)  # this piece acts until so long before now
         piece = left - until
-        if piece > 1e-9 * interval:
+        if piece > bk.SAME_INTERVAL * interval:
             start = end = held[newer]
             if straight:
                 slope = (inputs[newer] - inputs[older]) / intervals[newer]
@@ -91,12 +115,12 @@ def advance_delayed_input(ints, reals, bank, interval, slot, work):
             bk.advance_channel(bank, n, T, bk.INPUT, part_slot, start, end, work)
             left = until
             reals[at.INPUT_NOW] = end
-        if left <= 1e-9 * interval or newer == ints[at.RING_HEAD]:
+        if left <= bk.SAME_INTERVAL * interval or newer == ints[at.RING_HEAD]:
             break
         older = newer
         newer = newer + 1 if newer + 1 < ring else 0
         age -= intervals[newer]
-    if not straight and abs(age - delay) <= 1e-9 * interval:
+    if not straight and abs(age - delay) <= bk.SAME_INTERVAL * interval:
         # the next sample begins to act just now
         reals[at.INPUT_NOW] = inputs[newer]
 

@@ -7,6 +7,17 @@ of an irregular clock.  At the norm of 1/4 that scaling leaves, twelve terms rea
 from replant.kernels.codegen.decorators import outlined
 
 _TERMS = 12
+"""Terms of the Taylor series [count].
+Derivation: 0.25^13 / 13! is 2e-18, below the precision of float64.
+"""
+
+_LARGEST_NORM = 0.25
+"""Norm up to which the series is taken as it is; a larger matrix is halved until it is below [norm].
+Derivation: see _TERMS.
+"""
+
+_MOST_SQUARINGS = 1000
+"""Halvings at the most, where the norm is not finite [count]."""
 
 
 @outlined
@@ -30,7 +41,7 @@ def exponential(matrix, result, work, size):
         norm = max(norm, row)
     squarings = 0
     factor = 1.0
-    while norm * factor > 0.25 and squarings < 1000:
+    while norm * factor > _LARGEST_NORM and squarings < _MOST_SQUARINGS:
         factor *= 0.5
         squarings += 1
     for i in range(size * size):

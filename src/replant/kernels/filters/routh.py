@@ -7,6 +7,11 @@ import math
 
 from replant.kernels.codegen.decorators import cold, outlined
 
+HALVINGS = 200
+"""Halvings of a margin until it counts as nought [count].
+Derivation: 2^-200 of a pole's magnitude is far below what float64 tells from an integrator.
+"""
+
 
 @cold
 def all_left_of(a, margin, work):
@@ -50,7 +55,7 @@ def slowest_decay(a, work):
     The real parts sum to -a[0], so the rightmost lies no further left than a[0]/n: halved until Routh agrees.
     """
     margin = a[0] / a.size
-    for _ in range(200):
+    for _ in range(HALVINGS):
         if all_left_of(a, margin, work):
             return margin
         margin *= 0.5

@@ -13,14 +13,39 @@ from replant.kernels.optimizers import covariance as second
 from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
 from replant.kernels.optimizers.memory import place
 
-# Largest moving standard deviations that the input so far had, beyond which it leaps.  At ten times as many one such
-# sample would pass for the largest input ever, beside which all later ones rest; at a tenth a single pulse may be one.
 INPUT_LEAP = 1e3
-AT_REST = 1e-6  # moving variance of the input, relative to its largest, below which the input rests
-LONGEST = 1e9  # sampling times that a gap counts as at the most
-UNKNOWN = 100.0  # variance of an initial state, over the largest square of the modelled output
-LEAST_NOISE = 1e-12  # of that square, as which the residual's variance counts there at the least
-SETTLE = 5.0  # of the slowest time constant, to wait after a gap
+"""Distance beyond which an input leaps [largest moving standard deviations that it so far had].
+Derivation: at ten times as many one such sample would pass for the largest input ever, beside which all later ones
+rest; at a tenth a single pulse may be one.
+Sensitivity: not measured.
+"""
+
+AT_REST = 1e-6
+"""Moving variance of the input below which it rests [part of the largest that it has been].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+LONGEST = 1e9
+"""Longest time that a gap counts as [sampling times]."""
+
+UNKNOWN = 100.0
+"""Variance of an initial state of which nothing is known [largest square of the modelled output lately].
+Origin: ten times the largest that the output was.
+Sensitivity: not measured.
+"""
+
+LEAST_NOISE = 1e-12
+"""Least variance of the residual that such a variance is compared with [part of that square].
+Derivation: where there is no noise at all.
+Sensitivity: not measured.
+"""
+
+SETTLE = 5.0
+"""Time to wait after a gap where the initial state is not estimated [slowest time constants].
+Origin: what is left of it is then exp(-5), 0.7 %.
+Sensitivity: not measured.
+"""
 
 
 @outlined

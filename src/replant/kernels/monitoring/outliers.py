@@ -28,29 +28,173 @@ from replant.kernels.filters import chain
 from replant.kernels.optimizers import covariance as second
 from replant.kernels.schema import Alarm, Doubt
 
-GATE = 64.0  # variances: eight standard deviations
-UNSETTLED = 1e4  # how much more power an error may have while the filters' initial state is unknown
-ENOUGH = 100.0  # residuals that give a variance
-SHORT, LONG = 1.0 / 200.0, 1.0 / 4000.0  # share of the newest residual in its variance lately, and usually
-MOST = 9.0  # variances that one residual counts as at the most
-UNKNOWN = 4.0  # variances of the residual, beyond which an error after a gap is none
-FADE = 0.9  # of a bridged output's distance from the model's, a sample
+GATE = 64.0
+"""A-priori error beyond which an output may be an outlier, the parameters' own uncertainty counted: eight standard
+deviations [variances of the residual].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
 
-HARM = 4e-4  # part of the largest square by which one sample may move the modelled output: a fiftieth of it
-RESOLVED, COARSE = 0.01, 0.3  # shares of ties (a sample equal to a new one before it) of a fine and of a coarse scale
-CHANCE = -18.0  # logarithm of the chance of a run of ties that is none
-MANY = 8  # ties in a row on a coarse scale that are looked at
-MOVED_RESOLVED, MOVED = 0.0625, 64.0  # residual's variances by which the modelled output must have moved meanwhile
-PART_RESOLVED, PART = 1e-8, 1e-3  # ... and part of its largest square
-STEPS = 3.0  # ... and steps of the sensor's scale: an output that settles stands still between two of them
-COARSER = 1.01  # by which the least step seen is held to be larger with each one that is: a scale may change
-CALM, FORGOTTEN = 200, 5000  # samples after a stuck one until learning goes on, and until its output is forgotten
+UNSETTLED = 1e4
+"""The same while the filters' initial state is unknown, on its own [largest squares of the modelled output].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+ENOUGH = 100.0
+"""Residuals that give a variance to judge by [samples].
+Derivation: 100 residuals know a standard deviation to 7 %.
+Sensitivity: not measured.
+"""
+
+SHORT = 1.0 / 200.0
+"""Share of the newest residual in its variance lately [share].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+LONG = 1.0 / 4000.0
+"""Share of the newest residual in its usual variance [share].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+MOST = 9.0
+"""Power that one residual counts as at the most: three standard deviations [variances].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+UNKNOWN = 4.0
+"""Variance of an a-priori error beyond which it is that of an initial state not yet known, and no residual [variances
+of the residual].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+FADE = 0.9
+"""What is left, after a sample, of a bridged output's distance from the model's [ratio].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+HARM = 4e-4
+"""Square by which one sample may move the modelled output: a fiftieth of its size [part of its largest square].
+Origin: tests/online/test_quantised_sensor.py: where crests are cut the first few samples are off by little beside the
+output.
+Sensitivity: not measured.
+"""
+
+RESOLVED = 0.01
+"""Share of ties (a sample equal to a new one before it) below which the scale is fine, and a tie is not learned
+[share].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+COARSE = 0.3
+"""Share of ties from which on the scale is coarse [share].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+CHANCE = -18.0
+"""Logarithm of the chance of a run of ties below which it is none [logarithm].
+Derivation: 1.5e-8, one run in 66 million samples.
+Sensitivity: not measured.
+"""
+
+MANY = 8
+"""Ties in a row on a coarse scale that are looked at [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+MOVED_RESOLVED = 0.0625
+"""Square by which the modelled output must have moved meanwhile, on a fine scale [variances of the residual].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+MOVED = 64.0
+"""The same on a coarse scale: eight standard deviations [variances of the residual].
+Origin: as GATE.
+Sensitivity: not measured.
+"""
+
+PART_RESOLVED = 1e-8
+"""The same on a fine scale, where there is hardly any noise [part of the modelled output's largest square].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+PART = 1e-3
+"""The same on a coarse scale [part of the modelled output's largest square].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+STEPS = 3.0
+"""Steps of the sensor's scale by which the modelled output must have moved meanwhile: an output that settles stands
+still between two of them [steps of the scale].
+Origin: tests/online/test_quantised_sensor.py.
+Sensitivity: not measured.
+"""
+
+COARSER = 1.01
+"""Growth of the least step seen, with each one that is larger: a scale may change [ratio a step].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+CALM = 200
+"""Samples after a stuck one until learning goes on: a sensor that saturates does so again soon [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+FORGOTTEN = 5000
+"""Samples after a stuck one until its output is forgotten [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
 TIE_SHARE = 1.0 / 500.0
+"""Share of the newest sample in the share of ties [share].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
 
-GROWN = 2.0  # times the usual power that is no growth yet
-RETURNED = 50.0  # times the usual power by which the residual must have stayed below GROWN times it, summed
-LARGEST_LIMIT = 400.0  # of the sum that raises the alarm: each false one doubles it
-LEAST = 1e-6  # of the modelled output's largest square: a residual below that is as good as none
+LEAST_TIE_SHARE = 1e-3
+"""Share of ties that a scale counts as having at the least [share].
+Derivation: half of what TIE_SHARE adds with one tie: fewer were not seen.
+Sensitivity: not measured.
+"""
+
+GROWN = 2.0
+"""Power of the residual that is no growth yet [usual power].
+Derivation: the reference value r ln r / (r - 1) of Page's test for a power that grows r = 5 times.
+Sensitivity: not measured.
+"""
+
+LIMIT = 50.0
+"""Sum by which the residual must have exceeded GROWN that raises the alarm, and must have stayed below that
+ends it [usual power, summed].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+LARGEST_LIMIT = 400.0
+"""Largest sum that raises the alarm: each false one doubles it [usual power, summed].
+Origin: three doublings of LIMIT.
+Sensitivity: not measured.
+"""
+
+LEAST = 1e-6
+"""Residual below which there is as good as none [part of the modelled output's largest square].
+Origin: a thousandth of the output.
+Sensitivity: not measured.
+"""
 
 
 @inline_source
@@ -129,7 +273,7 @@ def reason_of(ints, y, doubt):
 @outlined
 def is_stuck(ints, reals, y, modelled):
     """Return whether a run of ties is no chance; if so, remember the output."""
-    share = max(reals[at.TIE_SHARE], 1e-3)
+    share = max(reals[at.TIE_SHARE], LEAST_TIE_SHARE)
     fine = share < COARSE
     if ints[at.TIES] < MANY if not fine else ints[at.TIES] * math.log(share) > CHANCE:
         return False
@@ -265,7 +409,7 @@ def test_power(ints, reals, power):
     if ints[at.ALARM] != Alarm.NONE:
         back = max(reals[at.CUSUM] + GROWN - power, 0.0)
         reals[at.CUSUM] = back
-        if back > RETURNED:
+        if back > LIMIT:
             if ints[at.ALARM] == Alarm.FLOATS:  # what came meanwhile is no part of the record
                 ints[at.GAP_AT] = ints[at.SAMPLES]
             else:

@@ -15,6 +15,7 @@ from replant.kernels.codegen.pointer import pointer
 from replant.kernels.optimizers.memory import MATRIX, ONE, VECTOR, Memory, Size, block, place
 
 RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9
+"""Codes of these optimizers; `replant.optimizers` names them by the same numbers [code]."""
 
 # A memory begins with the factors and ends with alpha, which outlier test and covariance read.
 LEAST_SQUARES = Memory(U=MATRIX, D=VECTOR, caps=VECTOR, projected=VECTOR, gain=VECTOR, alpha=ONE)

@@ -21,9 +21,10 @@ from replant.kernels.codegen.pointer import pointer
 from replant.kernels.codegen.simd import prefetch
 from replant.kernels.optimizers.memory import MATRIX, NOTHING, ONE, VECTOR, Memory, block, place
 
-# 1 less this is 1.  Smaller powers of beta would end as numbers below the normal ones, which take some processors a
-# hundred cycles at each product.
 VANISHED = 1e-100
+"""Power of beta below which it counts as nought: 1 less it is 1, and smaller ones would end as numbers below the
+normal ones, which take some processors a hundred cycles at each product [number].
+"""
 
 GRADIENT, ADAM, AMSGRAD, ADAGRAD, RMSPROP, NADAM, ADADELTA, INTEGRAL_COST = range(8)
 

@@ -10,9 +10,13 @@ import numpy as np
 from replant.kernels.codegen.decorators import inline_llvm
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+"""Increment of SplitMix64, 2^64 over the golden ratio [number]."""
 _MIX1 = np.uint64(0xBF58476D1CE4E5B9)
+"""Its first multiplier [number]."""
 _MIX2 = np.uint64(0x94D049BB133111EB)
+"""Its second multiplier [number]."""
 _S30, _S27, _S31, _S32 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(32)
+"""Its shifts, and half of the word [bits]."""
 
 
 @inline_llvm

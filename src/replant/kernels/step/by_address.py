@@ -14,8 +14,8 @@ from numba.extending import intrinsic
 from replant.kernels import schema as at
 from replant.kernels.step import covariance, fixed_filter, gradient
 
-# the table: addresses and shapes of ints, reals, banks, buffer and recent
 INTS, REALS, BANKS, BUFFER, RECENT, SIZE = 0, 2, 4, 7, 10, 13
+"""Places in the table of addresses and shapes: ints, reals, banks, buffer and recent, and its size [index]."""
 
 
 def table_of(ints, reals, banks, buffer, recent):

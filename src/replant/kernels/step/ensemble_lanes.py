@@ -15,6 +15,7 @@ from replant.kernels.step.shared import acceptable, keep_estimate, keep_sample
 # Rows of the work space, after the 2 n that `fixed_filter.advance_states` uses.
 INPUT, OUTPUT, ERROR, FINITE, ASIDE = range(5)
 ASIDE_SCALARS = 3
+"""Rows of the work space behind ASIDE [count]."""
 
 # What is the same for level members.
 LEVEL = (

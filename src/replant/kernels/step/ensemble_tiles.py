@@ -6,7 +6,8 @@ A tile holds some hundred samples of `LANES` members, a vector a sample.
 from replant.kernels.codegen.decorators import inline_llvm, outlined
 from replant.kernels.codegen.simd import LANES, load, prefetch, store, vectors
 
-AHEAD = 16  # rows that the memory is asked for before they are copied
+AHEAD = 16
+"""Rows that the memory is asked for before they are copied [count]."""
 
 
 @inline_llvm

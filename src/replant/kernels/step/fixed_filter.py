@@ -36,7 +36,7 @@ def place_of(bank, n, T, interval):
     """Return where in the bank the exact solution over ``interval`` lies, or will lie once it is computed."""
     kept, size = bk.at_kept(n, T), 1 + n * n + 2 * n
     for slot in range(bk.KEPT):
-        if abs(bank[kept + slot * size] - interval) <= 1e-9 * interval:
+        if abs(bank[kept + slot * size] - interval) <= bk.SAME_INTERVAL * interval:
             return kept + slot * size
     return kept + int(bank[bk.NEXT]) * size
 

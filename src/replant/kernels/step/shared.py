@@ -28,14 +28,23 @@ from replant.kernels.monitoring import residual_colour
 from replant.kernels.optimizers.random_stream import draw_below
 from replant.kernels.schema import LAGS
 
-# The estimate is kept each time the samples have grown by an eighth: of the four kept the oldest lies then three to
-# four of these steps back, so that a quarter to a third of all samples, and later three to four times PAST_STEP, are
-# held out from it.
-KEEP_AFTER_PART, KEEP_AFTER_LEAST = 8, 32
+KEEP_AFTER_PART = 8
+"""Part by which the samples must have grown until the estimate is kept again [part: one in so many].
+Derivation: of the four kept the oldest lies then three to four of these steps back, so that a quarter to a third of
+all samples, and later three to four times PAST_STEP, are held out from it.
+Sensitivity: not measured.
+"""
 
-# So many numbers are looked at one by one.  Just written one by one, they cannot be read as vectors before they have
-# all reached the cache, for which everything after would wait.
+KEEP_AFTER_LEAST = 32
+"""Samples between two past estimates kept, at the least [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
 FEW = 16
+"""Numbers up to which they are looked at one by one: just written one by one, they cannot be read as vectors before
+they have all reached the cache, for which everything after would wait [count].
+"""
 
 
 @inline_llvm

@@ -25,10 +25,14 @@ from replant.live.dashboard.security import HEADERS, Guard
 from replant.report.html.page import asset as report_asset
 from replant.report.html.uplot import uplot
 
-PERIOD = 0.2  # s between two views to one browser
-HISTORY_PERIOD = 1.0  # s between two histories, which are long
-MOST_WATCHING = 256  # browsers at a time
-_OVER, _TRY_LATER, _POLICY = 1000, 1013, 1008  # how a websocket is closed
+PERIOD = 0.2
+"""Time between two views to one browser [s]."""
+HISTORY_PERIOD = 1.0
+"""Time between two histories, which are long [s]."""
+MOST_WATCHING = 256
+"""Browsers at a time [count]."""
+_OVER, _TRY_LATER, _POLICY = 1000, 1013, 1008
+"""Codes with which a websocket is closed: over, try again later, policy [number]."""
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _OWN = ("dashboard.js", "format.js", "plots.js", "plane.js", "model.js", "dashboard.css", "icon.svg")
 

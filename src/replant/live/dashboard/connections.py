@@ -16,11 +16,17 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 MOST = 512
-LEAST = 8  # a page is loaded over several
-SHARE = 2  # of the descriptors one in so many may be a connection
-ASKING = 10.0  # s for the headers of a request, the first or the next
-ANSWERING = 120.0  # s for a request and its answer: a report takes seconds, and a slow browser its time
-LEAVING = 5.0  # s from the goodbye until the connection is gone
+"""Connections at a time, at the most [count]."""
+LEAST = 8
+"""Connections at a time that are always allowed: a page is loaded over several [count]."""
+SHARE = 2
+"""Of the descriptors one in so many may be a connection [count]."""
+ASKING = 10.0
+"""Time for the headers of a request, the first or the next [s]."""
+ANSWERING = 120.0
+"""Time for a request and its answer: a report takes seconds, and a slow browser its time [s]."""
+LEAVING = 5.0
+"""Time from the goodbye until the connection is gone [s]."""
 
 
 def most_connections() -> int:

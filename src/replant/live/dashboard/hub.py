@@ -14,7 +14,8 @@ from replant.errors import ReplantError
 
 #: The commands that a page may send to the identification.
 COMMANDS = ("freeze", "adapt", "reset")
-DIGITS = 7  # of a number that is only drawn: a screen shows four
+DIGITS = 7
+"""Digits of a number that is only drawn: a screen shows four [count]."""
 _DRAWN = ("window", "bode", "history")
 
 

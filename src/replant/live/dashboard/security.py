@@ -29,9 +29,12 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-LONGEST_TOKEN = 1024  # characters that are compared at all
-PAUSE = 0.5  # s before a missing or wrong token is answered, one after the other: nobody tries many
-MOST_WAITING = 32  # who may wait for that answer at a time; while so many do, a token is not even looked at
+LONGEST_TOKEN = 1024
+"""Characters of a token that are compared at all [characters]."""
+PAUSE = 0.5
+"""Time before a missing or wrong token is answered, one after the other: nobody tries many [s]."""
+MOST_WAITING = 32
+"""Requests that may wait for that answer at a time; while so many do, a token is not even looked at [count]."""
 _SAFE = ("GET", "HEAD")
 
 

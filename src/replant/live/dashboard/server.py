@@ -16,7 +16,8 @@ from replant.system.worker import Worker
 if TYPE_CHECKING:
     import uvicorn
 
-GRACE = 1.0  # s that browsers get to say goodbye
+GRACE = 1.0
+"""Time that browsers get to say goodbye [s]."""
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 

@@ -24,13 +24,20 @@ from replant.online.identifier import Identifier
 from replant.system.refusals import one_line, refusal
 from replant.system.worker import Worker
 
-INTERVAL = 0.2  # s between two handovers at the least
-SHARE = 0.02  # of the session's time that handing over may take
-LAST_VIEW_TIMEOUT = 20.0  # s that the last view may take: the process may just have begun to compile
-STARTING = 120.0  # s that the process may take to serve the dashboard: it imports everything anew
-TOO_OLD = 5.0  # s after which a view says nothing of the present any more
-PAUSES = 0.5, 30.0  # s, first and longest pause before it is started again
-LONG_LIFE = 60.0  # s after which a death is none of a row
+INTERVAL = 0.2
+"""Time between two handovers at the least [s]."""
+SHARE = 0.02
+"""Part of the session's time that handing over may take [share]."""
+LAST_VIEW_TIMEOUT = 20.0
+"""Time that the last view may take: the process may just have begun to compile [s]."""
+STARTING = 120.0
+"""Time that the process may take to serve the dashboard: it imports everything anew [s]."""
+TOO_OLD = 5.0
+"""Age beyond which a view says nothing of the present any more [s]."""
+PAUSES = 0.5, 30.0
+"""First and longest pause before the process is started again [s]."""
+LONG_LIFE = 60.0
+"""Life of a process after which its death is none of a row [s]."""
 RESTARTS = "observer restarts"  # as it is counted
 
 

@@ -8,6 +8,7 @@ from replant.arguments import FloatArray
 from replant.live.observer.view import Rows
 
 MOST_ROWS = 1000
+"""Rows of history kept [rows]."""
 
 
 class EstimateHistory:

@@ -22,11 +22,16 @@ from replant.online.identifier import Identifier
 from replant.runs.thinning import thin
 from replant.simulation.stretches import joined, stretches_of
 
-POINTS = 1000  # of the window: more than its picture has columns
+POINTS = 1000
+"""Points of the window: more than its picture has columns [count]."""
 FREQUENCIES = 200
-LONGEST_IRREGULAR = 3000  # samples simulated where each interval costs a discretisation of its own
+"""Frequencies of a Bode plot [count]."""
+LONGEST_IRREGULAR = 3000
+"""Samples simulated where each interval costs a discretisation of its own [samples]."""
 SIGMAS = 2.0
-WIDEST = 60.0  # dB at which a band is cut: beyond it nothing is known anyway
+"""Half-width of a band [standard deviations]."""
+WIDEST = 60.0
+"""Half-width at which a band is cut: beyond it nothing is known anyway [dB]."""
 
 
 def make_view(identifier: Identifier, info: SessionInfo, history: EstimateHistory) -> View:

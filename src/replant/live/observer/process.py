@@ -29,8 +29,10 @@ if TYPE_CHECKING:
 
 #: Signals that end a session, and the observer by it alone.
 ENDING = (signal.SIGINT, signal.SIGTERM)
-UNHEARD = 5.0  # s without a handover, of which several come a second, after which the session is not heard any more
-AGAIN = 5.0  # s until a dashboard that could not be served is tried again
+UNHEARD = 5.0
+"""Time without a handover, of which several come a second, after which the session is not heard any more [s]."""
+AGAIN = 5.0
+"""Time until a dashboard that could not be served is tried again [s]."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ from multiprocessing.connection import Connection
 from replant.live.observer.process import ENDING, Handover, ObserverOptions, observe
 from replant.system.worker import Worker
 
-GOODBYE = 5.0  # s that the process gets to end by itself
+GOODBYE = 5.0
+"""Time that the process gets to end by itself [s]."""
 
 
 class ObserverProcess:

@@ -15,9 +15,10 @@ from replant.model.transfer_function import TransferFunction
 from replant.report.numbers import grouped, off_by, with_std
 from replant.report.terminal.summary import fraction, true_parameters, wrapped
 
-LINES_APART = 5.0  # s between two lines where nobody watches
-
-REASONS_WIDTH = 71  # columns, where a terminal has 80
+LINES_APART = 5.0
+"""Time between two lines where nobody watches [s]."""
+REASONS_WIDTH = 71
+"""Width of the reasons, where a terminal has 80 columns [columns]."""
 #: For each verdict a shape and a colour; each of them alone identifies it.
 LOOKS = {
     "trusted": ("●", "green"),

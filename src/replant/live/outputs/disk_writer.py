@@ -11,6 +11,7 @@ from replant.system.refusals import one_line
 from replant.system.worker import Worker
 
 MOST_WAITING = 16
+"""Pieces of work that wait for the disk at the most [count]."""
 
 
 class DiskWriter:

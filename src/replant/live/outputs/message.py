@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from replant.arguments import FloatArray
 
 UNKNOWN = "unknown"  # the verdict while none is known
-#: Least time in s for which "trusted" may stand without an accepted sample: a network takes time to send again.
 LEAST_TTL = 5.0
-#: The same in sampling times: a slow plant's samples may come ten in a message.
+"""Least time for which "trusted" may stand without an accepted sample: a network takes time to send again [s]."""
 INTERVALS = 10
+"""The same in sampling times: a slow plant's samples may come ten in a message [sampling times]."""
 #: `Estimate.status` while no sample is accepted, and when the session is over.
 WAITING, ENDED = "waiting", "ended"
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-AGAIN = 60.0  # s until the next message about the same subject
+AGAIN = 60.0
+"""Time until the next message about the same subject [s]."""
 
 
 class Notices:

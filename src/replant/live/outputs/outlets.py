@@ -25,8 +25,10 @@ from replant.live.outputs.sinks import Sink
 from replant.system.refusals import one_line
 from replant.system.worker import Worker
 
-TICK = 0.05  # s between two looks of the watchdog, at the most
-GOODBYE = 2.0  # s that the sinks get to take the news of the end
+TICK = 0.05
+"""Time between two looks of the watchdog, at the most [s]."""
+GOODBYE = 2.0
+"""Time that the sinks get to take the news of the end [s]."""
 
 
 @dataclass

@@ -24,8 +24,10 @@ from replant.live.outputs.disk_writer import DiskWriter
 from replant.live.outputs.message import EstimateMessage
 from replant.system.refusals import one_line
 
-ROWS = 200_000  # of a part: a few megabytes
-SECONDS = 30.0  # after which a part is written even if it is short
+ROWS = 200_000
+"""Rows of a part: a few megabytes [rows]."""
+SECONDS = 30.0
+"""Time after which a part is written even if it is short [s]."""
 PART = "part-{:08d}.parquet"
 
 

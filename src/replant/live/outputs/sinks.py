@@ -23,8 +23,11 @@ from replant.live.outputs.message import (
 )
 
 MQTT_PORT = 1883
-BROKER_TIMEOUT = 5.0  # s that a broker may be away before it is said
-KEEPALIVE = 1, 15  # s, least and most
+"""Port of a broker, as registered [number]."""
+BROKER_TIMEOUT = 5.0
+"""Time that a broker may be away before it is said [s]."""
+KEEPALIVE = 1, 15
+"""Least and longest time in which the broker must hear from the client [s]."""
 #: The message that the broker publishes when the connection to the session breaks.
 WILL = json.dumps({"trusted": 0, "ttl": 0.0, "status": ENDED, "verdict": UNKNOWN}, separators=(",", ":")).encode()
 

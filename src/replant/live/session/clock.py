@@ -8,7 +8,8 @@ from replant.arguments import FloatArray
 from replant.engine.state import GAP
 from replant.kernels.schema import FARTHEST, LEAP
 
-BACK = 1.0  # s; stamps that go back less are late samples, which the identifier rejects one by one
+BACK = 1.0
+"""Step back of the stamps below which they are late samples, which the identifier rejects one by one [s]."""
 
 
 class RigClock:

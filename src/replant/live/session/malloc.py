@@ -5,8 +5,13 @@ from __future__ import annotations
 import contextlib
 import ctypes
 
-M_MMAP_THRESHOLD = -3  # malloc.h
-THRESHOLD = 1 << 17  # bytes; glibc's initial value, which glibc raises as blocks of different sizes come and go
+M_MMAP_THRESHOLD = -3
+"""Name of the setting in malloc.h [number]."""
+
+THRESHOLD = 1 << 17
+"""Size from which on a block is given back to the system at once: glibc's initial value, which it raises as blocks of
+different sizes come and go [bytes].
+"""
 
 
 def limit_heap_growth() -> None:

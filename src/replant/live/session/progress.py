@@ -13,7 +13,8 @@ from replant.errors import DamagedCheckpointError
 from replant.live.session.clock import RigClock
 
 COUNTER = "counter "  # prefix of a counter's name in a checkpoint
-LATEST = 1e300  # s; bounds every time in a checkpoint
+LATEST = 1e300
+"""Bound of every time in a checkpoint [s]."""
 
 
 @dataclass

@@ -12,8 +12,13 @@ from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
 from replant.settings import Request
 
-EXPLAIN_AFTER = 3.0  # s after which the wait is explained
-STARTUP, SAMPLES = 500, 1200  # enough for a first model, and for the record to be solved again
+EXPLAIN_AFTER = 3.0
+"""Time after which the wait is explained [s]."""
+
+STARTUP, SAMPLES = 500, 1200
+"""Samples of the warm-up's start-up, and of all of it: enough for a first model, and for the record to be solved again
+[samples].
+"""
 
 
 def warm_up(request: Request, say: Callable[[str], None]) -> None:

@@ -37,13 +37,20 @@ from replant.rigs import Rig, deap_rig, deap_voltage
 from replant.runs.run import run_online
 from replant.settings import Request
 
-SAMPLES = 240_000  # 240 s at 1 kHz
+SAMPLES = 240_000
+"""Length of the article's record: 240 s at 1 kHz [samples]."""
 BUFFER = 240_000
+"""The article's buffer [samples]."""
 BATCH = 10
-NOISE = 1e-3  # mm, of the laser
-CREEP = 5e-3  # mm in every tenfold of time
-FORGETTING_RATE = 0.1  # 1/s
-POINTS = 1200  # a curve in Figures 7 and 8, whose panels are small
+"""The article's batch [samples]."""
+NOISE = 1e-3
+"""Standard deviation of the laser's noise [mm]."""
+CREEP = 5e-3
+"""Creep in every tenfold of time [mm]."""
+FORGETTING_RATE = 0.1
+"""The article's forgetting rate [1/s]."""
+POINTS = 1200
+"""Points of a curve in Figures 7 and 8, whose panels are small [count]."""
 
 STRUCTURE = Structure(poles=3, zeros=1, bias=True)
 #: sigma_y, and sigma in the order a2, a1, a0, b1, b0, bias: a sigma of 10 makes the bias' constant the article's 0.1.
@@ -63,7 +70,8 @@ OPTIMIZERS: Mapping[str, Callable[[float], Optimizer]] = {
     "Adam": lambda gain: Adam(5e-5 * gain),
 }
 OFFLINE, NORMALISED, DEFAULT = "least squares", "normalised", "replant"
-FURTHER = 5  # records, other than the experiment's own, that tell how much of the default's error is chance
+FURTHER = 5
+"""Records, other than the experiment's own, that tell how much of the default's error is chance [count]."""
 RUNS = len(FILTERS) * (len(OPTIMIZERS) * len(GAINS) + 1) + 1 + FURTHER
 
 NOTES = (

@@ -22,7 +22,8 @@ import numpy.typing as npt
 from replant.arguments import FloatArray
 from replant.online.trace import Trace
 
-BAND = 0.1  # of the true value, within which an estimate counts as settled
+BAND = 0.1
+"""Distance within which an estimate counts as settled [part of the true value]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,8 @@ import numpy.typing as npt
 from replant.arguments import FloatArray
 from replant.online.trace import Trace
 
-POINTS = 2000  # a curve: more than a panel has pixels, few enough for a small SVG
+POINTS = 2000
+"""Points of a curve: more than a panel has pixels, few enough for a small SVG [count]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,11 +14,11 @@ from statistics import fmean, stdev
 from replant.paper.tables.experiment import run_seeds
 from replant.paper.tables.published import Row, Table
 
-#: Runs of a row with a replay buffer: seeds 0 to 19.
 SEEDS = 20
+"""Runs of a row with a replay buffer: seeds 0 to 19 [count]."""
 
-#: How many standard deviations a published figure of one run may lie from the mean of ours.
 LIMIT = 3.0
+"""Distance of a published figure of one run from the mean of ours up to which they agree [standard deviations]."""
 
 
 @dataclass(frozen=True)

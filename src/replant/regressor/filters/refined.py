@@ -11,6 +11,11 @@ from replant.arguments import FloatArray, keep, one_of
 from replant.regressor.filters.state_variable import Filter, StateVariableFilter
 from replant.statistics.linear_algebra import roots
 
+NEAREST_AXIS = 1e-4
+"""Least distance of a fixed filter's pole from the imaginary axis [1 / sampling time].
+Derivation: its memory is then ten thousand samples.
+"""
+
 
 @dataclass(frozen=True)
 class RefinedFilter(Filter):
@@ -48,8 +53,8 @@ class RefinedFilter(Filter):
         denominator : (n + 1,) array
             A(s), monic.
         dt : float
-            Sampling time in s; a pole is kept at least 1e-4 / dt away from the axis.
+            Sampling time in s; a pole is kept at least `NEAREST_AXIS` / dt away from the axis.
         """
         poles = roots(denominator)
-        poles = np.minimum(-np.abs(poles.real), -1e-4 / dt) + 1j * poles.imag
+        poles = np.minimum(-np.abs(poles.real), -NEAREST_AXIS / dt) + 1j * poles.imag
         return StateVariableFilter(denominator=tuple(np.poly(poles).real.tolist()), input_hold=self.input_hold)

@@ -13,7 +13,9 @@ from replant.report.figures.poles import usable_uncertainty
 from replant.runs.result import Result
 
 POINTS = 400
-WIDEST_DB, WIDEST_DEGREES = 60.0, 180.0  # half-width at which a band is cut: beyond it nothing is known anyway
+"""Frequencies of a Bode plot [count]."""
+WIDEST_DB, WIDEST_DEGREES = 60.0, 180.0
+"""Half-width at which a band is cut, in dB and in degrees: beyond it nothing is known anyway [dB, degrees]."""
 
 
 def draw_bode(

@@ -11,8 +11,10 @@ from replant.report.diagnostics import BAND_95, BAND_99, Correlations
 from replant.report.figures import style
 from replant.runs.thinning import thin
 
-WIDE = 0.2  # a correlation that can be seen on an axis that reaches to 1
-FEW = 60  # lags that can be told apart as stems
+WIDE = 0.2
+"""Correlation that can be seen on an axis that reaches to 1 [number]."""
+FEW = 60
+"""Lags that can be told apart as stems [count]."""
 
 
 def draw_correlations(found: Correlations | None, dt: float, *, axes: Any = None) -> Any:

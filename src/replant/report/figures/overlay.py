@@ -11,8 +11,10 @@ from replant.report.figures import style
 from replant.runs.result import Result
 from replant.runs.thinning import thin
 
-WIDEST = 1.5  # how far a panel reaches about the reference at the least, as a part of its size
-DEFAULT_SIZE = (9.0, 1.9, 1.7)  # inches: width, height of a row, of the rest
+WIDEST = 1.5
+"""How far a panel reaches about the reference at the least [part of its size]."""
+DEFAULT_SIZE = (9.0, 1.9, 1.7)
+"""Width, height of a row, height of the rest [inches]."""
 
 
 def draw_overlay(

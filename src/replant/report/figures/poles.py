@@ -12,8 +12,13 @@ from replant.model.uncertainty import Uncertainty
 from replant.report.figures import style
 from replant.runs.result import Result
 
-UNSTABLE = 1e12  # the right half-plane is shaded as far as anybody may look
-RADIUS_95 = 2.448  # of the 95 % ellipse of two normal variables, in standard deviations
+UNSTABLE = 1e12
+"""How far the right half-plane is shaded: as far as anybody may look [rad/s]."""
+
+RADIUS_95 = 2.448
+"""Radius of the 95 % ellipse of two normal variables [standard deviations].
+Level: 95 %: the square root of the quantile of chi squared with two degrees of freedom.
+"""
 
 
 def draw_poles_and_zeros(result: Result, *, ax: Any = None) -> Any:

@@ -25,12 +25,18 @@ DASHES: tuple[Any, ...] = (
 )  # fmt: skip
 #: Colour and dashes of each of many curves; dashes, because in grey colours are not enough.
 LINES = tuple((COLOURS[i % 6], DASHES[(i + (0, 3, 1, 4, 2, 5)[i // 6]) % 6]) for i in range(36))
-SIGMAS = 2.0  # half-width of every band, in standard deviations
-NO_EXCITATION, NO_CONDITION = 1e-12, 1e10  # beyond which eigenvalue and condition number are round-off
-SHOWN = 3_000  # points a curve; beyond it min and max of each stretch stand for the stretch
-SHOWN_SMALL = 1_000  # in a panel of half the width
-LEVEL = 1e-9  # part of a signal's size: what moves less stands still
-FARTHEST = 1e30  # that an axis reaches: what diverged is not worth more
+SIGMAS = 2.0
+"""Half-width of every band [standard deviations]."""
+NO_EXCITATION, NO_CONDITION = 1e-12, 1e10
+"""Eigenvalue below which, and condition number beyond which, figures are round-off [number]."""
+SHOWN = 3_000
+"""Points of a curve; beyond it min and max of each stretch stand for the stretch [count]."""
+SHOWN_SMALL = 1_000
+"""The same in a panel of half the width [count]."""
+LEVEL = 1e-9
+"""Movement below which a signal stands still [part of its size]."""
+FARTHEST = 1e30
+"""Farthest that an axis reaches: what diverged is not worth more [number]."""
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")

@@ -9,7 +9,8 @@ from replant.report.figures.correlation import reach
 from replant.report.html.material import Material
 from replant.report.numbers import complex_number, number, percent
 
-SEEN = 0.01  # part of the record: what is shorter cannot be seen in a picture
+SEEN = 0.01
+"""Part of the record below which a stretch cannot be seen in a picture [part of the record]."""
 
 
 def of_fit(material: Material) -> str:

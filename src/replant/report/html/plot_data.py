@@ -16,8 +16,10 @@ from replant.report.html.material import Material
 from replant.runs.overview import POINTS
 from replant.runs.thinning import thin
 
-PARAMETER_POINTS = 120_000  # of all transients together
-LARGEST = 3e38  # what float32 holds
+PARAMETER_POINTS = 120_000
+"""Points of all transients together [count]."""
+LARGEST = 3e38
+"""What float32 holds [number]."""
 
 
 def charts(material: Material) -> dict[str, list[dict[str, Any]]]:

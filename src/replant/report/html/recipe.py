@@ -11,7 +11,8 @@ from replant.regressor.scaling import Scaling
 from replant.runs.result import Result
 from replant.settings import Settings
 
-WIDEST = 88  # characters of a line
+WIDEST = 88
+"""Width of a line [characters]."""
 
 
 def identifier_as_python(settings: Settings) -> str:

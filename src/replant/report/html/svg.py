@@ -19,8 +19,10 @@ from replant.report.figures.time import draw_transients
 from replant.report.html.material import Material
 from replant.report.palette import blank_figure
 
-HALF, WHOLE = 4.5, 7.4  # inches: half and whole width of the page
-MOST_TRANSIENTS = 6  # a picture, so that each fits on a sheet of paper
+HALF, WHOLE = 4.5, 7.4
+"""Half and whole width of the page [inches]."""
+MOST_TRANSIENTS = 6
+"""Transients in a picture, so that each fits on a sheet of paper [count]."""
 
 # the variables of the page's style sheet, by the figures' colours
 _VARIABLES = {

@@ -19,7 +19,8 @@ from replant.runs.comparison import Contender, best
 COLOURS = {GOOD: "green", WARN: "yellow", BAD: "red"}
 OUTCOME = ("verdict", "simulated", "one step", "time")
 VERDICT = 1 + OUTCOME.index("verdict")  # its column, behind the method's
-GAP = 2  # spaces between columns of the terminal's table
+GAP = 2
+"""Spaces between columns of the terminal's table [columns]."""
 
 
 def as_json(contenders: Sequence[Contender]) -> dict[str, Any]:

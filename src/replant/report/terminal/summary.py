@@ -12,7 +12,8 @@ from replant.model.transfer_function import TransferFunction
 from replant.report.numbers import off_by, percent, with_std
 from replant.runs.result import Result
 
-REASON_INDENT = 9  # columns, below the figures
+REASON_INDENT = 9
+"""Indent of the reasons, below the figures [columns]."""
 
 
 def as_json(result: Result) -> dict[str, Any]:

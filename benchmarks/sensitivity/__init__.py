@@ -1,0 +1,1 @@
+"""What the verdict and the estimate do when a tuned constant is halved or doubled."""
