@@ -19,7 +19,7 @@ from architecture import SOURCE, Package, circle, levels, reduced
 ORDER = [
     "errors",
     "arguments",
-    "system",
+    "operating_system",
     # the kernels: arrays in, arrays out
     *("kernels", "kernels.codegen", "kernels.filters", "kernels.optimizers", "kernels.monitoring", "kernels.step"),
     # the stages from a sample to the regressor, and what they share
@@ -86,11 +86,11 @@ def test_the_reader_of_imports_sees_every_kind() -> None:
     assert set(imports(tree, "online.identifier")) == {*early, "control", "pyarrow"}
     relative = ast.parse("from . import shared\nfrom .shared import step\nfrom ..schema import PAST")
     assert list(imports(relative, "kernels.step.ensemble")) == [
-        "replant.kernels.step.shared",
-        "replant.kernels.step.shared",
+        "replant.kernels.step.stages",
+        "replant.kernels.step.stages",
         "replant.kernels.schema",
     ]
-    assert list(imports(ast.parse("from .step import shared"), "kernels")) == ["replant.kernels.step.shared"]
+    assert list(imports(ast.parse("from .step import shared"), "kernels")) == ["replant.kernels.step.stages"]
 
 
 @every_module

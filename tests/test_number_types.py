@@ -17,7 +17,7 @@ import pytest
 
 import replant as rp
 from replant import signals
-from replant.checkpoint.values import KINDS
+from replant.checkpoint.settings_json import KINDS
 from replant.engine.dimensions import Dimensions
 from replant.rigs import Rig
 from replant.settings import Request, Settings

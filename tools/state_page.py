@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from replant.kernels import schema
-from replant.kernels.slots import Block, Choice, Flag, Integer, Nested, Real, Slot, Table
+from replant.kernels.slot_tables import Block, Choice, Flag, Integer, Nested, Real, Slot, Table
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "state.md"

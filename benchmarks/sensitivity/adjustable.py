@@ -65,7 +65,7 @@ def whole(typing, slot):
 
 
 def make_copy(source: Path, target: Path, values: Mapping[str, Any]) -> None:
-    """Copy the package ``source`` to ``target`` with constants, as "assessment.changes.SURE", adjustable."""
+    """Copy the package ``source`` to ``target`` with constants, as "assessment.change_tests.SURE", adjustable."""
     shutil.copytree(source, target / "replant", ignore=shutil.ignore_patterns("__pycache__"))
     (target / "adjusted.py").write_text(RUNTIME, encoding="utf-8")
     slots = {name: slot for slot, name in enumerate(sorted(values))}

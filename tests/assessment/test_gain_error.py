@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.assessment.distance import distance
 from replant.assessment.evidence import Evidence, Runs
-from replant.assessment.gain import LARGEST_ERROR, SIGMAS, excited_frequencies, gain_findings
+from replant.assessment.gain_error import LARGEST_ERROR, SIGMAS, excited_frequencies, gain_findings
+from replant.assessment.newton_step import distance
 from replant.engine.record import Record
 from replant.model.uncertainty import Uncertainty
 from support.builders import binary

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.assessment.sensor import (
+from replant.assessment.sensor_faults import (
     clock_finding,
     is_resolved,
     level_finding,

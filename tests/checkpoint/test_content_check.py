@@ -10,11 +10,11 @@ import pytest
 
 import replant as rp
 from fuzz.seeds import KINDS, LENGTHS, seed
-from replant.checkpoint.soundness import check_state, layout_of_state, shapes_of
+from replant.checkpoint.content_check import check_state, layout_of_state, shapes_of
 from replant.kernels import schema as at
 from replant.kernels.filters import bank
 from replant.kernels.schema import ROOM
-from replant.kernels.slots import Slot
+from replant.kernels.slot_tables import Slot
 from support.builders import engine_state, identifier
 
 

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import replant as rp
-from replant.checkpoint.values import KINDS, from_plain, to_plain
+from replant.checkpoint.settings_json import KINDS, from_plain, to_plain
 from replant.optimizers import OPTIMIZERS
 from support.builders import Thing
 

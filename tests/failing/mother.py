@@ -126,10 +126,10 @@ def session(case: dict[str, Any]) -> None:
         os.dup2(file, number)
         os.close(file)
     import replant.live.observer.spawn
-    import replant.live.run
+    import replant.live.run_session
     from replant.cli import main
 
-    replant.live.run.warm_up = lambda *arguments: None  # done before the fork
+    replant.live.run_session.warm_up = lambda *arguments: None  # done before the fork
     if case["fork"]:  # a spawned observer imports everything anew, which takes seconds
         begin, context = replant.live.observer.spawn.observe, multiprocessing.get_context("fork")
         multiprocessing.get_context = lambda method=None: context  # type: ignore[assignment]

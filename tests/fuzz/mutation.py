@@ -136,8 +136,8 @@ def _fitted(header: Any, body: bytearray) -> tuple[Any, bytearray]:
     """Declare arrays as the settings need them, cut off or filled up by zeros; the whole numbers as they follow."""
     import warnings
 
-    from replant.checkpoint.soundness import DECIDED, shapes_of
-    from replant.checkpoint.values import from_plain
+    from replant.checkpoint.content_check import DECIDED, shapes_of
+    from replant.checkpoint.settings_json import from_plain
     from replant.engine.state import State
     from replant.kernels.schema import StateSlots
 

@@ -8,7 +8,7 @@ import pytest
 from replant.engine.dimensions import Dimensions
 from replant.engine.state import State
 from replant.kernels import schema as at
-from replant.kernels.slots import Block, Choice, Flag, Integer, Nested, Part, Real, Table
+from replant.kernels.slot_tables import Block, Choice, Flag, Integer, Nested, Part, Real, Table
 
 TABLES = (at.StateSlots, at.ColourSlots, at.PathSlots)
 SLOTS = [(table, slot) for table in TABLES for slot in (*table.integers, *table.scalars, *table.blocks)]

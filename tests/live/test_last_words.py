@@ -13,7 +13,7 @@ import pytest
 
 from replant.live.outputs.message import ENDED, WAITING, EstimateMessage
 from replant.live.outputs.notices import Notices
-from replant.live.outputs.outlets import Outlets
+from replant.live.outputs.publisher import Outlets
 from replant.live.outputs.sinks import open_sink
 from support.broker import MOSQUITTO, Broker
 from support.live_command import ReplayingPeer, lines, live, wait_for

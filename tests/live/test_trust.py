@@ -15,7 +15,7 @@ import pytest
 
 import replant as rp
 from replant.data.streams import Batch
-from replant.live.outputs import outlets as outlets_module
+from replant.live.outputs import publisher as outlets_module
 from replant.live.outputs.message import (
     ENDED,
     UNKNOWN,
@@ -24,7 +24,7 @@ from replant.live.outputs.message import (
     time_to_live,
 )
 from replant.live.outputs.notices import Notices
-from replant.live.outputs.outlets import Outlets
+from replant.live.outputs.publisher import Outlets
 from replant.live.outputs.sinks import LineSink
 from support.live_command import wait_for
 from support.live_fakes import DT, FakeObserver, FakeSink, FakeSource, JudgingObserver, make, record

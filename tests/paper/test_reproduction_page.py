@@ -12,7 +12,7 @@ from replant.cli.reproduce import command, deliver
 from replant.paper.actuator import rendering
 from replant.paper.actuator.experiment import NOTES
 from replant.paper.catalogue import Outcome, run, save
-from replant.paper.report import (
+from replant.paper.reproduction_page import (
     CAPTIONS,
     as_element,
     typeset,
@@ -20,7 +20,7 @@ from replant.paper.report import (
 )
 from replant.paper.tables.figures import FIGURES
 from replant.paper.tables.rendering import summary
-from replant.report.numbers import number, uncertain
+from replant.report.number_format import number, uncertain
 
 DRAWN = ("fig1", "fig2", "fig3", "fig4", "fig6", "fig7", "fig7-exact", "fig8", "fig8-exact")
 

@@ -1,8 +1,8 @@
 """Model validation: simulated fit, residual tests, excitation of the input, uncertainty, and the verdict on a model."""
 
+from replant.assessment.assess_offline import assess_record
+from replant.assessment.assess_online import assess_running, assess_starting
 from replant.assessment.excitation import WORST_CONDITION
-from replant.assessment.offline import assess_record
-from replant.assessment.online import assess_running, assess_starting
 from replant.assessment.verdict import Assessment, Verdict
 from replant.simulation.offset_fit import Simulation, fit_percent, simulate
 

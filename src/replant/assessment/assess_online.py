@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
-from replant.assessment import sensor
-from replant.assessment.estimate import MOST_UNCERTAIN
+from replant.assessment import sensor_faults
+from replant.assessment.estimate_tests import MOST_UNCERTAIN
 from replant.assessment.evidence import Evidence
 from replant.assessment.judge import RESTING, judge
 from replant.assessment.verdict import Assessment, Finding, conclude
@@ -53,8 +53,8 @@ def assess_starting(request: Request, held: Sequence[tuple[float, float, float]]
     if np.ptp(u) <= RESTING * np.abs(u).max():
         findings.append(Finding("not excited", "the input is constant: move it"))
     if u.size > 1 and not np.isnan(t).any():
-        findings += sensor.clock_finding(float(np.median(np.diff(t))), request.dt)
-    findings += sensor.level_finding(u, y)
+        findings += sensor_faults.clock_finding(float(np.median(np.diff(t))), request.dt)
+    findings += sensor_faults.level_finding(u, y)
     return Assessment(*conclude(findings, ""), samples=u.size)
 
 

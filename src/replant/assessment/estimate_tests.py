@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.assessment.cross_test import FALSE_ALARM
-from replant.assessment.distance import distance as distance_of
 from replant.assessment.evidence import Evidence, Runs
-from replant.assessment.gain import gain_findings
+from replant.assessment.gain_error import gain_findings
+from replant.assessment.newton_step import distance as distance_of
 from replant.assessment.verdict import Finding, figure, percent
 
 MOST_UNCERTAIN = 0.15

@@ -21,8 +21,8 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment.cross_test import FALSE_ALARM
-from replant.assessment.distance import newest_distances
 from replant.assessment.evidence import Evidence, Runs
+from replant.assessment.newton_step import newest_distances
 from replant.assessment.verdict import Finding, duration, percent
 from replant.model.uncertainty import Uncertainty
 from replant.statistics.linear_algebra import roots

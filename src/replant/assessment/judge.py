@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from replant.assessment import sensor
-from replant.assessment.changes import burst_finding, growth_finding
+from replant.assessment import sensor_faults
+from replant.assessment.change_tests import burst_finding, growth_finding
 from replant.assessment.cross_test import unexplained
-from replant.assessment.estimate import (
+from replant.assessment.estimate_tests import (
     MOST_UNCERTAIN,
     MOVED_SIGMAS,
     Certainty,
@@ -123,7 +123,7 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
         reason = "updates left the range of float64 and were undone: lower the gain or step size, then reset"
         findings.append(Finding("diverged", reason))
     if evidence.usual_interval:
-        findings += sensor.clock_finding(evidence.usual_interval, evidence.dt)
+        findings += sensor_faults.clock_finding(evidence.usual_interval, evidence.dt)
     u = evidence.record.u
     if _input_is_constant(evidence):
         findings.append(Finding("not excited", "the input is constant: move it"))
@@ -140,7 +140,7 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
         few = f"{evidence.unseen} samples that the estimate has not used are too few"
         reason = f"{few if evidence.unseen else 'the estimate has used every sample: none is left'} to test it on"
         findings.append(Finding("converging", reason))
-    return findings + sensor.level_finding(u, evidence.raw)
+    return findings + sensor_faults.level_finding(u, evidence.raw)
 
 
 def _of_guard(evidence: Evidence) -> list[Finding]:
@@ -171,10 +171,11 @@ def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
     count = len(y[newest])
     intervals = evidence.record.intervals
     steps = np.full(count, intervals[0]) if intervals.size == 1 else intervals[newest]
-    resolved = sensor.is_resolved(y, noise)
+    resolved = sensor_faults.is_resolved(y, noise)
+    elapsed = np.cumsum(steps)
     return [
-        *sensor.saturation_finding(y[newest], modelled[newest], resolved),
-        *sensor.stuck_finding(y[newest], modelled[newest], noise, resolved, np.cumsum(steps), evidence.output_unit),
+        *sensor_faults.saturation_finding(y[newest], modelled[newest], resolved),
+        *sensor_faults.stuck_finding(y[newest], modelled[newest], noise, resolved, elapsed, evidence.output_unit),
     ]
 
 

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.checkpoint.soundness import (
+from replant.checkpoint.content_check import (
     check_held,
     check_settings,
     check_start,
@@ -30,7 +30,7 @@ from replant.checkpoint.soundness import (
     layout_of_state,
     shapes_of,
 )
-from replant.checkpoint.values import from_plain, to_plain
+from replant.checkpoint.settings_json import from_plain, to_plain
 from replant.engine.state import State
 from replant.errors import ArgumentTypeError, DamagedCheckpointError, InvalidArgumentError
 from replant.settings import Request, Settings

@@ -18,7 +18,7 @@ import stat
 from pathlib import Path
 
 from replant.errors import CheckpointError, MissingCheckpointError
-from replant.system.refusals import reason_of
+from replant.operating_system.os_errors import reason_of
 
 AnyPath = str | os.PathLike[str]
 

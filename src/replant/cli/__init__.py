@@ -13,7 +13,7 @@ import click
 from replant import __version__
 from replant.cli.encoding import replace_unencodable
 from replant.errors import ReplantError
-from replant.system.refusals import refusal
+from replant.operating_system.os_errors import refusal
 
 # For each command: the module of replant.cli with the click command ``command``, and the command's line of help.
 COMMANDS = {

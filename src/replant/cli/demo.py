@@ -19,7 +19,7 @@ from replant.paper.catalogue import ACTUATOR, ACTUATOR_FIGURES
 from replant.regressor.filters import StateVariableFilter
 from replant.report.figures import save_figures
 from replant.report.html.report import write_report
-from replant.report.numbers import off_by
+from replant.report.number_format import off_by
 from replant.report.terminal.summary import print_result, true_parameters
 from replant.rigs import Rig, deap_rig, deap_voltage
 from replant.runs.result import Result

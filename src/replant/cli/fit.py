@@ -18,7 +18,7 @@ from replant.cli.output import deliver, make_folder
 from replant.data.logs import Log
 from replant.offline.fit import METHODS, FitResult, fit
 from replant.offline.structure_search import SearchResult, search
-from replant.report.html.recipe import fit_as_python
+from replant.report.html.python_program import fit_as_python
 from replant.runs.result import result_of_fit
 
 

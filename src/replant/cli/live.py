@@ -12,13 +12,13 @@ import click
 
 from replant.cli.options import BIAS, INPUT_MAP, OPTIMIZER
 from replant.errors import InvalidArgumentError
-from replant.live.run import Plan, run
-from replant.live.session.limits import Limits
+from replant.live.run_session import Plan, run
+from replant.live.session.end_conditions import Limits
 from replant.model.structure import Structure
+from replant.operating_system.os_errors import one_line
 from replant.regressor.preprocess import Preprocess
 from replant.rigs import deap_rig
 from replant.settings import Request
-from replant.system.refusals import one_line
 
 DASHBOARD = "127.0.0.1:8710"
 UNITS = {"ms": 1e-3, "s": 1.0, "": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}

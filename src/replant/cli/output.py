@@ -15,8 +15,8 @@ from click.core import ParameterSource
 
 from replant.cli.options import Range
 from replant.data.logs import Log
-from replant.report.html.recipe import identifier_as_python
-from replant.report.numbers import with_prefix
+from replant.report.html.python_program import identifier_as_python
+from replant.report.number_format import with_prefix
 from replant.report.terminal.summary import as_json as result_as_json
 from replant.report.terminal.summary import print_result
 from replant.runs.result import Result

@@ -26,7 +26,7 @@ from replant.paper.catalogue import (
     save,
     steps,
 )
-from replant.paper.report import as_element, write_report
+from replant.paper.reproduction_page import as_element, write_report
 from replant.paper.tables.rendering import (
     SOURCE,
     as_json,

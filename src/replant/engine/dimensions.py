@@ -9,7 +9,7 @@ import numpy as np
 
 from replant.arguments import keep, truth, whole
 from replant.kernels.schema import FIXED, ROWS, SCALARS, StateSlots
-from replant.kernels.slots import Block
+from replant.kernels.slot_tables import Block
 from replant.model.structure import Structure
 from replant.settings import Settings
 

@@ -35,7 +35,7 @@ def regressors(
     u, y : (K,) arrays
         Raw input and output.
     """
-    from replant.kernels.step.shared import regressors as kernel
+    from replant.kernels.step.stages import regressors as kernel
 
     state = State.for_regressors(structure, dt, state_filter, preprocess)
     phi, target = np.empty((u.size, structure.size)), np.empty(u.size)

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from replant.arguments import FloatArray
 from replant.engine.dimensions import Dimensions, entries_of, ring_of
 from replant.kernels.schema import FIXED, StateSlots
-from replant.kernels.slots import Block, Slot
+from replant.kernels.slot_tables import Block, Slot
 from replant.model.structure import Structure
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess

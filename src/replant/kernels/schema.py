@@ -25,7 +25,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Final
 
-from replant.kernels.slots import Block, Choice, Flag, Integer, Nested, Part, Real, Table
+from replant.kernels.slot_tables import Block, Choice, Flag, Integer, Nested, Part, Real, Table
 
 PAST: Final = 4
 """Past estimates kept; what came after the oldest is held out from it, for assessment [count].

@@ -19,9 +19,9 @@ from replant.live.outputs.message import time_to_live
 from replant.live.outputs.notices import Notices
 from replant.live.outputs.parquet_recorder import ParquetRecorder
 from replant.live.outputs.sinks import Sink, open_sink
+from replant.live.session.allocator import limit_heap_growth
 from replant.live.session.checkpointing import CheckpointWriter, resume
-from replant.live.session.limits import Limits
-from replant.live.session.malloc import limit_heap_growth
+from replant.live.session.end_conditions import Limits
 from replant.live.session.progress import Progress
 from replant.live.session.session import Session
 from replant.live.session.warm_up import warm_up

@@ -15,8 +15,8 @@ from replant.arguments import (
     stamps_of,
 )
 from replant.assessment import Simulation, fit_percent, simulate
+from replant.engine.offline_regressors import regressors
 from replant.engine.record import ready_record
-from replant.engine.regressors import regressors
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction

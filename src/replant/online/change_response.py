@@ -21,8 +21,8 @@ from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels.schema import Alarm, Doubt
 from replant.offline.srivc import refine
-from replant.online.load_step import only_constant_moved, with_new_constant
-from replant.online.resolving import MOST_DOUBTED, clear_doubt, is_mature, restart, restart_from_prior
+from replant.online.solve_again import MOST_DOUBTED, clear_doubt, is_mature, restart, restart_from_prior
+from replant.online.step_disturbance import only_constant_moved, with_new_constant
 from replant.settings import Settings
 from replant.simulation.model_run import run_model
 from replant.statistics.linear_algebra import quiet, roots

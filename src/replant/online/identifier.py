@@ -24,7 +24,7 @@ from replant.online.change_response import first_look, look
 from replant.online.defaults import settle
 from replant.online.initialization import initialize
 from replant.online.readout import Estimate
-from replant.online.resolving import REGULAR, next_solution, solve_again
+from replant.online.solve_again import REGULAR, next_solution, solve_again
 from replant.online.startup import (
     Held,
     awaits_successor,

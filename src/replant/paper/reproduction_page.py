@@ -24,7 +24,7 @@ from replant.report.html.page import (
 )
 from replant.report.html.svg import svg
 from replant.report.html.tables import table, versions
-from replant.report.numbers import number, uncertain
+from replant.report.number_format import number, uncertain
 
 TITLE = "The buffered optimization methods, reproduced"
 LEDE = (

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.engine.regressors import regressors
+from replant.engine.offline_regressors import regressors
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
 from replant.runs.result import Result

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from replant.report.numbers import complex_number, number
+from replant.report.number_format import complex_number, number
 from replant.runs.result import Result
 
 GOOD, WARN, BAD = "good", "warn", "bad"

@@ -84,7 +84,7 @@ class AuxiliaryModel:
             a_{n-1} .. a_0, b_m .. b_0, then the nuisances: the constant of A y = B u + constant, and the initial state.
         record : Record
         """
-        from replant.kernels.step.shared import regressors
+        from replant.kernels.step.stages import regressors
 
         state, size, samples = self._state, self.entries, record.u.size
         state.install(theta)

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from replant.data.logs import csv as csv_module
-from replant.data.logs import layout as layout_module
 from replant.data.logs import read_columns, read_log
+from replant.data.logs import text_layout as layout_module
 from replant.data.logs.csv import parse_block
-from replant.data.logs.layout import Layout, sniff
+from replant.data.logs.text_layout import Layout, sniff
 from replant.errors import LogError
 
 Write = Callable[..., Path]

@@ -12,7 +12,7 @@ import scipy.io
 
 from replant.data.logs import csv as csv_logs
 from replant.data.logs import open_recording, parquet, read_log
-from replant.data.logs import time as clock
+from replant.data.logs import sampling_time as clock
 from replant.errors import LogError
 
 ROWS = 500

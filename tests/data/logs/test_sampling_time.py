@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from replant.data.logs import read_log
-from replant.data.logs.time import (
+from replant.data.logs.sampling_time import (
     SamplingTime,
     StampResolution,
     check_dt,

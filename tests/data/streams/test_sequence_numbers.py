@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from replant.data.streams.batch import Batch
-from replant.data.streams.numbering import MISORDER, Numbering
+from replant.data.streams.sequence_numbers import MISORDER, Numbering
 
 
 def batch_of(numbers: list[int]) -> Batch:

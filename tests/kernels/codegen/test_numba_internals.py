@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import replant as rp
-from replant.kernels.codegen import private
+from replant.kernels.codegen import numba_internals
 from support.places import ROOT
 
 
@@ -18,27 +18,27 @@ def test_what_is_declared_is_what_is_tested() -> None:
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
     expected = {
         f"{name}>={major}.{oldest},<{major}.{newest + 1}"
-        for name, ((major, oldest), (_, newest)) in private.TESTED.items()
+        for name, ((major, oldest), (_, newest)) in numba_internals.TESTED.items()
     }
     assert expected <= set(declared)
 
 
 @pytest.mark.parametrize("version", ["0.61.0", "0.64.0rc1", "0.68.1", "0.68.99dev0"])
 def test_tested_versions_pass(version: str) -> None:
-    private.check({"numba": version, "llvmlite": "0.50.0"})
+    numba_internals.check({"numba": version, "llvmlite": "0.50.0"})
 
 
 @pytest.mark.parametrize("version", ["0.60.0", "0.69.0", "0.69.0rc1", "0.7.0", "1.0.0", "1.61.0", "0+unknown", "x"])
 def test_others_are_refused_in_one_line_that_says_what_to_do(version: str) -> None:
     with pytest.raises(rp.UnsupportedDependencyError) as found:
-        private.check({"numba": version, "llvmlite": "0.50.0"})
+        numba_internals.check({"numba": version, "llvmlite": "0.50.0"})
     assert isinstance(found.value, ImportError)
     assert str(found.value) == (
         f"numba {version} is installed, replant is tested with 0.61 to 0.68 and uses parts of it that change: "
         "pip install 'numba>=0.61,<0.69'"
     )
     with pytest.raises(rp.UnsupportedDependencyError, match=r"pip install 'llvmlite>=0\.44,<0\.51'"):
-        private.check({"numba": "0.68.1", "llvmlite": "0.51.0"})
+        numba_internals.check({"numba": "0.68.1", "llvmlite": "0.51.0"})
 
 
 def test_the_command_line_says_it_without_a_traceback(tmp_path: Path) -> None:

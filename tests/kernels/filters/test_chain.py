@@ -10,7 +10,7 @@ from replant.engine.state import State
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters.chain import install_model
-from replant.kernels.step.shared import regressors
+from replant.kernels.step.stages import regressors
 from support.builders import random_plant
 from support.references import filtered_at
 

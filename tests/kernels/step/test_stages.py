@@ -11,7 +11,7 @@ import replant as rp
 from replant.engine.state import State
 from replant.kernels import schema as at
 from replant.kernels.step import gradient
-from replant.kernels.step.shared import remember
+from replant.kernels.step.stages import remember
 from support.builders import is_finite
 
 

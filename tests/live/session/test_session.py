@@ -15,7 +15,7 @@ import pytest
 import replant as rp
 from replant.live.outputs.message import ENDED, UNKNOWN
 from replant.live.session.checkpointing import resume
-from replant.live.session.limits import Limits
+from replant.live.session.end_conditions import Limits
 from replant.live.session.progress import Progress
 from replant.online import saving
 from support.live_fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, make, record

@@ -124,7 +124,7 @@ def test_all_that_the_contract_asks_for_is_there(good, uncertain) -> None:
 def test_captions_tell_what_is_drawn(uncertain, plain) -> None:
     """No bands where there is no standard deviation, figures with their units, how long there was no estimate."""
     from replant.report.html import captions as words
-    from replant.report.html.material import Material
+    from replant.report.html.report_data import Material
 
     with_bands, without = (
         Material(case.result, case.log, case.result.fixed_filter, rp.Preprocess()) for case in (uncertain, plain)
@@ -197,7 +197,7 @@ def test_whatever_a_file_calls_itself_is_text(plain, tmp_path) -> None:
 
 
 def test_plots_hold_the_record(uncertain) -> None:
-    from replant.report.html.material import Material
+    from replant.report.html.report_data import Material
 
     found = charts(Material(uncertain.result, uncertain.log, uncertain.result.settings.filter, rp.Preprocess()))
     measured, model = found["fit"][1]["curves"]
@@ -335,8 +335,8 @@ def test_where_uplot_was_not_fetched_that_of_uplot_python_is_taken(tmp_path, mon
 
 
 def test_plots_over_time_know_what_is_left_out(uncertain) -> None:
-    from replant.report.html.material import Material
     from replant.report.html.plot_data import charts
+    from replant.report.html.report_data import Material
 
     result = dataclasses.replace(uncertain.result, left_out=np.array([[10, 30]]))
     found = charts(Material(result, uncertain.log, result.settings.filter, rp.Preprocess()))

@@ -18,14 +18,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs.cells import (
+from replant.data.logs.prefetch import prefetch
+from replant.data.logs.table import Table
+from replant.data.logs.text_cells import (
     CellError,
     is_number,
     parse_number,
     quote,
     split_line,
 )
-from replant.data.logs.layout import (
+from replant.data.logs.text_layout import (
     COMMENT_MARKS,
     LONGEST_LINE,
     QUOTES_REMEDY,
@@ -35,8 +37,6 @@ from replant.data.logs.layout import (
     sniff,
     too_long_error,
 )
-from replant.data.logs.prefetch import prefetch
-from replant.data.logs.table import Table
 from replant.errors import LogError
 
 BLOCK_BYTES = 1 << 21

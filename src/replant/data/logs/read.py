@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from replant.data.logs import parquet
 from replant.data.logs.log import Log
 from replant.data.logs.recording import MOST_HELD, Recording
-from replant.data.logs.table import Table, listed, unreadable_error
-from replant.data.logs.time import (
+from replant.data.logs.sampling_time import (
     SamplingTime,
     check_dt,
     time_candidates,
     unit_in_seconds,
 )
+from replant.data.logs.table import Table, listed, unreadable_error
 from replant.errors import InvalidArgumentError, LogError
 
 # For each suffix the module that has the function read(path) -> Table; it is imported when such a file is opened

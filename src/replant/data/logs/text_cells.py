@@ -40,7 +40,7 @@ def split_line(line: str, delimiter: str | None) -> list[str]:
     ['time [s]', 'u']
     >>> split_line('0,"1"0.13', ",")
     Traceback (most recent call last):
-    replant.data.logs.cells.CellError: '"1"0.13' goes on after its closing quotation mark
+    replant.data.logs.text_cells.CellError: '"1"0.13' goes on after its closing quotation mark
     """
     if delimiter is None:
         return _split_words(line)

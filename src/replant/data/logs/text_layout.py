@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
-from replant.data.logs.cells import (
+from replant.data.logs.sampling_time import time_candidates
+from replant.data.logs.text_cells import (
     CellError,
     is_number,
     quote,
     split_line,
 )
-from replant.data.logs.time import time_candidates
 from replant.errors import LogError
 
 COMMENT_MARKS = ("#", "%")

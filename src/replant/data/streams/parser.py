@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.data.logs.layout import is_data
+from replant.data.logs.text_layout import is_data
 from replant.data.streams.batch import Batch
 from replant.data.streams.rows import (
     BY_WIDTH,

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 
 from replant.data.streams.batch import Batch
 from replant.data.streams.inbox import CAPACITY, Inbox
-from replant.data.streams.numbering import Numbering
+from replant.data.streams.sequence_numbers import Numbering
 from replant.data.streams.stop_request import StopRequest
-from replant.system.worker import Worker
+from replant.operating_system.worker import Worker
 
 TICK = 0.1
 """Time without samples after which an empty batch comes [s]."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.data.logs import Table, read_columns
-from replant.data.logs.time import time_candidates, unit_in_seconds
+from replant.data.logs.sampling_time import time_candidates, unit_in_seconds
 from replant.data.streams.address import Address
 from replant.data.streams.batch import Batch
 from replant.data.streams.pace import Pace, speed_of

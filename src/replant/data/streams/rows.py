@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.data.logs.cells import parse_number
+from replant.data.logs.text_cells import parse_number
 
 #: The fields of a sample, in the order of four columns: sequence number, time stamp in s, input, output.
 FIELDS = ("n", "t", "u", "y")

@@ -19,7 +19,7 @@ kernels are compiled again then, and `TROUBLE` says why.
 import contextlib
 from typing import Any
 
-from replant.kernels.codegen.private import njit
+from replant.kernels.codegen.numba_internals import njit
 
 TROUBLE: list[str] = []  # why kernels could not be kept; empty where they could
 

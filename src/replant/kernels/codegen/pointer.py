@@ -9,7 +9,7 @@ from typing import Any
 from numba import types
 from numba.extending import intrinsic
 
-from replant.kernels.codegen.private import cgutils, impl_ret_borrowed
+from replant.kernels.codegen.numba_internals import cgutils, impl_ret_borrowed
 
 
 def _kind_of(array):

@@ -17,7 +17,7 @@ from typing import Any
 from numba import types
 from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model, type_callable
 
-from replant.kernels.codegen.private import (
+from replant.kernels.codegen.numba_internals import (
     Conversion,
     cgutils,
     impl_ret_borrowed,

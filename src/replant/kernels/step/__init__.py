@@ -17,17 +17,17 @@ Arguments of all kernels, as `kernels.schema` and `engine.state.State` describe 
 (3, size), buffer (capacity, width), recent (rows, 3 or 5); u and y in the units of the record, the time stamp t in s;
 of kernels for K samples also errors (K,) in the unit of y, and parameters (K, P) in physical units, both written.
 
-`shared` has the stages that all of them use; a variant is the list of its stages.  What is written twice, and why:
+`stages` has the stages that all of them use; a variant is the list of its stages.  What is written twice, and why:
 
 ==========================  ========================  ==================================================================
 what                        where                     why
 ==========================  ========================  ==================================================================
 the order of the stages     `take` of each variant    one function with all branches would be compiled whole for
                                                       everybody; most identifiers need one variant
-`update_estimate`           shared, fixed_filter,     the general one calls its parts as functions, that of the fixed
+`update_estimate`           stages, fixed_filter,     the general one calls its parts as functions, that of the fixed
                             ensemble_replay           filter has them in its loop; vectors have no branch on data, so an
                                                       update is undone lane by lane
-the loop over samples       `shared.take_many`,       the arrays of the fixed filter are cut once a call, not once a
+the loop over samples       `stages.take_many`,       the arrays of the fixed filter are cut once a call, not once a
                             fixed_filter              sample
 filters and regressor       `filters.chain`,          one bank, one interval and held inputs need neither a search for a
                             fixed_filter              discretisation nor pieces of a dead time

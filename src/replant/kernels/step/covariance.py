@@ -21,7 +21,7 @@ from replant.kernels.monitoring.interruptions import (
 )
 from replant.kernels.optimizers import covariance as loops
 from replant.kernels.schema import Alarm, Doubt
-from replant.kernels.step.shared import (
+from replant.kernels.step.stages import (
     acceptable,
     cut_estimate,
     direction_of,

@@ -35,7 +35,7 @@ from replant.kernels.step.ensemble_lanes import (
 )
 from replant.kernels.step.ensemble_replay import update_estimate
 from replant.kernels.step.ensemble_tiles import deliver, fetch
-from replant.kernels.step.shared import cut_estimate, mapped_input
+from replant.kernels.step.stages import cut_estimate, mapped_input
 
 
 @inline_llvm

@@ -10,7 +10,7 @@ from replant.kernels.codegen.decorators import inline_llvm, outlined
 from replant.kernels.codegen.simd import LANES
 from replant.kernels.filters import bank as bk
 from replant.kernels.step.fixed_filter import cut_rings, keep_input
-from replant.kernels.step.shared import acceptable, keep_estimate, keep_sample
+from replant.kernels.step.stages import acceptable, keep_estimate, keep_sample
 
 # Rows of the work space, after the 2 n that `fixed_filter.advance_states` uses.
 INPUT, OUTPUT, ERROR, FINITE, ASIDE = range(5)

@@ -1,7 +1,7 @@
 """How an ensemble's members learn: from rows that all draw alike, or each from rows of its own.
 
 Arrays are those of `step.ensemble`: ``arrays`` is (ints, reals, banks, buffer, recent), ``estimate`` what
-`shared.cut_estimate` cuts of the vectors, ``work`` what `step.ensemble.steps` says.
+`stages.cut_estimate` cuts of the vectors, ``work`` what `step.ensemble.steps` says.
 """
 
 from replant.kernels import schema as at
@@ -10,7 +10,7 @@ from replant.kernels.codegen.simd import LANES, prefetch, vectors
 from replant.kernels.optimizers import gradient as loops
 from replant.kernels.optimizers.random_stream import draw_below
 from replant.kernels.step.ensemble_lanes import write_estimate
-from replant.kernels.step.shared import draw_rows, keep_and_write
+from replant.kernels.step.stages import draw_rows, keep_and_write
 
 
 @outlined

@@ -18,7 +18,7 @@ from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain
 from replant.kernels.optimizers import gradient as loops
-from replant.kernels.step.shared import (
+from replant.kernels.step.stages import (
     acceptable,
     cut_estimate,
     draw_rows,

@@ -13,7 +13,7 @@ from replant.kernels.filters import chain
 from replant.kernels.monitoring import outliers
 from replant.kernels.monitoring.interruptions import input_rests, interval_of
 from replant.kernels.optimizers import gradient as loops
-from replant.kernels.step.shared import (
+from replant.kernels.step.stages import (
     acceptable,
     cut_estimate,
     direction_of,

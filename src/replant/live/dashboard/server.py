@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 from replant.errors import InvalidArgumentError, MissingDependencyError, ReplantError
 from replant.live.dashboard.hub import Hub
-from replant.system.worker import Worker
+from replant.operating_system.worker import Worker
 
 if TYPE_CHECKING:
     import uvicorn

@@ -21,8 +21,8 @@ from replant.live.observer.spawn import GOODBYE, ObserverProcess
 from replant.live.observer.view import SessionInfo, View
 from replant.live.outputs.notices import Notices
 from replant.online.identifier import Identifier
-from replant.system.refusals import one_line, refusal
-from replant.system.worker import Worker
+from replant.operating_system.os_errors import one_line, refusal
+from replant.operating_system.worker import Worker
 
 INTERVAL = 0.2
 """Time between two handovers at the least [s]."""

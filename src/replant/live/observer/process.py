@@ -21,7 +21,7 @@ from replant.live.outputs.message import UNKNOWN
 from replant.live.outputs.notices import Notices
 from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
-from replant.system.refusals import one_line, refusal
+from replant.operating_system.os_errors import one_line, refusal
 
 if TYPE_CHECKING:
     from replant.live.dashboard.hub import Hub
@@ -240,7 +240,7 @@ class _Observing:
 
     def _report(self) -> bytes:
         """Return the report of the newest estimate over the samples that the identifier keeps."""
-        from replant.live.observer.report import report_of
+        from replant.live.observer.final_report import report_of
 
         identifier, view = self._identifier, self._view
         if identifier is None or view is None:

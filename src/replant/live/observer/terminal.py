@@ -12,7 +12,7 @@ from typing import Any
 from replant.live.observer.view import View
 from replant.live.outputs.message import UNKNOWN
 from replant.model.transfer_function import TransferFunction
-from replant.report.numbers import grouped, off_by, with_std
+from replant.report.number_format import grouped, off_by, with_std
 from replant.report.terminal.summary import fraction, true_parameters, wrapped
 
 LINES_APART = 5.0

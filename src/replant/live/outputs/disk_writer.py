@@ -7,8 +7,8 @@ import queue
 from collections.abc import Callable
 
 from replant.live.outputs.notices import Notices
-from replant.system.refusals import one_line
-from replant.system.worker import Worker
+from replant.operating_system.os_errors import one_line
+from replant.operating_system.worker import Worker
 
 MOST_WAITING = 16
 """Pieces of work that wait for the disk at the most [count]."""

@@ -22,7 +22,7 @@ from replant.data.logs.parquet import CHECKED, check_rows, open_parquet
 from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.live.outputs.disk_writer import DiskWriter
 from replant.live.outputs.message import EstimateMessage
-from replant.system.refusals import one_line
+from replant.operating_system.os_errors import one_line
 
 ROWS = 200_000
 """Rows of a part: a few megabytes [rows]."""

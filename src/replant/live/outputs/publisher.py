@@ -22,8 +22,8 @@ from replant.live.outputs.message import (
 )
 from replant.live.outputs.notices import Notices
 from replant.live.outputs.sinks import Sink
-from replant.system.refusals import one_line
-from replant.system.worker import Worker
+from replant.operating_system.os_errors import one_line
+from replant.operating_system.worker import Worker
 
 TICK = 0.05
 """Time between two looks of the watchdog, at the most [s]."""

@@ -17,16 +17,16 @@ from replant.live.observer.view import SessionInfo
 from replant.live.outputs.disk_writer import DiskWriter
 from replant.live.outputs.message import UNKNOWN, EstimateMessage, time_to_live
 from replant.live.outputs.notices import Notices
-from replant.live.outputs.outlets import Outlets
 from replant.live.outputs.parquet_recorder import ParquetRecorder
+from replant.live.outputs.publisher import Outlets
 from replant.live.outputs.sinks import Sink
 from replant.live.session.checkpointing import CheckpointWriter
+from replant.live.session.end_conditions import Limits
 from replant.live.session.end_signals import stop_on_signals
-from replant.live.session.limits import Limits
 from replant.live.session.progress import Progress
 from replant.live.session.throughput import Throughput
 from replant.online.identifier import Identifier
-from replant.system.refusals import refusal
+from replant.operating_system.os_errors import refusal
 
 
 class Session:

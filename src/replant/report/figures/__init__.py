@@ -23,6 +23,7 @@ from pathlib import Path
 from replant.arguments import FloatArray
 from replant.report.figures.bode import draw_bode
 from replant.report.figures.correlation import draw_correlations
+from replant.report.figures.over_time import draw_excitation, draw_fit, draw_transients
 from replant.report.figures.overlay import draw_overlay
 from replant.report.figures.poles import draw_poles_and_zeros
 from replant.report.figures.style import (
@@ -33,7 +34,6 @@ from replant.report.figures.style import (
     RESIDUAL,
     TRUTH,
 )
-from replant.report.figures.time import draw_excitation, draw_fit, draw_transients
 from replant.runs.result import Result
 
 __all__ = [

@@ -6,8 +6,8 @@ import numpy as np
 
 from replant.report.figures import style
 from replant.report.figures.correlation import reach
-from replant.report.html.material import Material
-from replant.report.numbers import complex_number, number, percent
+from replant.report.html.report_data import Material
+from replant.report.number_format import complex_number, number, percent
 
 SEEN = 0.01
 """Part of the record below which a stretch cannot be seen in a picture [part of the record]."""

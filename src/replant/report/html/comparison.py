@@ -17,7 +17,7 @@ from replant.report.findings import (
     Finding,
     findings,
 )
-from replant.report.html import recipe, tables
+from replant.report.html import python_program, tables
 from replant.report.html.page import (
     NO_BREAK,
     Html,
@@ -33,7 +33,7 @@ from replant.report.html.svg import (
     svg,
     variable,
 )
-from replant.report.numbers import duration, number, percent
+from replant.report.number_format import duration, number, percent
 from replant.report.palette import blank_figure
 from replant.report.terminal.comparison import OUTCOME, cells_of, gravity_of
 from replant.runs.comparison import Contender, best
@@ -247,9 +247,9 @@ def _programs(contenders: Sequence[Contender], log: Log) -> str:
         if entry.result is None:
             continue
         if entry.fitted is not None:
-            program = recipe.fit_as_python(entry.fitted, log)
+            program = python_program.fit_as_python(entry.fitted, log)
         elif entry.result.settings is not None:
-            program = recipe.run_as_python(entry.result, log)
+            program = python_program.run_as_python(entry.result, log)
         else:
             continue
         summary = f"<summary>{html.escape(entry.name)} alone, in Python</summary>"

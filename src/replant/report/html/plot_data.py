@@ -12,7 +12,7 @@ from replant.arguments import FloatArray
 from replant.report.diagnostics import Excitation
 from replant.report.figures import style
 from replant.report.html import captions
-from replant.report.html.material import Material
+from replant.report.html.report_data import Material
 from replant.runs.overview import POINTS
 from replant.runs.thinning import thin
 

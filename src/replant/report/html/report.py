@@ -20,12 +20,7 @@ from replant.report.findings import BAD, Finding, findings
 from replant.report.html import (
     captions as words,
 )
-from replant.report.html import (
-    recipe,
-    svg,
-    tables,
-)
-from replant.report.html.material import Material
+from replant.report.html import python_program, svg, tables
 from replant.report.html.page import (
     asset,
     code,
@@ -36,8 +31,9 @@ from replant.report.html.page import (
 from replant.report.html.page import style as page_style
 from replant.report.html.page import words as in_words
 from replant.report.html.plot_data import charts
+from replant.report.html.report_data import Material
 from replant.report.html.uplot import uplot
-from replant.report.numbers import (
+from replant.report.number_format import (
     duration,
     mathml,
     number,
@@ -90,7 +86,7 @@ def write_report(
     settings = result.settings
     if settings is not None:
         filter, preprocess = filter or result.fixed_filter, preprocess or settings.preprocess  # noqa: A001
-        python = python or recipe.run_as_python(result, log)
+        python = python or python_program.run_as_python(result, log)
     material = Material(result, log, filter, preprocess or Preprocess(), truth)
     with np.errstate(all="ignore"):  # figures that are not finite are reported in words
         fields = _fields(material, title or log.path.name or "Simulated record", command, python)

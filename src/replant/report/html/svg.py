@@ -15,8 +15,8 @@ from replant.report.figures import (
     draw_poles_and_zeros,
     style,
 )
-from replant.report.figures.time import draw_transients
-from replant.report.html.material import Material
+from replant.report.figures.over_time import draw_transients
+from replant.report.html.report_data import Material
 from replant.report.palette import blank_figure
 
 HALF, WHOLE = 4.5, 7.4

@@ -15,9 +15,9 @@ import numpy as np
 from replant.data.logs import Log
 from replant.report.figures import style
 from replant.report.figures.poles import regions
-from replant.report.html.material import Material
 from replant.report.html.page import Html, facts, words
-from replant.report.numbers import (
+from replant.report.html.report_data import Material
+from replant.report.number_format import (
     MINUS,
     complex_number,
     duration,

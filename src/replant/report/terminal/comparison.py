@@ -12,7 +12,7 @@ from replant.report.findings import (
     WARN,
     findings,
 )
-from replant.report.numbers import percent, uncertain
+from replant.report.number_format import percent, uncertain
 from replant.report.terminal.summary import as_json as result_as_json
 from replant.runs.comparison import Contender, best
 

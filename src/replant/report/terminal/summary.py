@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from replant.model.transfer_function import TransferFunction
-from replant.report.numbers import off_by, percent, with_std
+from replant.report.number_format import off_by, percent, with_std
 from replant.runs.result import Result
 
 REASON_INDENT = 9
