@@ -8,7 +8,7 @@ input's power density, the power density of the model's output, is at least a hu
 amplitude.
 
 The second test finds a change of the plant that the residual over a long record hides: one Gauss-Newton step
-(`distance.newest_distances`) over the newest samples alone, for several lengths, and what it makes of abs G.
+(`newton_step.newest_distances`) over the newest samples alone, for several lengths, and what it makes of abs G.
 
 Source: Ljung (1999), "System Identification: Theory for the User", sections 9.4 and 6.4 (Welch's spectrum).
 """
