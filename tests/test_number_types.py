@@ -100,7 +100,7 @@ FUNCTIONS: dict[Callable[..., Any], dict[str, Any]] = {
 RESULTS = {
     "Assessment", "Verdict", "Simulation", "FitResult", "Trace", "Loaded", "Recording", "Table", "Batch", "Actuator",
     "Cell", "Experiment", "Improvement", "Plant", "Row", "RowResult", "TableResult", "Replication", "Stretch",
-    "Optimizer", "Dashboard", "Hub", "Source",
+    "Optimizer", "Filter", "DiscreteFilter", "Dashboard", "Hub", "Source",
 }  # fmt: skip
 
 

@@ -168,7 +168,7 @@ def mother(folder: Path) -> Iterator[Mother]:
 
 def findings(outcome: Outcome, fault: Fault | None) -> list[str]:
     """Return what is wrong with an outcome: nothing, where all of the contract holds."""
-    found = [*_ending(outcome), *_words(outcome, fault)]
+    found = [*_ending(outcome, fault), *_words(outcome, fault)]
     if outcome.code is not None:
         found += [*_checkpoint(outcome, fault), *_record(outcome, fault), *_lines(outcome, fault)]
         if not (fault and fault.lasting and fault.kind == "rename"):
@@ -176,11 +176,13 @@ def findings(outcome: Outcome, fault: Fault | None) -> list[str]:
     return found
 
 
-def _ending(outcome: Outcome) -> Iterator[str]:
+def _ending(outcome: Outcome, fault: Fault | None) -> Iterator[str]:
     if outcome.signal is not None:
         yield f"died of signal {outcome.signal}"
     elif outcome.code is None:
         yield "hangs"
+    elif outcome.code == 127 and fault and fault.kind == "alloc" and "for thread-local data: ABORT" in outcome.err:
+        pass  # the C library's own line and exit code, where a thread's first use of a library is refused its memory
     elif outcome.code not in (0, 2):
         yield f"exit code {outcome.code}"
     if outcome.left:

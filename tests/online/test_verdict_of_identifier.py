@@ -163,7 +163,7 @@ def test_starting() -> None:
     ident.update_many(u[200:550], y[200:550])
     verdict = ident.assess()
     assert verdict.status == "converging"
-    assert "not seen are too few" in verdict.reasons[0]
+    assert "too few to test it on" in verdict.reasons[0]
     still = rp.Identifier(STRUCTURE, DT)
     still.update_many(np.ones(100), y[:100])
     assert still.assess().status == "not excited"

@@ -22,6 +22,7 @@ class AMSGrad(Adam):
 
     Examples
     --------
+    >>> import numpy as np
     >>> AMSGrad(step_size=5e-4).settings(1e-3, np.ones(2))
     array([5.00e-04, 9.00e-01, 9.99e-01, 1.00e-08])
 
