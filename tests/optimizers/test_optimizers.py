@@ -158,7 +158,9 @@ def test_moments_that_never_move_are_refused(optimizer: Any, field: str) -> None
 
 @pytest.mark.parametrize("name", [name for name, kind in OPTIMIZERS.items() if kind.keeps_covariance])
 def test_an_optimizer_that_remembers_every_sample_refuses_a_buffer(name: str) -> None:
-    with pytest.raises(rp.InvalidArgumentError, match=f"^{type(made(name)).__name__} uses every sample already: replay must be None"):
+    with pytest.raises(
+        rp.InvalidArgumentError, match=f"^{type(made(name)).__name__} uses every sample already: replay must be None"
+    ):
         rp.Identifier(rp.Structure(1), 0.1, optimizer=made(name), replay=rp.Replay())
     assert rp.Identifier(rp.Structure(1), 0.1, optimizer=made(name), replay=None).status == "starting"
 

@@ -133,7 +133,7 @@ def _contradiction(evidence: Evidence, runs: Runs, omega: FloatArray) -> list[Fi
     """Say whether the newest samples alone would put abs G elsewhere, and over which length it is most."""
     present, surest, size, length = _magnitude(evidence, evidence.estimate, omega), 0.0, 0.0, 0
     counts = [evidence.enough * times for times in LENGTHS]
-    for count, away in newest_distances(runs.now, counts, FALSE_ALARM, max(evidence.slowness, 1.0)):
+    for count, away in newest_distances(runs.now, counts, FALSE_ALARM):
         if not away.statistic > 1.0:
             continue
         there = _magnitude(evidence, evidence.estimate[: evidence.coefficients] + away.step, omega)

@@ -33,6 +33,16 @@ RANK_TOLERANCE = 1e-14
 Derivation: some fifty times the precision of float64.
 """
 
+FEWEST_STRETCHES = 4
+"""Earlier stretches from which the scatter of steps is taken, at the least [count].
+Derivation: the median of four is not moved far by one that lies across a change.
+"""
+
+MOST_STRETCHES = 8
+"""... and at the most [count].
+Derivation: the median of eight is known to a third; each costs as much as the test itself.
+"""
+
 
 @dataclass(frozen=True)
 class Distance:
@@ -84,44 +94,64 @@ def distance(run: ModelRun, rows: slice, false_alarm: float) -> Distance:
     return Distance(step / lengths, statistic, covariance / np.outer(lengths, lengths))
 
 
-def newest_distances(
-    run: ModelRun, counts: Iterable[int], false_alarm: float, wider: float = 1.0
-) -> Iterator[tuple[int, Distance]]:
+def newest_distances(run: ModelRun, counts: Iterable[int], false_alarm: float) -> Iterator[tuple[int, Distance]]:
     """Yield the Gauss-Newton step that the newest samples alone ask of an estimate, for each number of them.
 
     A few samples do not tell the colour of their own residual: tested with it, coloured noise would be taken for a
     change.  So colour and power are those of the residual over the whole run, and instruments and residual are whitened
-    by them (generalised least squares).  Where the few samples leave more power, that is used.
+    by them (generalised least squares).  Where the few samples leave more power, that is used.  Slow noise makes steps
+    scatter more than this says: by how much is measured on earlier stretches of the same length.  (The scatter of the
+    estimate's path is no measure of it: the path moves after a change, which would so excuse itself.)
 
     Parameters
     ----------
     run : ModelRun
     counts : iterable of int
-        Numbers of newest samples; larger ones than the run has are left out.
+        Numbers of newest samples, ascending; larger ones than the run has are left out.
     false_alarm : float
         Chance that a statistic exceeds 1 where the estimate is right.
-    wider : float
-        Times the standard deviation by the residual's colour that the estimate really scatters, as under slow noise.
     """
     noise = Autoregression.of(run.error - run.error.mean())
     white = noise.whiten(run.error)
-    usual = float(white.var())
     nuisances = noise.whiten(np.hstack([run.nuisances, np.ones((len(run.error), 1))]))
     slopes = noise.whiten(run.zeta)
+    usual, wider = float(white.var()), 1.0
     for count in counts:
         if count > len(white):
             return
-        newest = slice(len(white) - count, None)
-        zeta = without(slopes[newest], nuisances[newest])
-        error = without(white[newest, None], nuisances[newest])[:, 0]
-        lengths = lengths_of(zeta)
-        zeta = zeta / lengths
-        basis = orthogonal(products(zeta, zeta))
-        inverse = basis @ basis.T
-        step = inverse @ products(zeta, error[:, None])[:, 0]
-        left = error - np.einsum("ij,j->i", zeta, step)
-        free = max(count - len(step) - nuisances.shape[1], 1)
-        covariance = wider**2 * max(usual, float(left @ left) / free) * inverse
-        square = float(step @ pseudo_inverse(covariance, RANK_TOLERANCE) @ step)
-        statistic = math.inf if math.isnan(square) else square / float(chi2_quantile(1.0 - false_alarm, len(step)))
-        yield count, Distance(step / lengths, statistic, covariance / np.outer(lengths, lengths))
+        newest = len(white) - count
+        wider = max(_scatter(slopes, nuisances, white, usual, range(newest % count, newest, count)) or wider, 1.0)
+        step, covariance, square = _whitened_step(slopes, nuisances, white, usual, slice(newest, None))
+        limit = wider * chi2_quantile(1.0 - false_alarm, len(step))
+        yield count, Distance(step, math.inf if math.isnan(square) else square / limit, wider * covariance)
+
+
+def _scatter(slopes: FloatArray, nuisances: FloatArray, white: FloatArray, usual: float, begins: range) -> float | None:
+    """Return the variance of the steps of earlier stretches over what is computed; None where there are few of them.
+
+    The median of several: some of the stretches may lie after a change.
+    """
+    if len(begins) < FEWEST_STRETCHES:
+        return None
+    chosen = [begins[k] for k in np.linspace(0, len(begins) - 1, min(len(begins), MOST_STRETCHES)).astype(int)]
+    rows = [slice(begin, begin + begins.step) for begin in chosen]
+    squares = [_whitened_step(slopes, nuisances, white, usual, each)[2] for each in rows]
+    return float(np.median(squares)) / chi2_quantile(0.5, slopes.shape[1])
+
+
+def _whitened_step(
+    slopes: FloatArray, nuisances: FloatArray, white: FloatArray, usual: float, rows: slice
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return the step (n,) that whitened samples ask for, its covariance C (n, n), and step' C^-1 step."""
+    zeta = without(slopes[rows], nuisances[rows])
+    error = without(white[rows, None], nuisances[rows])[:, 0]
+    lengths = lengths_of(zeta)
+    zeta = zeta / lengths
+    basis = orthogonal(products(zeta, zeta))
+    inverse = basis @ basis.T
+    step = inverse @ products(zeta, error[:, None])[:, 0]
+    left = error - np.einsum("ij,j->i", zeta, step)
+    free = max(len(error) - len(step) - nuisances.shape[1], 1)
+    covariance = max(usual, float(left @ left) / free) * inverse
+    square = float(step @ pseudo_inverse(covariance, RANK_TOLERANCE) @ step)
+    return step / lengths, covariance / np.outer(lengths, lengths), square
