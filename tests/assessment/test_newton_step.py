@@ -87,8 +87,8 @@ def test_over_the_newest_samples_alone_coloured_noise_is_no_change(colour: float
 def test_over_the_newest_samples_alone_drift_is_no_change() -> None:
     """Noise of many time constants, 1/f over three decades, which no short autoregression whitens.
 
-    Of 40 records and 3 lengths at 1e-4 one alarm has a chance of 1.2 %, if the scatter is known.  The median of eight may
-    be half of it; 0.5 % of the squares are then beyond: 0.6 alarms are expected, and six have a chance of 4e-5.
+    Of 40 records and 3 lengths at 1e-4 one alarm has a chance of 1.2 %, if the scatter is known.  The median of eight
+    may be half of it; 0.5 % of the squares are then beyond: 0.6 alarms are expected, and six have a chance of 4e-5.
     """
     alarms = 0
     for seed in range(40):
