@@ -84,13 +84,13 @@ def test_the_reader_of_imports_sees_every_kind() -> None:
     early += ["numba", "pandas", "typing"]
     assert list(imports(tree, "online.identifier", late=False)) == early
     assert set(imports(tree, "online.identifier")) == {*early, "control", "pyarrow"}
-    relative = ast.parse("from . import shared\nfrom .shared import step\nfrom ..schema import PAST")
+    relative = ast.parse("from . import stages\nfrom .stages import step\nfrom ..schema import PAST")
     assert list(imports(relative, "kernels.step.ensemble")) == [
         "replant.kernels.step.stages",
         "replant.kernels.step.stages",
         "replant.kernels.schema",
     ]
-    assert list(imports(ast.parse("from .step import shared"), "kernels")) == ["replant.kernels.step.stages"]
+    assert list(imports(ast.parse("from .step import stages"), "kernels")) == ["replant.kernels.step.stages"]
 
 
 @every_module

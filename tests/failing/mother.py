@@ -30,7 +30,7 @@ COUNTS = struct.Struct(f"{len(ROLES) * len(KINDS)}q")
 FIRED = struct.Struct("q")
 PLAN = struct.Struct("6q64s")  # role, kind, nth, error, lasting, least; the name of the call that failed
 SIZE = 8192
-GRACE = 600.0  # s that what a session began may take to notice its end, as Python's own helper does
+GRACE = 60.0  # s that what a session began may take to notice its end, as Python's own helper does
 
 
 def play(role: str) -> None:
