@@ -195,8 +195,8 @@ def _words(outcome: Outcome, fault: Fault | None) -> Iterator[str]:
     # Python's own word on a thread that finds no memory to begin with
     err = outcome.err.replace("Exception ignored in thread started by", "")
     if fault and (fault.role, fault.kind) == ("observer", "alloc") and "it is started again" in err:
-        # some C library (NumPy's reductions) writes through the null pointer of a refused allocation: that ends the
-        # observer's process alone, is said, and is mended by the next one
+        # a C library (seen below NumPy) that does not bear a refused allocation ends the observer's process alone; that
+        # is said, and the next process takes over
         err = err.replace("Fatal Python error: Segmentation fault", "")
     for word in ("Traceback", "Exception ignored", "Exception in thread", "Fatal", "rror while", "leaked"):
         if word in err:
