@@ -33,8 +33,9 @@ changes of gain, a load step, an input that rests, plants that are not linear or
 identified with one constant halved, and doubled; of a number between 0.5 and 1.5 the distance from one is. Noted is
 which estimates are trusted, when a failure or change is noticed, which samples are held against a record without
 reason, and errors that grow or shrink by a quarter and more. One record stands for each kind, so a single one that is
-trusted or not may be chance. "Not met by these records" says that every figure stays the same to the last bit: a record
-that meets the constant is not among them.
+trusted or not may be chance. "Nothing changes on these records" says that
+each verdict and figure of theirs stays the same to the last bit: no decision of theirs lies between the values, which
+does not say that none does elsewhere.
 
 {tuned} constants are tuned, {unmeasured} of them not measured; {derived} follow from something else or stand for a
 level; {facts} are plain facts: sizes, formats, time-outs.
