@@ -21,7 +21,7 @@ ORDER = [
     "arguments",
     "operating_system",
     # the kernels: arrays in, arrays out
-    *("kernels", "kernels.codegen", "kernels.filters", "kernels.optimizers", "kernels.monitoring", "kernels.step"),
+    *("kernels", "kernels.codegen", "kernels.optimizers", "kernels.filters", "kernels.monitoring", "kernels.step"),
     # the stages from a sample to the regressor, and what they share
     *("interop", "statistics", "optimizers", "model", "regressor"),
     *("signals", "rigs", "settings"),

@@ -85,7 +85,7 @@ class Dimensions:
     def numbers(self) -> dict[str, int]:
         """The dimensions by the names that the schema gives them."""
         own = {"n": self.order, "N": self.order + 2, "T": self.entries, "M": self.memory, "S": self.settings}
-        return FIXED | own | {"RING": self.ring}
+        return FIXED | own | {"RING": self.ring, "L": 0}
 
     @property
     def begins(self) -> dict[Block, int]:

@@ -82,7 +82,7 @@ class State(StateSlots):
         """What the shapes of the blocks are made of."""
         order = self.order
         own = {"n": order, "N": order + 2, "T": self.entries, "M": self.memory_size, "S": self.settings_size}
-        return FIXED | own | {"RING": self.ring_size}
+        return FIXED | own | {"RING": self.ring_size, "L": 0}
 
     def begin_of(self, block: Block) -> int:
         """Return where in ``reals`` a block begins."""
@@ -200,6 +200,8 @@ class State(StateSlots):
         state.seed = replay.seed if replay else 0
         state.square_input = settings.preprocess.input_map == "square"
         state.coloured = optimizer.keeps_covariance and optimizer.keeps_colour
+        state.has_noise_model = state.coloured and state.refined
+        state.noise.gain = 1.0
         follows = optimizer.keeps_covariance and not (optimizer.keeps_colour and state.settings[0] == 1.0)
         state.past_step = SHORTEST_STEP if follows else LONGEST_STEP
         state.input_offset = float(settings.preprocess.input_offset)

@@ -7,6 +7,7 @@ import numpy as np
 from replant.kernels import schema as at
 from replant.kernels.codegen.decorators import inline_llvm, outlined
 from replant.kernels.filters import bank as bk
+from replant.kernels.filters import whitening
 from replant.kernels.filters.routh import slowest_decay
 from replant.kernels.monitoring import residual_colour
 from replant.kernels.optimizers import covariance as second
@@ -73,6 +74,13 @@ def input_rests(ints, reals, u):
     return reals[at.INPUT_POWER] < least
 
 
+@inline_llvm
+def unit_of_covariance(ints, reals):
+    """Return the variance that the covariance of recursive least squares is a multiple of: that of what it learns."""
+    usual = max(reals[at.USUAL_VARIANCE], LEAST_NOISE * reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny)
+    return whitening.gain(ints, reals) * usual
+
+
 @outlined
 def begin_initial_state(ints, reals, banks, y):
     """Take the initial state for that of an output that stood at ``y``, and for unknown: learning goes on.
@@ -97,9 +105,7 @@ def begin_initial_state(ints, reals, banks, y):
         for b in range(1, 3):
             banks[b, bk.at_weights(n, T) + first + i] = theta[first + i] * reals[at.OUTPUT_SCALE]
         if ints[at.ALGORITHM] == RECURSIVE_LEAST_SQUARES:
-            variances[i] /= max(
-                reals[at.USUAL_VARIANCE], LEAST_NOISE * reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny
-            )
+            variances[i] /= unit_of_covariance(ints, reals)
             cap = memory + place(second.AT_CAPS, T) + first + i
             reals[cap] = max(reals[cap], variances[i])
     second.begin_last(U, D, first, variances, reals[ints[at.AT_BACKUP] : ints[at.AT_BACKUP] + T])
@@ -119,7 +125,7 @@ def forget_constant(ints, reals, banks):
     variances = reals[work : work + n + 1]
     size = UNKNOWN * max(reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny) * reals[at.OUTPUT_SCALE] ** 2
     size *= banks[ints[at.SERVING_BANK], bk.SCALE] ** (2 * n) / reals[ints[at.AT_UNIT] + which] ** 2
-    size /= max(reals[at.USUAL_VARIANCE], LEAST_NOISE * reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny)
+    size /= unit_of_covariance(ints, reals)
     for i in range(n + 1):
         variances[i] = size
     cap = memory + place(second.AT_CAPS, T) + which

@@ -24,7 +24,7 @@ from replant.kernels import schema as at
 from replant.kernels.codegen.decorators import inline_llvm, inline_source, outlined
 from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters import bank as bk
-from replant.kernels.filters import chain
+from replant.kernels.filters import chain, whitening
 from replant.kernels.optimizers import covariance as second
 from replant.kernels.schema import Alarm, Doubt
 
@@ -234,7 +234,7 @@ def variance_ratio(ints, reals):
     U, D = reals[memory : memory + T * T], reals[memory + T * T : memory + T * T + T]
     direction = ints[at.AT_ZETA] if ints[at.INSTRUMENTS] == 1 else ints[at.AT_PHI]
     along = second.variance_along(U, D, reals[direction : direction + T])
-    return 1.0 + along / own_noise(ints, reals)
+    return 1.0 + whitening.gain(ints, reals) * along / own_noise(ints, reals)
 
 
 @outlined

@@ -10,6 +10,7 @@ import numpy as np
 
 from replant.kernels import schema as at
 from replant.kernels.codegen.decorators import inline_llvm, inline_source, kernel, outlined
+from replant.kernels.filters import whitening
 from replant.kernels.monitoring import estimate_path as trail
 from replant.kernels.monitoring import outliers, residual_colour
 from replant.kernels.monitoring.interruptions import (
@@ -106,13 +107,19 @@ def take(ints, reals, banks, buffer, recent, u, y, t):
     if ints[at.RECENT_SIZE] > 0:
         keep_guarded_sample(ints, reals, recent, u, y, interval)
     ints[at.SAMPLES] += 1
-    tells = not at_rest and may_learn(ints, reals)
+    if ints[at.HAS_NOISE_MODEL] == 1:
+        target = whitening.whiten(ints, reals, target, interval)
+    tells, learned = not at_rest and may_learn(ints, reals), False
     if not tells or ints[at.ALARM] >= Alarm.RESTS:
         ints[at.RESTED] += 1
     elif ints[at.DOUBT] == Doubt.NONE and outliers.is_calm(ints, reals):
+        error = outliers.equation_error(ints, reals, target) if ints[at.HAS_NOISE_MODEL] == 1 else reals[at.ERROR]
         update_estimate(ints, reals, buffer, target, interval, learn)
         if ints[at.COLOURED] == 1 and not outliers.begins_anew(ints, reals):
-            record_residual(ints, reals, reals[at.ERROR])
+            record_residual(ints, reals, error)
+            learned = True
+    if ints[at.HAS_NOISE_MODEL] == 1:
+        whitening.record(ints, reals, learned)
     outliers.watch(ints, reals, tells)
     if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
         keep_estimate(ints, reals)

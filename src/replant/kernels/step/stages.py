@@ -23,7 +23,7 @@ from replant.kernels.codegen.decorators import (
 )
 from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters import bank as bk
-from replant.kernels.filters import chain
+from replant.kernels.filters import chain, whitening
 from replant.kernels.monitoring import residual_colour
 from replant.kernels.optimizers.random_stream import draw_below
 from replant.kernels.schema import LAGS
@@ -225,8 +225,10 @@ def keep_sample(ints, recent, u, y, interval):
 
 @inline_source
 def renew_model(ints, reals, banks):
-    """Make the newest estimate the auxiliary model where that is due, and with it the residual's autoregression."""
+    """Make the newest estimate the auxiliary model where that is due, and renew what is known of the noise with it."""
     if chain.renew_model(ints, reals, banks):
+        if ints[at.HAS_NOISE_MODEL] == 1:
+            whitening.renew(ints, reals)
         colour = ints[at.AT_COLOUR]
         if ints[at.COLOURED] == 1:
             residual_colour.autoregression(

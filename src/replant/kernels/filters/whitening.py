@@ -1,0 +1,146 @@
+r"""The noise model in the recursion: regressor, instruments and target are filtered until their residual is white.
+
+The residual e = target - phi' theta is modelled as an autoregression,
+
+.. math:: D(q)\, e_k = e_k + d_1 e_{k-1} + \ldots + d_p e_{k-p} = w_k,
+
+and the estimator learns from the row g D(q) [phi, zeta, target], whose residual is g w.  Its order p, at most LAGS, and
+its coefficients come from sums of e_{k-i} e_{k-j} over all samples learned; they are renewed with the auxiliary model.
+
+Where the past is broken (an interval that is irregular, a gap, an output that was bridged) only j < p predecessors are
+known.  The best model of order j filters then, whose residual has the larger variance V_j.  The weight
+g^2 = gain V_0 / V_j makes up for it: it is the likelihood of an autoregression with a missing past.  ``gain`` is
+V_p / V_0 of the model that the optimizer's covariance was begun with, so that this stays in one unit: the variance
+``gain`` V_0 of g w.
+
+Sources: Young (2011), "Recursive Estimation and Time-Series Analysis", chapter 8; Ljung (1999), "System Identification:
+Theory for the User", sections 7.3 and 10.3.
+"""
+
+import math
+
+from replant.kernels import schema as at
+from replant.kernels.codegen.decorators import inline_llvm, inline_source, outlined
+from replant.kernels.codegen.pointer import pointer
+from replant.kernels.filters.autoregression import nested_models
+from replant.kernels.schema import FIXED, LAGS, Doubt, NoiseSlots
+
+ORDER, GAIN, COUNT = NoiseSlots.order.index, NoiseSlots.gain.index, NoiseSlots.count.index
+KNOWN, FILTERED, POSITION = NoiseSlots.known.index, NoiseSlots.filtered.index, NoiseSlots.position.index
+_BEGINS = NoiseSlots.begins(FIXED | {"T": 0})  # what depends on T comes last
+MODELS, VARIANCES, SUMS, ERRORS, ROWS = (_BEGINS[name] for name in ("models", "variances", "sums", "errors", "rows"))
+
+IRREGULAR = 0.1
+"""Difference from the sampling time beyond which an interval breaks the residual's past [sampling times].
+Derivation: the autocorrelation of a residual that an autoregression can whiten changes little within a tenth of a step.
+Sensitivity: not measured.
+"""
+
+ENOUGH = 64.0
+"""Residuals from which on the noise model is renewed [samples].
+Derivation: a coefficient of an autoregression has a standard deviation of at most 1/sqrt(64), an eighth.
+Sensitivity: not measured.
+"""
+
+
+@outlined
+def filter_row(T, noise, phi, zeta, target):
+    """Filter the newest row in place, keep it unfiltered for later ones; return the filtered target.  All are pointers."""
+    position = int(noise[POSITION])
+    lags = min(int(noise[ORDER]), int(noise[FILTERED]))
+    newest = position + 1 if position + 1 < LAGS else 0
+    width, model = 2 * T + 1, MODELS + (LAGS + 1) * lags
+    weight = math.sqrt(noise[GAIN] * noise[VARIANCES] / noise[VARIANCES + lags])
+    kept = pointer(noise, ROWS + newest * width)
+    total = target
+    oldest = noise[model + LAGS] if lags == LAGS else 0.0  # its row is the one that the newest takes the place of
+    if lags == LAGS:
+        total += oldest * kept[2 * T]
+    kept[2 * T] = target
+    for i in range(T):
+        now, companion = phi[i], zeta[i]
+        phi[i] = now + oldest * kept[i]
+        zeta[i] = companion + oldest * kept[T + i]
+        kept[i] = now
+        kept[T + i] = companion
+    row = newest
+    for lag in range(1, min(lags, LAGS - 1) + 1):
+        row = row - 1 if row > 0 else LAGS - 1
+        earlier, share = pointer(noise, ROWS + row * width), noise[model + lag]
+        for i in range(T):
+            phi[i] += share * earlier[i]
+            zeta[i] += share * earlier[T + i]
+        total += share * earlier[2 * T]
+    for i in range(T):
+        phi[i] *= weight
+        zeta[i] *= weight
+    noise[POSITION] = newest
+    noise[FILTERED] = min(noise[FILTERED] + 1.0, float(LAGS))
+    return weight * total
+
+
+@inline_llvm
+def gain(ints, reals):
+    """Return the residual's variance in the unit of the optimizer's covariance, over that of the filtered residual."""
+    return reals[ints[at.AT_NOISE] + GAIN] if ints[at.HAS_NOISE_MODEL] == 1 else 1.0
+
+
+@inline_llvm
+def whiten(ints, reals, target, interval):
+    """Filter the regressor, the instruments and the target of the newest sample; return the target.
+
+    Those of an output that was bridged stay as they are: they are not learned, and break the past of later ones.
+    """
+    noise = pointer(reals, ints[at.AT_NOISE])
+    if abs(interval - reals[at.INTERVAL]) > IRREGULAR * reals[at.INTERVAL]:
+        noise[KNOWN] = noise[FILTERED] = 0.0
+    if noise[ORDER] == 0.0 or ints[at.DOUBT] != Doubt.NONE:
+        noise[FILTERED] = 0.0
+        return target
+    T = ints[at.ENTRIES]
+    return filter_row(T, noise, pointer(reals, ints[at.AT_PHI]), pointer(reals, ints[at.AT_ZETA]), target)
+
+
+@outlined
+def add_residual(noise, error, forgetting):
+    """Add a residual and its predecessors to the sums; ``noise`` is a pointer."""
+    noise[COUNT] = forgetting * noise[COUNT] + 1.0
+    noise[SUMS] = forgetting * noise[SUMS] + error * error
+    for i in range(1, LAGS + 1):
+        row, one = pointer(noise, SUMS + (LAGS + 1) * i), noise[ERRORS + i - 1]
+        row[0] = forgetting * row[0] + one * error
+        for j in range(1, i + 1):
+            row[j] = forgetting * row[j] + one * noise[ERRORS + j - 1]
+
+
+@inline_llvm
+def record(ints, reals, learned):
+    """Take the newest residual, before its update and unfiltered; where it was ``learned`` add it to the sums.
+
+    Only a residual with LAGS known predecessors is added: all sums are over the same samples.
+    """
+    noise = pointer(reals, ints[at.AT_NOISE])
+    if ints[at.DOUBT] != Doubt.NONE:
+        noise[KNOWN] = 0.0
+        return
+    if learned and noise[KNOWN] == LAGS:
+        add_residual(noise, reals[at.ERROR], reals[ints[at.AT_SETTINGS]])
+    for lag in range(LAGS - 1, 0, -1):
+        noise[ERRORS + lag] = noise[ERRORS + lag - 1]
+    noise[ERRORS] = reals[at.ERROR]
+    noise[KNOWN] = min(noise[KNOWN] + 1.0, float(LAGS))
+
+
+@inline_source
+def renew(ints, reals):
+    """Renew the models of all orders, and the order in use, from the sums, where they are of enough residuals."""
+    begin, size = ints[at.AT_NOISE], LAGS + 1
+    noise = reals[begin:]
+    if noise[COUNT] >= ENOUGH:
+        noise[ORDER] = nested_models(
+            noise[SUMS : SUMS + size * size],
+            noise[COUNT],
+            noise[MODELS : MODELS + size * size],
+            noise[VARIANCES : VARIANCES + size],
+            reals[ints[at.AT_WORK] :],
+        )
