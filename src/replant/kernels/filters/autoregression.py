@@ -1,7 +1,7 @@
 r"""Autoregressions of every order up to the largest, by least squares on sums of products.
 
-Over samples whose predecessors are all known, G[i, j] is the sum of e_{k-i} e_{k-j}.  The model of order j minimises the
-sum of (e_k + d_1 e_{k-1} + .. + d_j e_{k-j})^2: G[1:j+1, 1:j+1] d = -G[1:j+1, 0].  One factorisation L D L' of
+Over samples whose predecessors are all known, G[i, j] is the sum of e_{k-i} e_{k-j}.  The model of order j minimises
+the sum of (e_k + d_1 e_{k-1} + .. + d_j e_{k-j})^2: G[1:j+1, 1:j+1] d = -G[1:j+1, 0].  One factorisation L D L' of
 G[1:, 1:] serves all orders, as its leading parts are those of the smaller ones.
 
 Autocovariances would do with fewer numbers, but the ends of their window leak: where the residual is smooth, as behind
@@ -24,8 +24,8 @@ Derivation: some hundred times the precision of float64.
 def nested_models(sums, count, models, variances, work):
     """Fill the models of orders 0 .. P - 1 and the variances of their residuals; return the order with the least BIC.
 
-    ``sums`` (P P,): the lower triangle of G; ``count``: samples summed; ``models`` (P P,): row j is 1, d_1 .. d_j, 0 ..;
-    ``variances`` (P,); ``work`` holds P P + P numbers.
+    ``sums`` (P P,): the lower triangle of G; ``count``: samples summed; ``models`` (P P,): row j is 1, d_1 .. d_j,
+    0 ..; ``variances`` (P,); ``work`` holds P P + P numbers.
     """
     P = variances.size
     top = P - 1

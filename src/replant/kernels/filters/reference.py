@@ -1,4 +1,4 @@
-r"""What a reference explains of input and output: the parts that instruments are made of where a controller closes a loop.
+r"""What a reference explains of input and output: what instruments are made of where a controller closes a loop.
 
 The reference r is applied from outside, as a set-point or a dither is, and does not depend on the noise.  Input and
 output are projected on it, sample by sample:
@@ -10,7 +10,8 @@ sample, so that u_r and y_r depend on r and on past noise alone.  An error of th
 Recursive least squares finds them; input and output share its gain, as they have the same regressor.
 
 Sources: Van den Hof and Schrama (1993), "An indirect method for transfer function estimation from closed loop data",
-Automatica 29; Wahlberg (1991), "System identification using Laguerre models", IEEE Transactions on Automatic Control 36.
+Automatica 29; Wahlberg (1991), "System identification using Laguerre models", IEEE Transactions on Automatic
+Control 36.
 """
 
 import math
@@ -67,9 +68,7 @@ def learn(ints, reals, u, y):
     """Let the weights learn the newest input and output; they forget nothing."""
     reference, work = pointer(reals, ints[at.AT_REFERENCE]), pointer(reals, ints[at.AT_WORK])
     states, gain = pointer(reference, STATES), pointer(work, SIZE)
-    alpha = measurement_update(
-        SIZE, pointer(reference, FACTORS), pointer(reference, DIAGONAL), states, 1.0, work, gain
-    )
+    alpha = measurement_update(SIZE, pointer(reference, FACTORS), pointer(reference, DIAGONAL), states, 1.0, work, gain)
     for_input = (u - explained(reference, WEIGHTS)) / alpha
     for_output = (y - explained(reference, WEIGHTS + SIZE)) / alpha
     for i in range(SIZE):

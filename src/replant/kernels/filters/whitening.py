@@ -45,7 +45,10 @@ Sensitivity: not measured.
 
 @outlined
 def filter_row(T, noise, phi, zeta, target):
-    """Filter the newest row in place, keep it unfiltered for later ones; return the filtered target.  All are pointers."""
+    """Filter the newest row in place, keep it unfiltered for later ones; return the filtered target.
+
+    All but ``T`` and ``target`` are pointers.
+    """
     position = int(noise[POSITION])
     lags = min(int(noise[ORDER]), int(noise[FILTERED]))
     newest = position + 1 if position + 1 < LAGS else 0
