@@ -41,6 +41,8 @@ class Dimensions:
         Whether a row of the buffer holds the regressor's noise-free companion as well.
     guarded : bool
         Whether outputs are examined before they are learned.
+    reference : bool
+        Whether there is a reference, which is kept beside the raw samples.
     """
 
     order: int
@@ -53,6 +55,7 @@ class Dimensions:
     recent: int = 0
     companions: bool = False
     guarded: bool = False
+    reference: bool = False
 
     def __post_init__(self) -> None:
         for name in ("order", "entries", "ring", "batch", "capacity"):
@@ -61,6 +64,8 @@ class Dimensions:
             keep(self, name, whole, 0)
         keep(self, "companions", truth)
         keep(self, "guarded", truth)
+        keep(self, "reference", truth)
+        assert self.guarded or not self.reference
 
     @classmethod
     def of_settings(cls, settings: Settings, recent: int) -> Dimensions:
@@ -79,6 +84,7 @@ class Dimensions:
             recent=recent,
             companions=settings.instruments or refined,
             guarded=optimizer.keeps_covariance,
+            reference=settings.reference,
         )
 
     @property
@@ -106,7 +112,7 @@ class Dimensions:
             "reals": (SCALARS + sum(block.size(self.numbers) for block in StateSlots.blocks),),
             "banks": (3, bank.size(self.order, self.entries)),
             "buffer": (self.capacity, (2 if self.companions else 1) * self.entries + 2),
-            "recent": (self.recent, 5 if self.guarded else 3),
+            "recent": (self.recent, 6 if self.reference else 5 if self.guarded else 3),
         }
 
 

@@ -61,9 +61,9 @@ class State(StateSlots):
         The fixed filter's bank and the auxiliary model's two; see `replant.kernels.filters.bank`.
     buffer : (capacity, width) array
         Replay: a learned sample a row, its regressor, instruments if there are any, target and weight.
-    recent : (R, 3) or (R, 5) array
+    recent : (R, 3), (R, 5) or (R, 6) array
         Raw samples kept: input, output, interval; where outputs are examined, also the output that the filters saw and
-        the `Doubt`.
+        the `Doubt`; where there is a reference, it is the last.
     """
 
     ints: IntArray
@@ -108,7 +108,7 @@ class State(StateSlots):
         state.order, state.entries, state.ring_size = sizes.order, sizes.entries, sizes.ring
         state.memory_size, state.settings_size = sizes.memory, sizes.settings
         state.capacity, state.batch_size, state.recent_size = sizes.capacity, sizes.batch, sizes.recent
-        state.examines_output = sizes.guarded
+        state.examines_output, state.has_reference = sizes.guarded, sizes.reference
         return state
 
     @classmethod

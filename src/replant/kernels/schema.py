@@ -60,8 +60,9 @@ LARGEST: Final = 1e150
 """Largest magnitude of a sample that is accepted: its square, and sums of such, are still far inside float64 [number].
 """
 
-# Columns of the raw samples kept; a state that does not examine its outputs has the first three.
-INPUT, OUTPUT, STEP, BRIDGED, DOUBTED = range(5)
+# Columns of the raw samples kept; a state that does not examine its outputs has the first three, the last one stands
+# where there is a reference.
+INPUT, OUTPUT, STEP, BRIDGED, DOUBTED, REFERENCE = range(6)
 
 BELIEVED: Final = -1
 """Value of HELD_AT while the identifier takes a sample that was held back, or a record that it has judged already
@@ -190,6 +191,7 @@ class StateSlots(Table):
     refined = Flag("the filter is 1/A of the estimate, with initial states as nuisances; else fixed", LAYOUT)
     instruments = Flag("the regressor has a noise-free companion", LAYOUT)
     has_noise_model = Flag("regressor, instruments and target are filtered by the noise model", LAYOUT)
+    has_reference = Flag("instruments are made from a reference", LAYOUT)
     coloured = Flag("power and colour of the residual are kept", LAYOUT)
     examines_output = Flag("outputs are examined before they are learned", LAYOUT)
     memory_size = Integer("M, numbers of the optimizer's memory", LAYOUT)
@@ -226,6 +228,7 @@ class StateSlots(Table):
     too_coarse = Integer("rejected samples: stamps as far from zero do not tell sampling times apart", CLOCK)
     input_leaps = Integer("rejected samples, or held back: the input is far beyond all before", MONITORING)
     no_output = Integer("samples without an output, of which the input alone was used", MONITORING)
+    no_reference = Integer("samples whose reference was not finite or too large: the one before was held", STEP_KERNEL)
     recent_head = Integer("row of the raw samples that the next one goes to", STEP_KERNEL)
     past_kept = Integer("past estimates kept so far", STEP_KERNEL, below="samples + 1")
     past_due = Integer(
@@ -245,6 +248,7 @@ class StateSlots(Table):
     held_input = Real("its input, preprocessed", STEP_KERNEL, "of u", finite=False)
     held_output = Real("its output, preprocessed", STEP_KERNEL, "of y", finite=False)
     held_time = Real("its time stamp", STEP_KERNEL, "s", finite=False)
+    held_reference = Real("its reference", STEP_KERNEL, "of r", finite=False)
 
     # --- clock
     gaps = Integer("interruptions after which the filters began anew", CLOCK)
@@ -265,6 +269,7 @@ class StateSlots(Table):
     output_scale = Real("sigma_y", LAYOUT, "of y")
     delay = Real("dead time", LAYOUT, "s")
     input_now = Real("the delayed input at the newest sample", FILTERS, "of u")
+    reference_now = Real("newest reference", STEP_KERNEL, "of r")
     last_output = Real("the output before, as the filters saw it", FILTERS, "of y")
     input_mean = Real("moving mean of the input", MONITORING, "of u")
     input_power = Real("moving variance of the input", MONITORING, "of u^2", least=0.0)
