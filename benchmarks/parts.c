@@ -123,8 +123,8 @@ static double observe(int64_t *ints, double *reals, double *banks, int64_t bank_
                 serving = output;
         }
         if (refined || b == 0) {
-            advance_channel(bank, n, T, MODEL, slot, bank[MODEL_OUTPUT], output, work);
-            bank[MODEL_OUTPUT] = output;
+            advance_channel(bank, n, T, MODEL, slot, bank[INSTRUMENT], output, work);
+            bank[INSTRUMENT] = bank[MODEL_OUTPUT] = output;
         }
     }
     reals[LAST_OUTPUT] = y;
@@ -134,7 +134,7 @@ static double observe(int64_t *ints, double *reals, double *banks, int64_t bank_
     if (modelled) {
         for (int64_t i = n; i < T; i++)
             zeta[i] = phi[i];
-        fill_output(bank, n, T, MODEL, bank[MODEL_OUTPUT], zeta);
+        fill_output(bank, n, T, MODEL, bank[INSTRUMENT], zeta);
     }
     return target / reals[OUTPUT_SCALE];
 }

@@ -104,7 +104,7 @@ def run_reference(numbers, r, u, y, work, explained):
 
 def compile_parts(folder: Path) -> ctypes.CDLL:
     """Build parts.c with a header of our layout."""
-    names = ("DENOMINATOR", "OUTPUT", "INPUT", "MODEL", "IMPULSE", "CHANNELS", "KEPT", "MODEL_OUTPUT")
+    names = ("DENOMINATOR", "OUTPUT", "INPUT", "MODEL", "IMPULSE", "CHANNELS", "KEPT", "MODEL_OUTPUT", "INSTRUMENT")
     slots = {name: value for name, value in vars(at).items() if name.isupper() and type(value) is int}
     slots = {name: value for name, value in slots.items() if name not in names}
     parts = {"NOISE": whitening, "REFERENCE": reference}
@@ -269,7 +269,10 @@ def measure() -> dict[str, Any]:
     """Return the figures: ``rows``, one for each part and size."""
     with tempfile.TemporaryDirectory() as folder:
         C = compile_parts(Path(folder))
-        results = [compare(*case) for case in (*filter_cases(C), *noise_model_cases(C), *reference_cases(C), *optimizer_cases(C))]
+        results = [
+            compare(*case)
+            for case in (*filter_cases(C), *noise_model_cases(C), *reference_cases(C), *optimizer_cases(C))
+        ]
     return {"rows": [asdict(result) for result in results], "holds": all(result.holds for result in results)}
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import keep, truth, whole
-from replant.kernels.schema import FIXED, ROWS, SCALARS, StateSlots
+from replant.kernels.schema import FIXED, LAGUERRE, ROWS, SCALARS, StateSlots
 from replant.kernels.slot_tables import Block
 from replant.model.structure import Structure
 from replant.settings import Settings
@@ -65,7 +65,6 @@ class Dimensions:
         keep(self, "companions", truth)
         keep(self, "guarded", truth)
         keep(self, "reference", truth)
-        assert self.guarded or not self.reference
 
     @classmethod
     def of_settings(cls, settings: Settings, recent: int) -> Dimensions:
@@ -91,7 +90,7 @@ class Dimensions:
     def numbers(self) -> dict[str, int]:
         """The dimensions by the names that the schema gives them."""
         own = {"n": self.order, "N": self.order + 2, "T": self.entries, "M": self.memory, "S": self.settings}
-        return FIXED | own | {"RING": self.ring, "L": 0}
+        return FIXED | own | reference_sizes(self.ring, self.reference)
 
     @property
     def begins(self) -> dict[Block, int]:
@@ -120,6 +119,11 @@ def entries_of(structure: Structure, *, refined: bool) -> int:
     """Return how many entries the regressor has, T: with the refined filter a constant and an initial state as well."""
     n = structure.poles
     return n + structure.zeros + 1 + (1 + n if refined else int(structure.bias))
+
+
+def reference_sizes(ring: int, reference: bool) -> dict[str, int]:
+    """Return the dimensions that follow from the ring of past inputs, and from whether there is a reference."""
+    return {"RING": ring, "Q": ring if reference else 0, "L": LAGUERRE + 1 if reference else 0}
 
 
 def ring_of(structure: Structure, dt: float) -> int:

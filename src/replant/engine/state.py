@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from replant.arguments import FloatArray
-from replant.engine.dimensions import Dimensions, entries_of, ring_of
+from replant.engine.dimensions import Dimensions, entries_of, reference_sizes, ring_of
 from replant.kernels.schema import FIXED, StateSlots
 from replant.kernels.slot_tables import Block, Slot
 from replant.model.structure import Structure
@@ -82,7 +82,7 @@ class State(StateSlots):
         """What the shapes of the blocks are made of."""
         order = self.order
         own = {"n": order, "N": order + 2, "T": self.entries, "M": self.memory_size, "S": self.settings_size}
-        return FIXED | own | {"RING": self.ring_size, "L": 0}
+        return FIXED | own | reference_sizes(self.ring_size, self.has_reference)
 
     def begin_of(self, block: Block) -> int:
         """Return where in ``reals`` a block begins."""
@@ -114,7 +114,7 @@ class State(StateSlots):
     @classmethod
     def build(
         cls, structure: Structure, dt: float, *, state_filter: StateVariableFilter | None, input_hold: str = "zoh",
-        instruments: bool = False, memory: FloatArray = NOTHING, numbers: FloatArray = NOTHING,
+        instruments: bool = False, memory: FloatArray = NOTHING, numbers: FloatArray = NOTHING, reference: bool = False,
     ) -> State:  # fmt: skip
         """Return unscaled arrays without replay, and fill in what is known of a fixed filter.
 
@@ -131,11 +131,15 @@ class State(StateSlots):
             Of the optimizer.
         numbers : (S,) array
             The optimizer's settings.
+        reference : bool
+            Whether instruments are made from a reference.
         """
         refined = state_filter is None
         entries, ring = entries_of(structure, refined=refined), ring_of(structure, dt)
         companions = instruments or refined
-        sizes = Dimensions(structure.poles, entries, ring, memory.size, numbers.size, companions=companions)
+        sizes = Dimensions(
+            structure.poles, entries, ring, memory.size, numbers.size, companions=companions, reference=reference
+        )
         state = cls.empty(sizes)
         state.describe(structure, dt, state_filter=state_filter, input_hold=input_hold, instruments=instruments)
         state.rescale(np.ones(entries), 1.0)
@@ -230,7 +234,7 @@ class State(StateSlots):
         return state
 
     @classmethod
-    def for_model(cls, structure: Structure, dt: float, input_hold: str) -> State:
+    def for_model(cls, structure: Structure, dt: float, input_hold: str, *, reference: bool = False) -> State:
         """Return arrays that turn a `Record` into regressors and instruments of the refined filter.
 
         Parameters
@@ -239,8 +243,10 @@ class State(StateSlots):
         dt : float
             Sampling time in s.
         input_hold : {"zoh", "foh"}
+        reference : bool
+            Whether instruments are made from a reference.
         """
-        return cls.build(structure, dt, state_filter=None, input_hold=input_hold)
+        return cls.build(structure, dt, state_filter=None, input_hold=input_hold, reference=reference)
 
     @property
     def factors(self) -> tuple[FloatArray, FloatArray]:
@@ -252,6 +258,13 @@ class State(StateSlots):
     def physical(self) -> FloatArray:
         """The estimate (T,) in physical units."""
         return np.asarray(self.theta * self.unit)
+
+    @property
+    def serves_reflected(self) -> bool:
+        """Whether the serving model is not stable: its bank's denominator has the poles reflected."""
+        from replant.kernels.filters.bank import REFLECTED
+
+        return bool(self.banks[self.serving_bank, REFLECTED])
 
     @property
     def was_revised(self) -> bool:

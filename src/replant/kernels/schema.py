@@ -18,6 +18,7 @@ To add a number, add a line.  Dimensions of blocks:
     PAST            past estimates kept
     LAGS            order of the autoregression
     ROOM            rows of the estimate's path
+    Q               past inputs kept where there is a reference; else 0
     L               Laguerre functions of the reference and one more; 0 without a reference
 """
 
@@ -269,6 +270,9 @@ class StateSlots(Table):
     output_scale = Real("sigma_y", LAYOUT, "of y")
     delay = Real("dead time", LAYOUT, "s")
     input_now = Real("the delayed input at the newest sample", FILTERS, "of u")
+    input_by_reference = Real("what it explains of the newest input", FILTERS, "of u")
+    output_by_reference = Real("what it explains of the newest output", FILTERS, "of y")
+    reference_input_now = Real("what it explains of the delayed input", FILTERS, "of u")
     reference_now = Real("newest reference", STEP_KERNEL, "of r")
     last_output = Real("the output before, as the filters saw it", FILTERS, "of y")
     input_mean = Real("moving mean of the input", MONITORING, "of u")
@@ -339,6 +343,9 @@ class StateSlots(Table):
     inputs = Block("RING", "past inputs", FILTERS, "of u")
     intervals = Block("RING", "interval that led to each of them", FILTERS, "s")
     held = Block("RING", "mean of a held input over that interval", FILTERS, "of u")
+    reference_inputs = Block("Q", "what the reference explains of the past inputs", FILTERS, "of u")
+    reference_held = Block("Q", "the same of their means over the intervals", FILTERS, "of u")
+    output_before = Block("n", "states of the output's filters before the newest sample", FILTERS, finite=False)
     sigma = Block("T", "scaling of the regressor, (10)-(12) of the article", LAYOUT)
     unit = Block("T", "from scaled to physical parameter", LAYOUT)
     phi = Block("T", "scaled regressor of the newest sample", FILTERS, finite=False)

@@ -54,11 +54,10 @@ def explained(reference, weights):
 
 
 @inline_llvm
-def project(ints, reals, r):
-    """Take the reference of the newest sample: what it explains of input and output, by what was known before."""
-    reals[at.REFERENCE_NOW] = r
+def project(ints, reals):
+    """Take the newest reference: what it explains of input and output, by what was known before."""
     reference = pointer(reals, ints[at.AT_REFERENCE])
-    advance(reference, r)
+    advance(reference, reals[at.REFERENCE_NOW])
     reals[at.INPUT_BY_REFERENCE] = explained(reference, WEIGHTS)
     reals[at.OUTPUT_BY_REFERENCE] = explained(reference, WEIGHTS + SIZE)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from replant.kernels import schema as at
 from replant.kernels.codegen.decorators import inline_llvm, inline_source, kernel, outlined
-from replant.kernels.filters import whitening
+from replant.kernels.filters import reference, whitening
 from replant.kernels.monitoring import estimate_path as trail
 from replant.kernels.monitoring import outliers, residual_colour
 from replant.kernels.monitoring.interruptions import (
@@ -104,6 +104,7 @@ def take(ints, reals, banks, buffer, recent, u, y, t, r):
         return np.nan
     if ints[at.HAS_REFERENCE] == 1:
         note_reference(ints, reals, r)
+        reference.project(ints, reals)
     at_rest = ints[at.RESTS_WITH_INPUT] == 1 and input_rests(ints, reals, u)
     if ints[at.INSTRUMENTS] == 1:
         renew_model(ints, reals, banks)
@@ -124,6 +125,8 @@ def take(ints, reals, banks, buffer, recent, u, y, t, r):
         if ints[at.COLOURED] == 1 and not outliers.begins_anew(ints, reals):
             record_residual(ints, reals, error)
             learned = True
+        if ints[at.HAS_REFERENCE] == 1:
+            reference.learn(ints, reals, u, y)
     if ints[at.HAS_NOISE_MODEL] == 1:
         whitening.record(ints, reals, learned)
     outliers.watch(ints, reals, tells)

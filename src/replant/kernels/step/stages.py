@@ -269,10 +269,11 @@ def take_many(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters
 
 
 @kernel
-def regressors(ints, reals, banks, u, y, intervals, phi, zeta, target, output):
+def regressors(ints, reals, banks, u, y, intervals, by_reference, phi, zeta, target, output):
     """Run the chain alone over a record, for offline use: regressors, instruments, target, auxiliary output.
 
-    ``u`` and ``y`` are (K,), ``intervals`` (K,) or (1,) in s.  Writes ``phi`` and ``zeta`` (K, T), ``target`` (K,),
+    ``u`` and ``y`` are (K,), ``intervals`` (K,) or (1,) in s; ``by_reference`` (K, 2) is what a reference explains of
+    them, or (0, 2) where there is none.  Writes ``phi`` and ``zeta`` (K, T), ``target`` (K,),
     scaled, and ``output`` (K,) in the unit of y.  Rows of rejected samples are NaN.  ``zeta`` and ``output`` are left
     alone where there are no instruments.
     """
@@ -281,6 +282,8 @@ def regressors(ints, reals, banks, u, y, intervals, phi, zeta, target, output):
     for k in range(u.size):
         interval = intervals[0] if regular else intervals[k]
         uk, yk = mapped_input(ints, reals, u[k]), y[k] - reals[at.OUTPUT_OFFSET]
+        if by_reference.shape[0] > 0:
+            reals[at.INPUT_BY_REFERENCE], reals[at.OUTPUT_BY_REFERENCE] = by_reference[k, 0], by_reference[k, 1]
         if acceptable(ints, uk, yk):
             target[k] = chain.observe(ints, reals, banks, uk, yk, interval)
             for i in range(T):
