@@ -199,9 +199,10 @@ def relative_uncertainty(
 ) -> float:
     """Return the largest relative standard deviation of a coefficient: below 0.25 a start-up is long enough.
 
-    For a_i it is std(a_i) over the coefficient of prod(s + abs(pole)), which is the size that a_i would have if all
-    poles were real; a pole slower than the record is long counts as one just as long.  For b_j it is half of the output
-    that one std(b_j) makes, over the measured output.
+    For b_j it is half of the output that one std(b_j) makes, over the measured output.  For a_i it is the same, or
+    std(a_i) over the coefficient of prod(s + abs(pole)) where that is less: the size that a_i would have if all poles
+    were real; a pole slower than the record is long counts as one just as long.  An integrator's a_0 has no size of its
+    own.
 
     Parameters
     ----------
@@ -217,10 +218,10 @@ def relative_uncertainty(
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     magnitudes = np.abs(roots(np.concatenate([[1.0], model[structure.denominator]])))
     sizes = np.poly(-np.maximum(magnitudes, 1.0 / record.span))[1:]
-    largest = float((std[structure.denominator] / np.maximum(sizes, 1e-300)).max())
-    lengths = np.linalg.norm(phi[:, structure.numerator], axis=0)
-    outputs = std[structure.numerator] * lengths / max(float(np.linalg.norm(record.y)), 1e-300)
-    return max(largest, float((0.5 * outputs).max()))
+    relative = std[structure.denominator] / np.maximum(sizes, 1e-300)
+    outputs = 0.5 * std * np.linalg.norm(phi, axis=0) / max(float(np.linalg.norm(record.y)), 1e-300)
+    of_a = np.minimum(relative, outputs[structure.denominator])
+    return float(max(of_a.max(), outputs[structure.numerator].max()))
 
 
 def _colour(zeta: FloatArray, error: FloatArray) -> tuple[ColourSlots, float]:

@@ -345,7 +345,7 @@ class Problem:
 
 
     def descend(self, model: FloatArray, steps: int, renewals: Sequence[int] = ()) -> Root | None:
-        """Take damped instrumental-variable steps on the whitened residual; None where the first pass fails.
+        """Take damped steps on the whitened residual, instrumental-variable or Gauss-Newton; None where the first fails.
 
         Parameters
         ----------
@@ -363,11 +363,18 @@ class Problem:
             if step in renewals:
                 self.renew_noise(done.error)
             zeta, white = self.whiten(done.zeta), self.whiten(done.error)
-            direction = solve(zeta.T @ self.whiten(done.phi), zeta.T @ white)
-            if direction is None:
-                break
-            moved = float(np.sum((zeta @ direction) ** 2)) / max(float(white @ white) / white.size, 1e-300)
-            better = self._shortened(model, direction, self.misfit(white) * slack)
+            variance, limit, better = max(float(white @ white) / white.size, 1e-300), self.misfit(white) * slack, None
+            # the instrumental-variable step finds its way from far; that of Gauss and Newton lowers the cost for certain
+            # where that is the innovation's power, but J has the noise of the instruments in it
+            companions = (self.whiten(done.phi), zeta) if self.projection is not None else (zeta, self.whiten(done.phi))
+            for companion in companions:
+                direction = solve(zeta.T @ companion, zeta.T @ white)
+                if direction is None:
+                    continue
+                moved = float(np.sum((zeta @ direction) ** 2)) / variance
+                better = self._shortened(model, direction, limit)
+                if better is not None:
+                    break
             if better is None:
                 break
             model, done = better
@@ -477,7 +484,7 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray]) -> Root | N
     model, done, converged = problem.polish(tried[0][1])
     problem.renew_noise(done.error)
     variance = float(np.mean(done.error**2))
-    if problem.noise.order == 0:
+    if problem.noise.order == 0 and converged:
         return Root(model, done, problem.noise, variance, variance * done.error.size, converged)
     others = [model for _, model in _distinct([(cost, model) for cost, model, _ in tried[1:]], tried[0][0])]
     return _best([problem.descend(start, WHITENED, RENEWALS) for start in [model, *others[: PROMISING - 1]]])
