@@ -133,7 +133,7 @@ def _identifier(request: Request, source: Source, startup: int | None) -> Identi
         startup = min(max(source.samples // 10, 1), LONGEST_STARTUP)
         return Identifier(**vars(dataclasses.replace(request, startup=startup)))
     u, y, *_ = next(batched(source.batches(), SETTLED), (np.empty(0), np.empty(0)))
-    return Identifier(**vars(settle(request, u, y, source.samples)))
+    return Identifier(**settle(request, u, y, source.samples).arguments)
 
 
 class _History:

@@ -92,6 +92,7 @@ def _columns_of(address: Address) -> tuple[str, ...] | None:
     columns = tuple(name.strip() for name in text.split(","))
     if not {"u", "y"} <= set(columns) <= set(FIELDS) or len(set(columns)) < len(columns):
         raise InvalidArgumentError(
-            f"{address.name}: columns={text} must name u and y, and may name n, t and r, each once; write columns=n,t,u,y"
+            f"{address.name}: columns={text} must name u and y, and may name n, t and r, each once; "
+            "write columns=n,t,u,y"
         )
     return columns

@@ -36,8 +36,8 @@ Samples = tuple[npt.NDArray[np.int64] | None, dict[str, FloatArray]]  # the devi
 class ParquetRecorder:
     """Records samples in FOLDER/samples and estimates in FOLDER/estimates.
 
-    Columns of samples: n (the device's number, or null), t [s], u, y and, where there is a reference, r.  Columns of estimates: t, n, samples,
-    each parameter and its standard deviation (std_...), status and verdict.
+    Columns of samples: n (the device's number, or null), t [s], u, y and, where there is a reference, r.  Columns of
+    estimates: t, n, samples, each parameter and its standard deviation (std_...), status and verdict.
 
     Parameters
     ----------
