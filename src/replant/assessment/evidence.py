@@ -12,6 +12,7 @@ from replant.arguments import BoolArray, FloatArray
 from replant.assessment.verdict import duration
 from replant.engine.record import Record
 from replant.model.structure import Structure
+from replant.model.uncertainty import Uncertainty
 from replant.simulation.model_run import ModelRun, run_model
 from replant.statistics.linear_algebra import roots
 
@@ -24,6 +25,14 @@ Sensitivity: not measured.
 PER_COEFFICIENT = 10
 """Samples held out for each coefficient below which they say nothing [samples].
 Origin: ten observations for a regressor, a rule of thumb of regression.
+Sensitivity: not measured.
+"""
+
+
+UNSTABLE_SIGMAS = 3.0
+"""Standard deviations by which a pole must lie right of the imaginary axis for the model to count as unstable: an
+estimate of an integrator lies on either side [standard deviations].
+Level: 99.7 %.
 Sensitivity: not measured.
 """
 
@@ -152,6 +161,28 @@ class Evidence:
     def samples(self) -> int:
         """How many samples there are."""
         return self.record.u.size
+
+    @property
+    def unstable_pole(self) -> float:
+        """Real part of the pole farthest to the right, in rad/s, if the model is unstable; else 0.
+
+        It is not where what grows by that pole grows less than e-fold over the record, nor where the pole may as well
+        lie on the axis.
+        """
+        size = self.coefficients
+        pole = float(roots(np.concatenate([[1.0], self.estimate[: self.structure.poles]])).real.max())
+        if not pole * self.record.span > 1.0:
+            return 0.0
+        if self.covariance is not None:
+            structure = dataclasses.replace(self.structure, bias=False)
+            known = Uncertainty(structure, self.estimate[:size], self.covariance[:size, :size])
+            surest = max(
+                (mode.mode.pole.real / math.sqrt(max(float(mode.covariance[0, 0]), np.finfo(float).tiny)))
+                for mode in known.modes
+            )
+            if surest < UNSTABLE_SIGMAS:
+                return 0.0
+        return pole
 
     @property
     def enough(self) -> int:

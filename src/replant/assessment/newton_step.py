@@ -1,8 +1,10 @@
 r"""The distance from an estimate to the estimate that a record gives: one Gauss-Newton step on the output error.
 
-The step :math:`(\sum \zeta\zeta^T)^{-1} \sum \zeta e` is that of refined instrumental variables at the estimate: it is
-zero for an estimate made from the same record.  Its covariance takes the residual's colour into account.  A significant
-step means that noise has biased the estimate, that the estimate is frozen while the plant changes, or that it lags.
+The step :math:`(\sum \zeta\zeta^T)^{-1} \sum \zeta e`, slopes and residual filtered by the noise model, is that of
+refined instrumental variables at the estimate: it is zero for an estimate made from the same record.  Filtered, the
+residual is independent of the slopes under feedback, too.  The step's covariance takes the colour that is left into
+account.  A significant step means that noise has biased the estimate, that the estimate is frozen while the plant
+changes, or that it lags.
 
 Source: Soderstrom and Stoica (1983), "Instrumental Variable Methods for System Identification", chapter 4.
 """
@@ -76,22 +78,30 @@ def distance(run: ModelRun, rows: slice, false_alarm: float) -> Distance:
         Probability that the statistic of a correct estimate exceeds 1.
     """
     nuisances = np.hstack([run.nuisances[rows], np.ones((len(run.error[rows]), 1))])
-    zeta = without(run.zeta[rows], nuisances)
-    error = without(run.error[rows, None], nuisances)[:, 0]
+    noise = _noise_of(run, rows, nuisances)
+    nuisances = noise.whiten(nuisances)
+    zeta = without(noise.whiten(run.zeta[rows]), nuisances)
+    error = without(noise.whiten(run.error[rows])[:, None], nuisances)[:, 0]
     lengths = lengths_of(zeta)
     zeta = zeta / lengths
     basis = orthogonal(products(zeta, zeta))
     inverse = basis @ basis.T
     step = inverse @ products(zeta, error[:, None])[:, 0]
     left = error - np.einsum("ij,j->i", zeta, step)
-    noise = Autoregression.of(left)
-    innovation, coloured = noise.whiten(left), noise.colour(zeta)
+    rest = Autoregression.of(left)
+    innovation, coloured = rest.whiten(left), rest.colour(zeta)
     variance = float(innovation @ innovation) / max(innovation.size - len(step), 1)
     covariance = variance * inverse @ products(coloured, coloured) @ inverse
     covariance = larger(covariance, float(np.mean(left**2)) * inverse)
     square = float(step @ pseudo_inverse(covariance, RANK_TOLERANCE) @ step)
     statistic = math.inf if math.isnan(square) else square / float(chi2_quantile(1.0 - false_alarm, len(step)))
     return Distance(step / lengths, statistic, covariance / np.outer(lengths, lengths))
+
+
+def _noise_of(run: ModelRun, rows: slice, nuisances: FloatArray) -> Autoregression:
+    """Return the noise model of a residual over ``rows``, less what slopes and nuisances (K, N) explain of it."""
+    columns = np.hstack([run.zeta[rows], nuisances])
+    return Autoregression.of(without(run.error[rows, None], columns)[:, 0])
 
 
 def newest_distances(run: ModelRun, counts: Iterable[int], false_alarm: float) -> Iterator[tuple[int, Distance]]:

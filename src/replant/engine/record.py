@@ -22,22 +22,27 @@ class Record:
     intervals : (1,) or (K,) array
         Time since the sample before, in s: one for all, or one each.
     input_hold : str
+    r : (K,) array, optional
+        Reference; None where there is none.
     """
 
     u: FloatArray
     y: FloatArray
     intervals: FloatArray
     input_hold: str = "zoh"
+    r: FloatArray | None = None
 
     def first(self, samples: int) -> Record:
         """Return the record's beginning."""
         intervals = self.intervals if self.intervals.size == 1 else self.intervals[:samples]
-        return Record(self.u[:samples], self.y[:samples], intervals, self.input_hold)
+        r = None if self.r is None else self.r[:samples]
+        return Record(self.u[:samples], self.y[:samples], intervals, self.input_hold, r)
 
     def last(self, samples: int) -> Record:
         """Return the record's end."""
         intervals = self.intervals if self.intervals.size == 1 else self.intervals[-samples:]
-        return Record(self.u[-samples:], self.y[-samples:], intervals, self.input_hold)
+        r = None if self.r is None else self.r[-samples:]
+        return Record(self.u[-samples:], self.y[-samples:], intervals, self.input_hold, r)
 
     @property
     def span(self) -> float:
@@ -61,6 +66,7 @@ def ready_record(
     y: FloatArray,
     stamps: FloatArray | None = None,
     input_hold: str = "zoh",
+    r: FloatArray | None = None,
 ) -> Record:
     """Return a raw record made ready: mapped, unusable samples dropped, working point taken off.
 
@@ -79,6 +85,8 @@ def ready_record(
     stamps : (K,) array, optional
         Time stamps in s; None for a regular clock.
     input_hold : {"zoh", "foh"}
+    r : (K,) array, optional
+        Reference.
     """
     mapped = preprocess.map_input(u)
     accepted, _ = screen(mapped, y)
@@ -88,4 +96,4 @@ def ready_record(
     clock = np.arange(u.size) * dt if stamps is None else stamps
     intervals = np.array([dt]) if regular else np.diff(clock[accepted], prepend=clock[accepted][:1] - dt)
     u, y = mapped[accepted] - float(preprocess.input_offset), y[accepted] - float(preprocess.output_offset)
-    return Record(u, y, intervals, input_hold)
+    return Record(u, y, intervals, input_hold, None if r is None else r[accepted])

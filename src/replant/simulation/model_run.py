@@ -35,6 +35,8 @@ class ModelRun:
         Derivatives of the simulated output with respect to a and b: -s^i/A of itself, and s^j/A u.
     nuisances : (K, n + 1) array
         Outputs by a unit offset and by unit initial states.
+    is_direct : bool
+        Whether the output depends on the input of the same sample, at once or by the straight line to it.
     """
 
     structure: Structure
@@ -45,6 +47,7 @@ class ModelRun:
     states: FloatArray
     zeta: FloatArray
     nuisances: FloatArray
+    is_direct: bool = False
 
 
 @quiet
@@ -76,4 +79,5 @@ def run_model(structure: Structure, parameters: FloatArray, record: Record, dt: 
     states, nuisances = done.phi[:, full.numerator], done.phi[:, full.coefficients :]
     slopes = np.hstack([slopes_of_a, done.phi[:, own]])
     error = without(done.error[:, None], nuisances)[:, 0]
-    return ModelRun(structure, parameters, record.u, error, done.output, states, slopes, nuisances)
+    direct = structure.delay < dt if record.input_hold == "foh" else structure.is_biproper and structure.delay == 0.0
+    return ModelRun(structure, parameters, record.u, error, done.output, states, slopes, nuisances, direct)
