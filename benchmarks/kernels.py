@@ -242,7 +242,7 @@ def time_both(optimizer: Optimizer, P: int, replay: bool, run: Run, repetitions:
     times, difference = [], 0.0
     for u, y in chunks(structure, size, warm + repetitions):
         start = time.thread_time_ns()
-        steps(*arrays, u, y, REGULAR, *ours)
+        steps(*arrays, u, y, REGULAR, REGULAR, *ours)
         middle = time.thread_time_ns()
         run(ctypes.addressof(program), size, u.ctypes.data, y.ctypes.data, *pointers)
         times.append((middle - start, time.thread_time_ns() - middle))

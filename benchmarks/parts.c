@@ -123,8 +123,8 @@ static double observe(int64_t *ints, double *reals, double *banks, int64_t bank_
                 serving = output;
         }
         if (refined || b == 0) {
-            advance_channel(bank, n, T, MODEL, slot, bank[MODEL_OUTPUT], output, work);
-            bank[MODEL_OUTPUT] = output;
+            advance_channel(bank, n, T, MODEL, slot, bank[INSTRUMENT], output, work);
+            bank[INSTRUMENT] = bank[MODEL_OUTPUT] = output;
         }
     }
     reals[LAST_OUTPUT] = y;
@@ -134,7 +134,7 @@ static double observe(int64_t *ints, double *reals, double *banks, int64_t bank_
     if (modelled) {
         for (int64_t i = n; i < T; i++)
             zeta[i] = phi[i];
-        fill_output(bank, n, T, MODEL, bank[MODEL_OUTPUT], zeta);
+        fill_output(bank, n, T, MODEL, bank[INSTRUMENT], zeta);
     }
     return target / reals[OUTPUT_SCALE];
 }
@@ -249,5 +249,93 @@ void run_kalman(
         *last_alpha = alpha;
         double share = fmin(settings[0] * interval, 1.0);
         *noise = fmax(*noise + (error * error * *noise / alpha - *noise) * share, DBL_MIN);
+    }
+}
+
+/* --- the noise model: a row is phi (T), zeta (T), target; numbers as kernels.filters.whitening has them */
+
+static double filter_row(int64_t T, double *restrict noise, double *restrict phi, double *restrict zeta, double target)
+{
+    int64_t size = LAGS + 1, newest = ((int64_t)noise[NOISE_POSITION] + 1) % size, width = 2 * T + 1;
+    int64_t order = (int64_t)noise[NOISE_ORDER], known = (int64_t)noise[NOISE_FILTERED];
+    int64_t lags = order < known ? order : known;
+    const double *d = noise + NOISE_MODELS + size * lags;
+    double weight = sqrt(noise[NOISE_GAIN] * noise[NOISE_VARIANCES] / noise[NOISE_VARIANCES + lags]);
+    double d_1 = d[1], d_2 = d[2], d_3 = d[3], d_4 = d[4];
+    double *restrict row = noise + NOISE_ROWS + newest * width;
+    const double *row_1 = noise + NOISE_ROWS + (newest + 4) % size * width;
+    const double *row_2 = noise + NOISE_ROWS + (newest + 3) % size * width;
+    const double *row_3 = noise + NOISE_ROWS + (newest + 2) % size * width;
+    const double *row_4 = noise + NOISE_ROWS + (newest + 1) % size * width;
+    for (int64_t i = 0; i < T; i++)
+        row[i] = phi[i];
+    for (int64_t i = 0; i < T; i++)
+        row[T + i] = zeta[i];
+    row[2 * T] = target;
+    for (int64_t i = 0; i < T; i++)
+        phi[i] = weight * (row[i] + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i]);
+    for (int64_t i = T; i < 2 * T; i++)
+        zeta[i - T] = weight * (row[i] + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i]);
+    noise[NOISE_POSITION] = newest;
+    noise[NOISE_FILTERED] = fmin(known + 1.0, LAGS);
+    int64_t i = 2 * T;
+    return weight * (target + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i]);
+}
+
+void run_noise_model(
+    int64_t T, double *noise, int64_t K, const double *rows, double *phi, double *zeta, double *targets)
+{
+    const double *errors = noise + NOISE_ERRORS;
+    for (int64_t k = 0; k < K; k++) {
+        const double *row = rows + k * (2 * T + 1);
+        for (int64_t i = 0; i < T; i++) {
+            phi[i] = row[i];
+            zeta[i] = row[T + i];
+        }
+        double error = targets[k] = filter_row(T, noise, phi, zeta, row[2 * T]);
+        noise[NOISE_COUNT] += 1.0;
+        noise[NOISE_SUMS] += error * error;
+        for (int64_t i = 1; i <= LAGS; i++) {
+            double *sums = noise + NOISE_SUMS + (LAGS + 1) * i, one = errors[i - 1];
+            sums[0] += one * error;
+            for (int64_t j = 1; j <= i; j++)
+                sums[j] += one * errors[j - 1];
+        }
+    }
+}
+
+/* --- the projection on a reference */
+
+static double explained(const double *restrict reference, int64_t weights)
+{
+    double total = 0.0;
+    for (int64_t i = 0; i < REFERENCE_SIZE; i++)
+        total += reference[weights + i] * reference[REFERENCE_STATES + i];
+    return total;
+}
+
+void run_reference(
+    double *reference, int64_t K, const double *r, const double *u, const double *y, double *work, double *outputs)
+{
+    double a = reference[REFERENCE_POLE], *states = reference + REFERENCE_STATES, *gain = work + REFERENCE_SIZE;
+    double *of_input = reference + REFERENCE_WEIGHTS, *of_output = of_input + REFERENCE_SIZE;
+    for (int64_t k = 0; k < K; k++) {
+        double before = states[0];
+        states[0] = a * before + sqrt(1.0 - a * a) * (r[k] - reference[REFERENCE_ORIGIN]);
+        for (int64_t i = 1; i < LAGUERRE; i++) {
+            double old = states[i];
+            states[i] = before + a * (old - states[i - 1]);
+            before = old;
+        }
+        outputs[k] = explained(reference, REFERENCE_WEIGHTS);
+        outputs[k] += explained(reference, REFERENCE_WEIGHTS + REFERENCE_SIZE);
+        double alpha = measurement_update(
+            REFERENCE_SIZE, reference + REFERENCE_FACTORS, reference + REFERENCE_DIAGONAL, states, 1.0, work, gain);
+        double for_input = (u[k] - explained(reference, REFERENCE_WEIGHTS)) / alpha;
+        double for_output = (y[k] - explained(reference, REFERENCE_WEIGHTS + REFERENCE_SIZE)) / alpha;
+        for (int64_t i = 0; i < REFERENCE_SIZE; i++) {
+            of_input[i] += gain[i] * for_input;
+            of_output[i] += gain[i] * for_output;
+        }
     }
 }

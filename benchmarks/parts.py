@@ -1,7 +1,8 @@
 """Speed of the default method's parts beside plain C on the same arrays (parts.c), as ratios measured in one run.
 
-Filters with and without instruments, recursive least squares and the Kalman filter on parameters: each takes the same
-chunks of samples as its C program, in turn, and must end with the same numbers.
+Filters with and without instruments, the noise model, the projection on a reference, recursive least squares and the
+Kalman filter on parameters: each takes the same chunks of samples as its C program, in turn, and must end with the same
+numbers.
 """
 
 from __future__ import annotations
@@ -24,9 +25,11 @@ from kernels import DT, FLAGS, SAME, chunks, describe_machine, distance
 from replant.engine.state import State
 from replant.kernels import schema as at
 from replant.kernels.codegen.decorators import kernel
+from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters import bank as bk
-from replant.kernels.filters import chain
+from replant.kernels.filters import chain, reference, whitening
 from replant.kernels.optimizers import covariance
+from replant.kernels.schema import FIXED, NoiseSlots, ReferenceSlots
 from replant.optimizers import Optimizer
 
 CHUNK, REPETITIONS = 2_000, 101
@@ -76,14 +79,41 @@ def run_kalman(theta, memory, settings, buffer, rows, direction, interval):
         covariance.kalman_tracking(theta, memory, settings, buffer, rows, 1, direction, interval)
 
 
+@kernel
+def run_noise_model(noise, rows, phi, zeta, targets):
+    T = phi.size
+    for k in range(rows.shape[0]):
+        for i in range(T):
+            phi[i], zeta[i] = rows[k, i], rows[k, T + i]
+        targets[k] = whitening.filter_row(T, pointer(noise, 0), pointer(phi, 0), pointer(zeta, 0), rows[k, 2 * T])
+        whitening.add_residual(pointer(noise, 0), targets[k], 1.0)
+
+
+@kernel
+def run_reference(numbers, r, u, y, work, explained):
+    projection = pointer(numbers, 0)
+    for k in range(u.size):
+        reference.advance(projection, r[k])
+        explained[k] = reference.explained(projection, reference.WEIGHTS)
+        explained[k] += reference.explained(projection, reference.WEIGHTS + reference.SIZE)
+        reference.learn_weights(projection, u[k], y[k], pointer(work, 0))
+
+
 # --- C
 
 
 def compile_parts(folder: Path) -> ctypes.CDLL:
     """Build parts.c with a header of our layout."""
-    names = ("DENOMINATOR", "OUTPUT", "INPUT", "MODEL", "IMPULSE", "CHANNELS", "KEPT", "MODEL_OUTPUT")
+    names = ("DENOMINATOR", "OUTPUT", "INPUT", "MODEL", "IMPULSE", "CHANNELS", "KEPT", "MODEL_OUTPUT", "INSTRUMENT")
     slots = {name: value for name, value in vars(at).items() if name.isupper() and type(value) is int}
     slots = {name: value for name, value in slots.items() if name not in names}
+    parts = {"NOISE": whitening, "REFERENCE": reference}
+    slots |= {
+        f"{part}_{name}": value
+        for part, module in parts.items()
+        for name, value in vars(module).items()
+        if name.isupper() and type(value) is int
+    }
     lines = [f"#define {name} {value}" for name, value in slots.items()]
     lines += [f"#define {name} {getattr(bk, name)}" for name in names] + [f"#define CONSTANT_CHANNEL {bk.CONSTANT}"]
     (folder / "layout.h").write_text("\n".join(lines) + "\n")
@@ -133,6 +163,48 @@ def filter_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, Run]]:
                 )  # fmt: skip
 
             yield part, 2 * n, [state.ints, state.reals, state.banks, np.empty(CHUNK)], ours, theirs
+
+
+def noise_model_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, Run]]:
+    """The noise model of the largest order."""
+    for T in (4, 6, 8, 10, 14):
+        noise = NoiseSlots.zeros(FIXED | {"T": T})
+        noise.order, noise.gain, noise.known = at.LAGS, 0.5, at.LAGS
+        noise.models[:] = np.tril(np.random.default_rng(5).uniform(-0.5, 0.5, noise.models.shape))
+        noise.models[:, 0], noise.variances[:] = 1.0, np.linspace(2.0, 1.0, at.LAGS + 1)
+        rows = np.random.default_rng(6).standard_normal((CHUNK, 2 * T + 1))
+
+        def ours(arrays: Arrays, u: np.ndarray, y: np.ndarray, rows: np.ndarray = rows) -> None:
+            numbers, phi, zeta, targets = arrays
+            run_noise_model(numbers, rows, phi, zeta, targets)
+
+        def theirs(arrays: Arrays, u: np.ndarray, y: np.ndarray, rows: np.ndarray = rows) -> None:
+            numbers, phi, zeta, targets = arrays
+            C.run_noise_model(
+                ctypes.c_int64(phi.size), address(numbers), ctypes.c_int64(CHUNK), address(rows), address(phi),
+                address(zeta), address(targets),
+            )  # fmt: skip
+
+        yield "noise model", T, [noise.reals, np.empty(T), np.empty(T), np.empty(CHUNK)], ours, theirs
+
+
+def reference_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, Run]]:
+    """The projection of input and output on a reference."""
+    projection = ReferenceSlots.zeros(FIXED | {"L": reference.SIZE})
+    projection.pole, projection.states[-1] = 0.9, 1.0
+    projection.factors[:], projection.diagonal[:] = np.eye(reference.SIZE), 1e3
+    r, work = np.random.default_rng(7).standard_normal(CHUNK), np.empty(2 * reference.SIZE)
+
+    def ours(arrays: Arrays, u: np.ndarray, y: np.ndarray) -> None:
+        run_reference(arrays[0], r, u, y, work, arrays[1])
+
+    def theirs(arrays: Arrays, u: np.ndarray, y: np.ndarray) -> None:
+        C.run_reference(
+            address(arrays[0]), ctypes.c_int64(CHUNK), address(r), address(u), address(y), address(work),
+            address(arrays[1]),
+        )  # fmt: skip
+
+    yield "reference", reference.SIZE, [projection.reals, np.empty(CHUNK)], ours, theirs
 
 
 def optimizer_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, Run]]:
@@ -197,7 +269,10 @@ def measure() -> dict[str, Any]:
     """Return the figures: ``rows``, one for each part and size."""
     with tempfile.TemporaryDirectory() as folder:
         C = compile_parts(Path(folder))
-        results = [compare(*case) for case in (*filter_cases(C), *optimizer_cases(C))]
+        results = [
+            compare(*case)
+            for case in (*filter_cases(C), *noise_model_cases(C), *reference_cases(C), *optimizer_cases(C))
+        ]
     return {"rows": [asdict(result) for result in results], "holds": all(result.holds for result in results)}
 
 

@@ -26,6 +26,10 @@ AUTO = "auto"
 LONGEST_DELAY = 1_000_000
 """Longest dead time; the inputs of the whole dead time are kept [sampling times]."""
 DEFAULT_OPTIMIZER = "recursive-least-squares"
+NO_USE_OF_REFERENCE = (
+    "only the refined filter with recursive least squares uses a reference: give no r, or leave filter, optimizer "
+    "and instruments at their defaults"
+)
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,8 @@ class Settings:
         With numbers for the working point.
     startup : int
         Number of samples that the start-up held back.
+    reference : bool
+        Whether the samples come with a reference.
     """
 
     structure: Structure
@@ -59,6 +65,7 @@ class Settings:
     normalize: bool
     preprocess: Preprocess
     startup: int
+    reference: bool = False
 
     def __post_init__(self) -> None:
         keep(self, "structure", instance, Structure)
@@ -71,9 +78,12 @@ class Settings:
         keep(self, "normalize", truth)
         keep(self, "preprocess", instance, Preprocess)
         keep(self, "startup", whole, 0)
+        keep(self, "reference", truth)
         if self.preprocess.needs != "nothing":
             raise InvalidArgumentError("the working point of settings must be numbers")
         _check_together(self)
+        if self.reference and not (self.filter.follows_estimate and self.optimizer.keeps_colour):
+            raise InvalidArgumentError(NO_USE_OF_REFERENCE)
 
 
 @dataclass(frozen=True)
@@ -128,6 +138,14 @@ class Request:
             return self.optimizer.keeps_covariance
         name = DEFAULT_OPTIMIZER if self.optimizer == AUTO else self.optimizer
         return OPTIMIZERS[name].keeps_covariance
+
+    @property
+    def takes_reference(self) -> bool:
+        """Whether a reference can be used: by the refined filter with recursive least squares."""
+        named = DEFAULT_OPTIMIZER if self.optimizer == AUTO else self.optimizer
+        optimizer = self.optimizer if isinstance(self.optimizer, Optimizer) else OPTIMIZERS[str(named)]
+        follows = self.filter.follows_estimate if isinstance(self.filter, Filter) else self.wants_instruments
+        return follows and optimizer.keeps_covariance and optimizer.keeps_colour
 
     @property
     def least_startup(self) -> int:

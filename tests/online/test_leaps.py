@@ -80,13 +80,14 @@ def test_a_gap_costs_no_sample(name: str, gap: float) -> None:
     ident.update_many(u, y, t)
     at_once.update_many(u[:300], y[:300], t[:300])
     at_once._state.held_at = at.BELIEVED  # the first one is not held back
-    at_once._steps(*at_once._state.arrays, u[300:301], y[300:301], t[300:301], np.empty(1), np.empty((1, 0)))
+    at_once._steps(
+        *at_once._state.arrays, u[300:301], y[300:301], t[300:301], np.empty(0), np.empty(1), np.empty((1, 0))
+    )
     at_once._state.held_at = 0
     at_once.update_many(u[301:], y[301:], t[301:])
     assert ident._state.held_at == 0
-    at_once._state.reals[[at.HELD_INPUT, at.HELD_OUTPUT, at.HELD_TIME]] = ident._state.reals[
-        [at.HELD_INPUT, at.HELD_OUTPUT, at.HELD_TIME]
-    ]
+    held = [at.HELD_INPUT, at.HELD_OUTPUT, at.HELD_TIME, at.HELD_REFERENCE]
+    at_once._state.reals[held] = ident._state.reals[held]
     assert ident.samples == 500
     assert ident.rejected["time leap"] == 0
     assert state(ident) == state(at_once)

@@ -31,20 +31,20 @@ def assess_running(state: State, settings: Settings) -> Assessment:
     return judge(evidence_of(state, settings))
 
 
-def assess_starting(request: Request, held: Sequence[tuple[float, float, float]], wanted: int) -> Assessment:
+def assess_starting(request: Request, held: Sequence[tuple[float, float, float, float]], wanted: int) -> Assessment:
     """Return the verdict during start-up.
 
     Parameters
     ----------
     request : Request
-    held : sequence of (u, y, t)
-        Raw samples held so far; t is NaN for a regular clock.
+    held : sequence of (u, y, t, r)
+        Raw samples held so far; t is NaN for a regular clock, r where there is no reference.
     wanted : int
         How many samples the first model needs by now.
     """
     if not held:
         return NO_SAMPLE
-    u, y, t = np.array(held).T
+    u, y, t, _ = np.array(held).T
     u = request.preprocess.map_input(u)
     reason = f"starting: {u.size} of the {wanted} samples for the first model"
     if wanted > request.startup:

@@ -102,16 +102,18 @@ def check_start(request: Request, hold: int, rejects: dict[Any, Any], strays: li
         raise DamagedCheckpointError("its stray time stamps are not valid")
 
 
-def check_held(held: list[tuple[float, float, float]], request: Request, hold: int) -> None:
+def check_held(held: list[tuple[float, float, float, float]], request: Request, hold: int, *, reference: bool) -> None:
     """Check the samples that a starting identifier holds back.
 
     Parameters
     ----------
-    held : list of (float, float, float)
-        Input, output and time stamp in s of each sample.
+    held : list of (float, float, float, float)
+        Input, output, time stamp in s and reference of each sample.
     request : Request
     hold : int
         Number of samples that the start-up holds back.
+    reference : bool
+        Whether the samples come with a reference.
 
     Raises
     ------
@@ -122,12 +124,16 @@ def check_held(held: list[tuple[float, float, float]], request: Request, hold: i
 
     if len(held) > hold:  # equal while the newest sample waits for its successor
         raise DamagedCheckpointError("it holds back more samples than it waits for")
-    u, y, t = np.array(held, np.float64).reshape(-1, 3).T
+    if reference and not request.takes_reference:
+        raise DamagedCheckpointError("it has a reference, which its settings cannot use")
+    u, y, t, r = np.array(held, np.float64).reshape(-1, 4).T
     if not screen(request.preprocess.map_input(u), y)[0].all() or np.isinf(t).any() or (t[1:] <= t[:-1]).any():
         raise DamagedCheckpointError("it holds back samples that are not accepted")
+    if not (np.abs(r) <= LARGEST if reference else np.isnan(r)).all():
+        raise DamagedCheckpointError("it holds back samples whose reference is not valid")
 
 
-def check_settings(settings: Settings, request: Request, hold: int) -> None:
+def check_settings(settings: Settings, request: Request, hold: int, *, reference: bool) -> None:
     """Check that settings follow from a request.
 
     Parameters
@@ -136,6 +142,8 @@ def check_settings(settings: Settings, request: Request, hold: int) -> None:
     request : Request
     hold : int
         Number of samples that the start-up held back.
+    reference : bool
+        Whether the samples come with a reference.
 
     Raises
     ------
@@ -156,6 +164,7 @@ def check_settings(settings: Settings, request: Request, hold: int) -> None:
         "normalize": settings.normalize == request.normalize,
         "input_map": settings.preprocess.input_map == request.preprocess.input_map,
         "startup": settings.startup <= hold,
+        "reference": settings.reference == reference,
     }
     wrong = next((name for name, right in agrees.items() if not right), None)
     if wrong is not None:
@@ -266,4 +275,6 @@ def _raw_samples_are_sound(state: State) -> bool:
     known &= (kept.interval > 0.0) & (kept.interval <= interruptions.LONGEST * state.interval)
     if state.examines_output:
         known &= np.isin(kept.doubt, list(Doubt))
+    if state.has_reference:
+        known &= np.abs(kept.reference) <= LARGEST
     return bool(known.all())

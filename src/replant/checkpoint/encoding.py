@@ -39,7 +39,7 @@ Progress = Mapping[str, int | float | str]
 
 MAGIC = b"\x89replant"
 
-VERSION = 2
+VERSION = 3
 """Format of a checkpoint, to be raised when the meaning of anything stored changes; the layout of the state watches
 over itself [number].
 """
@@ -58,12 +58,15 @@ ATTRIBUTES: dict[str, type | tuple[type, ...]] = {
     "_settings": (Settings, type(None)),
     "_held_rejects": dict,
     "_strays": list,
+    "_reference": bool,
     "_hold": int,
     "_resolve_at": int,
 }
 RUNNING: dict[str, type] = {"_regular": bool}
 #: Attributes that are stored as arrays.
 HELD, STATE = "_held", "_state"
+NUMBERS_HELD = 4
+"""Numbers of a sample held for start-up: input, output, time stamp, reference [count]."""
 
 #: The header's entries.
 HEADER = LAYOUT, ATTRIBUTE, PROGRESS, ARRAYS = "layout", "attributes", "progress", "arrays"
@@ -153,8 +156,8 @@ def _arrays_of(attributes: Mapping[str, Any], running: bool) -> dict[str, np.nda
     if running:
         return {name: getattr(attributes[STATE], name) for name in STATE_ARRAYS}
     held = attributes[HELD]
-    numbers = np.fromiter(itertools.chain.from_iterable(held), np.float64, 3 * len(held))
-    return {HELD: numbers.reshape(-1, 3)}
+    numbers = np.fromiter(itertools.chain.from_iterable(held), np.float64, NUMBERS_HELD * len(held))
+    return {HELD: numbers.reshape(-1, NUMBERS_HELD)}
 
 
 def _names(running: bool) -> list[str]:
@@ -250,7 +253,7 @@ def _contents(header: dict[str, Any], body: memoryview) -> Contents:
 def _running(attributes: dict[str, Any], declared: list[Any], body: memoryview) -> dict[str, Any]:
     """Return the attributes of a running identifier that are stored as arrays."""
     settings: Settings = attributes["_settings"]
-    check_settings(settings, attributes["_request"], attributes["_hold"])
+    check_settings(settings, attributes["_request"], attributes["_hold"], reference=attributes["_reference"])
     state = State(**_arrays(declared, body, shapes_of(settings)))
     *_, (_, _, _, rows), _ = declared  # of the buffer; a row with a sample is never all zero
     if not 0 <= state.buffer_filled <= rows:
@@ -265,10 +268,10 @@ def _starting(attributes: dict[str, Any], declared: list[Any], body: memoryview)
         raise DamagedCheckpointError("it plans to solve its record again, and has none yet")
     # the file's size bounds the number of samples; at most one more has only zero bits, and is not stored
     ((*_, (samples, _), _),) = declared
-    if type(samples) is not int or not 0 <= samples <= len(body) // 24 + 1:
+    if type(samples) is not int or not 0 <= samples <= len(body) // (8 * NUMBERS_HELD) + 1:
         raise DamagedCheckpointError("it declares more samples than it holds")
-    held = [tuple(row) for row in _arrays(declared, body, {HELD: (samples, 3)})[HELD].tolist()]
-    check_held(held, attributes["_request"], attributes["_hold"])
+    held = [tuple(row) for row in _arrays(declared, body, {HELD: (samples, NUMBERS_HELD)})[HELD].tolist()]
+    check_held(held, attributes["_request"], attributes["_hold"], reference=attributes["_reference"])
     return {HELD: held}
 
 

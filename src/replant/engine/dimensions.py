@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import keep, truth, whole
-from replant.kernels.schema import FIXED, ROWS, SCALARS, StateSlots
+from replant.kernels.schema import FIXED, LAGUERRE, ROWS, SCALARS, StateSlots
 from replant.kernels.slot_tables import Block
 from replant.model.structure import Structure
 from replant.settings import Settings
@@ -41,6 +41,8 @@ class Dimensions:
         Whether a row of the buffer holds the regressor's noise-free companion as well.
     guarded : bool
         Whether outputs are examined before they are learned.
+    reference : bool
+        Whether there is a reference, which is kept beside the raw samples.
     """
 
     order: int
@@ -53,6 +55,7 @@ class Dimensions:
     recent: int = 0
     companions: bool = False
     guarded: bool = False
+    reference: bool = False
 
     def __post_init__(self) -> None:
         for name in ("order", "entries", "ring", "batch", "capacity"):
@@ -61,6 +64,7 @@ class Dimensions:
             keep(self, name, whole, 0)
         keep(self, "companions", truth)
         keep(self, "guarded", truth)
+        keep(self, "reference", truth)
 
     @classmethod
     def of_settings(cls, settings: Settings, recent: int) -> Dimensions:
@@ -79,13 +83,14 @@ class Dimensions:
             recent=recent,
             companions=settings.instruments or refined,
             guarded=optimizer.keeps_covariance,
+            reference=settings.reference,
         )
 
     @property
     def numbers(self) -> dict[str, int]:
         """The dimensions by the names that the schema gives them."""
         own = {"n": self.order, "N": self.order + 2, "T": self.entries, "M": self.memory, "S": self.settings}
-        return FIXED | own | {"RING": self.ring, "L": 0}
+        return FIXED | own | reference_sizes(self.ring, self.reference)
 
     @property
     def begins(self) -> dict[Block, int]:
@@ -106,7 +111,7 @@ class Dimensions:
             "reals": (SCALARS + sum(block.size(self.numbers) for block in StateSlots.blocks),),
             "banks": (3, bank.size(self.order, self.entries)),
             "buffer": (self.capacity, (2 if self.companions else 1) * self.entries + 2),
-            "recent": (self.recent, 5 if self.guarded else 3),
+            "recent": (self.recent, 6 if self.reference else 5 if self.guarded else 3),
         }
 
 
@@ -114,6 +119,11 @@ def entries_of(structure: Structure, *, refined: bool) -> int:
     """Return how many entries the regressor has, T: with the refined filter a constant and an initial state as well."""
     n = structure.poles
     return n + structure.zeros + 1 + (1 + n if refined else int(structure.bias))
+
+
+def reference_sizes(ring: int, reference: bool) -> dict[str, int]:
+    """Return the dimensions that follow from the ring of past inputs, and from whether there is a reference."""
+    return {"RING": ring, "Q": ring if reference else 0, "L": LAGUERRE + 1 if reference else 0}
 
 
 def ring_of(structure: Structure, dt: float) -> int:

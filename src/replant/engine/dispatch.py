@@ -11,7 +11,7 @@ import numpy as np
 from replant.engine.state import State
 from replant.regressor.preprocess import Preprocess
 
-Step = Callable[[float, float, float], float]  # takes a sample (u, y, t) and returns its error
+Step = Callable[[float, float, float, float], float]  # takes a sample (u, y, t, r) and returns its error
 
 
 def step_kernels(state: State, *, regular: bool) -> tuple[Callable[..., Any], Callable[..., Any]]:
@@ -32,9 +32,9 @@ def step_kernels(state: State, *, regular: bool) -> tuple[Callable[..., Any], Ca
 
 
 def bound_step(state: State, kernel: Callable[..., Any], preprocess: Preprocess) -> Step:
-    """Return a function of (u, y, t) that takes one sample of this state as ``kernel`` does.
+    """Return a function of (u, y, t, r) that takes one sample of this state as ``kernel`` does.
 
-    It takes three floats and nothing else: their types are not checked (see `replant.kernels.step.by_address`).  Where
+    It takes four floats and nothing else: their types are not checked (see `replant.kernels.step.by_address`).  Where
     the input map is a Python function, which no kernel can call, it is called first.
 
     Parameters
@@ -51,5 +51,5 @@ def bound_step(state: State, kernel: Callable[..., Any], preprocess: Preprocess)
     call = partial(by_address.entry_of(by_address.WITHOUT_ARRAYS[kernel]), int(table.ctypes.data))
     call.keeps = table, state  # type: ignore[attr-defined]  # what is pointed to lives as long as who points there
     if callable(preprocess.input_map):
-        return lambda u, y, t: call(float(preprocess.call_map(np.array([u]))[0]), y, t)
+        return lambda u, y, t, r: call(float(preprocess.call_map(np.array([u]))[0]), y, t, r)
     return call

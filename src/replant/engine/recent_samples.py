@@ -10,7 +10,7 @@ import numpy as np
 from replant.arguments import BoolArray, FloatArray
 from replant.engine.record import Record
 from replant.engine.state import GAP, State
-from replant.kernels.schema import BRIDGED, DOUBTED, INPUT, OUTPUT, STEP, Doubt
+from replant.kernels.schema import BRIDGED, DOUBTED, INPUT, OUTPUT, REFERENCE, STEP, Doubt
 
 LONELY = 5
 """Outliers in a row that are no more than that; what lasts longer may be the plant [samples].
@@ -31,9 +31,9 @@ class RecentSamples:
 
     Attributes
     ----------
-    values : (K, 5) or (K, 3) array
+    values : (K, 6), (K, 5) or (K, 3) array
         A sample a row; three columns where the state does not examine its outputs: then only input, output and
-        interval can be asked for.
+        interval can be asked for.  The sixth is the reference.
     """
 
     values: FloatArray
@@ -81,6 +81,16 @@ class RecentSamples:
     def doubt(self) -> FloatArray:
         """View of the `Doubt`."""
         return self.values[:, DOUBTED]
+
+    @property
+    def reference(self) -> FloatArray:
+        """View of the reference; NaN where there is none."""
+        return self.values[:, REFERENCE] if self.have_reference else np.full(len(self), np.nan)
+
+    @property
+    def have_reference(self) -> bool:
+        """Whether the samples came with a reference."""
+        return bool(self.values.shape[1] > REFERENCE)
 
     @property
     def are_examined(self) -> bool:
@@ -140,4 +150,5 @@ class RecentSamples:
         """Return them as a record; regular where every interval is ``dt``."""
         u, y, intervals = self.values[:, : STEP + 1].T.copy()
         regular = bool((intervals[1:] == dt).all())
-        return Record(u, y, np.array([dt]) if regular else intervals, input_hold)
+        r = self.reference.copy() if self.have_reference else None
+        return Record(u, y, np.array([dt]) if regular else intervals, input_hold, r)

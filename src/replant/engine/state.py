@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from replant.arguments import FloatArray
-from replant.engine.dimensions import Dimensions, entries_of, ring_of
+from replant.engine.dimensions import Dimensions, entries_of, reference_sizes, ring_of
 from replant.kernels.schema import FIXED, StateSlots
 from replant.kernels.slot_tables import Block, Slot
 from replant.model.structure import Structure
@@ -61,9 +61,9 @@ class State(StateSlots):
         The fixed filter's bank and the auxiliary model's two; see `replant.kernels.filters.bank`.
     buffer : (capacity, width) array
         Replay: a learned sample a row, its regressor, instruments if there are any, target and weight.
-    recent : (R, 3) or (R, 5) array
+    recent : (R, 3), (R, 5) or (R, 6) array
         Raw samples kept: input, output, interval; where outputs are examined, also the output that the filters saw and
-        the `Doubt`.
+        the `Doubt`; where there is a reference, it is the last.
     """
 
     ints: IntArray
@@ -82,7 +82,7 @@ class State(StateSlots):
         """What the shapes of the blocks are made of."""
         order = self.order
         own = {"n": order, "N": order + 2, "T": self.entries, "M": self.memory_size, "S": self.settings_size}
-        return FIXED | own | {"RING": self.ring_size, "L": 0}
+        return FIXED | own | reference_sizes(self.ring_size, self.has_reference)
 
     def begin_of(self, block: Block) -> int:
         """Return where in ``reals`` a block begins."""
@@ -108,13 +108,13 @@ class State(StateSlots):
         state.order, state.entries, state.ring_size = sizes.order, sizes.entries, sizes.ring
         state.memory_size, state.settings_size = sizes.memory, sizes.settings
         state.capacity, state.batch_size, state.recent_size = sizes.capacity, sizes.batch, sizes.recent
-        state.examines_output = sizes.guarded
+        state.examines_output, state.has_reference = sizes.guarded, sizes.reference
         return state
 
     @classmethod
     def build(
         cls, structure: Structure, dt: float, *, state_filter: StateVariableFilter | None, input_hold: str = "zoh",
-        instruments: bool = False, memory: FloatArray = NOTHING, numbers: FloatArray = NOTHING,
+        instruments: bool = False, memory: FloatArray = NOTHING, numbers: FloatArray = NOTHING, reference: bool = False,
     ) -> State:  # fmt: skip
         """Return unscaled arrays without replay, and fill in what is known of a fixed filter.
 
@@ -131,11 +131,15 @@ class State(StateSlots):
             Of the optimizer.
         numbers : (S,) array
             The optimizer's settings.
+        reference : bool
+            Whether instruments are made from a reference.
         """
         refined = state_filter is None
         entries, ring = entries_of(structure, refined=refined), ring_of(structure, dt)
         companions = instruments or refined
-        sizes = Dimensions(structure.poles, entries, ring, memory.size, numbers.size, companions=companions)
+        sizes = Dimensions(
+            structure.poles, entries, ring, memory.size, numbers.size, companions=companions, reference=reference
+        )
         state = cls.empty(sizes)
         state.describe(structure, dt, state_filter=state_filter, input_hold=input_hold, instruments=instruments)
         state.rescale(np.ones(entries), 1.0)
@@ -230,7 +234,7 @@ class State(StateSlots):
         return state
 
     @classmethod
-    def for_model(cls, structure: Structure, dt: float, input_hold: str) -> State:
+    def for_model(cls, structure: Structure, dt: float, input_hold: str, *, reference: bool = False) -> State:
         """Return arrays that turn a `Record` into regressors and instruments of the refined filter.
 
         Parameters
@@ -239,8 +243,10 @@ class State(StateSlots):
         dt : float
             Sampling time in s.
         input_hold : {"zoh", "foh"}
+        reference : bool
+            Whether instruments are made from a reference.
         """
-        return cls.build(structure, dt, state_filter=None, input_hold=input_hold)
+        return cls.build(structure, dt, state_filter=None, input_hold=input_hold, reference=reference)
 
     @property
     def factors(self) -> tuple[FloatArray, FloatArray]:
@@ -252,6 +258,13 @@ class State(StateSlots):
     def physical(self) -> FloatArray:
         """The estimate (T,) in physical units."""
         return np.asarray(self.theta * self.unit)
+
+    @property
+    def serves_reflected(self) -> bool:
+        """Whether the serving model is not stable: its bank's denominator has the poles reflected."""
+        from replant.kernels.filters.bank import REFLECTED
+
+        return bool(self.banks[self.serving_bank, REFLECTED])
 
     @property
     def was_revised(self) -> bool:

@@ -18,6 +18,7 @@ To add a number, add a line.  Dimensions of blocks:
     PAST            past estimates kept
     LAGS            order of the autoregression
     ROOM            rows of the estimate's path
+    Q               past inputs kept where there is a reference; else 0
     L               Laguerre functions of the reference and one more; 0 without a reference
 """
 
@@ -60,8 +61,9 @@ LARGEST: Final = 1e150
 """Largest magnitude of a sample that is accepted: its square, and sums of such, are still far inside float64 [number].
 """
 
-# Columns of the raw samples kept; a state that does not examine its outputs has the first three.
-INPUT, OUTPUT, STEP, BRIDGED, DOUBTED = range(5)
+# Columns of the raw samples kept; a state that does not examine its outputs has the first three, the last one stands
+# where there is a reference.
+INPUT, OUTPUT, STEP, BRIDGED, DOUBTED, REFERENCE = range(6)
 
 BELIEVED: Final = -1
 """Value of HELD_AT while the identifier takes a sample that was held back, or a record that it has judged already
@@ -141,12 +143,12 @@ class NoiseSlots(Part):
     count = Real("residuals in `sums`, forgotten ones counted in part", OPTIMIZER, least=0.0)
     known = Real("residuals in a row that are known, up to LAGS", FILTERS, least=0.0, most=float(LAGS))
     filtered = Real("rows in a row that are known, up to LAGS", FILTERS, least=0.0, most=float(LAGS))
-    position = Real("row of `rows` that holds the newest one", FILTERS, least=0.0, most=LAGS - 1.0)
+    position = Real("row of `rows` that holds the newest one", FILTERS, least=0.0, most=float(LAGS))
     models = Block("LAGS + 1, LAGS + 1", "row j: D(q) of order j: 1, d_1 .. d_j, 0 ..", FILTERS)
     variances = Block("LAGS + 1", "V_j, of the residual filtered by it", FILTERS, "sigma_y^2")
     sums = Block("LAGS + 1, LAGS + 1", "of e_(k-i) e_(k-j), lower triangle", OPTIMIZER, "sigma_y^2", finite=False)
     errors = Block("LAGS", "the last residuals, newest first", FILTERS, "sigma_y", finite=False)
-    rows = Block("LAGS, 2 * T + 1", "phi, zeta and target of the last samples, a ring", FILTERS, finite=False)
+    rows = Block("LAGS + 1, 2 * T + 1", "phi, zeta and target of the last samples, a ring", FILTERS, finite=False)
 
 
 class ReferenceSlots(Part):
@@ -190,6 +192,7 @@ class StateSlots(Table):
     refined = Flag("the filter is 1/A of the estimate, with initial states as nuisances; else fixed", LAYOUT)
     instruments = Flag("the regressor has a noise-free companion", LAYOUT)
     has_noise_model = Flag("regressor, instruments and target are filtered by the noise model", LAYOUT)
+    has_reference = Flag("instruments are made from a reference", LAYOUT)
     coloured = Flag("power and colour of the residual are kept", LAYOUT)
     examines_output = Flag("outputs are examined before they are learned", LAYOUT)
     memory_size = Integer("M, numbers of the optimizer's memory", LAYOUT)
@@ -226,6 +229,7 @@ class StateSlots(Table):
     too_coarse = Integer("rejected samples: stamps as far from zero do not tell sampling times apart", CLOCK)
     input_leaps = Integer("rejected samples, or held back: the input is far beyond all before", MONITORING)
     no_output = Integer("samples without an output, of which the input alone was used", MONITORING)
+    no_reference = Integer("samples whose reference was not finite or too large: the one before was held", STEP_KERNEL)
     recent_head = Integer("row of the raw samples that the next one goes to", STEP_KERNEL)
     past_kept = Integer("past estimates kept so far", STEP_KERNEL, below="samples + 1")
     past_due = Integer(
@@ -245,6 +249,7 @@ class StateSlots(Table):
     held_input = Real("its input, preprocessed", STEP_KERNEL, "of u", finite=False)
     held_output = Real("its output, preprocessed", STEP_KERNEL, "of y", finite=False)
     held_time = Real("its time stamp", STEP_KERNEL, "s", finite=False)
+    held_reference = Real("its reference", STEP_KERNEL, "of r", finite=False)
 
     # --- clock
     gaps = Integer("interruptions after which the filters began anew", CLOCK)
@@ -265,6 +270,10 @@ class StateSlots(Table):
     output_scale = Real("sigma_y", LAYOUT, "of y")
     delay = Real("dead time", LAYOUT, "s")
     input_now = Real("the delayed input at the newest sample", FILTERS, "of u")
+    input_by_reference = Real("what it explains of the newest input", FILTERS, "of u")
+    output_by_reference = Real("what it explains of the newest output", FILTERS, "of y")
+    reference_input_now = Real("what it explains of the delayed input", FILTERS, "of u")
+    reference_now = Real("newest reference", STEP_KERNEL, "of r")
     last_output = Real("the output before, as the filters saw it", FILTERS, "of y")
     input_mean = Real("moving mean of the input", MONITORING, "of u")
     input_power = Real("moving variance of the input", MONITORING, "of u^2", least=0.0)
@@ -334,6 +343,9 @@ class StateSlots(Table):
     inputs = Block("RING", "past inputs", FILTERS, "of u")
     intervals = Block("RING", "interval that led to each of them", FILTERS, "s")
     held = Block("RING", "mean of a held input over that interval", FILTERS, "of u")
+    reference_inputs = Block("Q", "what the reference explains of the past inputs", FILTERS, "of u")
+    reference_held = Block("Q", "the same of their means over the intervals", FILTERS, "of u")
+    output_before = Block("n", "states of the output's filters before the newest sample", FILTERS, finite=False)
     sigma = Block("T", "scaling of the regressor, (10)-(12) of the article", LAYOUT)
     unit = Block("T", "from scaled to physical parameter", LAYOUT)
     phi = Block("T", "scaled regressor of the newest sample", FILTERS, finite=False)

@@ -23,7 +23,9 @@ UNKNOWN_LENGTH = 2_000
 
 
 @quiet
-def settle(request: Request, u: FloatArray, y: FloatArray, length: int | None = None) -> Settings:
+def settle(
+    request: Request, u: FloatArray, y: FloatArray, length: int | None = None, *, reference: bool = False
+) -> Settings:
     """Return definite settings: what is "auto" is chosen from a record.
 
     Parameters
@@ -33,6 +35,8 @@ def settle(request: Request, u: FloatArray, y: FloatArray, length: int | None = 
         Raw input and output.
     length : int, optional
         Number of samples that there will be in all, where it is known.
+    reference : bool
+        Whether the samples come with a reference.
 
     Raises
     ------
@@ -60,7 +64,7 @@ def settle(request: Request, u: FloatArray, y: FloatArray, length: int | None = 
         phi, _ = regressors(structure, dt, assumed, preprocess, u, y)
         scaling = Scaling.from_record(y - float(preprocess.output_offset), phi)
     return Settings(
-        structure, dt, chosen, scaling, optimizer, replay, instruments, request.normalize, preprocess, u.size
+        structure, dt, chosen, scaling, optimizer, replay, instruments, request.normalize, preprocess, u.size, reference
     )
 
 

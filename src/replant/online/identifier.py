@@ -13,10 +13,11 @@ from replant.arguments import (
     number,
     record,
     stamps_of,
+    vector,
 )
 from replant.engine.dimensions import RECENT
 from replant.engine.dispatch import Step, bound_step, step_kernels
-from replant.engine.state import REASONS, State
+from replant.engine.state import NOTHING, REASONS, State
 from replant.errors import InvalidArgumentError
 from replant.kernels.schema import BELIEVED, Alarm, Attention
 from replant.model.structure import Structure
@@ -40,7 +41,7 @@ from replant.optimizers.replay import Replay
 from replant.regressor.filters import Filter
 from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
-from replant.settings import AUTO, LONGEST_STARTUP, Request, Settings
+from replant.settings import AUTO, LONGEST_STARTUP, NO_USE_OF_REFERENCE, Request, Settings
 
 NAN = math.nan
 """NaN, looked up at every sample [number]."""
@@ -146,6 +147,7 @@ class Identifier(Estimate):
         self._held: list[Held] = []
         self._strays: list[float] = []
         self._held_rejects = dict.fromkeys(REASONS, 0)
+        self._reference = False  # whether the samples come with a reference
         self._resolve_at = 0  # accepted samples at which to solve the record again; 0: not planned
         self._state: State
         self._step: Step = self._hold_back_one  # what takes the next sample
@@ -218,7 +220,7 @@ class Identifier(Estimate):
         if self._settings is not None:
             self._work_on(self._state, regular=self._regular)
 
-    def update(self, u: float, y: float, t: float | None = None) -> float:
+    def update(self, u: float, y: float, t: float | None = None, r: float | None = None) -> float:
         """Take one sample; return its a-priori output error y - theta' phi, in the unit of y.
 
         NaN stands for "no prediction": the sample was rejected, has no output, or is held back.
@@ -235,28 +237,34 @@ class Identifier(Estimate):
             else it was misread.  A stamp beyond 4.5e13 dt from zero, where float64 resolves no hundredth of dt, is
             rejected.
             Without stamps a rejected sample takes no time: give them where some may be.
+        r : float, optional
+            Reference, where a controller makes the input: the set-point or a dither, whatever is applied from outside
+            and knows nothing of the disturbances.  Given with every sample, or with none; the unit does not matter.
+            One that is not finite is held at the last; during start-up the sample is rejected.  The default filter
+            and optimizer alone use it.
 
         Raises
         ------
-        ArgumentTypeError
-            If an argument is not a number; the state stays as it was.
+        InvalidArgumentError, ArgumentTypeError
+            If an argument is not a number, or r comes with some samples only; the state stays as it was.
         """
         if type(u) is not float:
             u = number("u", u)
         if type(y) is not float:
             y = number("y", y)
+        r = self._referenced(r) if self._reference or r is not None else NAN
         t = NAN if t is None else self._stamp(t)
         try:
-            return self._step(u, y, t)
+            return self._step(u, y, t, r)
         except Attention:
             error = self._state.error * self._state.output_scale
         if self._state.held_at == BELIEVED:
             self._take_held()
-            return self.update(u, y, None if math.isnan(t) else t)
+            return self.update(u, y, None if math.isnan(t) else t, None if math.isnan(r) else r)
         self._attend()
         return error
 
-    def update_many(self, u: Any, y: Any, t: Any = None) -> Trace:
+    def update_many(self, u: Any, y: Any, t: Any = None, r: Any = None) -> Trace:
         """Take a chunk of samples in compiled code: equal, to the bit, to a loop of `update`.
 
         Parameters
@@ -264,6 +272,8 @@ class Identifier(Estimate):
         u, y : (K,) arrays
         t : (K,) array, optional
             Time stamps in s, see `update`.
+        r : (K,) array, optional
+            Reference, see `update`.
 
         Raises
         ------
@@ -272,6 +282,7 @@ class Identifier(Estimate):
         """
         # kernels are compiled for arrays that can be written to
         u, y = (array if array.flags.writeable else array.copy() for array in record(u, y))
+        r = self._references(r, u.size)
         t = self._stamps(t, u.size)
         trace = Trace(self.names, self.parameters, np.empty((u.size, self.structure.size)), np.full(u.size, np.nan))
         taken = 0
@@ -279,18 +290,21 @@ class Identifier(Estimate):
             some = slice(taken, taken + max(self._hold - len(self._held), 1))
             trace.parameters[some] = self.parameters
             taken += u[some].size
-            trace.errors[taken - 1] = self._hold_back(u[some], y[some], t[some])
+            trace.errors[taken - 1] = self._hold_back(u[some], y[some], t[some], r[some])
             trace.parameters[taken - 1] = self.parameters
         if taken < u.size and self._mapped:
             u = np.concatenate([u[:taken], self._request.preprocess.call_map(u[taken:])])
         while taken < u.size:
-            taken += self._take(u[taken:], y[taken:], t[taken:], trace.errors[taken:], trace.parameters[taken:])
+            rest = slice(taken, None)
+            taken += self._take(u[rest], y[rest], t[rest], r[rest], trace.errors[rest], trace.parameters[rest])
         return trace
 
-    def _take(self, u: FloatArray, y: FloatArray, t: FloatArray, errors: FloatArray, parameters: FloatArray) -> int:
+    def _take(
+        self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray, errors: FloatArray, parameters: FloatArray
+    ) -> int:
         """Run a chunk up to a sample that needs attention, attend to it, and return the number of samples taken."""
         state = self._state
-        taken: int = self._steps(*state.arrays, u, y, t, errors, parameters)
+        taken: int = self._steps(*state.arrays, u, y, t, r, errors, parameters)
         if state.held_at == BELIEVED:
             self._take_held()
             return taken - 1  # the sample that confirms it is taken after it
@@ -302,11 +316,11 @@ class Identifier(Estimate):
     def _take_held(self) -> None:
         """Take the sample that was held back, as the next one has confirmed it."""
         state = self._state
-        u, y, t = np.array([[state.held_input], [state.held_output], [state.held_time]])
+        u, y, t, r = np.array([[state.held_input], [state.held_output], [state.held_time], [state.held_reference]])
         state.attention = False
         try:
             with state.without_preprocessing():
-                self._steps(*state.arrays, u, y, t, np.empty(1), np.empty((1, 0)))
+                self._steps(*state.arrays, u, y, t, r, np.empty(1), np.empty((1, 0)))
         finally:
             state.held_at = 0
         if state.attention:
@@ -404,13 +418,40 @@ class Identifier(Estimate):
         self._stamp(0.0)
         return np.where(np.isfinite(stamps), stamps, np.inf)
 
-    def _hold_back_one(self, u: float, y: float, t: float) -> float:
-        """Keep a sample for start-up."""
-        return self._hold_back(np.array([u]), np.array([y]), np.array([t]))
+    def _referenced(self, r: Any) -> float:
+        """Return a reference for the kernel: infinite, which the kernel does not use, where it is not finite."""
+        self._check_reference(r)
+        r = number("r", r)
+        return r if math.isfinite(r) else math.inf
 
-    def _hold_back(self, u: FloatArray, y: FloatArray, t: FloatArray) -> float:
+    def _references(self, r: Any, samples: int) -> FloatArray:
+        if r is None and not self._reference:
+            return NOTHING
+        self._check_reference(r)
+        references = vector("r", r)
+        if references.size != samples:
+            raise InvalidArgumentError(f"r must have one value for each of {samples} samples, got {references.size}")
+        return np.where(np.isfinite(references), references, np.inf)
+
+    def _check_reference(self, r: Any) -> None:
+        """Raise InvalidArgumentError unless every sample so far came with a reference, or the first comes now."""
+        if r is None:
+            raise InvalidArgumentError("the samples before came with r: give it with every sample, or with none")
+        if self._reference:
+            return
+        if not self._request.takes_reference:
+            raise InvalidArgumentError(NO_USE_OF_REFERENCE)
+        if self._settings is not None or self._held or any(self._held_rejects.values()):
+            raise InvalidArgumentError("the samples before came without r: give it with every sample, or with none")
+
+    def _hold_back_one(self, u: float, y: float, t: float, r: float) -> float:
+        """Keep a sample for start-up."""
+        return self._hold_back(np.array([u]), np.array([y]), np.array([t]), np.array([r]))
+
+    def _hold_back(self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray) -> float:
         """Hold samples for start-up, at most as many as it lacks; begin with the last one and return its error."""
-        hold_back(self._held, self._strays, self._held_rejects, self._request, u, y, t)
+        self._reference = r.size > 0 and not bool(np.isnan(r).any())
+        hold_back(self._held, self._strays, self._held_rejects, self._request, u, y, t, r)
         if len(self._held) < self._hold or awaits_successor(self._held, self._request.dt) or self._drop_lone_inputs():
             return NAN
         try:
@@ -430,12 +471,12 @@ class Identifier(Estimate):
 
     def _begin(self, *, at_any_rate: bool = False) -> float:
         """Choose the settings, lay out the state and learn the held samples; return the error of the last one."""
-        u, y, t = np.array(self._held, np.float64).reshape(-1, 3).T.copy()
+        u, y, t, r = np.array(self._held, np.float64).reshape(-1, 4).T.copy()
         clean = without_spikes(y) if self._request.wants_instruments else y
-        settings = settle(self._request, u, clean)
+        settings = settle(self._request, u, clean, reference=self._reference)
         refined = None
         if settings.instruments:
-            ready, refined = modelled(settings, u, clean, t)
+            ready, refined = modelled(settings, u, clean, t, r)
             if refined is None or not (refined.acceptable or at_any_rate or 2 * self._hold > LONGEST_STARTUP):
                 return self._wait_longer()
         state = State.of_settings(settings, RECENT)
@@ -448,7 +489,7 @@ class Identifier(Estimate):
             if callable(settings.preprocess.input_map):
                 u = settings.preprocess.call_map(u)
             learn = refined is None or not settings.optimizer.keeps_covariance
-            error = float(warm_up(state, u, y, t, learn=learn)[-1])
+            error = float(warm_up(state, u, y, t, r if settings.reference else None, learn=learn)[-1])
             state.ready_at = state.elapsed
         self._settings, self._held, self._strays = settings, [], []
         self._work_on(state, regular=not t.size)
@@ -464,10 +505,10 @@ class Identifier(Estimate):
         self._kernel, self._steps = step_kernels(state, regular=regular)
         self._step = self._first_step
 
-    def _first_step(self, u: float, y: float, t: float) -> float:
+    def _first_step(self, u: float, y: float, t: float, r: float) -> float:
         """Take a sample and bind the kernel for single samples; `update_many` does not need that one compiled."""
         self._step = bound_step(self._state, self._kernel, self._request.preprocess)
-        return self._step(u, y, t)
+        return self._step(u, y, t, r)
 
     def _wait_longer(self) -> float:
         """Double the start-up; at its limit drop the older half of the samples, as a rig may idle before it moves."""

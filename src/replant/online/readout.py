@@ -21,7 +21,8 @@ class Estimate:
 
     _request: Request
     _settings: Settings | None
-    _held: list[tuple[float, float, float]]
+    _held: list[tuple[float, float, float, float]]
+    _reference: bool
     _held_rejects: dict[str, int]
     _hold: int
     _state: State
@@ -80,6 +81,11 @@ class Estimate:
         return Uncertainty(self.structure, self.parameters, self.covariance)
 
     @property
+    def reference(self) -> bool:
+        """Whether the samples come with a reference; see `Identifier.update`."""
+        return self._reference
+
+    @property
     def samples(self) -> int:
         """Accepted samples, those held back for start-up included."""
         return len(self._held) if self._settings is None else self._state.samples
@@ -100,13 +106,22 @@ class Estimate:
     def recent(self) -> FloatArray:
         """The newest accepted samples (K, 3): input behind its map, output, and seconds since the sample before."""
         if self._settings is None:
-            u, y, t = np.array(self._held, np.float64).reshape(-1, 3).T
+            u, y, t, _ = np.array(self._held, np.float64).reshape(-1, 4).T
             regular = np.isnan(t).any() or not t.size
             intervals = np.full(u.size, self.dt) if regular else np.diff(t, prepend=t[:1] - self.dt)
             return np.column_stack([self._request.preprocess.map_input(u), y, intervals])
         rest = self._settings.preprocess
         kept = RecentSamples.of(self._state).values[:, :3]
         return np.asarray(kept + np.array([float(rest.input_offset), float(rest.output_offset), 0.0]))
+
+    @property
+    def recent_reference(self) -> FloatArray | None:
+        """The reference (K,) of the samples of `recent`; None where there is none."""
+        if not self._reference:
+            return None
+        if self._settings is None:
+            return np.array([sample[3] for sample in self._held], np.float64)
+        return RecentSamples.of(self._state).reference.copy()
 
     @property
     def judged(self) -> BoolArray:

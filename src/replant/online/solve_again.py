@@ -148,7 +148,7 @@ def restart(old: State, settings: Settings, refined: Refined, record: Record, or
     if record.intervals.size > 1:
         stamps = old.last_time - (record.intervals.sum() - np.cumsum(record.intervals))
     with new.without_preprocessing():
-        warm_up(new, record.u, record.y, stamps, learn=False)
+        warm_up(new, record.u, record.y, stamps, record.r, learn=False)
     new.ready_at = new.elapsed
     carry_over(old, new)
     new.record_began = origin

@@ -10,15 +10,15 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.engine.dispatch import step_kernels
 from replant.engine.record import Record, ready_record
-from replant.engine.state import State
-from replant.kernels.schema import BELIEVED, FARTHEST, LEAP, MOST_EARLIER
+from replant.engine.state import NOTHING, State
+from replant.kernels.schema import BELIEVED, FARTHEST, LARGEST, LEAP, MOST_EARLIER
 from replant.offline.refined import Refined
 from replant.offline.srivc import first_model
 from replant.regressor.preprocess import screen
 from replant.settings import Request, Settings
 from replant.statistics.linear_algebra import quiet
 
-Held = tuple[float, float, float]  # a sample (u, y, t) held for start-up
+Held = tuple[float, float, float, float]  # a sample (u, y, t, r) held for start-up
 
 GROSS = 2.0
 """Distance of an output from the median of its neighbours beyond which it is a spike [ranges of that median over the
@@ -48,13 +48,13 @@ Sensitivity: not measured.
 
 def hold_back(
     held: list[Held], strays: list[float], rejects: dict[str, int], request: Request,
-    u: FloatArray, y: FloatArray, t: FloatArray,
+    u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray,
 ) -> None:  # fmt: skip
     """Add samples to those held for start-up, and count the rejected ones by reason.
 
     Parameters
     ----------
-    held : list of (u, y, t)
+    held : list of (u, y, t, r)
         Samples held so far; changed in place.
     strays : list of float
         The newest consecutive stamps that increase but lie before the newest one held; changed in place.
@@ -65,18 +65,23 @@ def hold_back(
         Raw samples.
     t : (K,) or (0,) array
         Time stamps in s: empty or NaN where there are none, infinite where a stamp was not finite.
+    r : (K,) or (0,) array
+        Reference: empty or NaN where there is none, infinite where it was not finite.
     """
     accepted, rejected = screen(request.preprocess.map_input(u), y)
     for reason, count in rejected.items():
         rejects[reason] += count
-    stamps = t.tolist() if t.size else [math.nan] * u.size
+    none = [math.nan] * u.size
+    stamps, references = t.tolist() if t.size else none, r.tolist() if r.size else none
     for k in np.flatnonzero(accepted).tolist():
-        if math.isinf(stamps[k]):
+        if math.isinf(stamps[k]) or math.isinf(references[k]):
             rejects["not finite"] += 1
+        elif abs(references[k]) > LARGEST:
+            rejects["too large"] += 1
         elif abs(stamps[k]) > FARTHEST * request.dt:
             rejects["time too coarse"] += 1
         else:
-            _admit(held, strays, rejects, request.dt, (float(u[k]), float(y[k]), stamps[k]))
+            _admit(held, strays, rejects, request.dt, (float(u[k]), float(y[k]), stamps[k], references[k]))
 
 
 def _admit(held: list[Held], strays: list[float], rejects: dict[str, int], dt: float, sample: Held) -> None:
@@ -130,7 +135,9 @@ def lone_inputs(u: FloatArray) -> list[int]:
     return []
 
 
-def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn: bool) -> FloatArray:
+def warm_up(
+    state: State, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray | None = None, *, learn: bool
+) -> FloatArray:
     """Run held samples through the kernel and return the a-priori errors (K,).
 
     No past estimate is kept meanwhile: settings or estimate were chosen with all of these samples, so that none of them
@@ -143,6 +150,8 @@ def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn:
     u, y : (K,) arrays
     t : (K,) or (0,) array
         Time stamps in s; empty for a regular clock.
+    r : (K,) array, optional
+        Reference.
     learn : bool
         False where the estimate has been solved for from these samples: only filters, counters and kept samples follow.
     """
@@ -150,7 +159,7 @@ def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, *, learn:
     errors, unseen = np.empty(u.size), np.empty((u.size, 0))
     rested = state.rested
     state.adapt, state.held_at = learn, BELIEVED  # leaps among the held samples have been judged
-    steps(*state.arrays, u, y, t, errors, unseen)
+    steps(*state.arrays, u, y, t, NOTHING if r is None else r, errors, unseen)
     state.adapt, state.held_at = True, 0
     if state.examines_output:
         state.change_began = state.samples
@@ -184,17 +193,20 @@ def without_spikes(y: FloatArray) -> FloatArray:
 
 
 @quiet
-def modelled(settings: Settings, u: FloatArray, y: FloatArray, t: FloatArray) -> tuple[Record, Refined | None]:
+def modelled(
+    settings: Settings, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray
+) -> tuple[Record, Refined | None]:
     """Return held samples as a record, and their `first_model`.
 
     Parameters
     ----------
     settings : Settings
-    u, y, t : (K,) arrays
-        Raw samples; t in s, NaN where there is no stamp.
+    u, y, t, r : (K,) arrays
+        Raw samples; t in s, NaN where there is no stamp; the reference r, NaN where there is none.
     """
     stamps, hold = None if np.isnan(t).any() else t, settings.filter.input_hold
-    record = ready_record(settings.structure, settings.dt, settings.preprocess, u, y, stamps, hold)
+    reference = r if settings.reference else None
+    record = ready_record(settings.structure, settings.dt, settings.preprocess, u, y, stamps, hold, reference)
     return record, first_model(settings.structure, record)
 
 
@@ -203,7 +215,7 @@ def carry_over(old: State, new: State) -> None:
     new.take_over(
         old,
         *(State.not_finite, State.too_large, State.not_later, State.too_dense, State.refused, State.rested),
-        *(State.time_leaps, State.too_coarse, State.input_leaps, State.no_output),
+        *(State.time_leaps, State.too_coarse, State.input_leaps, State.no_output, State.no_reference),
         *(State.outliers, State.stuck, State.gaps, State.gap_at, State.adapt, State.drawn, State.samples),
         *(State.past_kept, State.past_due, State.recent_head, State.alarm, State.look_at),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from replant.engine.record import Record
-from replant.engine.state import State
+from replant.engine.state import NOTHING, State
 from replant.kernels.schema import BELIEVED, Alarm
 from replant.settings import Settings
 from replant.simulation.model_run import run_model
@@ -91,7 +91,7 @@ def with_new_constant(old: State, record: Record) -> State:
     limit, new.cusum_limit = new.cusum_limit, 0.0  # these samples have been looked into: they raise no alarm
     new.held_at = BELIEVED  # all of it was taken before
     with new.without_preprocessing():
-        steps(*new.arrays, record.u, record.y, stamps, errors, unseen)
+        steps(*new.arrays, record.u, record.y, stamps, NOTHING if record.r is None else record.r, errors, unseen)
     new.cusum_limit, new.cusum, new.held_at = limit, 0.0, 0
     new.change_began = new.samples
     new.recent[:] = old.recent

@@ -1,8 +1,10 @@
 r"""A model run over a record on any clock, with the regressors and instruments that its own denominator filters.
 
-For a model B/A the compiled chain gives, sample by sample, the regressor :math:`\varphi` of :math:`s^n/A\, y =
-\varphi^T \theta`, the instruments :math:`\zeta` (the same regressor built from the model's own output) and the model's
-output B/A u.  All are exact for the hold over every interval, so that the clock may be irregular.
+For a model B/A the compiled chain gives, sample by sample, the regressor :math:`\varphi` of :math:`s^n/D\, y =
+\varphi^T \theta`, the instruments :math:`\zeta` (the same regressor built from the model's own output, or from what a
+reference explains of input and output) and the predicted output.  D is A, or where that is not stable A with its poles
+reflected.  Where D = A the predicted output is B/A u, exact for the hold over every interval, so that the clock may be
+irregular.
 """
 
 from __future__ import annotations
@@ -17,6 +19,8 @@ from replant.engine.record import Record
 from replant.engine.state import State
 from replant.model.structure import Structure
 
+NOTHING = np.zeros((0, 2))  # explained by a reference where there is none
+
 
 @dataclass(frozen=True, eq=False)
 class Pass:
@@ -29,9 +33,9 @@ class Pass:
     target : (K,) array
         s^n/A y.
     output : (K,) array
-        Of the model, offset and initial state included.
+        Predicted by the model, offset and initial state included: B/A u; of a model that is not stable one step ahead.
     error : (K,) array
-        Measured output minus that.
+        The residual e = A/D y - B/D u, offset and initial state included; for D = A measured minus predicted output.
     """
 
     phi: FloatArray
@@ -58,6 +62,10 @@ class AuxiliaryModel:
         Nominal sampling time in s: after 1.5 of it without a sample, a held input is taken to have moved.
     input_hold : {"zoh", "foh"}
         What the input does between samples.
+    margin : float
+        Poles that do not lie left of minus this, in rad/s, are reflected to there.
+    reference : bool
+        Whether instruments are made from a reference.
 
     Examples
     --------
@@ -67,15 +75,18 @@ class AuxiliaryModel:
     array([0.    , 0.6321, 0.9502])
     """
 
-    def __init__(self, structure: Structure, dt: float, input_hold: str = "zoh") -> None:
-        self._state = State.for_model(structure, dt, input_hold)
+    def __init__(
+        self, structure: Structure, dt: float, input_hold: str = "zoh", *, margin: float = 0.0, reference: bool = False
+    ) -> None:
+        self._state = State.for_model(structure, dt, input_hold, reference=reference)
+        self._state.stability_margin = margin
 
     @property
     def entries(self) -> int:
         """How many entries a model has, T."""
         return self._state.entries
 
-    def run(self, theta: FloatArray, record: Record) -> Pass:
+    def run(self, theta: FloatArray, record: Record, by_reference: FloatArray | None = None) -> Pass:
         """Run a model over a record from rest.
 
         Parameters
@@ -83,15 +94,21 @@ class AuxiliaryModel:
         theta : (T,) array
             a_{n-1} .. a_0, b_m .. b_0, then the nuisances: the constant of A y = B u + constant, and the initial state.
         record : Record
+        by_reference : (K, 2) array, optional
+            What the reference explains of input and output; for a model made with ``reference``.
         """
         from replant.kernels.step.stages import regressors
 
+        if by_reference is None:
+            by_reference = NOTHING
         state, size, samples = self._state, self.entries, record.u.size
         state.install(theta)
         state.started = False
         phi, zeta = np.empty((samples, size)), np.empty((samples, size))
         target, output = np.empty(samples), np.empty(samples)
         regressors(
-            state.ints, state.reals, state.banks, record.u, record.y, record.intervals, phi, zeta, target, output
+            state.ints, state.reals, state.banks, record.u, record.y, record.intervals, by_reference,
+            phi, zeta, target, output,
         )  # fmt: skip
-        return Pass(phi, zeta, target, output, record.y - output)
+        error = target - phi @ theta if state.serves_reflected else record.y - output
+        return Pass(phi, zeta, target, output, error)

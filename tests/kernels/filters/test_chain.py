@@ -27,7 +27,7 @@ def run(state: State, u: np.ndarray, y: np.ndarray, t: np.ndarray) -> tuple[np.n
     T = state.entries
     phi, zeta, target, output = np.empty((u.size, T)), np.empty((u.size, T)), np.empty(u.size), np.empty(u.size)
     intervals = np.diff(t, prepend=t[0] - DT)
-    regressors(state.ints, state.reals, state.banks, u, y, intervals, phi, zeta, target, output)
+    regressors(state.ints, state.reals, state.banks, u, y, intervals, np.zeros((0, 2)), phi, zeta, target, output)
     return phi, zeta, target, output
 
 
@@ -137,8 +137,25 @@ def test_a_missing_sample_of_an_input_that_stood_costs_nothing() -> None:
     close(phi[:, 2:], of_u)
 
 
-def test_an_unstable_or_a_wild_estimate_never_serves_as_a_model() -> None:
-    """`renew_model` is the only way from the estimate to a filter: it looks at Routh's array and at the bandwidth."""
+@pytest.mark.parametrize("unstable", [[-1.0, 2.0], [3.0, -2.0], [0.0, 1.0], [0.0, 0.0]], ids=repr)
+def test_an_unstable_estimate_serves_with_its_poles_reflected(unstable: list[float]) -> None:
+    """The filter's poles are mirrored, and lie left of the margin; the model's own coefficients are the estimate's."""
+    from replant.kernels.filters.chain import renew_model
+
+    state = State.build(rp.Structure(2), DT, state_filter=None)
+    state.install(np.array([3.0, 2.0, 1.0, 0.0, 0.0, 0.0]))
+    state.stability_margin, state.largest_bandwidth = 1e-3, 100.0
+    state.theta[:2], state.ready_at, state.reals[at.ELAPSED] = unstable, 0.0, 10.0
+    renew_model(state.ints, state.reals, state.banks)
+    bank, poles = state.banks[2], np.roots([1.0, *unstable])
+    expected = np.minimum(-np.abs(poles.real), -1e-3) + 1j * poles.imag
+    np.testing.assert_allclose(bank[bk.DENOMINATOR : bk.DENOMINATOR + 2], np.poly(expected)[1:].real, atol=1e-7)
+    assert bank[bk.REFLECTED] == 1.0
+    np.testing.assert_array_equal(bank[bk.at_weights(2, 6) :][:2], unstable)
+
+
+def test_a_wild_estimate_never_serves_as_a_model() -> None:
+    """`renew_model` is the only way from the estimate to a filter: it looks at the bandwidth."""
     from replant.kernels.filters.chain import renew_model
 
     state = State.build(rp.Structure(2), DT, state_filter=None)
@@ -146,7 +163,7 @@ def test_an_unstable_or_a_wild_estimate_never_serves_as_a_model() -> None:
     good[:3] = 3.0, 2.0, 1.0
     state.install(good)
     state.reals[at.STABILITY_MARGIN], state.reals[at.LARGEST_BANDWIDTH] = 1e-3, 100.0
-    for bad in ([-1.0, 2.0], [3.0, -2.0], [1e9, 2.0], [1.0, 1e9], [np.nan, 1.0], [0.0, 1.0]):
+    for bad in ([1e9, 2.0], [1.0, 1e9], [np.nan, 1.0], [1.0, np.inf]):
         state.reals[at.ELAPSED], state.reals[at.READY_AT] = 10.0, 0.0
         state.theta[:2] = bad
         assert not renew_model(state.ints, state.reals, state.banks)

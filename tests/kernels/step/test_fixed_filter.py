@@ -80,10 +80,10 @@ def test_a_rejected_sample_changes_its_count_alone() -> None:
     state = state_of(rp.Structure(2, 1), "amsgrad")
     for before in (0, 7):
         for k in range(before):
-            fixed_filter.step(*arrays(state), np.cos(k), np.sin(k), np.nan)
+            fixed_filter.step(*arrays(state), np.cos(k), np.sin(k), np.nan, np.nan)
         expected, others = state.ints.copy(), [array.tobytes() for array in arrays(state)[1:]]
         expected[at.NOT_FINITE] += 1
-        assert np.isnan(fixed_filter.step(*arrays(state), np.nan, 1.0, np.nan))
+        assert np.isnan(fixed_filter.step(*arrays(state), np.nan, 1.0, np.nan, np.nan))
         np.testing.assert_array_equal(state.ints, expected)
         assert [array.tobytes() for array in arrays(state)[1:]] == others
 
@@ -129,11 +129,11 @@ def test_the_lean_kernels_go_on_where_other_intervals_took_the_place_of_the_regu
     generator = np.random.default_rng(3)
     for state in (ours, general):
         for k, t in enumerate(np.cumsum([0.0, 1.1, 0.9, 1.2, 0.8, 1.3]) * DT):
-            gradient.step(*arrays(state), np.cos(k), np.sin(k), t)
+            gradient.step(*arrays(state), np.cos(k), np.sin(k), t, np.nan)
         assert not is_under_way(state)
     u, y = generator.standard_normal((2, 50))
     room = [(np.empty(50), np.empty((50, 4))) for _ in range(2)]
-    fixed_filter.steps(*arrays(ours), u, y, REGULAR, *room[0])
-    gradient.steps(*arrays(general), u, y, REGULAR, *room[1])
+    fixed_filter.steps(*arrays(ours), u, y, REGULAR, REGULAR, *room[0])
+    gradient.steps(*arrays(general), u, y, REGULAR, REGULAR, *room[1])
     assert all(a.tobytes() == b.tobytes() for a, b in zip(*room, strict=True))
     assert all(a.tobytes() == b.tobytes() for a, b in zip(arrays(ours)[2:], arrays(general)[2:], strict=True))

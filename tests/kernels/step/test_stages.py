@@ -33,7 +33,7 @@ def arrays(state: State) -> tuple[np.ndarray, ...]:
 
 
 def take(state: State, u: float, y: float, t: float = np.nan) -> float:
-    return gradient.step(*arrays(state), u, y, t)
+    return gradient.step(*arrays(state), u, y, t, np.nan)
 
 
 def learn_number(state: State, k: float) -> int:

@@ -1,16 +1,23 @@
 """A bank of filters 1/D(s) in scaled companion states, exact over any interval.
 
-One bank holds a denominator D(s), five channels of n states each, and its discretisations.  The states of a channel
+One bank holds a denominator D(s), six channels of n states each, and its discretisations.  The states of a channel
 driven by x are w_i = c^(n-i) s^i / D(s) x for i = n-1 .. 0 (see `replant.model.state_space`).  The channels:
 
     OUTPUT    the measured output, joined by straight lines
     INPUT     the input, held or joined by straight lines, after the dead time
-    MODEL     the auxiliary model's output, joined as the measured one is: what instruments are made of
+    MODEL     the predicted output, joined as the measured one is: what instruments are made of; where there is a
+              reference, the part of the output that it explains
     IMPULSE   an impulse at the beginning: what an unknown initial state adds
     CONSTANT  one: what an unknown offset adds
+    REFERENCE_INPUT  the part of the input that the reference explains, as the input; idle without a reference
 
-With D = A, the denominator of a model B/A, its output is a weighted sum of the INPUT, CONSTANT and IMPULSE states,
-without any error of discretisation.
+With D = A, the denominator of a stable model B/A, its output is a weighted sum of the INPUT, CONSTANT and IMPULSE
+states, without any error of discretisation.  A model that is not stable has D = A with its poles reflected in the
+imaginary axis, and the residual
+
+    e = A/D y - B/D u,
+
+which is white where the model's own is, as abs(A/D) = 1.  Its predicted output is the y that makes e zero.
 
 Discretisations are kept by the interval they belong to, a few at a time: a regular clock needs one, a fractional dead
 time three, and a clock that jitters makes a new one each time.
@@ -20,22 +27,27 @@ from replant.kernels.codegen.decorators import cold, inline_llvm, outlined
 from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters.matrix_exponential import exponential
 
-OUTPUT, INPUT, MODEL, IMPULSE, CONSTANT = range(5)
-CHANNELS = 5
+OUTPUT, INPUT, MODEL, IMPULSE, CONSTANT, REFERENCE_INPUT = range(6)
+CHANNELS = 6
 """Channels of a bank [count]."""
 
 # --- a bank's numbers
 SCALE = 0
 """Place of c among a bank's numbers [index]."""
 MODEL_OUTPUT = 1
-"""Place of the auxiliary model's output at the newest sample [index]."""
+"""Place of the auxiliary model's predicted output at the newest sample [index]."""
 NEXT = 2
 """Place of the number of the discretisation to be replaced next [index]."""
 
-DENOMINATOR = 3
+REFLECTED = 3
+"""Place of a truth: whether D is not the auxiliary model's A but that with its poles reflected [index]."""
+INSTRUMENT = 4
+"""Place of the signal of the MODEL channel at the newest sample [index]."""
+
+DENOMINATOR = 5
 """Place of d_(n-1) .. d_0, (n,), behind which come, one after the other: the characteristic d_i / c^(n-i), (n,); the
 gains from state to scaled regressor entry, (T,); the weights, the auxiliary model's scaled parameters of a noise-free
-output, (T,); the states, (5 n,); KEPT discretisations: interval, Ad (n^2), constant (n), ramp (n) [index].
+output, (T,); the states, (6 n,); KEPT discretisations: interval, Ad (n^2), constant (n), ramp (n) [index].
 """
 
 KEPT = 4
@@ -215,6 +227,7 @@ def take_states(bank, other, n, T):
             factor *= ratio
             bank[states + channel * n + i] = other[states + channel * n + i] * factor
     bank[MODEL_OUTPUT] = other[MODEL_OUTPUT]
+    bank[INSTRUMENT] = other[INSTRUMENT]
 
 
 @cold
@@ -225,18 +238,19 @@ def begin(bank, n, T):
         bank[states + i] = 0.0
     bank[states + IMPULSE * n] = bank[SCALE]
     bank[MODEL_OUTPUT] = 0.0
+    bank[INSTRUMENT] = 0.0
 
 
 @outlined
-def fill_known_entries(bank, n, T, inputs, u, constant, nuisances, fixed, phi):
+def fill_known_entries(bank, n, T, inputs, channel, u, constant, nuisances, fixed, phi):
     """Fill the regressor's entries that no output enters: those of the input, the constant and the initial state.
 
-    The input's are s^m/D u .. s^0/D u, ``u`` being its delayed value now.  Returns the auxiliary model's output: its
+    The input's are s^m/D u .. s^0/D u; it is in ``channel``, ``u`` being its delayed value now.  Returns the auxiliary model's output: its
     weights on these entries.  ``bank`` and ``phi`` are pointers.
     """
     characteristic, gain, weights, states = DENOMINATOR + n, at_gain(n), at_weights(n, T), at_states(n, T)
     proper, last = min(inputs, n), n + inputs
-    w, first = states + INPUT * n + n - proper, n + inputs - proper
+    w, first = states + channel * n + n - proper, n + inputs - proper
     for i in range(proper):
         phi[first + i] = bank[gain + first + i] * bank[w + i]
     if inputs == n + 1:  # as many zeros as poles: the first entry is s^n/D u
@@ -268,3 +282,24 @@ def fill_output_entries(bank, n, T, channel, y, phi):
         phi[i] = bank[gain + i] * bank[w + i]
         highest -= bank[characteristic + i] * bank[w + i]
     return highest
+
+
+@outlined
+def predicted_output(bank, n, T, solution, last, known, states, new):
+    """Return the output that makes the residual zero, by what is known before it.
+
+    The residual is y - s' w - ``known``, where w are the OUTPUT states and s = characteristic + gain * weights; s is
+    zero where D = A.  w depends on y, as the output runs straight from ``last`` to it: w = w_0 + r y.
+
+    ``states`` (n,): the OUTPUT states at the sample before, overwritten by w_0; ``solution``: the discretisation;
+    ``known``: the part of the auxiliary model's output that comes from inputs, constant and initial state; ``new`` (n,)
+    is work.  All arrays are pointers.
+    """
+    characteristic, gain, weights, ramp = DENOMINATOR + n, at_gain(n), at_weights(n, T), n * n + n
+    advance_states(n, solution, last, -last, states, new)
+    total, left = known, 1.0
+    for i in range(n):
+        share = bank[characteristic + i] + bank[gain + i] * bank[weights + i]
+        total += share * states[i]
+        left -= share * solution[ramp + i]
+    return total / left

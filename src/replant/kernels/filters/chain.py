@@ -8,6 +8,7 @@ from replant.kernels import schema as at
 from replant.kernels.codegen.decorators import inline_llvm, inline_source, outlined
 from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters import bank as bk
+from replant.kernels.filters.reflection import reflect
 from replant.kernels.filters.routh import all_left_of, bandwidth, slowest_decay
 
 WARM_TIME_CONSTANTS = 10.0
@@ -48,6 +49,11 @@ def begin(ints, reals, banks, u, y):
         reals[ints[at.AT_INPUTS] + i] = u
         reals[ints[at.AT_HELD] + i] = u
         reals[ints[at.AT_INTERVALS] + i] = reals[at.INTERVAL]
+    if ints[at.HAS_REFERENCE] == 1:
+        for i in range(ints[at.RING_SIZE]):
+            reals[ints[at.AT_REFERENCE_INPUTS] + i] = reals[at.INPUT_BY_REFERENCE]
+            reals[ints[at.AT_REFERENCE_HELD] + i] = reals[at.INPUT_BY_REFERENCE]
+        reals[at.REFERENCE_INPUT_NOW] = reals[at.INPUT_BY_REFERENCE]
     for b in range(3):
         bk.begin(banks[b], n, T)
     reals[at.LAST_OUTPUT] = y
@@ -58,7 +64,7 @@ def begin(ints, reals, banks, u, y):
 
 @inline_source
 def remember_input(ints, reals, u, interval):
-    """Put the newest input into the ring that the dead time looks back on.
+    """Put the newest input, and the part that a reference explains of it, into the rings that the dead time looks back on.
 
     Where samples are missing, a held input may have moved on the way, or stood until the newest sample.  For the first
     sampling time it stood in any case.  For the rest the mean of the last and the newest value would be right in the
@@ -73,17 +79,25 @@ def remember_input(ints, reals, u, interval):
     ints[at.RING_HEAD] = newest
     inputs[newest], intervals[newest] = u, interval
     held[newest] = last + (1.0 - known) * MOVED * (u - last)
+    if ints[at.HAS_REFERENCE] == 1:
+        parts, means = pointer(reals, ints[at.AT_REFERENCE_INPUTS]), pointer(reals, ints[at.AT_REFERENCE_HELD])
+        last, part = parts[newest - 1 if newest > 0 else ints[at.RING_SIZE] - 1], reals[at.INPUT_BY_REFERENCE]
+        parts[newest] = part
+        means[newest] = last + (1.0 - known) * MOVED * (part - last)
 
 
 @outlined
-def advance_delayed_input(ints, reals, bank, interval, slot, work):
-    """Carry the INPUT channel over the newest interval, piece by piece where the dead time breaks it.
+def advance_delayed_input(ints, reals, bank, interval, slot, work, channel):
+    """Carry INPUT or REFERENCE_INPUT over the newest interval, piece by piece where the dead time breaks it.
 
     Looks back from now: the input u_j, sampled at the age a_j, acts from the age a_j - delay down to a_{j+1} - delay.
     """
     n, T, ring, straight = ints[at.ORDER], ints[at.ENTRIES], ints[at.RING_SIZE], ints[at.STRAIGHT_INPUT] == 1
-    inputs = reals[ints[at.AT_INPUTS] : ints[at.AT_INPUTS] + ring]
-    held = reals[ints[at.AT_HELD] : ints[at.AT_HELD] + ring]
+    of_input = channel == bk.INPUT
+    now = at.INPUT_NOW if of_input else at.REFERENCE_INPUT_NOW
+    begin_inputs = ints[at.AT_INPUTS] if of_input else ints[at.AT_REFERENCE_INPUTS]
+    begin_held = ints[at.AT_HELD] if of_input else ints[at.AT_REFERENCE_HELD]
+    inputs, held = reals[begin_inputs : begin_inputs + ring], reals[begin_held : begin_held + ring]
     intervals = reals[ints[at.AT_INTERVALS] : ints[at.AT_INTERVALS] + ring]
     delay = reals[at.DELAY]
     newer = ints[at.RING_HEAD]
@@ -99,7 +113,7 @@ def advance_delayed_input(ints, reals, bank, interval, slot, work):
     if ints[at.BILINEAR] == 1:  # one sample late by construction: the delayed input at the sample before
         share = 1.0 - (interval + delay - age) / intervals[newer]
         start = inputs[older] + share * (inputs[newer] - inputs[older])
-        bk.advance_channel(bank, n, T, bk.INPUT, slot, start, start, work)
+        bk.advance_channel(bank, n, T, channel, slot, start, start, work)
         return
     left = interval  # what of the newest interval is still to come
     while True:
@@ -112,9 +126,9 @@ def advance_delayed_input(ints, reals, bank, interval, slot, work):
                 start = inputs[newer] - slope * (left + delay - age)
                 end = inputs[newer] - slope * (until + delay - age)
             part_slot = bk.discretization(bank, n, T, piece, work)
-            bk.advance_channel(bank, n, T, bk.INPUT, part_slot, start, end, work)
+            bk.advance_channel(bank, n, T, channel, part_slot, start, end, work)
             left = until
-            reals[at.INPUT_NOW] = end
+            reals[now] = end
         if left <= bk.SAME_INTERVAL * interval or newer == ints[at.RING_HEAD]:
             break
         older = newer
@@ -122,7 +136,22 @@ def advance_delayed_input(ints, reals, bank, interval, slot, work):
         age -= intervals[newer]
     if not straight and abs(age - delay) <= bk.SAME_INTERVAL * interval:
         # the next sample begins to act just now
-        reals[at.INPUT_NOW] = inputs[newer]
+        reals[now] = inputs[newer]
+
+
+@outlined
+def advance_reference_input(ints, reals, bank, interval, slot, work):
+    """Carry the REFERENCE_INPUT channel over the newest interval, as the input's is."""
+    n, T, newest = ints[at.ORDER], ints[at.ENTRIES], ints[at.RING_HEAD]
+    if reals[at.DELAY] > 0.0:
+        advance_delayed_input(ints, reals, bank, interval, slot, work, bk.REFERENCE_INPUT)
+        return
+    parts, means = pointer(reals, ints[at.AT_REFERENCE_INPUTS]), pointer(reals, ints[at.AT_REFERENCE_HELD])
+    start = end = means[newest]
+    if ints[at.STRAIGHT_INPUT] == 1:
+        start, end = parts[newest - 1 if newest > 0 else ints[at.RING_SIZE] - 1], parts[newest]
+    bk.advance_channel(bank, n, T, bk.REFERENCE_INPUT, slot, start, end, work)
+    reals[at.REFERENCE_INPUT_NOW] = parts[newest]
 
 
 @inline_source
@@ -137,7 +166,7 @@ def advance_bank(ints, reals, bank, interval, y, channels):
     last_y = reals[at.LAST_OUTPUT]
     if reals[at.DELAY] > 0.0:
         bk.advance_channel(bank, n, T, bk.OUTPUT, slot, last_y, y, work)
-        advance_delayed_input(ints, reals, bank, interval, slot, work)
+        advance_delayed_input(ints, reals, bank, interval, slot, work, bk.INPUT)
     else:
         inputs, held = pointer(reals, ints[at.AT_INPUTS]), pointer(reals, ints[at.AT_HELD])
         now = inputs[newest]
@@ -148,18 +177,27 @@ def advance_bank(ints, reals, bank, interval, y, channels):
         reals[at.INPUT_NOW] = now
     if channels > bk.INPUT + 1:
         bk.advance_two(bank, n, T, slot, bk.IMPULSE, 0.0, 0.0, bk.CONSTANT, 1.0, 1.0, work)
+        if ints[at.HAS_REFERENCE] == 1:
+            advance_reference_input(ints, reals, bank, interval, slot, work)
     return slot
 
 
 @outlined
 def install_model(ints, reals, banks, which, theta):
-    """Make the scaled estimate ``theta`` the denominator and auxiliary model of a bank."""
+    """Make the scaled estimate ``theta`` the auxiliary model of a bank.
+
+    Its denominator is the bank's; if that is not stable, with the roots reflected.
+    """
     n, T, inputs = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES]
     bank = banks[which]
     sigma = reals[ints[at.AT_SIGMA] : ints[at.AT_SIGMA] + T]
     work = reals[ints[at.AT_WORK] :]
     for i in range(n):
         work[i] = theta[i] * reals[ints[at.AT_UNIT] + i]
+    stable = all_left_of(work[:n], reals[at.STABILITY_MARGIN], work[n:])
+    if not stable:
+        reflect(work[:n], reals[at.STABILITY_MARGIN], work[n:])
+    bank[bk.REFLECTED] = 0.0 if stable else 1.0
     bk.set_denominator(
         bank, n, T, inputs, ints[at.HAS_CONSTANT] == 1, ints[at.REFINED] == 1, which == 0, work[:n], sigma
     )
@@ -187,16 +225,17 @@ def renew_model(ints, reals, banks):
         ints[at.WARMING] = 0
         taken_over = True
     theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]
-    other = banks[3 - ints[at.SERVING_BANK]]
+    which = 3 - ints[at.SERVING_BANK]
     work = reals[ints[at.AT_WORK] :]
     a = work[3 * (n + 2) : 3 * (n + 2) + n]
     for i in range(n):
         a[i] = theta[i] * reals[ints[at.AT_UNIT] + i]
-    if all_left_of(a, reals[at.STABILITY_MARGIN], work) and bandwidth(a) < reals[at.LARGEST_BANDWIDTH]:
-        wait = WARM_TIME_CONSTANTS / slowest_decay(a, work)
-        install_model(ints, reals, banks, 3 - ints[at.SERVING_BANK], theta)
-        bk.take_states(other, banks[ints[at.SERVING_BANK]], n, T)
+    if bandwidth(a) < reals[at.LARGEST_BANDWIDTH]:
+        install_model(ints, reals, banks, which, theta)
+        bk.take_states(banks[which], banks[ints[at.SERVING_BANK]], n, T)
         ints[at.WARMING] = 1
+        denominator = banks[which, bk.DENOMINATOR : bk.DENOMINATOR + n]
+        wait = WARM_TIME_CONSTANTS / max(slowest_decay(denominator, work), reals[at.STABILITY_MARGIN])
         reals[at.READY_AT] = reals[at.ELAPSED] + min(wait, reals[at.ELAPSED])
     else:
         reals[at.READY_AT] = reals[at.ELAPSED] + RETRY * reals[at.INTERVAL]
@@ -211,32 +250,55 @@ def fill_regressor(ints, reals, bank, y, fixed):
     plant's parameters whatever the filter is, and the error is that of (8).
     """
     n, T, inputs, constant = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES], ints[at.HAS_CONSTANT] == 1
-    filters, phi = pointer(bank, 0), pointer(reals, ints[at.AT_PHI])
+    filters, phi, refined = pointer(bank, 0), pointer(reals, ints[at.AT_PHI]), ints[at.REFINED] == 1
     target = bk.fill_output_entries(filters, n, T, bk.OUTPUT, y, phi)
-    bk.fill_known_entries(filters, n, T, inputs, reals[at.INPUT_NOW], constant, ints[at.REFINED] == 1, fixed, phi)
+    bk.fill_known_entries(filters, n, T, inputs, bk.INPUT, reals[at.INPUT_NOW], constant, refined, fixed, phi)
     if ints[at.INSTRUMENTS] == 1:
         zeta = pointer(reals, ints[at.AT_ZETA])
-        for i in range(n, T):
-            zeta[i] = phi[i]
-        bk.fill_output_entries(filters, n, T, bk.MODEL, bank[bk.MODEL_OUTPUT], zeta)
+        if ints[at.HAS_REFERENCE] == 1:
+            now = reals[at.REFERENCE_INPUT_NOW]
+            bk.fill_known_entries(filters, n, T, inputs, bk.REFERENCE_INPUT, now, constant, refined, fixed, zeta)
+        else:
+            for i in range(n, T):
+                zeta[i] = phi[i]
+        bk.fill_output_entries(filters, n, T, bk.MODEL, bank[bk.INSTRUMENT], zeta)
     return target / reals[at.OUTPUT_SCALE]
+
+
+@outlined
+def model_output(ints, reals, bank, slot, before, fixed):
+    """Return the predicted output of a bank's model, known before the newest output is.
+
+    ``slot``: the discretisation of the newest interval; ``before`` (n,): the OUTPUT states at the sample before, which
+    are overwritten.  The bank's other channels but MODEL are those of now.
+    """
+    n, T, filters = ints[at.ORDER], ints[at.ENTRIES], pointer(bank, 0)
+    known = bk.fill_known_entries(
+        filters, n, T, ints[at.INPUT_ENTRIES], bk.INPUT, reals[at.INPUT_NOW], ints[at.HAS_CONSTANT] == 1,
+        ints[at.REFINED] == 1, fixed, pointer(reals, ints[at.AT_ZETA]),
+    )  # fmt: skip
+    if bank[bk.REFLECTED] == 0.0 or slot == 0:
+        return known
+    work = pointer(reals, ints[at.AT_WORK])
+    return bk.predicted_output(filters, n, T, pointer(bank, slot + 1), reals[at.LAST_OUTPUT], known, before, work)
 
 
 @outlined
 def observe(ints, reals, banks, u, y, interval):
     """Take an accepted sample through dead time, filters and auxiliary model; return the scaled target.
 
-    Fills phi, and zeta if there are instruments.
+    Fills phi, and zeta if there are instruments.  The newest sample's parts that a reference explains are in
+    INPUT_BY_REFERENCE and OUTPUT_BY_REFERENCE.
     """
     if ints[at.SAMPLES] > 0:
         reals[at.ELAPSED] += interval
-    n, T, inputs, constant = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES], ints[at.HAS_CONSTANT] == 1
+    n, T = ints[at.ORDER], ints[at.ENTRIES]
     first, refined, modelled = ints[at.STARTED] == 0, ints[at.REFINED] == 1, ints[at.INSTRUMENTS] == 1
     if first:
         begin(ints, reals, banks, u, y)
     else:
         remember_input(ints, reals, u, interval)
-    entries = pointer(reals, ints[at.AT_ZETA])  # work: filled last of all
+    before = pointer(reals, ints[at.AT_OUTPUT_BEFORE])
     serving, slot = 0.0, 0
     for b in range(2 if modelled else 0, -1, -1):  # the models first: the fixed filter needs the serving one's output
         idle = b == 3 - ints[at.SERVING_BANK] and ints[at.WARMING] == 0
@@ -244,20 +306,24 @@ def observe(ints, reals, banks, u, y, interval):
             continue
         bank = banks[b]
         if not first:
+            if bank[bk.REFLECTED] == 1.0:
+                states = bk.at_states(n, T) + bk.OUTPUT * n
+                for i in range(n):
+                    before[i] = bank[states + i]
             slot = advance_bank(ints, reals, bank, interval, y, bk.CHANNELS if b > 0 else bk.INPUT + 1)
         if not modelled:
             continue
         output = serving
         if b > 0:
-            output = bk.fill_known_entries(
-                pointer(bank, 0), n, T, inputs, reals[at.INPUT_NOW], constant, refined, b == 0, entries
-            )
+            output = model_output(ints, reals, bank, slot, before, b == 0)
             if b == ints[at.SERVING_BANK]:
                 serving = output
         if refined or b == 0:
+            signal = reals[at.OUTPUT_BY_REFERENCE] if ints[at.HAS_REFERENCE] == 1 else output
             if not first:
                 work = reals[ints[at.AT_WORK] :]
-                bk.advance_channel(bank, n, T, bk.MODEL, slot, bank[bk.MODEL_OUTPUT], output, work)
+                bk.advance_channel(bank, n, T, bk.MODEL, slot, bank[bk.INSTRUMENT], signal, work)
+            bank[bk.INSTRUMENT] = signal
             bank[bk.MODEL_OUTPUT] = output
     reals[at.LAST_OUTPUT] = y
     return fill_regressor(ints, reals, banks[ints[at.SERVING_BANK] if refined else 0], y, not refined)

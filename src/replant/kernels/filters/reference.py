@@ -54,19 +54,17 @@ def explained(reference, weights):
 
 
 @inline_llvm
-def project(ints, reals, r):
-    """Take the reference of the newest sample: what it explains of input and output, by what was known before."""
-    reals[at.REFERENCE_NOW] = r
+def project(ints, reals):
+    """Take the newest reference: what it explains of input and output, by what was known before."""
     reference = pointer(reals, ints[at.AT_REFERENCE])
-    advance(reference, r)
+    advance(reference, reals[at.REFERENCE_NOW])
     reals[at.INPUT_BY_REFERENCE] = explained(reference, WEIGHTS)
     reals[at.OUTPUT_BY_REFERENCE] = explained(reference, WEIGHTS + SIZE)
 
 
 @outlined
-def learn(ints, reals, u, y):
-    """Let the weights learn the newest input and output; they forget nothing."""
-    reference, work = pointer(reals, ints[at.AT_REFERENCE]), pointer(reals, ints[at.AT_WORK])
+def learn_weights(reference, u, y, work):
+    """Let the weights learn input and output; ``work`` holds 2 (LAGUERRE + 1) numbers.  Arrays are pointers."""
     states, gain = pointer(reference, STATES), pointer(work, SIZE)
     alpha = measurement_update(SIZE, pointer(reference, FACTORS), pointer(reference, DIAGONAL), states, 1.0, work, gain)
     for_input = (u - explained(reference, WEIGHTS)) / alpha
@@ -74,3 +72,9 @@ def learn(ints, reals, u, y):
     for i in range(SIZE):
         reference[WEIGHTS + i] += gain[i] * for_input
         reference[WEIGHTS + SIZE + i] += gain[i] * for_output
+
+
+@inline_llvm
+def learn(ints, reals, u, y):
+    """Let the weights learn the newest input and output; they forget nothing."""
+    learn_weights(pointer(reals, ints[at.AT_REFERENCE]), u, y, pointer(reals, ints[at.AT_WORK]))

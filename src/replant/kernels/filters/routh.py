@@ -64,8 +64,13 @@ def slowest_decay(a, work):
 
 @cold
 def bandwidth(a):
-    """Return max |a_i|^(1/(i+1)): no root is larger than twice this, the largest not smaller than an n-th of it."""
+    """Return max |a_i|^(1/(i+1)): no root is larger than twice this, the largest not smaller than an n-th of it.
+
+    Infinite where a coefficient is no number.
+    """
     largest = 0.0
     for i in range(a.size):
+        if math.isnan(a[i]):
+            return math.inf
         largest = max(largest, abs(a[i]) ** (1.0 / (i + 1)))
     return largest

@@ -47,39 +47,33 @@ Sensitivity: not measured.
 def filter_row(T, noise, phi, zeta, target):
     """Filter the newest row in place, keep it unfiltered for later ones; return the filtered target.
 
-    All but ``T`` and ``target`` are pointers.
+    Coefficients beyond the order are zero, so that all four earlier rows can be read at once.  All but ``T`` and
+    ``target`` are pointers.
     """
-    position = int(noise[POSITION])
+    width, size = 2 * T + 1, LAGS + 1
+    newest = (int(noise[POSITION]) + 1) % size
     lags = min(int(noise[ORDER]), int(noise[FILTERED]))
-    newest = position + 1 if position + 1 < LAGS else 0
-    width, model = 2 * T + 1, MODELS + (LAGS + 1) * lags
     weight = math.sqrt(noise[GAIN] * noise[VARIANCES] / noise[VARIANCES + lags])
-    kept = pointer(noise, ROWS + newest * width)
-    total = target
-    oldest = noise[model + LAGS] if lags == LAGS else 0.0  # its row is the one that the newest takes the place of
-    if lags == LAGS:
-        total += oldest * kept[2 * T]
-    kept[2 * T] = target
+    model = MODELS + size * lags
+    d_1, d_2, d_3, d_4 = noise[model + 1], noise[model + 2], noise[model + 3], noise[model + 4]
+    row = pointer(noise, ROWS + newest * width)
+    row_1 = pointer(noise, ROWS + (newest + 4) % size * width)
+    row_2 = pointer(noise, ROWS + (newest + 3) % size * width)
+    row_3 = pointer(noise, ROWS + (newest + 2) % size * width)
+    row_4 = pointer(noise, ROWS + (newest + 1) % size * width)
     for i in range(T):
-        now, companion = phi[i], zeta[i]
-        phi[i] = now + oldest * kept[i]
-        zeta[i] = companion + oldest * kept[T + i]
-        kept[i] = now
-        kept[T + i] = companion
-    row = newest
-    for lag in range(1, min(lags, LAGS - 1) + 1):
-        row = row - 1 if row > 0 else LAGS - 1
-        earlier, share = pointer(noise, ROWS + row * width), noise[model + lag]
-        for i in range(T):
-            phi[i] += share * earlier[i]
-            zeta[i] += share * earlier[T + i]
-        total += share * earlier[2 * T]
+        row[i] = phi[i]
     for i in range(T):
-        phi[i] *= weight
-        zeta[i] *= weight
+        row[T + i] = zeta[i]
+    row[2 * T] = target
+    for i in range(T):
+        phi[i] = weight * (row[i] + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])
+    for i in range(T, 2 * T):
+        zeta[i - T] = weight * (row[i] + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])
     noise[POSITION] = newest
     noise[FILTERED] = min(noise[FILTERED] + 1.0, float(LAGS))
-    return weight * total
+    i = 2 * T
+    return weight * (target + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])
 
 
 @inline_llvm

@@ -171,10 +171,10 @@ def clock_was_set(ints, reals, t):
 
 
 @outlined
-def hold(ints, reals, u, y, t, reason):
+def hold(ints, reals, u, y, t, r, reason):
     """Hold a sample back until the next one tells whether it was misread; it counts as rejected so long."""
     ints[at.HELD_AT] = ints[at.SAMPLES] + 1
-    reals[at.HELD_INPUT], reals[at.HELD_OUTPUT], reals[at.HELD_TIME] = u, y, t
+    reals[at.HELD_INPUT], reals[at.HELD_OUTPUT], reals[at.HELD_TIME], reals[at.HELD_REFERENCE] = u, y, t, r
     ints[reason] += 1
 
 
@@ -194,7 +194,7 @@ def is_far(reals, u):
 
 
 @outlined
-def input_leaps(ints, reals, u, y, t):
+def input_leaps(ints, reals, u, y, t, r):
     """Return whether a sample whose input is far away is to be left: alone it was misread, two in a row are a move."""
     if ints[at.HELD_AT] == at.BELIEVED:
         return False
@@ -203,12 +203,12 @@ def input_leaps(ints, reals, u, y, t):
     elif ints[at.HELD_AT] == ints[at.SAMPLES] + 1 and is_far(reals, reals[at.HELD_INPUT]):
         believe(ints, at.INPUT_LEAPS)
     else:
-        hold(ints, reals, u, y, t, at.INPUT_LEAPS)
+        hold(ints, reals, u, y, t, r, at.INPUT_LEAPS)
     return True
 
 
 @outlined
-def time_leaps(ints, reals, u, y, t):
+def time_leaps(ints, reals, u, y, t, r):
     """Return whether a sample whose stamp leaps ahead is to be left: the next one shows whether it was misread.
 
     It was not where that comes soon after it, or hardly further ahead than it had leapt: there are slow rigs.
@@ -220,7 +220,7 @@ def time_leaps(ints, reals, u, y, t):
     if ints[at.HELD_AT] == ints[at.SAMPLES] + 1 and ahead > leap and 0.0 < t - held <= max(leap, 2.0 * ahead):
         believe(ints, at.TIME_LEAPS)
     else:
-        hold(ints, reals, u, y, t, at.TIME_LEAPS)
+        hold(ints, reals, u, y, t, r, at.TIME_LEAPS)
     return True
 
 
@@ -234,7 +234,7 @@ def is_too_coarse(ints, reals, t):
 
 
 @outlined
-def interval_of(ints, reals, banks, u, y, t):
+def interval_of(ints, reals, banks, u, y, t, r):
     """Return the time since the sample before; NaN, and count it, where a time stamp cannot be used, or not yet."""
     if math.isnan(t):
         return reals[at.INTERVAL]
@@ -253,7 +253,7 @@ def interval_of(ints, reals, banks, u, y, t):
             return np.nan
         if interval > reals[at.LONGEST_GAP]:
             if interval > at.LEAP * reals[at.INTERVAL] and (
-                is_too_coarse(ints, reals, t) or time_leaps(ints, reals, u, y, t)
+                is_too_coarse(ints, reals, t) or time_leaps(ints, reals, u, y, t, r)
             ):
                 return np.nan
             interval = min(interval, LONGEST * reals[at.INTERVAL])

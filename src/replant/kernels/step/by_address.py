@@ -1,10 +1,10 @@
 """The step kernels with one address in the place of five arrays: what `Identifier.update` calls.
 
 A call with five arrays takes longer than most kernels: Numba looks up the type of each array and reads its fields.  The
-arrays of a state do not move, so a table of their addresses replaces them.  The compiled entry for one int and three
+arrays of a state do not move, so a table of their addresses replaces them.  The compiled entry for one int and four
 floats is called directly, without a look at the types.
 
-The caller keeps the table and the arrays alive, and passes one int and three floats, nothing else.
+The caller keeps the table and the arrays alive, and passes one int and four floats, nothing else.
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ def table_of(ints, reals, banks, buffer, recent):
     reals : (R,) array
     banks : (3, size) array
     buffer : (capacity, width) array
-    recent : (R, 3) or (R, 5) array
+    recent : (R, 3), (R, 5) or (R, 6) array
         The arrays of a `replant.engine.state.State`, each in C order.
     """
     numbers = []
@@ -39,7 +39,7 @@ def table_of(ints, reals, banks, buffer, recent):
 
 def entry_of(kernel_at):
     """Return the compiled entry of one of the kernels below."""
-    signature = (types.int64, types.float64, types.float64, types.float64)
+    signature = (types.int64, *[types.float64] * 4)
     if signature not in kernel_at.overloads:
         kernel_at.compile(signature)
     return kernel_at.overloads[signature].entry_point
@@ -80,33 +80,33 @@ def arrays_at(address):
 
 
 @direct
-def covariance_step_at(address, u, y, t):
+def covariance_step_at(address, u, y, t, r):
     """Take one sample as `covariance.step` does; raise Attention where the identifier then has work to do.
 
     Python looks for an exception after every call, so that one costs nothing until it comes.
     """
     ints, reals, banks, buffer, recent = arrays_at(address)
-    error = covariance.step(ints, reals, banks, buffer, recent, u, y, t)
+    error = covariance.step(ints, reals, banks, buffer, recent, u, y, t, r)
     if ints[at.ATTENTION] == 1:
         raise at.Attention
     return error
 
 
 @direct
-def gradient_step_at(address, u, y, t):
+def gradient_step_at(address, u, y, t, r):
     """Take one sample as `gradient.step` does; raise Attention where the next one confirms one held back."""
     ints, reals, banks, buffer, recent = arrays_at(address)
-    error = gradient.step(ints, reals, banks, buffer, recent, u, y, t)
+    error = gradient.step(ints, reals, banks, buffer, recent, u, y, t, r)
     if ints[at.ATTENTION] == 1:
         raise at.Attention
     return error
 
 
 @direct
-def fixed_filter_step_at(address, u, y, t):
+def fixed_filter_step_at(address, u, y, t, r):
     """Take one sample as `fixed_filter.step` does."""
     ints, reals, banks, buffer, recent = arrays_at(address)
-    return fixed_filter.step(ints, reals, banks, buffer, recent, u, y, t)
+    return fixed_filter.step(ints, reals, banks, buffer, recent, u, y, t, r)
 
 
 WITHOUT_ARRAYS = {

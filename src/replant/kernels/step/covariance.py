@@ -10,7 +10,7 @@ import numpy as np
 
 from replant.kernels import schema as at
 from replant.kernels.codegen.decorators import inline_llvm, inline_source, kernel, outlined
-from replant.kernels.filters import whitening
+from replant.kernels.filters import reference, whitening
 from replant.kernels.monitoring import estimate_path as trail
 from replant.kernels.monitoring import outliers, residual_colour
 from replant.kernels.monitoring.interruptions import (
@@ -29,6 +29,7 @@ from replant.kernels.step.stages import (
     keep_estimate,
     mapped_input,
     may_learn,
+    note_reference,
     renew_model,
     take_many,
     update_estimate,
@@ -55,13 +56,15 @@ def lacks_output_alone(ints, u, y):
 def keep_guarded_sample(ints, reals, recent, u, y, interval):
     """Keep the raw sample, over the oldest one, with the output that the filters saw and why.
 
-    Where there is no output, what the filters saw stands for it.
+    Where there is no output, what the filters saw stands for it; where no reference came, the last one.
     """
     head = ints[at.RECENT_HEAD]
     row = recent[head]
     row[at.INPUT], row[at.STEP] = u, interval
     row[at.OUTPUT] = reals[at.USED_OUTPUT] if ints[at.DOUBT] == Doubt.MISSING else y
     row[at.BRIDGED], row[at.DOUBTED] = reals[at.USED_OUTPUT], ints[at.DOUBT]
+    if ints[at.HAS_REFERENCE] == 1:
+        row[at.REFERENCE] = reals[at.REFERENCE_NOW]
     ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT_SIZE] else 0
 
 
@@ -85,19 +88,23 @@ def record_residual(ints, reals, error):
 
 
 @inline_source
-def take(ints, reals, banks, buffer, recent, u, y, t):
+def take(ints, reals, banks, buffer, recent, u, y, t, r):
     """Take one sample as `step.gradient.take` does, with an optimizer that keeps a covariance.
 
-    Its output is examined; of a sample whose output alone is missing, NaN, the input is used.
+    Its output is examined; of a sample whose output alone is missing, NaN, the input is used.  ``r`` is its reference,
+    NaN where there is none.
     """
     u, y = mapped_input(ints, reals, u), y - reals[at.OUTPUT_OFFSET]
     if not (acceptable(ints, u, y) or lacks_output_alone(ints, u, y)):
         return np.nan
-    if is_far(reals, u) and input_leaps(ints, reals, u, y, t):
+    if is_far(reals, u) and input_leaps(ints, reals, u, y, t, r):
         return np.nan
-    interval = interval_of(ints, reals, banks, u, y, t)
+    interval = interval_of(ints, reals, banks, u, y, t, r)
     if math.isnan(interval):
         return np.nan
+    if ints[at.HAS_REFERENCE] == 1:
+        note_reference(ints, reals, r)
+        reference.project(ints, reals)
     at_rest = ints[at.RESTS_WITH_INPUT] == 1 and input_rests(ints, reals, u)
     if ints[at.INSTRUMENTS] == 1:
         renew_model(ints, reals, banks)
@@ -118,6 +125,8 @@ def take(ints, reals, banks, buffer, recent, u, y, t):
         if ints[at.COLOURED] == 1 and not outliers.begins_anew(ints, reals):
             record_residual(ints, reals, error)
             learned = True
+        if ints[at.HAS_REFERENCE] == 1:
+            reference.learn(ints, reals, u, y)
     if ints[at.HAS_NOISE_MODEL] == 1:
         whitening.record(ints, reals, learned)
     outliers.watch(ints, reals, tells)
@@ -129,12 +138,12 @@ def take(ints, reals, banks, buffer, recent, u, y, t):
 
 
 @kernel
-def step(ints, reals, banks, buffer, recent, u, y, t):
+def step(ints, reals, banks, buffer, recent, u, y, t, r):
     """Take one sample; return its error as `take` does."""
-    return take(ints, reals, banks, buffer, recent, u, y, t)
+    return take(ints, reals, banks, buffer, recent, u, y, t, r)
 
 
 @kernel
-def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
+def steps(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters):
     """Take many samples as `take_many` does."""
-    return take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, take)
+    return take_many(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters, take)

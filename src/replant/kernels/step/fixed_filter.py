@@ -234,16 +234,19 @@ def take(ints, reals, banks, buffer, recent, cuts, u, y):
 
 
 @kernel
-def step(ints, reals, banks, buffer, recent, u, y, t):
-    """Take one sample; return its error as `take` does.  ``t`` must be NaN: the clock is regular."""
+def step(ints, reals, banks, buffer, recent, u, y, t, r):
+    """Take one sample; return its error as `take` does.
+
+    ``t`` must be NaN: the clock is regular.  ``r``, a reference, is not used.
+    """
     if ints[at.STARTED] == 1:
         discretize(ints, reals, banks[0])
     return take(ints, reals, banks, buffer, recent, cut(ints, reals, banks), u, y)
 
 
 @kernel
-def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
-    """Take many samples; write the error and the estimate (physical units) after each.  ``t`` must be empty.
+def steps(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters):
+    """Take many samples; write the error and the estimate (physical units) after each.  ``t`` and ``r`` must be empty.
 
     Returns how many: all.
     """

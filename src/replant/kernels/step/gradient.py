@@ -35,15 +35,15 @@ def learn(ints, reals, buffer, batch, interval):
 
 
 @inline_source
-def take(ints, reals, banks, buffer, recent, u, y, t):
+def take(ints, reals, banks, buffer, recent, u, y, t, r):
     """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected.
 
-    ``t`` is its time stamp in s, or NaN where the clock is regular.
+    ``t`` is its time stamp in s, or NaN where the clock is regular.  ``r``, a reference, is not used.
     """
     u, y = mapped_input(ints, reals, u), y - reals[at.OUTPUT_OFFSET]
     if not acceptable(ints, u, y):
         return np.nan
-    interval = interval_of(ints, reals, banks, u, y, t)
+    interval = interval_of(ints, reals, banks, u, y, t, r)
     if math.isnan(interval):
         return np.nan
     at_rest = ints[at.RESTS_WITH_INPUT] == 1 and input_rests(ints, reals, u)
@@ -64,12 +64,12 @@ def take(ints, reals, banks, buffer, recent, u, y, t):
 
 
 @kernel
-def step(ints, reals, banks, buffer, recent, u, y, t):
+def step(ints, reals, banks, buffer, recent, u, y, t, r):
     """Take one sample; return its error as `take` does."""
-    return take(ints, reals, banks, buffer, recent, u, y, t)
+    return take(ints, reals, banks, buffer, recent, u, y, t, r)
 
 
 @kernel
-def steps(ints, reals, banks, buffer, recent, u, y, t, errors, parameters):
+def steps(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters):
     """Take many samples as `take_many` does."""
-    return take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, take)
+    return take_many(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters, take)

@@ -1,6 +1,7 @@
 """The stages of one sample that every variant of the step kernel uses: checks, the update, what is kept.
 
     mapped_input, acceptable        the raw sample: working point, magnitude
+    note_reference                  the reference of an accepted sample
     cut_estimate, keep_and_write,   the update of the estimate: keep what it changes, write the sample into the buffer,
     draw_rows, undo_unless_finite   draw the batch, (let the optimizer learn it), undo what left float64
     keep_sample, keep_estimate      what is kept for assessment
@@ -63,6 +64,15 @@ def acceptable(ints, u, y):
     else:
         ints[at.NOT_FINITE] += 1
     return False
+
+
+@inline_llvm
+def note_reference(ints, reals, r):
+    """Take the reference of an accepted sample; of one that is not finite or too large, the last."""
+    if abs(r) <= at.LARGEST:
+        reals[at.REFERENCE_NOW] = r
+    else:
+        ints[at.NO_REFERENCE] += 1
 
 
 @inline_llvm
@@ -239,16 +249,18 @@ def renew_model(ints, reals, banks):
 
 
 @inline_source
-def take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, take):
+def take_many(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters, take):
     """Take samples by ``take``, until the identifier has work to do; return how many.
 
-    ``u`` and ``y`` are (K,); ``t`` (K,) are time stamps in s, or it is empty where the clock is regular.  Writes
-    ``errors`` (K,), in the unit of y, and ``parameters`` (K, P), the estimate after each sample in physical units.
+    ``u`` and ``y`` are (K,); ``t`` (K,) are time stamps in s, or it is empty where the clock is regular; ``r`` (K,) is
+    the reference, or empty where there is none.  Writes ``errors`` (K,), in the unit of y, and ``parameters`` (K, P),
+    the estimate after each sample in physical units.
     """
     theta, unit = ints[at.AT_THETA], ints[at.AT_UNIT]
     for k in range(u.size):
         stamp = t[k] if t.size > 0 else np.nan
-        errors[k] = take(ints, reals, banks, buffer, recent, u[k], y[k], stamp)
+        reference = r[k] if r.size > 0 else np.nan
+        errors[k] = take(ints, reals, banks, buffer, recent, u[k], y[k], stamp, reference)
         for i in range(parameters.shape[1]):
             parameters[k, i] = reals[theta + i] * reals[unit + i]
         if ints[at.ATTENTION] == 1:
@@ -257,10 +269,11 @@ def take_many(ints, reals, banks, buffer, recent, u, y, t, errors, parameters, t
 
 
 @kernel
-def regressors(ints, reals, banks, u, y, intervals, phi, zeta, target, output):
+def regressors(ints, reals, banks, u, y, intervals, by_reference, phi, zeta, target, output):
     """Run the chain alone over a record, for offline use: regressors, instruments, target, auxiliary output.
 
-    ``u`` and ``y`` are (K,), ``intervals`` (K,) or (1,) in s.  Writes ``phi`` and ``zeta`` (K, T), ``target`` (K,),
+    ``u`` and ``y`` are (K,), ``intervals`` (K,) or (1,) in s; ``by_reference`` (K, 2) is what a reference explains of
+    them, or (0, 2) where there is none.  Writes ``phi`` and ``zeta`` (K, T), ``target`` (K,),
     scaled, and ``output`` (K,) in the unit of y.  Rows of rejected samples are NaN.  ``zeta`` and ``output`` are left
     alone where there are no instruments.
     """
@@ -269,6 +282,8 @@ def regressors(ints, reals, banks, u, y, intervals, phi, zeta, target, output):
     for k in range(u.size):
         interval = intervals[0] if regular else intervals[k]
         uk, yk = mapped_input(ints, reals, u[k]), y[k] - reals[at.OUTPUT_OFFSET]
+        if by_reference.shape[0] > 0:
+            reals[at.INPUT_BY_REFERENCE], reals[at.OUTPUT_BY_REFERENCE] = by_reference[k, 0], by_reference[k, 1]
         if acceptable(ints, uk, yk):
             target[k] = chain.observe(ints, reals, banks, uk, yk, interval)
             for i in range(T):

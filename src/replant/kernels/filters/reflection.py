@@ -1,0 +1,91 @@
+r"""A denominator whose unstable roots are reflected in the imaginary axis: |A/D| = 1 on it, and 1/D can be a filter.
+
+The roots come from Aberth and Ehrlich's iteration, in real arithmetic: a root p is (re, im).
+
+Source: Bini (1996), "Numerical computation of polynomial zeros by means of Aberth's method", Numerical Algorithms 13.
+"""
+
+import math
+
+from replant.kernels.codegen.decorators import cold
+
+ITERATIONS = 200
+"""Iterations at the most [count].
+Derivation: simple roots take less than ten, and what is left of a multiple one halves with each.
+"""
+
+STILL = 1e-15
+"""Step of a root below which it stands still [part of the roots' size].
+Derivation: a few times the precision of float64.
+"""
+
+ANGLE = 0.4
+"""Angle of the first guess of a root from the real axis, beside those evenly around [rad].
+Derivation: guesses that mirror each other would stay so.
+"""
+
+
+@cold
+def reflect(a, margin, work):
+    """Reflect the roots of s^n + a[0] s^(n-1) + .. to the left of -margin, in place; ``work`` holds 4 n + 2 numbers.
+
+    Where the roots leave float64 they all become minus their size.
+    """
+    n = a.size
+    re, im, product = work[:n], work[n : 2 * n], work[2 * n :]
+    size = 0.0  # no root is larger than twice this
+    for i in range(n):
+        size = max(size, abs(a[i]) ** (1.0 / (i + 1)))
+    if not size > 0.0:
+        size = margin
+    for i in range(n):
+        angle = 2.0 * math.pi * i / n + ANGLE
+        re[i], im[i] = math.cos(angle), math.sin(angle)
+    for _ in range(ITERATIONS):
+        largest = 0.0
+        for i in range(n):
+            x, y = re[i], im[i]
+            p, q, dp, dq = 1.0, 0.0, 0.0, 0.0  # Horner's scheme: the value p + iq at the root, and the derivative
+            scale = 1.0
+            for k in range(n):
+                scale *= size
+                dp, dq = dp * x - dq * y + p, dp * y + dq * x + q
+                p, q = p * x - q * y + a[k] / scale, p * y + q * x
+            square = dp * dp + dq * dq
+            if p == 0.0 and q == 0.0 or not square > 0.0:
+                continue
+            u, v = (p * dp + q * dq) / square, (q * dp - p * dq) / square  # Newton's step
+            s, t = 0.0, 0.0  # repulsion by the other roots
+            for j in range(n):
+                if j != i:
+                    gx, gy = x - re[j], y - im[j]
+                    gap = gx * gx + gy * gy
+                    if gap > 0.0:
+                        s += gx / gap
+                        t -= gy / gap
+            cx, cy = 1.0 - (u * s - v * t), -(u * t + v * s)
+            square = cx * cx + cy * cy
+            if not square > 0.0:
+                continue
+            sx, sy = (u * cx + v * cy) / square, (v * cx - u * cy) / square
+            re[i], im[i] = x - sx, y - sy
+            largest = max(largest, abs(sx) + abs(sy))
+        if largest <= STILL:
+            break
+    known = True
+    for i in range(n):
+        known = known and math.isfinite(re[i]) and math.isfinite(im[i])
+    for i in range(n):
+        if not known:
+            re[i], im[i] = -1.0, 0.0
+        re[i], im[i] = min(-abs(re[i] * size), -margin), im[i] * size
+    # the product of s - p, real and imaginary parts one after the other
+    product[0], product[n + 1] = 1.0, 0.0
+    for i in range(n):
+        product[i + 1], product[n + 2 + i] = 0.0, 0.0
+        for k in range(i + 1, 0, -1):
+            before, behind = product[k - 1], product[n + k]
+            product[k] -= re[i] * before - im[i] * behind
+            product[n + 1 + k] -= re[i] * behind + im[i] * before
+    for i in range(n):
+        a[i] = product[i + 1]
