@@ -37,7 +37,7 @@ from replant.assessment.estimate_tests import (
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.excitation import LEAST_POWER, excitation
 from replant.assessment.feedback_test import Answer, answer, colour_left
-from replant.assessment.reference_test import REMEDY, Reference, reference_findings
+from replant.assessment.reference_test import REMEDY, Reference
 from replant.assessment.verdict import (
     Assessment,
     Finding,
@@ -102,10 +102,11 @@ def judge(evidence: Evidence) -> Assessment:
     figures: Figures = {"samples": evidence.samples, "held_out": evidence.held_out}
     findings = _of_samples(evidence)
     stop = any(finding.status != "converging" for finding in findings) or evidence.samples < evidence.enough
-    runs = None if stop else Runs.of(evidence)
+    reference, doubts = (None, []) if stop else Reference.of(evidence)
+    runs = None if stop else Runs.of(evidence, None if reference is None else reference.explained)
     if not stop and runs is None:
         pole = roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])).real.max()
-        reason = f"simulated from the input alone, the model diverges (a pole at {pole:+.3g} rad/s)"
+        reason = f"the model's signals leave float64 (a pole at {pole:+.3g} rad/s)"
         findings.append(Finding("inconsistent", reason))
     if runs is not None:
         found = excitation(runs.now, evidence.newest)
@@ -114,7 +115,8 @@ def judge(evidence: Evidence) -> Assessment:
         if not _lacks_excitation(findings):
             findings += found.findings
         if not _lacks_excitation(findings):  # without excitation the tests of the model are meaningless
-            findings += _of_model(evidence, runs, figures)
+            loop = Loop.of(evidence, runs, reference, doubts)
+            findings += _of_model(evidence, runs, loop, figures)
     findings += _of_guard(evidence)
     return Assessment(*conclude(findings, _in_favour(evidence, figures)), **figures)
 
@@ -191,11 +193,10 @@ def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
     ]
 
 
-def _of_model(evidence: Evidence, runs: Runs, figures: Figures) -> list[Finding]:
+def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
     """Return the findings of the tests of the model and of the estimate."""
-    certainty = Certainty.of(evidence, runs)
+    certainty = Certainty.of(evidence, runs, loop.feedback.found)
     figures |= certainty.figures
-    loop = Loop.of(evidence, runs)
     model = [
         *_fit(evidence, runs, loop, figures),
         *_unexplained(evidence, runs, loop, figures),
@@ -225,10 +226,16 @@ class Loop:
     findings: list[Finding]
 
     @classmethod
-    def of(cls, evidence: Evidence, runs: Runs) -> Loop:
-        """Test for feedback, and the reference."""
+    def of(cls, evidence: Evidence, runs: Runs, reference: Reference | None, doubts: list[Finding]) -> Loop:
+        """Test for feedback, and whether the reference is one; ``doubts`` are the findings on it so far."""
         feedback = answer(runs.now, evidence.known, evidence.record.u, first=int(runs.now.is_direct))
-        reference, findings = reference_findings(evidence, runs, feedback.found)
+        findings = list(doubts)
+        if evidence.record.r is not None and answer(runs.now, evidence.known, evidence.record.r).found:
+            if reference is None:  # a copy of the input
+                findings = [Finding("inconsistent", f"{doubt.reason}: {REMEDY}") for doubt in findings]
+            else:
+                findings.append(Finding("inconsistent", f"the reference follows the disturbances: {REMEDY}"))
+            reference = None
         pole = evidence.unstable_pole
         if pole > 0.0 and reference is None:
             run = f"simulated from the input alone, the model diverges (a pole at {pole:+.3g} rad/s)"

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.evidence import Evidence, Runs
-from replant.assessment.feedback_test import FALSE_ALARM, answer
+from replant.assessment.evidence import Evidence
+from replant.assessment.feedback_test import FALSE_ALARM
 from replant.assessment.verdict import Finding
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.chi2 import chi2_quantile
@@ -50,21 +50,38 @@ class Reference:
     ----------
     states : (K, 12) array
         Laguerre functions of the reference, means subtracted.
-    output : (K,) array
-        y_r, the part of the output that they explain.
+    input, output : (K,) arrays
+        u_r and y_r, the parts of input and output that they explain, means subtracted.
     strength : float
         The statistic of what they explain of the input, over its limit: above 1 they explain something.
-    share : float
-        Part of the input's power that they explain.
     """
 
     states: FloatArray
+    input: FloatArray
     output: FloatArray
     strength: float
-    share: float
 
     @classmethod
-    def of(cls, r: FloatArray, u: FloatArray, y: FloatArray) -> Reference:
+    def of(cls, evidence: Evidence) -> tuple[Reference | None, list[Finding]]:
+        """Return what the reference explains, None where there is none or it is of no use, and why it is of none."""
+        r, u = evidence.record.r, evidence.record.u
+        if r is None:
+            return None, []
+        if not np.ptp(r) > RESTING * np.abs(r).max():
+            return None, [Finding("not excited", "the reference stands still: move it, or leave it out")]
+        if without(r[:, None], np.column_stack([u, np.ones(u.size)])).std() <= COPY * r.std():
+            return None, [
+                Finding("trusted", "the reference is a copy of the input, and says no more than the input does")
+            ]
+        found = cls.projected(r, u, evidence.record.y)
+        if not found.strength > 1.0:
+            reason = "the reference explains nothing of the input"
+            advice = "give the column that does, move it more, or leave it out"
+            return None, [Finding("not excited", f"{reason}: {advice}")]
+        return found, []
+
+    @classmethod
+    def projected(cls, r: FloatArray, u: FloatArray, y: FloatArray) -> Reference:
         """Project input and output (K,) on the reference (K,)."""
         states = laguerre_states(r, u, y)
         u, y, states = u - u.mean(), y - y.mean(), states - states.mean(axis=0)
@@ -79,8 +96,12 @@ class Reference:
         free = max(x.size - amounts.size, 1)
         rest = max((float(x @ x) - part) / free, np.finfo(float).tiny)
         limit = chi2_quantile(1.0 - FALSE_ALARM, states.shape[1] + 1)
-        share = float(input_part @ input_part) / max(float(u @ u), np.finfo(float).tiny)
-        return cls(states, output_part, part / rest / limit, share)
+        return cls(states, input_part, output_part, part / rest / limit)
+
+    @property
+    def explained(self) -> FloatArray:
+        """What the reference explains of input and output, (K, 2)."""
+        return np.column_stack([self.input, self.output])
 
     @property
     def columns(self) -> FloatArray:
@@ -105,32 +126,3 @@ class Reference:
         basis = z @ orthogonal(products(z, z))
         left, made = np.linalg.norm(basis.T @ e), np.linalg.norm(y - y.mean())
         return float(100.0 * (1.0 - left / made)) if made > 0.0 else float("nan")
-
-
-def reference_findings(evidence: Evidence, runs: Runs, feedback: bool) -> tuple[Reference | None, list[Finding]]:
-    """Return what the reference tells, None where it is of no use, and what speaks against it.
-
-    Parameters
-    ----------
-    evidence : Evidence
-    runs : Runs
-    feedback : bool
-        Whether the input answers the residual.
-    """
-    r, u = evidence.record.r, evidence.record.u
-    if r is None:
-        return None, []
-    if np.ptp(r) <= RESTING * np.abs(r).max():
-        return None, [Finding("not excited", "the reference stands still: move it, or leave it out")]
-    if without(r[:, None], np.column_stack([u, np.ones(u.size)])).std() <= COPY * r.std():
-        reason = "the reference is a copy of the input, and says no more than the input does"
-        if not feedback:
-            return None, [Finding("trusted", reason)]
-        return None, [Finding("inconsistent", f"{reason}, but the loop is closed: {REMEDY}")]
-    found = Reference.of(r, u, evidence.record.y)
-    if not found.strength > 1.0:
-        reason = "the reference explains nothing of the input: give the column that does, move it more, or leave it out"
-        return None, [Finding("not excited", reason)]
-    if answer(runs.now, evidence.known, r).found:
-        return None, [Finding("inconsistent", f"the reference follows the disturbances: {REMEDY}")]
-    return found, []
