@@ -4,8 +4,11 @@ The residual of a correct model is independent of the input.  The test regresses
 the usual faults of a model: the states s^i/A u and the input at several delays, the derivatives of the simulated output
 with respect to the coefficients, and powers of the simulated output.  Both sides are first filtered by the
 autoregression that whitens the residual.  The explained part, over the residual's variance, is then :math:`\chi^2` with
-as many degrees of freedom as there are independent columns.  Future inputs are not among the columns: under feedback
-they depend on the residual of a correct model too.
+as many degrees of freedom as there are independent columns.  Under feedback the input answers the residual of a correct
+model, too, at once and later: the column of a sample holds only what was known before it, where the model lets it (a
+model with a direct path needs the input of the same sample; where the loop is closed its columns are one sample late).
+Where the past residual tells the next one, in colour that the autoregression does not take, past inputs do so, too.
+What a reference explains of the residual is a fault of the model whatever the noise is: `unexplained_by_reference`.
 
 Sources: Ljung (1999), "System Identification: Theory for the User", sections 16.5 and 16.6; Soderstrom and Stoica
 (1989), "System Identification", section 11.2.
@@ -39,7 +42,7 @@ Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
-CORE_INPUT_DELAYS = (0, 2, 5, 13)
+CORE_INPUT_DELAYS = (1, 2, 5, 13)
 """Delays of the input in the small set of columns [samples].
 Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
@@ -101,7 +104,7 @@ class Unexplained:
     statistic: float
 
 
-def unexplained(run: ModelRun, rows: slice, dt: float, surplus: float = 0.0) -> Unexplained:
+def unexplained(run: ModelRun, rows: slice, dt: float, surplus: float = 0.0, *, feedback: bool = False) -> Unexplained:
     """Return the part of a run's residual over ``rows`` that the input could still explain.
 
     Parameters
@@ -114,9 +117,37 @@ def unexplained(run: ModelRun, rows: slice, dt: float, surplus: float = 0.0) -> 
     surplus : float
         Relative increase of the statistic by the error of the estimate itself: samples tested over samples learned; 0
         for samples that the estimate was made from.
+    feedback : bool
+        Whether the input answers the residual.
     """
-    columns, few = _columns(run, rows, dt)
-    error, columns = run.error[rows] - run.error[rows].mean(), columns - columns.mean(axis=0)
+    columns, few = _columns(run, rows, dt, feedback)
+    return _explained(run.error[rows], columns, few, surplus * run.zeta.shape[1])
+
+
+def unexplained_by_reference(
+    run: ModelRun, rows: slice, columns: FloatArray, surplus: float = 0.0, spent: int = 0
+) -> Unexplained:
+    """Return the part of a run's residual over ``rows`` that a reference could still explain.
+
+    Parameters
+    ----------
+    run : ModelRun
+    rows : slice
+        The samples tested.
+    columns : (K, C) array
+        Made from the reference, see `Reference.columns`.
+    surplus : float
+        See `unexplained`.
+    spent : int
+        Degrees of freedom that the estimate has used up: its coefficients, where it was made from these samples with
+        instruments from this reference; else 0.
+    """
+    return _explained(run.error[rows], columns[rows], 0, surplus * run.zeta.shape[1], spent)
+
+
+def _explained(error: FloatArray, columns: FloatArray, few: int, learned: float, spent: int = 0) -> Unexplained:
+    """Regress an error (K,) on columns (K, C), both whitened; the first ``few`` columns make a test of their own."""
+    error, columns = error - error.mean(), columns - columns.mean(axis=0)
     noise = Autoregression.of(error)
     e, z = noise.whiten(error), noise.whiten(columns)
     lengths = lengths_of(z)
@@ -127,16 +158,15 @@ def unexplained(run: ModelRun, rows: slice, dt: float, surplus: float = 0.0) -> 
     # the first rows have no past of full length: the filter drops them, so they are dropped here as well
     whole = columns[noise.coefficients.size - 1 :, left] / lengths[left]
     filtered, unfiltered, along = products(z, z), products(whole, whole), products(z, e[:, None])[:, 0]
-    learned = surplus * run.zeta.shape[1]
     sizes = sorted({few, along.size} - {0})
-    tried = [_regression(filtered[:k, :k], unfiltered[:k, :k], along[:k], e, learned) for k in sizes]
+    tried = [_regression(filtered[:k, :k], unfiltered[:k, :k], along[:k], e, learned, spent) for k in sizes]
     # the core columns give the more powerful test, all columns the better figure: columns that do not span the
     # unexplained part underestimate it
     return Unexplained(tried[-1].power, tried[-1].std, max(found.statistic for found in tried))
 
 
 def _regression(
-    filtered: FloatArray, unfiltered: FloatArray, along: FloatArray, white: FloatArray, learned: float
+    filtered: FloatArray, unfiltered: FloatArray, along: FloatArray, white: FloatArray, learned: float, spent: int
 ) -> Unexplained:
     """Regress the white error (K,) on columns, given by their products: filtered, unfiltered, and with the error."""
     basis = orthogonal(filtered)
@@ -150,18 +180,20 @@ def _regression(
     output = gram @ amounts
     power = (float(amounts @ output) - variance * float(np.trace(gram))) / white.size
     std = math.sqrt(variance * (2.0 * variance * float(np.sum(gram**2)) + 4.0 * float(output @ output))) / white.size
-    limit = float(chi2_quantile(1.0 - FALSE_ALARM / 2.0, count)) * (1.0 + learned / count)
+    degrees = max(count - spent, 1)
+    limit = float(chi2_quantile(1.0 - FALSE_ALARM / 2.0, degrees)) * (1.0 + learned / count)
     return Unexplained(max(power, 0.0), std, part / variance / limit if variance > 0.0 else math.inf)
 
 
-def _columns(run: ModelRun, rows: slice, dt: float) -> tuple[FloatArray, int]:
+def _columns(run: ModelRun, rows: slice, dt: float, feedback: bool) -> tuple[FloatArray, int]:
     """Return the columns that the residual is regressed on, core columns first, and how many of them are core."""
     samples, n = len(run.error), run.structure.poles
     begin, end, _ = rows.indices(samples)
-    index = np.arange(begin, end)
+    late = 1 if run.is_direct and feedback else 0
+    index = np.arange(begin, end) - late
     slowest, fastest = _time_constants(run.parameters[:n], samples * dt)
     step = min(max(1, round(FAST_STEP * fastest / dt)), max(1, int(FARTHEST * samples)))
-    far = [min(round(part * slowest / dt), samples // 4) for part in SLOW_DELAYS]
+    far = [max(1, min(round(part * slowest / dt), samples // 4)) for part in SLOW_DELAYS]
     room = (end - begin) // PER_COLUMN
     states = (room - 5 * n - len(INPUT_DELAYS) - len(far)) // run.states.shape[1]
 
@@ -171,17 +203,18 @@ def _columns(run: ModelRun, rows: slice, dt: float) -> tuple[FloatArray, int]:
     def inputs(delays: Iterable[int]) -> FloatArray:
         return np.column_stack([delayed(run.u, delay) for delay in delays])
 
-    output = run.forced[rows] - run.forced[rows].mean()
+    output = run.forced - run.forced[rows].mean()
+    core = (0, *CORE_INPUT_DELAYS) if run.is_direct else CORE_INPUT_DELAYS
     parts = [
         *(delayed(run.states, delay * step) for delay in CORE_STATE_DELAYS),
-        run.zeta[rows, :n],
-        inputs(CORE_INPUT_DELAYS),
-        np.column_stack([output**2, output**3]),
+        delayed(run.zeta[:, :n], 0),
+        inputs(core),
+        delayed(np.column_stack([output**2, output**3]), 0),
     ]
     few = sum(part.shape[1] for part in parts)
     if states > 0:  # enough samples for more than the core columns
         parts += [delayed(run.states, delay * step) for delay in STATE_DELAYS[:states]]
-        parts.append(inputs({*INPUT_DELAYS, *far} - set(CORE_INPUT_DELAYS)))
+        parts.append(inputs(sorted({*INPUT_DELAYS, *far} - set(core))))
     return np.hstack(parts), few
 
 

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.assessment.cross_test import FALSE_ALARM
 from replant.assessment.evidence import Evidence, Runs
-from replant.assessment.gain_error import gain_findings
+from replant.assessment.gain_error import gain_findings, modelled_spectrum
 from replant.assessment.newton_step import distance as distance_of
 from replant.assessment.verdict import Finding, figure, percent
+from replant.statistics.linear_algebra import roots
 
 MOST_UNCERTAIN = 0.15
 """Standard deviation of a coefficient of the denominator beyond which it is not known yet: the 95 % interval is then
@@ -74,6 +76,18 @@ Sensitivity: not measured.
 """
 
 
+INTEGRATOR_SIGMAS = 3.0
+"""Distance from the origin below which a pole may be an integrator's [standard deviations].
+Level: 99.7 %.
+Sensitivity: not measured.
+"""
+
+SAME = 1e-6
+"""Difference of two magnitudes that are those of the same pole [part].
+Derivation: the square root of what rounding leaves of a double pole, with room.
+"""
+
+
 @dataclass(frozen=True)
 class Certainty:
     """The figures of the estimate, by their names in `Assessment`, and the findings from them.
@@ -92,19 +106,19 @@ class Certainty:
     findings: list[Finding]
 
     @classmethod
-    def of(cls, evidence: Evidence, runs: Runs) -> Certainty:
-        """Test the estimate."""
-        size, span = evidence.coefficients, evidence.record.span
+    def of(cls, evidence: Evidence, runs: Runs, feedback: bool = False) -> Certainty:
+        """Test the estimate; ``feedback``: whether the input answers the residual."""
+        size, speeds = evidence.coefficients, pole_speeds(evidence, feedback)
         if evidence.instruments:
             away = distance_of(runs.now, evidence.known, FALSE_ALARM)
         else:
             away = distance_of(runs.now, slice(0, evidence.samples), SUSPECT)
         known = away.covariance if evidence.covariance is None else evidence.covariance[:size, :size]
         std = np.sqrt(np.maximum(np.diag(known), 0.0))
-        uncertainty = runs.size(std[: evidence.structure.poles], span)
+        uncertainty = runs.size(std[: evidence.structure.poles], speeds)
         step = (evidence.estimate - evidence.earlier)[:size]
-        moved, sigmas = runs.size(step, span), float((np.abs(step) / np.maximum(std, np.finfo(float).tiny)).max())
-        distance = runs.size(away.step, span)
+        moved, sigmas = runs.size(step, speeds), float((np.abs(step) / np.maximum(std, np.finfo(float).tiny)).max())
+        distance = runs.size(away.step, speeds)
         figures = {"uncertainty": uncertainty, "movement": sigmas, "distance": distance}
         left = float(np.var(runs.now.error[evidence.newest])), float(np.var(runs.error))
         improves = evidence.adapts and moved > MOST_MOVED and left[0] < IMPROVED * left[1]
@@ -115,6 +129,28 @@ class Certainty:
             *gain_findings(evidence, runs, known),
         ]
         return cls(figures, improves, findings)
+
+
+def pole_speeds(evidence: Evidence, feedback: bool) -> FloatArray:
+    """Return the speed (n,) of each pole in rad/s, by which errors of the denominator are judged.
+
+    It is the pole's magnitude.  A pole slower than the record is long counts as one just as long.  Where the loop is
+    closed, the controller and not a slow pole decides what the output does: a pole that may as well lie in the origin,
+    as an integrator's does, counts as fast as the model's output moves, the mean frequency of its power.
+    """
+    poles = np.abs(roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])))
+    speeds = np.maximum(poles, 1.0 / evidence.record.span)
+    if not feedback:
+        return speeds
+    omega, power = modelled_spectrum(evidence)
+    widths = np.gradient(omega)
+    typical = float(np.sum(omega * power * widths) / np.sum(power * widths))
+    for mode in evidence.modes:
+        square = float(np.trace(mode.covariance))
+        if abs(mode.mode.pole) ** 2 < INTEGRATOR_SIGMAS**2 * square or not math.isfinite(square):
+            same = np.isclose(poles, abs(mode.mode.pole), rtol=SAME)
+            speeds[same] = np.maximum(speeds[same], typical)
+    return speeds
 
 
 def slow_noise(evidence: Evidence, uncertainty: float) -> str:

@@ -12,6 +12,7 @@ from replant.arguments import BoolArray, FloatArray
 from replant.assessment.verdict import duration
 from replant.engine.record import Record
 from replant.model.structure import Structure
+from replant.model.uncertainty import UncertainMode, Uncertainty
 from replant.simulation.model_run import ModelRun, run_model
 from replant.statistics.linear_algebra import roots
 
@@ -24,6 +25,14 @@ Sensitivity: not measured.
 PER_COEFFICIENT = 10
 """Samples held out for each coefficient below which they say nothing [samples].
 Origin: ten observations for a regressor, a rule of thumb of regression.
+Sensitivity: not measured.
+"""
+
+
+UNSTABLE_SIGMAS = 3.0
+"""Standard deviations by which a pole must lie right of the imaginary axis for the model to count as unstable: an
+estimate of an integrator lies on either side [standard deviations].
+Level: 99.7 %.
 Sensitivity: not measured.
 """
 
@@ -154,6 +163,29 @@ class Evidence:
         return self.record.u.size
 
     @property
+    def modes(self) -> tuple[UncertainMode, ...]:
+        """The estimate's poles with their uncertainty; none where no covariance is known."""
+        if self.covariance is None:
+            return ()
+        size, structure = self.coefficients, dataclasses.replace(self.structure, bias=False)
+        return Uncertainty(structure, self.estimate[:size], self.covariance[:size, :size]).modes
+
+    @property
+    def unstable_pole(self) -> float:
+        """Real part of the pole farthest to the right, in rad/s, if the model is unstable; else 0.
+
+        It is not where what grows by that pole grows less than e-fold over the record, nor where the pole may as well
+        lie on the axis.
+        """
+        pole = float(roots(np.concatenate([[1.0], self.estimate[: self.structure.poles]])).real.max())
+        if not pole * self.record.span > 1.0:
+            return 0.0
+        squares = [float(mode.covariance[0, 0]) for mode in self.modes]
+        known = zip(self.modes, squares, strict=True)
+        is_sure = [mode.mode.pole.real > UNSTABLE_SIGMAS * math.sqrt(max(square, 0.0)) for mode, square in known]
+        return pole if any(is_sure) or not is_sure else 0.0
+
+    @property
     def enough(self) -> int:
         """How many samples a test needs."""
         return max(FEWEST, PER_COEFFICIENT * self.coefficients)
@@ -213,29 +245,31 @@ class Runs:
     power: float
 
     @classmethod
-    def of(cls, evidence: Evidence) -> Runs | None:
-        """Run both estimates; None where an output leaves float64."""
-        old = run_model(evidence.structure, evidence.earlier, evidence.record, evidence.dt)
+    def of(cls, evidence: Evidence, by_reference: FloatArray | None = None) -> Runs | None:
+        """Run both estimates; None where a signal leaves float64.
+
+        ``by_reference`` (K, 2) is what a reference explains of input and output.
+        """
+        old = run_model(evidence.structure, evidence.earlier, evidence.record, evidence.dt, by_reference)
         if old is None:
             return None
         now: ModelRun | None = old
         if not np.array_equal(evidence.earlier, evidence.estimate):
-            now = run_model(evidence.structure, evidence.estimate, evidence.record, evidence.dt)
+            now = run_model(evidence.structure, evidence.estimate, evidence.record, evidence.dt, by_reference)
         if now is None:
             return None
         error = old.error[evidence.newest]
         return cls(old, now, error - error.mean(), float(np.var(evidence.record.y[evidence.newest])))
 
-    def size(self, step: FloatArray, span: float) -> float:
-        """Return the relative size of a step (n,) or (n + m + 1,) of the coefficients; ``span`` of the record in s.
+    def size(self, step: FloatArray, speeds: FloatArray) -> float:
+        """Return the relative size of a step (n,) or (n + m + 1,) of the coefficients; ``speeds`` (n,) of the poles.
 
-        It is the largest of two kinds of terms.  For a_i: abs(step) over the coefficient of prod(s + abs(pole)), which
-        is the size that a_i would have if all poles were real; a pole slower than the record is long counts as one just
-        as long.  For b_j: half of the output that the step makes, over the output.
+        It is the largest of two kinds of terms.  For a_i: abs(step) over the coefficient of prod(s + speed), which is
+        the size that a_i would have if all poles were real.  For b_j: half of the output that the step makes, over the
+        output.
         """
         n = self.now.structure.poles
-        poles = np.abs(roots(np.concatenate([[1.0], self.now.parameters[:n]])))
-        sizes = np.poly(-np.maximum(poles, 1.0 / span))[1:]
+        sizes = np.poly(-speeds)[1:]
         largest = float((np.abs(step[:n]) / sizes).max())
         output = float(self.now.forced.std())
         if step.size == n or not output > 0.0:

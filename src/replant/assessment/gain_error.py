@@ -109,6 +109,12 @@ def excited_frequencies(evidence: Evidence) -> FloatArray:
     A record shorter than the slowest mode does not resolve the lowest ones: the density there is taken for that of the
     lowest frequency that it resolves.
     """
+    omega, power = modelled_spectrum(evidence)
+    return np.asarray(omega[power >= EXCITED * power.max()])
+
+
+def modelled_spectrum(evidence: Evidence) -> tuple[FloatArray, FloatArray]:
+    """Return frequencies (F,) in rad/s, ascending, and the power density (F,) of the model's output there."""
     u, dt = evidence.record.u, evidence.record.dt
     size = min(u.size, SEGMENT)
     omega: FloatArray = np.asarray(2.0 * np.pi * np.fft.rfftfreq(size, dt)[1:], float)
@@ -118,8 +124,7 @@ def excited_frequencies(evidence: Evidence) -> FloatArray:
     if 0.0 < lowest < omega[0]:
         below = np.geomspace(lowest, omega[0], SLOW_FREQUENCIES, endpoint=False)
         omega, density = np.concatenate([below, omega]), np.concatenate([np.full(below.size, density[0]), density])
-    power = _magnitude(evidence, evidence.estimate, omega) ** 2 * density
-    return np.asarray(omega[power >= EXCITED * power.max()])
+    return omega, _magnitude(evidence, evidence.estimate, omega) ** 2 * density
 
 
 def _density(u: FloatArray, size: int) -> FloatArray:

@@ -17,14 +17,17 @@ Identification", chapter 11.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.assessment import sensor_faults
 from replant.assessment.change_tests import burst_finding, growth_finding
-from replant.assessment.cross_test import unexplained
+from replant.assessment.cross_test import Unexplained, unexplained, unexplained_by_reference
 from replant.assessment.estimate_tests import (
     MOST_UNCERTAIN,
     MOVED_SIGMAS,
@@ -33,6 +36,8 @@ from replant.assessment.estimate_tests import (
 )
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.excitation import LEAST_POWER, excitation
+from replant.assessment.feedback_test import Answer, answer, colour_left
+from replant.assessment.reference_test import REMEDY, Reference
 from replant.assessment.verdict import (
     Assessment,
     Finding,
@@ -43,7 +48,7 @@ from replant.assessment.verdict import (
 from replant.engine.state import GAP
 from replant.simulation.model_run import ModelRun
 from replant.simulation.offset_fit import fit_percent
-from replant.statistics.autoregression import whiteness
+from replant.statistics.autoregression import one_step, whiteness
 from replant.statistics.linear_algebra import quiet, roots
 
 POOREST_FIT = 10.0
@@ -80,6 +85,13 @@ RESTING = 1e-12
 Derivation: some thousand times the precision of float64.
 """
 
+CLOSED = "the loop is closed: the input answers the residual, which the noise model whitens"
+AT_ONCE = (
+    "the input answers the residual of the same sample: the loop is closed, or the plant has a direct path (then ask "
+    "for as many zeros as poles)"
+)
+COLOURED = f"the loop is closed and its disturbances are coloured: {REMEDY}"
+
 Figures = dict[str, Any]
 
 
@@ -90,10 +102,11 @@ def judge(evidence: Evidence) -> Assessment:
     figures: Figures = {"samples": evidence.samples, "held_out": evidence.held_out}
     findings = _of_samples(evidence)
     stop = any(finding.status != "converging" for finding in findings) or evidence.samples < evidence.enough
-    runs = None if stop else Runs.of(evidence)
+    reference, doubts = (None, []) if stop else Reference.of(evidence)
+    runs = None if stop else Runs.of(evidence, None if reference is None else reference.explained)
     if not stop and runs is None:
         pole = roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])).real.max()
-        reason = f"simulated from the input alone, the model diverges (a pole at {pole:+.3g} rad/s)"
+        reason = f"the model's signals leave float64 (a pole at {pole:+.3g} rad/s)"
         findings.append(Finding("inconsistent", reason))
     if runs is not None:
         found = excitation(runs.now, evidence.newest)
@@ -102,7 +115,8 @@ def judge(evidence: Evidence) -> Assessment:
         if not _lacks_excitation(findings):
             findings += found.findings
         if not _lacks_excitation(findings):  # without excitation the tests of the model are meaningless
-            findings += _of_model(evidence, runs, figures)
+            loop = Loop.of(evidence, runs, reference, doubts)
+            findings += _of_model(evidence, runs, loop, figures)
     findings += _of_guard(evidence)
     return Assessment(*conclude(findings, _in_favour(evidence, figures)), **figures)
 
@@ -179,58 +193,122 @@ def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
     ]
 
 
-def _of_model(evidence: Evidence, runs: Runs, figures: Figures) -> list[Finding]:
+def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
     """Return the findings of the tests of the model and of the estimate."""
-    certainty = Certainty.of(evidence, runs)
+    certainty = Certainty.of(evidence, runs, loop.feedback.found)
     figures |= certainty.figures
     model = [
-        *_fit(evidence, runs, figures),
-        *_unexplained(evidence, runs, figures),
+        *_fit(evidence, runs, loop, figures),
+        *_unexplained(evidence, runs, loop, figures),
         *growth_finding(evidence, runs, figures),
         *burst_finding(evidence, runs),
     ]
     if certainty.improves:  # the present estimate may explain what the earlier one does not
         model = [Finding(max(found.status, "converging", key=_gravity), found.reason) for found in model]
-    return model + certainty.findings
+    return loop.findings + model + certainty.findings
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """What the samples tell of a controller that closes a loop.
+
+    Attributes
+    ----------
+    feedback : Answer
+        How the input answers the residual.
+    reference : Reference or None
+        What a reference explains; None where there is none, or it is of no use.
+    findings : list of Finding
+    """
+
+    feedback: Answer
+    reference: Reference | None
+    findings: list[Finding]
+
+    @classmethod
+    def of(cls, evidence: Evidence, runs: Runs, reference: Reference | None, doubts: list[Finding]) -> Loop:
+        """Test for feedback, and whether the reference is one; ``doubts`` are the findings on it so far."""
+        feedback = answer(runs.now, evidence.known, evidence.record.u, first=int(runs.now.is_direct))
+        findings = list(doubts)
+        if evidence.record.r is not None and answer(runs.now, evidence.known, evidence.record.r).found:
+            if reference is None:  # a copy of the input
+                findings = [Finding("inconsistent", f"{doubt.reason}: {REMEDY}") for doubt in findings]
+            else:
+                findings.append(Finding("inconsistent", f"the reference follows the disturbances: {REMEDY}"))
+            reference = None
+        pole = evidence.unstable_pole
+        if pole > 0.0 and reference is None:
+            run = f"simulated from the input alone, the model diverges (a pole at {pole:+.3g} rad/s)"
+            reason = f"{run}, and only a reference can show that an unstable model is right: {REMEDY}"
+            findings.append(Finding("inconsistent", reason))
+        elif feedback.found and reference is None and colour_left(runs.now.error[evidence.known]) > 1.0:
+            findings.append(Finding("inconsistent", COLOURED))
+        elif feedback.found:
+            findings.append(Finding("trusted", AT_ONCE if feedback.at_once else CLOSED))
+        return cls(feedback, reference, findings)
 
 
 def _gravity(status: str) -> int:
     return ("inconsistent", "converging", "trusted").index(status)
 
 
-def _fit(evidence: Evidence, runs: Runs, figures: Figures) -> list[Finding]:
+def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
     y = evidence.record.y[evidence.newest]
     used = evidence.used[evidence.newest]
-    figures["fit"] = fit = fit_percent(np.where(used, y, np.nan), y - runs.error)
     figures["whiteness"] = whiteness(runs.error)
-    if fit >= POOREST_FIT:
+    shown = np.where(used, y, np.nan)
+    fit = fit_percent(shown, y - runs.error)
+    by_reference = math.nan if loop.reference is None else loop.reference.fit(runs.old.error, evidence.newest)
+    if evidence.unstable_pole > 0.0:  # from the input alone it diverges
+        fit = fit_percent(shown, y - one_step(runs.error)) if loop.reference is None else by_reference
+    figures["fit"] = fit
+    if fit >= POOREST_FIT or by_reference >= POOREST_FIT:
         return []
     if math.isnan(fit):
         return [Finding("inconsistent", f"the output is constant over {evidence.span} while the input moves")]
-    which = " (in sample)" if evidence.in_sample else ""
-    run = f"simulated from the input alone over {evidence.span}{which}"
+    run = f"{_how_run(evidence, loop.reference is not None)} over {evidence.span}{_in_sample(evidence)}"
     reason = f"{run}, the model explains almost nothing of the output"
-    shown = f"{fit:.0f} %" if fit > WORST_FIT else f"below {WORST_FIT:.0f} %"
-    return [Finding("inconsistent", f"{reason} (fit {shown})")]
+    figure = f"{fit:.0f} %" if fit > WORST_FIT else f"below {WORST_FIT:.0f} %"
+    return [Finding("inconsistent", f"{reason} (fit {figure})")]
 
 
-def _unexplained(evidence: Evidence, runs: Runs, figures: Figures) -> list[Finding]:
+def _in_sample(evidence: Evidence) -> str:
+    return " (in sample)" if evidence.in_sample else ""
+
+
+def _how_run(evidence: Evidence, by_reference: bool) -> str:
+    """Return in words how the model was run for its fit."""
+    if not evidence.unstable_pole > 0.0:
+        return "simulated from the input alone"
+    return "in what the reference explains of the output" if by_reference else "one step ahead"
+
+
+def _unexplained(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
     """Apply the cross test to the present estimate, over all that it has used, and to the earlier one, held out."""
-    present = Part.of(evidence, runs.now, evidence.known, 0.0)
-    parts = [present]
+    closed = loop.feedback.found
+    tests: list[Callable[[Evidence, ModelRun, slice, float], Part]] = [partial(Part.of, feedback=closed)]
+    if loop.reference is not None:
+        by_reference = partial(Part.by_reference, reference=loop.reference)
+        # in feedback the input may explain what the noise model leaves, the reference may not
+        tests = [by_reference] if closed else [*tests, by_reference]
+    present = [test(evidence, runs.now, evidence.known, 0.0) for test in tests]
+    parts = list(present)
     if evidence.held_out:
-        parts.append(Part.of(evidence, runs.old, evidence.newest, evidence.held_out / max(evidence.learned, 1)))
+        surplus = evidence.held_out / max(evidence.learned, 1)
+        parts += [test(evidence, runs.old, evidence.newest, surplus) for test in tests]
     surest = max(parts, key=lambda part: part.statistic)
     largest = max((part for part in parts if part.is_sure or part is surest), key=lambda part: part.size)
     figures |= {"explained": largest.size, "explained_limit": surest.statistic}
     if not surest.is_sure or largest.size < NEGLIGIBLE:
         return []
-    reason = f"the input could explain another {percent(min(largest.size, 1.0))} of the output's power"
+    reason = f"the {largest.source} could explain another {percent(min(largest.size, 1.0))} of the output's power"
     if largest.size <= LARGEST_PART and surest.size + surest.std <= LARGEST_PART:
         return [Finding("trusted", f"{reason}, unexplained by the model: small, but statistically significant")]
-    if evidence.adapts and figures["movement"] > MOVED_SIGMAS and not (present.is_sure and present.is_large):
+    if evidence.adapts and figures["movement"] > MOVED_SIGMAS and not any(p.is_sure and p.is_large for p in present):
         past = f"unexplained by the estimate of {evidence.age} ago, but explained by the present one"
         return [Finding("converging", f"{reason}, {past}")]
+    if closed and loop.reference is None:
+        return [Finding("inconsistent", f"{reason}: {COLOURED}, or ask for more poles or zeros")]
     biased = "" if evidence.instruments else "noise, which biases an estimate without instruments, "
     causes = f"{biased}too few poles or zeros, a wrong dead time, or a plant that changes or is nonlinear"
     return [Finding("inconsistent", f"{reason}, unexplained by the model: {causes}")]
@@ -248,14 +326,17 @@ class Part:
         Standard deviation of ``size``.
     statistic : float
         The test statistic over its limit.
+    source : str
+        Name of the signal that could explain it.
     """
 
     size: float
     std: float
     statistic: float
+    source: str = "input"
 
     @classmethod
-    def of(cls, evidence: Evidence, run: ModelRun, rows: slice, surplus: float) -> Part:
+    def of(cls, evidence: Evidence, run: ModelRun, rows: slice, surplus: float, *, feedback: bool = False) -> Part:
         """Apply the cross test to a run.
 
         Parameters
@@ -266,16 +347,34 @@ class Part:
             The samples tested.
         surplus : float
             See `unexplained`.
+        feedback : bool
+            Whether the input answers the residual.
         """
-        found = unexplained(run, rows, evidence.dt, surplus)
+        found = unexplained(run, rows, evidence.dt, surplus, feedback=feedback)
+        return cls._of(evidence, run, rows, found, evidence.record.y, "input")
+
+    @classmethod
+    def by_reference(
+        cls, evidence: Evidence, run: ModelRun, rows: slice, surplus: float, *, reference: Reference
+    ) -> Part:
+        """Test a run with what a reference explains: a part of the power that the reference makes of the output."""
+        spent = evidence.coefficients if evidence.in_sample else 0
+        found = unexplained_by_reference(run, rows, reference.columns, surplus, spent)
+        return cls._of(evidence, run, rows, found, reference.output, "reference")
+
+    @classmethod
+    def _of(
+        cls, evidence: Evidence, run: ModelRun, rows: slice, found: Unexplained, output: FloatArray, source: str
+    ) -> Part:
         used = evidence.used[rows]
         if not used.any():
-            return cls(0.0, 0.0, 0.0)
-        output, error = float(np.var(evidence.record.y[rows][used])), float(np.var(run.error[rows][used]))
-        power = max(output, float(np.finfo(float).tiny))
+            return cls(0.0, 0.0, 0.0, source)
+        whole, error = float(np.var(output[rows][used])), float(np.var(run.error[rows][used]))
+        power = max(whole, float(np.finfo(float).tiny))
         share = float(used.mean())  # the residual of a bridged sample is zero: it adds to neither power
         # as Python's floats, which become infinite without a warning where the output is constant
-        return cls(min(float(found.power) / share, error) / power, float(found.std) / share / power, found.statistic)
+        size = min(float(found.power) / share, error) / power
+        return cls(size, float(found.std) / share / power, found.statistic, source)
 
     @property
     def is_sure(self) -> bool:
@@ -294,6 +393,6 @@ def _in_favour(evidence: Evidence, figures: Figures) -> str:
     which = "in sample" if evidence.in_sample else "which the estimate had not used"
     std = percent(uncertainty) + slow_noise(evidence, uncertainty)
     return (
-        f"simulated from the input alone over {evidence.span} ({which}), the model fits the output to {fit:.1f} %; "
+        f"{_how_run(evidence, True)} over {evidence.span} ({which}), the model fits the output to {fit:.1f} %; "
         f"its denominator's coefficients have standard deviations up to {std}"
     )

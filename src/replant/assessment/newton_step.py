@@ -1,8 +1,10 @@
 r"""The distance from an estimate to the estimate that a record gives: one Gauss-Newton step on the output error.
 
-The step :math:`(\sum \zeta\zeta^T)^{-1} \sum \zeta e` is that of refined instrumental variables at the estimate: it is
-zero for an estimate made from the same record.  Its covariance takes the residual's colour into account.  A significant
-step means that noise has biased the estimate, that the estimate is frozen while the plant changes, or that it lags.
+The step :math:`(\sum \zeta\zeta^T)^{-1} \sum \zeta e`, slopes and residual filtered by the noise model, is that of
+refined instrumental variables at the estimate: it is zero for an estimate made from the same record.  Filtered, the
+residual is independent of the slopes under feedback, too.  The step's covariance takes the colour that is left into
+account.  A significant step means that noise has biased the estimate, that the estimate is frozen while the plant
+changes, or that it lags.
 
 Source: Soderstrom and Stoica (1983), "Instrumental Variable Methods for System Identification", chapter 4.
 """
@@ -76,22 +78,49 @@ def distance(run: ModelRun, rows: slice, false_alarm: float) -> Distance:
         Probability that the statistic of a correct estimate exceeds 1.
     """
     nuisances = np.hstack([run.nuisances[rows], np.ones((len(run.error[rows]), 1))])
-    zeta = without(run.zeta[rows], nuisances)
-    error = without(run.error[rows, None], nuisances)[:, 0]
+    noise = _noise_of(run, rows, nuisances)
+    nuisances = noise.whiten(nuisances)
+    zeta = without(noise.whiten(run.zeta[rows]), nuisances)
+    error = without(noise.whiten(run.error[rows])[:, None], nuisances)[:, 0]
     lengths = lengths_of(zeta)
     zeta = zeta / lengths
-    basis = orthogonal(products(zeta, zeta))
-    inverse = basis @ basis.T
-    step = inverse @ products(zeta, error[:, None])[:, 0]
+    instruments = _instruments(
+        zeta, None if run.instruments is None else noise.whiten(run.instruments[rows]), nuisances
+    )
+    inverse = _inverse(instruments, zeta)
+    step = inverse @ products(instruments, error[:, None])[:, 0]
     left = error - np.einsum("ij,j->i", zeta, step)
-    noise = Autoregression.of(left)
-    innovation, coloured = noise.whiten(left), noise.colour(zeta)
+    rest = Autoregression.of(left)
+    innovation, coloured = rest.whiten(left), rest.colour(instruments)
     variance = float(innovation @ innovation) / max(innovation.size - len(step), 1)
-    covariance = variance * inverse @ products(coloured, coloured) @ inverse
-    covariance = larger(covariance, float(np.mean(left**2)) * inverse)
+    covariance = variance * inverse @ products(coloured, coloured) @ inverse.T
+    plain = inverse @ products(instruments, instruments) @ inverse.T
+    covariance = larger(covariance, float(np.mean(left**2)) * plain)
     square = float(step @ pseudo_inverse(covariance, RANK_TOLERANCE) @ step)
     statistic = math.inf if math.isnan(square) else square / float(chi2_quantile(1.0 - false_alarm, len(step)))
     return Distance(step / lengths, statistic, covariance / np.outer(lengths, lengths))
+
+
+def _noise_of(run: ModelRun, rows: slice, nuisances: FloatArray) -> Autoregression:
+    """Return the noise model of a residual over ``rows``, less what slopes and nuisances (K, N) explain of it."""
+    columns = np.hstack([run.zeta[rows], nuisances])
+    return Autoregression.of(without(run.error[rows, None], columns)[:, 0])
+
+
+def _instruments(zeta: FloatArray, by_reference: FloatArray | None, nuisances: FloatArray) -> FloatArray:
+    """Return the instruments (K, n) scaled: those made from a reference, less the nuisances, or the slopes."""
+    if by_reference is None:
+        return zeta
+    moved = without(by_reference, nuisances)
+    return moved / lengths_of(moved)
+
+
+def _inverse(instruments: FloatArray, zeta: FloatArray) -> FloatArray:
+    """Return (Z' zeta)^-1 (n, n) of instruments Z and slopes."""
+    if instruments is zeta:
+        basis = orthogonal(products(zeta, zeta))
+        return np.asarray(basis @ basis.T)
+    return pseudo_inverse(products(instruments, zeta), RANK_TOLERANCE)
 
 
 def newest_distances(run: ModelRun, counts: Iterable[int], false_alarm: float) -> Iterator[tuple[int, Distance]]:
@@ -115,18 +144,51 @@ def newest_distances(run: ModelRun, counts: Iterable[int], false_alarm: float) -
     white = noise.whiten(run.error)
     nuisances = noise.whiten(np.hstack([run.nuisances, np.ones((len(run.error), 1))]))
     slopes = noise.whiten(run.zeta)
+    by_reference = None if run.instruments is None else noise.whiten(run.instruments)
     usual, wider = float(white.var()), 1.0
     for count in counts:
         if count > len(white):
             return
         newest = len(white) - count
-        wider = max(_scatter(slopes, nuisances, white, usual, range(newest % count, newest, count)) or wider, 1.0)
-        step, covariance, square = _whitened_step(slopes, nuisances, white, usual, slice(newest, None))
+        whitened = Whitened(slopes, by_reference, nuisances, white, usual)
+        wider = max(_scatter(whitened, range(newest % count, newest, count)) or wider, 1.0)
+        step, covariance, square = whitened.step(slice(newest, None))
         limit = wider * chi2_quantile(1.0 - false_alarm, len(step))
         yield count, Distance(step, math.inf if math.isnan(square) else square / limit, wider * covariance)
 
 
-def _scatter(slopes: FloatArray, nuisances: FloatArray, white: FloatArray, usual: float, begins: range) -> float | None:
+@dataclass(frozen=True, eq=False)
+class Whitened:
+    """Slopes (K, n), instruments (K, n) where a reference makes them, nuisances and residual (K,), filtered.
+
+    ``usual`` is the residual's variance over the whole run.
+    """
+
+    slopes: FloatArray
+    by_reference: FloatArray | None
+    nuisances: FloatArray
+    white: FloatArray
+    usual: float
+
+    def step(self, rows: slice) -> tuple[FloatArray, FloatArray, float]:
+        """Return the step (n,) that some rows ask for, its covariance C (n, n), and step' C^-1 step."""
+        nuisances = self.nuisances[rows]
+        zeta = without(self.slopes[rows], nuisances)
+        error = without(self.white[rows, None], nuisances)[:, 0]
+        lengths = lengths_of(zeta)
+        zeta = zeta / lengths
+        instruments = _instruments(zeta, None if self.by_reference is None else self.by_reference[rows], nuisances)
+        inverse = _inverse(instruments, zeta)
+        step = inverse @ products(instruments, error[:, None])[:, 0]
+        left = error - np.einsum("ij,j->i", zeta, step)
+        free = max(len(error) - len(step) - nuisances.shape[1], 1)
+        spread = inverse @ products(instruments, instruments) @ inverse.T
+        covariance = max(self.usual, float(left @ left) / free) * spread
+        square = float(step @ pseudo_inverse(covariance, RANK_TOLERANCE) @ step)
+        return step / lengths, covariance / np.outer(lengths, lengths), square
+
+
+def _scatter(whitened: Whitened, begins: range) -> float | None:
     """Return the variance of the steps of earlier stretches over what is computed; None where there are few of them.
 
     The median of several: some of the stretches may lie after a change.
@@ -134,24 +196,5 @@ def _scatter(slopes: FloatArray, nuisances: FloatArray, white: FloatArray, usual
     if len(begins) < FEWEST_STRETCHES:
         return None
     chosen = [begins[k] for k in np.linspace(0, len(begins) - 1, min(len(begins), MOST_STRETCHES)).astype(int)]
-    rows = [slice(begin, begin + begins.step) for begin in chosen]
-    squares = [_whitened_step(slopes, nuisances, white, usual, each)[2] for each in rows]
-    return float(np.median(squares)) / chi2_quantile(0.5, slopes.shape[1])
-
-
-def _whitened_step(
-    slopes: FloatArray, nuisances: FloatArray, white: FloatArray, usual: float, rows: slice
-) -> tuple[FloatArray, FloatArray, float]:
-    """Return the step (n,) that whitened samples ask for, its covariance C (n, n), and step' C^-1 step."""
-    zeta = without(slopes[rows], nuisances[rows])
-    error = without(white[rows, None], nuisances[rows])[:, 0]
-    lengths = lengths_of(zeta)
-    zeta = zeta / lengths
-    basis = orthogonal(products(zeta, zeta))
-    inverse = basis @ basis.T
-    step = inverse @ products(zeta, error[:, None])[:, 0]
-    left = error - np.einsum("ij,j->i", zeta, step)
-    free = max(len(error) - len(step) - nuisances.shape[1], 1)
-    covariance = max(usual, float(left @ left) / free) * inverse
-    square = float(step @ pseudo_inverse(covariance, RANK_TOLERANCE) @ step)
-    return step / lengths, covariance / np.outer(lengths, lengths), square
+    squares = [whitened.step(slice(begin, begin + begins.step))[2] for begin in chosen]
+    return float(np.median(squares)) / chi2_quantile(0.5, whitened.slopes.shape[1])

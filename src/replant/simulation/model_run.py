@@ -1,4 +1,9 @@
-"""The free run of a model over a record: its error, and the signals that the tests correlate the error with."""
+r"""A model run over a record: its residual, and the signals that the tests correlate the residual with.
+
+The residual of B/A is :math:`e = A/D\, y - B/D\, u`.  D is A where that is stable: e is then the measured output minus
+the simulated one.  Else D is A with its unstable poles reflected: the residual of a right model is as white
+as the noise, and needs no simulation that diverges.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +19,15 @@ from replant.simulation.auxiliary_model import AuxiliaryModel
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.projections import without
 
+SLOWEST = 0.01
+"""Least distance of a filter's pole from the imaginary axis [1 / duration of the record].
+Derivation: what such a pole does within the record differs by a hundredth from an integrator.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class ModelRun:
-    """The free run of a model B/A over a record of K samples, offset and initial state fitted.
+    """A model B/A run over a record of K samples, offset and initial state fitted.
 
     Attributes
     ----------
@@ -26,15 +36,19 @@ class ModelRun:
     u : (K,) array
         The input.
     error : (K,) array
-        Measured minus simulated output.
+        The residual: of a stable model measured minus simulated output.
     forced : (K,) array
-        Simulated output by the input alone, without offset and initial state.
+        Simulated output by the input alone, without offset and initial state; of an unstable model y - e.
     states : (K, S) array
-        s^i/A u, highest i first: n of them, and one more if the transfer function is biproper.
+        s^i/D u, highest i first: n of them, and one more if the transfer function is biproper.
     zeta : (K, n + m + 1) array
-        Derivatives of the simulated output with respect to a and b: -s^i/A of itself, and s^j/A u.
+        Derivatives of the simulated output with respect to a and b: -s^i/D of itself, and s^j/D u.
     nuisances : (K, n + 1) array
         Outputs by a unit offset and by unit initial states.
+    is_direct : bool
+        Whether the output depends on the input of the same sample, at once or by the straight line to it.
+    instruments : (K, n + m + 1) array or None
+        The same derivatives of what a reference explains of input and output; None where there is none.
     """
 
     structure: Structure
@@ -45,10 +59,14 @@ class ModelRun:
     states: FloatArray
     zeta: FloatArray
     nuisances: FloatArray
+    is_direct: bool = False
+    instruments: FloatArray | None = None
 
 
 @quiet
-def run_model(structure: Structure, parameters: FloatArray, record: Record, dt: float) -> ModelRun | None:
+def run_model(
+    structure: Structure, parameters: FloatArray, record: Record, dt: float, by_reference: FloatArray | None = None
+) -> ModelRun | None:
     """Run a model over a record; None where its signals leave float64.
 
     Parameters
@@ -59,11 +77,13 @@ def run_model(structure: Structure, parameters: FloatArray, record: Record, dt: 
     record : Record
     dt : float
         Nominal sampling time in s.
+    by_reference : (K, 2) array, optional
+        What a reference explains of input and output.
     """
     n = structure.poles
     # with as many zeros as there can be, the columns hold every s^i/A u; the derivatives along b are the last of them
     full = Structure(n, n - 1 + structure.is_biproper, structure.delay, feedthrough=structure.is_biproper)
-    model = AuxiliaryModel(full, dt, record.input_hold)
+    model = AuxiliaryModel(full, dt, record.input_hold, margin=SLOWEST / record.span)
     theta = np.zeros(model.entries)
     theta[full.denominator] = parameters[structure.denominator]
     own = slice(full.coefficients - structure.zeros - 1, full.coefficients)
@@ -76,4 +96,10 @@ def run_model(structure: Structure, parameters: FloatArray, record: Record, dt: 
     states, nuisances = done.phi[:, full.numerator], done.phi[:, full.coefficients :]
     slopes = np.hstack([slopes_of_a, done.phi[:, own]])
     error = without(done.error[:, None], nuisances)[:, 0]
-    return ModelRun(structure, parameters, record.u, error, done.output, states, slopes, nuisances)
+    direct = structure.delay < dt if record.input_hold == "foh" else structure.is_biproper and structure.delay == 0.0
+    instruments = None
+    if by_reference is not None:
+        apart = AuxiliaryModel(full, dt, record.input_hold, margin=SLOWEST / record.span, reference=True)
+        zeta = apart.run(theta, record, by_reference).zeta
+        instruments = np.hstack([zeta[:, full.denominator], zeta[:, own]])
+    return ModelRun(structure, parameters, record.u, error, done.output, states, slopes, nuisances, direct, instruments)

@@ -1,0 +1,128 @@
+r"""What a reference tells: its projections of input and output, whether it is one, and what the model leaves of it.
+
+A reference r is applied from outside: a set-point, a dither.  It depends on no noise, so what it explains of a residual
+is the model's fault whatever the noise is, in feedback as well.  It is represented by the states of discrete Laguerre
+functions of it, as where the instruments are made.
+
+The part of the whitened residual that the states explain, over the residual's variance, is :math:`\chi^2`: Hansen's J
+of instrumental variables.  Its degrees of freedom are the columns; of samples that the estimate was made from, less the
+coefficients.
+
+Sources: Hansen (1982), "Large sample properties of generalized method of moments estimators", Econometrica 50; Van den
+Hof and Schrama (1993), "An indirect method for transfer function estimation from closed loop data", Automatica 29.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.assessment.evidence import Evidence
+from replant.assessment.feedback_test import FALSE_ALARM
+from replant.assessment.verdict import Finding
+from replant.statistics.autoregression import Autoregression
+from replant.statistics.chi2 import chi2_quantile
+from replant.statistics.laguerre import laguerre_states
+from replant.statistics.projections import orthogonal, products, without
+
+COPY = 1e-6
+"""What is left of the reference once the input is taken from it, below which it is a copy of the input [part of its
+standard deviation].
+Origin: numbers in a log have six digits and more.
+Sensitivity: not measured.
+"""
+
+RESTING = 1e-12
+"""Movement of the reference that is rounding [part of its largest magnitude].
+Derivation: some thousand times the precision of float64.
+"""
+
+REMEDY = "give what is applied from outside, as a set-point or a dither, as the reference"
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What a reference explains of a record of K samples.
+
+    Attributes
+    ----------
+    states : (K, 12) array
+        Laguerre functions of the reference, means subtracted.
+    input, output : (K,) arrays
+        u_r and y_r, the parts of input and output that they explain, means subtracted.
+    strength : float
+        The statistic of what they explain of the input, over its limit: above 1 they explain something.
+    """
+
+    states: FloatArray
+    input: FloatArray
+    output: FloatArray
+    strength: float
+
+    @classmethod
+    def of(cls, evidence: Evidence) -> tuple[Reference | None, list[Finding]]:
+        """Return what the reference explains, None where there is none or it is of no use, and why it is of none."""
+        r, u = evidence.record.r, evidence.record.u
+        if r is None:
+            return None, []
+        if not np.ptp(r) > RESTING * np.abs(r).max():
+            return None, [Finding("not excited", "the reference stands still: move it, or leave it out")]
+        if without(r[:, None], np.column_stack([u, np.ones(u.size)])).std() <= COPY * r.std():
+            return None, [
+                Finding("trusted", "the reference is a copy of the input, and says no more than the input does")
+            ]
+        found = cls.projected(r, u, evidence.record.y)
+        if not found.strength > 1.0:
+            reason = "the reference explains nothing of the input"
+            advice = "give the column that does, move it more, or leave it out"
+            return None, [Finding("not excited", f"{reason}: {advice}")]
+        return found, []
+
+    @classmethod
+    def projected(cls, r: FloatArray, u: FloatArray, y: FloatArray) -> Reference:
+        """Project input and output (K,) on the reference (K,)."""
+        states = laguerre_states(r, u, y)
+        u, y, states = u - u.mean(), y - y.mean(), states - states.mean(axis=0)
+        basis = states @ orthogonal(products(states, states))
+        input_part, output_part = basis @ (basis.T @ u), basis @ (basis.T @ y)
+        left = u - input_part
+        noise = Autoregression.of(left)
+        z, x = noise.whiten(states), noise.whiten(u)
+        basis = z @ orthogonal(products(z, z))
+        amounts = basis.T @ x
+        part = float(amounts @ amounts)
+        free = max(x.size - amounts.size, 1)
+        rest = max((float(x @ x) - part) / free, np.finfo(float).tiny)
+        limit = chi2_quantile(1.0 - FALSE_ALARM, states.shape[1] + 1)
+        return cls(states, input_part, output_part, part / rest / limit)
+
+    @property
+    def explained(self) -> FloatArray:
+        """What the reference explains of input and output, (K, 2)."""
+        return np.column_stack([self.input, self.output])
+
+    @property
+    def columns(self) -> FloatArray:
+        """What the residual is regressed on, (K, 14): the states, and powers of y_r, which a nonlinear plant leaves."""
+        return np.column_stack([self.states, self.output**2, self.output**3])
+
+    def fit(self, error: FloatArray, rows: slice) -> float:
+        """Return the fit in percent of what the reference makes of the output: what it explains of the error spoils it.
+
+        Parameters
+        ----------
+        error : (K,) array
+            Of the model.
+        rows : slice
+            The samples that count.
+        """
+        z, e, y = (
+            self.states[rows] - self.states[rows].mean(axis=0),
+            error[rows] - error[rows].mean(),
+            self.output[rows],
+        )
+        basis = z @ orthogonal(products(z, z))
+        left, made = np.linalg.norm(basis.T @ e), np.linalg.norm(y - y.mean())
+        return float(100.0 * (1.0 - left / made)) if made > 0.0 else float("nan")
