@@ -115,8 +115,8 @@ class Autoregression:
         models, variances = np.empty(size * size), np.empty(size)
         flat = np.ascontiguousarray(np.tril(sums)).ravel()
         order = int(nested_models(flat, float(count), models, variances, np.empty(size * size + size)))
-        models, powers = models.reshape(size, size), variances * max(float(count), 1.0)
-        return cls(models[order, : order + 1].copy(), float(powers[order]), models, powers, np.tril(sums), float(count))
+        rows, powers = models.reshape(size, size), variances * max(float(count), 1.0)
+        return cls(rows[order, : order + 1].copy(), float(powers[order]), rows, powers, np.tril(sums), float(count))
 
     @classmethod
     def of_covariances(cls, covariances: FloatArray) -> Autoregression:
