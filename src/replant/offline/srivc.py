@@ -16,7 +16,7 @@ Where the residual e is coloured, D(q) e = w, regressor, instruments and target 
 goes on from the best models so far.  Filter and model are found in turn.  In feedback the instruments, made of past
 inputs, are then independent of the innovation w, though not of e.
 
-With a reference the instruments are made of what it explains of input and output.  They are independent of every noise,
+With a reference the instruments are made of what it explains of input and output.  They are independent of all noise,
 so that the estimate is consistent whatever D(q) is, and the starts behind the state-variable filters are as well.  Steps
 and starts are compared by the part of w that the reference explains,
 
@@ -343,9 +343,8 @@ class Problem:
                     return tried, done
         return None
 
-
     def descend(self, model: FloatArray, steps: int, renewals: Sequence[int] = ()) -> Root | None:
-        """Take damped steps on the whitened residual, instrumental-variable or Gauss-Newton; None where the first fails.
+        """Take damped steps on the whitened residual; None where the first pass fails.
 
         Parameters
         ----------
@@ -366,7 +365,9 @@ class Problem:
             variance, limit, better = max(float(white @ white) / white.size, 1e-300), self.misfit(white) * slack, None
             # the instrumental-variable step finds its way from far; that of Gauss and Newton lowers the cost for certain
             # where that is the innovation's power, but J has the noise of the instruments in it
-            companions = (self.whiten(done.phi), zeta) if self.projection is not None else (zeta, self.whiten(done.phi))
+            companions = [self.whiten(done.phi), zeta]
+            if self.projection is None:
+                companions.reverse()
             for companion in companions:
                 direction = solve(zeta.T @ companion, zeta.T @ white)
                 if direction is None:
@@ -501,9 +502,7 @@ def _by_reference(problem: Problem, starts: Sequence[FloatArray]) -> Root | None
     return _best(ends, referenced=True)
 
 
-def _distinct(
-    tried: Sequence[tuple[float, FloatArray]], known: float = math.nan
-) -> Iterator[tuple[float, FloatArray]]:
+def _distinct(tried: Sequence[tuple[float, FloatArray]], known: float = math.nan) -> Iterator[tuple[float, FloatArray]]:
     """Yield the models whose cost differs from that of every one before, and from ``known``."""
     costs = [known]
     for cost, model in tried:
