@@ -41,5 +41,5 @@ def regressors(
     phi, target = np.empty((u.size, structure.size)), np.empty(u.size)
     if callable(preprocess.input_map):
         u = preprocess.call_map(u)
-    kernel(state.ints, state.reals, state.banks, u, y, np.array([dt]), phi, phi, target, target)
+    kernel(state.ints, state.reals, state.banks, u, y, np.array([dt]), np.zeros((0, 2)), phi, phi, target, target)
     return phi, target

@@ -52,7 +52,7 @@ def initialize(state: State, settings: Settings, refined: Refined, record: Recor
     state.stability_margin = SLOWEST / record.span
     state.largest_bandwidth = settings.structure.poles * FASTEST / record.dt
     state.forget_input = 1.0 / record.u.size
-    state.install(refined.model[:entries] / rate)
+    state.install(refined.theta[:entries] / rate)
     state.theta[:] = refined.theta[:entries] / rate / state.unit
     if state.examines_output:
         _write_monitoring(state, settings, refined, record)
@@ -62,6 +62,10 @@ def initialize(state: State, settings: Settings, refined: Refined, record: Recor
     if state.coloured:
         _write_colour(state, settings, refined, rate)
         _write_path(state, settings, refined, rate)
+    if state.has_noise_model:
+        _write_noise(state, refined, settings.scaling.output)
+    if state.has_reference and refined.reference is not None:
+        state.reference.reals[:] = refined.reference.reals
     if not settings.optimizer.keeps_colour and settings.optimizer.keeps_covariance:
         _write_tracking(state, settings, refined, record)
     if settings.optimizer.keeps_covariance:
@@ -105,7 +109,7 @@ def _write_covariance(state: State, settings: Settings, refined: Refined, rate: 
     if settings.optimizer.keeps_colour:
         state.memory[size * size + size : size * size + 2 * size] = ROOM * diagonal
     else:
-        diagonal = diagonal * max(refined.variance, np.finfo(float).tiny) / settings.scaling.output**2
+        diagonal = diagonal * max(refined.innovation, np.finfo(float).tiny) / settings.scaling.output**2
     state.factors[0][:], state.factors[1][:] = upper, diagonal
 
 
@@ -150,6 +154,14 @@ def _write_colour(state: State, settings: Settings, refined: Refined, rate: Floa
     colour.covariances[:], colour.errors[:] = source.covariances / scale**2, source.errors / scale
     colour.filtered[:] = source.filtered[:, :size] / sigma
     colour.squares[:] = source.squares[:size, :size] / np.outer(sigma, sigma)
+
+
+def _write_noise(state: State, refined: Refined, scale: float) -> None:
+    """Write the start-up's noise model, in the unit of the scaled output; the rows follow as the filters warm up."""
+    source, noise = refined.noise, state.noise
+    noise.order, noise.gain, noise.count = source.order, source.gain, source.count
+    noise.models[:], noise.variances[:] = source.models, source.variances / scale**2
+    noise.sums[:] = source.sums / scale**2
 
 
 def _write_path(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:

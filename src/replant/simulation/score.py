@@ -1,8 +1,8 @@
 r"""Score: the fit of a model to a record that comes batch by batch, from the input alone and one step ahead.
 
 The initial state is fitted over the first 2^18 samples, the offset over all of them, so that a record of any length
-needs one pass.  The autoregression D(q) e = w of order 4 of the residual e, and the sum of w^2, follow from the sums of
-the products :math:`e_{k-i} e_{k-j}`: the fit one step ahead needs no second pass either.
+needs one pass.  The autoregression D(q) e = w of the residual e and the sum of w^2 follow from the sums of the products
+:math:`e_{k-i} e_{k-j}`: the fit one step ahead needs no second pass either.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from replant.kernels.schema import LAGS
 from replant.model.response import Response
 from replant.model.transfer_function import TransferFunction
 from replant.simulation.offset_fit import bridged, initial_weights, with_initial
-from replant.statistics.autoregression import Autoregression
+from replant.statistics.autoregression import LEAST, Autoregression
 
 FITTED = 1 << 18
 """Samples over which the initial state is fitted [samples]."""
@@ -196,9 +196,15 @@ class _ErrorSums:
 
     def innovation(self, mean: float) -> float:
         """Return the sum of w^2; where the past of a residual is not known, w is the residual itself."""
-        if self._samples <= self._lags:
+        count = float(self._usable[-1, -1])
+        if self._samples <= self._lags or count < LEAST:
             return self.power(mean)
-        model = Autoregression.of_covariances(self._covariances(mean)).coefficients
+        # with (e_k - mean) for e_k
+        shift = mean * self._usable[:-1, -1]
+        sums = self._usable[:-1, :-1] - shift[:, None] - shift[None, :] + mean**2 * count
+        model = np.zeros(self._lags + 1)
+        chosen = Autoregression.of_sums(sums, count).coefficients
+        model[: chosen.size] = chosen
         weights = np.append(model, -mean * model.sum())
         alone = np.array([1.0, -mean])
         return float(weights @ self._usable @ weights + alone @ self._rest @ alone) + self._of_head(model, mean)

@@ -1,6 +1,8 @@
-r"""Autoregression: the model :math:`D(q)\, e_k = w_k` that whitens a residual.
+r"""Autoregression: the model :math:`D(q)\, e_k = w_k` that whitens a residual, its order chosen from the data.
 
-Its order is that of the online recursion, `replant.kernels.monitoring.residual_colour`.
+Models of every order up to `LAGS` are found by least squares on sums of products e_{k-i} e_{k-j} over the samples whose
+predecessors are all known, see `replant.kernels.filters.autoregression`.  The Bayesian information criterion chooses:
+white noise keeps order 0 and is left as it is.
 
 Sources: Ljung (1999), "System Identification: Theory for the User", section 16.6; Soderstrom and Stoica (1989), "System
 Identification", section 11.2.
@@ -11,11 +13,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from replant.arguments import FloatArray
 from replant.kernels.schema import LAGS
 from replant.statistics.chi2 import chi2_quantile
-from replant.statistics.linear_algebra import quiet
+from replant.statistics.linear_algebra import quiet, roots
 
 WHITENESS_LAGS = 25
 """Lags of the portmanteau statistic [samples].
@@ -28,6 +31,14 @@ WHITENESS_LEVEL = 0.99
 Level: 99 %.
 """
 
+LEAST = 4 * (LAGS + 1)
+"""Samples with known predecessors below which a residual is taken to be white [samples].
+Origin: four for each number that a model of the largest order has.
+Sensitivity: not measured.
+"""
+
+IntArray = npt.NDArray[np.int64]
+
 
 @dataclass(frozen=True, eq=False)
 class Autoregression:
@@ -39,32 +50,94 @@ class Autoregression:
         1, d_1 .. d_p, in falling powers of the shift q.
     power : float
         Sum of w^2 over the samples that the model was fitted to.
+    models : (LAGS + 1, LAGS + 1) array
+        Row j: the best model of order j, 1, d_1 .. d_j, 0 ..
+    powers : (LAGS + 1,) array
+        Sum of w^2 of each.
+    sums : (LAGS + 1, LAGS + 1) array
+        Of e_{k-i} e_{k-j}, lower triangle.
+    count : float
+        Samples that the models were fitted to.
     """
 
     coefficients: FloatArray
     power: float
+    models: FloatArray
+    powers: FloatArray
+    sums: FloatArray
+    count: float
+
+    @property
+    def order(self) -> int:
+        """The order p."""
+        return self.coefficients.size - 1
+
+    @property
+    def variances(self) -> FloatArray:
+        """Variance (LAGS + 1,) of the residual of each order's model."""
+        return np.asarray(self.powers / max(self.count, 1.0))
+
+    @property
+    def nested(self) -> tuple[tuple[FloatArray, float], ...]:
+        """The best model of every order 0 .. LAGS, and its power."""
+        return tuple((self.models[j, : j + 1], float(self.powers[j])) for j in range(LAGS + 1))
 
     @classmethod
     def of(cls, error: FloatArray) -> Autoregression:
-        """Return the model of ``error`` (K,), K larger than the order, every sample finite.
+        """Return the model of ``error`` (K,), every sample finite.
 
         Examples
         --------
         >>> noise = np.random.default_rng(0).standard_normal(5000)
         >>> slow = np.convolve(noise, 0.9 ** np.arange(100))
-        >>> Autoregression.of(slow).coefficients[:2].round(1)
+        >>> Autoregression.of(slow).coefficients.round(1)
         array([ 1. , -0.9])
+        >>> Autoregression.of(noise).coefficients
+        array([1.])
         """
-        return cls.of_covariances(np.array([error[lag:] @ error[: error.size - lag] for lag in range(LAGS + 1)]))
+        sums, count = sums_of(error, np.minimum(np.arange(error.size), LAGS))
+        if count < LEAST:
+            return cls.white(float(error @ error), error.size)
+        return cls.of_sums(sums, count)
+
+    @classmethod
+    def of_sums(cls, sums: FloatArray, count: float) -> Autoregression:
+        """Return the model with these sums of e_{k-i} e_{k-j}, (LAGS + 1, LAGS + 1), over ``count`` samples.
+
+        Examples
+        --------
+        >>> Autoregression.of_sums(100.0 * 0.5 ** abs(np.subtract.outer(np.arange(5.0), np.arange(5.0))), 100).order
+        1
+        """
+        from replant.kernels.filters.autoregression import nested_models
+
+        size = LAGS + 1
+        models, variances = np.empty(size * size), np.empty(size)
+        flat = np.ascontiguousarray(np.tril(sums)).ravel()
+        order = int(nested_models(flat, float(count), models, variances, np.empty(size * size + size)))
+        rows, powers = models.reshape(size, size), variances * max(float(count), 1.0)
+        return cls(rows[order, : order + 1].copy(), float(powers[order]), rows, powers, np.tril(sums), float(count))
 
     @classmethod
     def of_covariances(cls, covariances: FloatArray) -> Autoregression:
-        """Return the model with these sums (p + 1,) of e_k e_{k-lag}, by Levinson's recursion."""
+        """Return the model of order LAGS with these sums (LAGS + 1,) of e_k e_{k-lag}, by Levinson's recursion.
+
+        The ends of the sums' window leak: good for a residual that is nearly white, not for a smooth one.
+        """
         from replant.kernels.monitoring import residual_colour
 
-        coefficients = np.empty(covariances.size)
-        power = residual_colour.autoregression(covariances, coefficients, np.empty(covariances.size))
-        return cls(coefficients, float(power))
+        size = covariances.size
+        coefficients = np.empty(size)
+        power = float(residual_colour.autoregression(covariances, coefficients, np.empty(size)))
+        models = np.tile(coefficients, (size, 1))
+        return cls(coefficients, power, models, np.full(size, power), np.zeros((size, size)), 1.0)
+
+    @classmethod
+    def white(cls, power: float, count: float) -> Autoregression:
+        """Return the model of order 0."""
+        models = np.zeros((LAGS + 1, LAGS + 1))
+        models[:, 0] = 1.0
+        return cls(np.ones(1), power, models, np.full(LAGS + 1, power), np.zeros_like(models), float(count))
 
     def whiten(self, signals: FloatArray) -> FloatArray:
         """Return D(q) x of ``signals`` (K, ...) along the first axis, from the first sample with p predecessors on."""
@@ -75,12 +148,76 @@ class Autoregression:
             result = result + model[lag] * signals[lags - lag : signals.shape[0] - lag]
         return np.asarray(result)
 
+    def whiten_known(self, signals: FloatArray, known: IntArray) -> FloatArray:
+        """Return D(q) x of ``signals`` (K, ...) along the first axis, of as many predecessors as are known: (K, ...).
+
+        A sample with j < p known predecessors is filtered by the best model of order j, whose residual has the larger
+        variance V_j, and weighted by the root of V_p / V_j: the likelihood of an autoregression with a missing past.
+
+        Parameters
+        ----------
+        signals : (K, ...) array
+        known : (K,) array of int
+            Predecessors that are known.
+
+        Examples
+        --------
+        >>> noise = np.random.default_rng(0).standard_normal(5000)
+        >>> model = Autoregression.of(np.convolve(noise, 0.9 ** np.arange(100)))
+        >>> model.whiten_known(np.ones(3), np.array([0, 1, 2])).round(1)
+        array([0.4, 0.1, 0.1])
+        """
+        if self.order == 0:
+            return signals
+        result = signals.copy()
+        for lag in range(1, self.order + 1):
+            result[lag:] += self.coefficients[lag] * signals[:-lag]
+        for lags in range(self.order):
+            rows = np.flatnonzero(known == lags)
+            broken = signals[rows]
+            for lag in range(1, lags + 1):
+                broken = broken + self.models[lags, lag] * signals[rows - lag]
+            result[rows] = broken * np.sqrt(self.powers[self.order] / self.powers[lags])
+        return np.asarray(result)
+
     def colour(self, signals: FloatArray) -> FloatArray:
-        """Return x / D(q) of ``signals`` (K, ...) along the first axis, from rest: (K, ...)."""
+        """Return x / D(q) of ``signals`` (K, ...) along the first axis, from rest: (K, ...).
+
+        Least squares does not keep the roots of D inside the unit circle: those outside are mirrored, which leaves the
+        spectrum as it is.
+        """
         from replant.kernels.filters.all_pole import all_pole
 
-        channels = all_pole(self.coefficients, signals.reshape(signals.shape[0], -1).T)
-        return np.ascontiguousarray(channels.T).reshape(signals.shape)
+        model, gain = _mirrored(self.coefficients)
+        channels = all_pole(model, signals.reshape(signals.shape[0], -1).T)
+        return np.ascontiguousarray(channels.T / gain).reshape(signals.shape)
+
+
+def _mirrored(model: FloatArray) -> tuple[FloatArray, float]:
+    """Return a monic polynomial (p + 1,) without roots outside the unit circle, and a gain.
+
+    Their product has the same magnitude on the circle as ``model`` (p + 1,).
+    """
+    places = roots(model)
+    outside = np.abs(places) > 1.0
+    if not outside.any():
+        return model, 1.0
+    moved = np.where(outside, 1.0 / np.conj(np.where(outside, places, 1.0)), places)
+    return np.asarray(np.poly(moved).real), float(np.abs(places[outside]).prod())
+
+
+def sums_of(error: FloatArray, known: IntArray) -> tuple[FloatArray, int]:
+    """Return the sums (LAGS + 1, LAGS + 1) of e_{k-i} e_{k-j} over samples with LAGS known predecessors; how many.
+
+    Parameters
+    ----------
+    error : (K,) array
+    known : (K,) array of int
+        Predecessors that are known, LAGS at the most.
+    """
+    rows = np.flatnonzero(known >= LAGS)
+    past = np.stack([error[rows - lag] for lag in range(LAGS + 1)])
+    return np.asarray(past @ past.T), rows.size
 
 
 @quiet
@@ -99,8 +236,13 @@ def one_step(residual: FloatArray) -> FloatArray:
         return residual
     known = np.isfinite(residual)
     filled = np.where(known, residual, 0.0)
-    error = np.convolve(filled, Autoregression.of(filled).coefficients)[: filled.size]
     usable = np.convolve(~known, np.ones(LAGS + 1))[: known.size] == 0
+    whole = usable.copy()
+    whole[:LAGS] = False
+    sums, count = sums_of(filled, np.where(whole, LAGS, 0))
+    if count < LEAST:
+        return residual
+    error = np.convolve(filled, Autoregression.of_sums(sums, count).coefficients)[: filled.size]
     return np.where(usable, error, residual)
 
 

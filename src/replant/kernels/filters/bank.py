@@ -245,8 +245,8 @@ def begin(bank, n, T):
 def fill_known_entries(bank, n, T, inputs, channel, u, constant, nuisances, fixed, phi):
     """Fill the regressor's entries that no output enters: those of the input, the constant and the initial state.
 
-    The input's are s^m/D u .. s^0/D u; it is in ``channel``, ``u`` being its delayed value now.  Returns the auxiliary model's output: its
-    weights on these entries.  ``bank`` and ``phi`` are pointers.
+    The input's are s^m/D u .. s^0/D u; it is in ``channel``, ``u`` being its delayed value now.  Returns the auxiliary
+    model's output: its weights on these entries.  ``bank`` and ``phi`` are pointers.
     """
     characteristic, gain, weights, states = DENOMINATOR + n, at_gain(n), at_weights(n, T), at_states(n, T)
     proper, last = min(inputs, n), n + inputs

@@ -52,7 +52,7 @@ def reflect(a, margin, work):
                 dp, dq = dp * x - dq * y + p, dp * y + dq * x + q
                 p, q = p * x - q * y + a[k] / scale, p * y + q * x
             square = dp * dp + dq * dq
-            if p == 0.0 and q == 0.0 or not square > 0.0:
+            if (p == 0.0 and q == 0.0) or not square > 0.0:
                 continue
             u, v = (p * dp + q * dq) / square, (q * dp - p * dq) / square  # Newton's step
             s, t = 0.0, 0.0  # repulsion by the other roots
