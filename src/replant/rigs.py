@@ -25,6 +25,8 @@ G1 = TransferFunction([1.25], [1.0, 0.5])
 G2 = TransferFunction([7.5, -12.5], [1.0, 15.0, 100.0])
 #: The dielectric elastomer actuator with the parameters of Table 6, in mm per kV^2; (25) misprints its denominator.
 DEAP = TransferFunction([51.47, 7.722], [1.0, 3.292, 5891.0, 595.7])
+#: A direct-current motor, in rad/s per V: time constants of 0.5 s, of the rotor, and 20 ms, of the winding.
+MOTOR = TransferFunction([1000.0], [1.0, 52.0, 100.0])
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,22 @@ def deap_rig(noise: float = 1e-3, creep: float = 0.0) -> Rig:
     [0.016, 12.215]
     """
     return Rig(DEAP, dt=1e-3, input_map="square", input_rest=4.0, output_rest=1.5, noise=noise, creep=creep)
+
+
+def motor_rig(noise: float = 0.2) -> Rig:
+    """Return a direct-current motor: voltage [V] in, speed [rad/s] out, measured at 100 Hz.
+
+    Parameters
+    ----------
+    noise : float
+        Standard deviation of the tachometer's noise in rad/s.
+
+    Examples
+    --------
+    >>> motor_rig().plant.poles.tolist()
+    [-50.0, -2.0]
+    """
+    return Rig(MOTOR, dt=0.01, noise=noise)
 
 
 def deap_voltage(samples: int, seed: int = 0) -> FloatArray:

@@ -34,7 +34,7 @@ NO_USE_OF_REFERENCE = (
 
 @dataclass(frozen=True)
 class Settings:
-    """The settings of a running identifier, none of them "auto".  An identifier made with them repeats this one.
+    """The settings of a running identifier, none of them "auto".  An identifier made with `arguments` repeats this one.
 
     Attributes
     ----------
@@ -84,6 +84,11 @@ class Settings:
         _check_together(self)
         if self.reference and not (self.filter.follows_estimate and self.optimizer.keeps_colour):
             raise InvalidArgumentError(NO_USE_OF_REFERENCE)
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """The arguments of an identifier with these settings: all but whether samples come with a reference."""
+        return {name: value for name, value in vars(self).items() if name != "reference"}
 
 
 @dataclass(frozen=True)

@@ -183,7 +183,7 @@ CASES = [
     pytest.param(form, columns, field, id=f"{form}-{''.join(columns)}-{field}")
     for form, columns in itertools.product(FORMATS, COLUMNS)
     for field in columns
-    if LONG or form == "csv" or columns == FIELDS
+    if LONG or form == "csv" or columns == BY_WIDTH[4]
 ]
 
 

@@ -38,10 +38,10 @@ class FakeSource:
 
     def __init__(
         self, u: np.ndarray, y: np.ndarray, *, numbered: bool = True, t: np.ndarray | None = None, seed: int = 1,
-        between: Callable[[int], None] = lambda done: None, endless: bool = False,
+        between: Callable[[int], None] = lambda done: None, endless: bool = False, r: np.ndarray | None = None,
     ) -> None:  # fmt: skip
         self.counters: dict[str, int] = {}
-        self._u, self._y, self._t, self._numbered = u, y, t, numbered
+        self._u, self._y, self._t, self._r, self._numbered = u, y, t, r, numbered
         self._at, self._closed, self._between, self._endless = 0, False, between, endless
         self._generator = np.random.default_rng(seed)
 
@@ -59,6 +59,7 @@ class FakeSource:
             yield Batch(
                 self._u[part], self._y[part], None if self._t is None else self._t[part],
                 np.arange(part.start, end) if self._numbered else None, time.monotonic(),
+                None if self._r is None else self._r[part],
             )  # fmt: skip
             self._between(end)
         while self._endless and not self._closed:

@@ -276,5 +276,5 @@ def _raw_samples_are_sound(state: State) -> bool:
     if state.examines_output:
         known &= np.isin(kept.doubt, list(Doubt))
     if state.has_reference:
-        known &= np.abs(kept.reference) <= LARGEST
+        known &= (np.abs(kept.reference) <= LARGEST) & (abs(state.reference_now) <= LARGEST)
     return bool(known.all())

@@ -46,7 +46,8 @@ def command(as_json: bool, out: Path | None, method: str, **options: Any) -> Non
         log, request = open_log(options)
         make_folder(out)
         fitted = fit(
-            log.input, log.output, log.dt, request.structure, method=method, preprocess=request.preprocess
+            log.input, log.output, log.dt, request.structure, method=method, preprocess=request.preprocess,
+            **_reference(log),
         )  # fmt: skip
     _deliver(fitted, log, begun, as_json=as_json, out=out)
 
@@ -64,7 +65,12 @@ def _search(log: Log, options: dict[str, Any]) -> SearchResult:
         delays=options["delay"],
         bias=options["bias"],
         preprocess=preprocess_of(options),
+        **_reference(log),
     )
+
+
+def _reference(log: Log) -> dict[str, Any]:
+    return {} if log.reference is None else {"reference": log.reference}
 
 
 def _deliver(fitted: FitResult, log: Log, begun: float, *, as_json: bool, out: Path | None) -> None:

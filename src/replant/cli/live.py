@@ -17,7 +17,7 @@ from replant.live.session.end_conditions import Limits
 from replant.model.structure import Structure
 from replant.operating_system.os_errors import one_line
 from replant.regressor.preprocess import Preprocess
-from replant.rigs import deap_rig
+from replant.rigs import Rig, deap_rig, motor_rig
 from replant.settings import Request
 
 DASHBOARD = "127.0.0.1:8710"
@@ -25,6 +25,7 @@ UNITS = {"ms": 1e-3, "s": 1.0, "": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 LONGEST_TOKEN = 1024
 """Longest token that is read from a file [characters]."""
 DEMO = "demo"  # the source that needs no options, because its structure is known
+LOOP = "loop=pi"  # its option for the motor under a controller
 
 
 class Time(click.ParamType[float]):
@@ -131,18 +132,26 @@ class SourceCommand(click.Command):
     help="Time for which an estimate stays trusted without an accepted sample.  [default: 5s, or 10 sampling times "
     "if that is longer]",
 )
-def command(source: str, **options: Any) -> None:
-    """Identify G(s) from live samples of input u and output y.
+@click.option(
+    "--loop",
+    is_flag=True,
+    help="With the source demo: a motor under a PI controller, whose set-point is the reference.",
+)
+def command(source: str, loop: bool, **options: Any) -> None:
+    """Identify G(s) from live samples of input u and output y, and of the reference r where a controller makes u.
 
     SOURCE is one of -, tcp://HOST:PORT, udp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200, mqtt://HOST/TOPIC, a
     recorded log as in log.csv?input=u&output=y, or demo: a simulated rig that needs no other option.
 
-    A line holds u,y or t,u,y or n,t,u,y (n: sequence number, t: time in s), or the columns of ?columns=.  Ctrl-C ends
-    the session and prints the result.
+    A line holds u,y or t,u,y or n,t,u,y (n: sequence number, t: time in s), or the columns of ?columns=, such as
+    ?columns=t,u,y,r.  Ctrl-C ends the session and prints the result.
     """
-    rig = deap_rig() if is_demo(source) else None
+    if loop:
+        source = looped(source)
+    rig = demo_rig(source)
     if rig is not None:
-        defaults = {"poles": 3, "zeros": 1, "dt": rig.dt, "dashboard": DASHBOARD}
+        poles, zeros = rig.plant.den.size - 1, rig.plant.num.size - 1
+        defaults = {"poles": poles, "zeros": zeros, "dt": rig.dt, "dashboard": DASHBOARD}
         options |= {name: value for name, value in defaults.items() if options[name] is None}
         options["input_map"] = rig.input_map
     plan = Plan(
@@ -160,6 +169,37 @@ def command(source: str, **options: Any) -> None:
     )
     if not run(plan):
         sys.exit(1)
+
+
+def looped(source: str) -> str:
+    """Return the demo's address with the motor under a controller.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the source is another one.
+
+    Examples
+    --------
+    >>> looped("demo"), looped("demo?speed=max")
+    ('demo?loop=pi', 'demo?speed=max&loop=pi')
+    """
+    if not is_demo(source):
+        raise InvalidArgumentError(f"--loop goes with the source demo, not with {source}; give r as a column instead")
+    return source if LOOP in source else f"{source}{'&' if '?' in source else '?'}{LOOP}"
+
+
+def demo_rig(source: str) -> Rig | None:
+    """Return the simulated rig whose address the source is; None if it is none.
+
+    Examples
+    --------
+    >>> demo_rig("demo?loop=pi&seed=3").dt, demo_rig("demo").dt, demo_rig("log.csv")
+    (0.01, 0.001, None)
+    """
+    if not is_demo(source):
+        return None
+    return motor_rig() if LOOP in source.partition("?")[2].split("&") else deap_rig()
 
 
 def is_demo(source: str) -> bool:

@@ -117,6 +117,12 @@ _COLUMNS: list[Callable[[Any], Any]] = [
     click.argument("log", type=click.Path(path_type=Path)),
     click.option("--input", "input_column", required=True, metavar="COL", help="Column of the input: name or index."),
     click.option("--output", "output_column", required=True, metavar="COL", help="Column of the output."),
+    click.option(
+        "--reference",
+        "reference_column",
+        metavar="COL",
+        help="Column of the reference, where a controller makes the input: the set-point, or a dither.",
+    ),
 ]
 _STRUCTURE: list[Callable[[Any], Any]] = [
     click.option("--poles", type=Whole(), required=True, metavar="N", help="Number of poles."),
@@ -259,4 +265,5 @@ def _columns(options: dict[str, Any]) -> dict[str, Any]:
         "output": options["output_column"],
         "time": options["time_column"],
         "dt": options["dt"],
+        "reference": options["reference_column"],
     }

@@ -316,9 +316,10 @@ class State(StateSlots):
 
 
 #: Why a sample is not learned, and where it is counted.  The output of an outlier, of a stuck sensor, and one that is
-#: missing are bridged.
+#: missing are bridged.  A sample without a reference, where others have one, is learned with the last.
 REASONS = {
     "not finite": State.not_finite, "too large": State.too_large, "not later": State.not_later,
     "too dense": State.too_dense, "time leap": State.time_leaps, "time too coarse": State.too_coarse,
     "input leap": State.input_leaps, "outlier": State.outliers, "stuck": State.stuck, "no output": State.no_output,
+    "no reference": State.no_reference,
 }  # fmt: skip

@@ -91,7 +91,7 @@ def log_frame(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray | 
     Parameters
     ----------
     signals : mapping
-        For each role ("input", "output") the signal's name and samples (K,).
+        For each role ("input", "output", "reference") the signal's name and samples (K,).
     time : (K,) array or None
         Time stamps in s; None: multiples of ``dt``.
     dt : float
@@ -102,7 +102,7 @@ def log_frame(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray | 
     Raises
     ------
     InvalidArgumentError
-        If input and output have the same name.
+        If two signals have the same name.
     MissingDependencyError
         Without pandas.
 
@@ -113,8 +113,10 @@ def log_frame(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray | 
     {'y [rpm]': 'rpm'}
     """
     names = [name for name, _ in signals.values()]
-    if len(set(names)) < len(names):
-        raise InvalidArgumentError(f"input and output are both named {names[0]!r}: give them names of their own")
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        both = " and ".join(role for role, (name, _) in signals.items() if name == twice)
+        raise InvalidArgumentError(f"{both} are both named {twice!r}: give them names of their own")
     clock = _clock(next(iter(signals.values()))[1].size, dt) if time is None else time
     frame = _pandas().DataFrame(dict(signals.values()), index=_index("time", clock))
     frame.attrs = {
@@ -132,7 +134,7 @@ def log_dataset(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray 
     Parameters
     ----------
     signals : mapping
-        For each role ("input", "output") the signal's name and samples (K,).
+        For each role ("input", "output", "reference") the signal's name and samples (K,).
     time : (K,) array or None
         Time stamps in s; None: multiples of ``dt``.
     dt : float

@@ -31,8 +31,9 @@ from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
 from replant.offline.refined import PriorInformation, Refined, conclude
-from replant.offline.srivc import HALVINGS, NEARLY_DONE, POLISH, Problem
+from replant.offline.srivc import HALVINGS, NEARLY_DONE, POLISH, Problem, Root
 from replant.simulation.auxiliary_model import Pass
+from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import quiet, roots, solve
 
 STAYS = 0.01
@@ -153,7 +154,9 @@ def revise(
     if not converged:
         return None
     information = PriorInformation(mixed.weight, mixed.weight * (mean - model))
-    revised = conclude(structure, record, problem.slowest, model, done, True, information)
+    noise = Autoregression.white(float(done.error @ done.error), record.u.size)
+    root = Root(model, done, noise, done.cost, done.error.size * done.cost, True)
+    revised = conclude(structure, record, problem.known, root, problem.projection, information)
     return None if revised is None else (revised, float(likelihood[NONE] / likelihood.sum()))
 
 
@@ -199,7 +202,7 @@ def _iterated(problem: Problem, prior: Prior) -> FloatArray:
         found = solve(zeta.T @ done.phi + np.diag(prior.weight), zeta.T @ done.target + prior.weight * prior.mean)
         if found is None:
             break
-        model = problem.project(found)
+        model = problem.bounded(found)
     return best
 
 

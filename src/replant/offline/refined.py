@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from replant.arguments import FloatArray
 from replant.engine.record import Record
-from replant.kernels.schema import FIXED, LAGS, ColourSlots, PathSlots
+from replant.kernels.schema import FIXED, LAGS, ColourSlots, NoiseSlots, PathSlots, ReferenceSlots
 from replant.model.structure import Structure
-from replant.simulation.auxiliary_model import Pass
-from replant.statistics.autoregression import Autoregression
+from replant.offline.projection import Projection
+from replant.statistics.autoregression import Autoregression, IntArray
 from replant.statistics.batch_means import no_less_than_scattered, path_of_record, rows_of
 from replant.statistics.linear_algebra import (
     eigenvalues,
+    inverse_of,
     quiet,
     roots,
-    solve,
 )
 from replant.statistics.udu import compose, factor_information, larger
 
@@ -29,11 +30,8 @@ known.
 Sensitivity: not measured.
 """
 
-BINDING = 4.0
-"""Distance of a pole from the axis up to which the margin of stability binds, as with an integrator [margins].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
-"""
+if TYPE_CHECKING:
+    from replant.offline.srivc import Root
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,34 +42,47 @@ class Refined:
     ----------
     theta : (T,) array
         Parameters, then nuisances.
-    model : (T,) array
-        The same, with a denominator that can serve as a filter (an integrator's pole moved a little to the left).
     upper, diagonal : (T, T), (T,) arrays
-        Factors U and D of (sum zeta zeta')^-1 = U D U'.
+        Factors U and D of (sum zeta zeta')^-1 = U D U', instruments filtered by the noise model.
     covariance : (T, T) array
         Of ``theta``; the residual's colour and the scatter of the estimate along the record are taken into account.
     variance : float
         Of the residual, in the output's unit squared.
+    innovation : float
+        Of the residual filtered by the noise model: what it is when the past is known.
     converged : bool
         Whether the iteration converged.
     uncertainty : float
         Largest relative uncertainty of a coefficient, see `relative_uncertainty`.
     colour : ColourSlots
-        Power and autocorrelation of the residual at the record's end, for a recursion that continues from it.
+        Power and autocorrelation of the filtered residual at the record's end, for a recursion that continues from it.
     path : PathSlots
         The estimates that a recursion would have passed through.
+    noise : NoiseSlots
+        The noise model.
+    reference : ReferenceSlots or None
+        What the reference explains of input and output.
+    explained : float
+        Part of the input's power that the reference explains; NaN without one.
+    misfit : float
+        J: the part of the filtered residual that the reference explains, in variances of the latter; chi-squared with
+        13 less the number of entries in degrees of freedom where the model is right.
     """
 
     theta: FloatArray
-    model: FloatArray
     upper: FloatArray
     diagonal: FloatArray
     covariance: FloatArray
     variance: float
+    innovation: float
     converged: bool
     uncertainty: float
     colour: ColourSlots
     path: PathSlots
+    noise: NoiseSlots
+    reference: ReferenceSlots | None
+    explained: float
+    misfit: float
 
     def condition(self, size: int) -> float:
         """Return the condition number of the first ``size`` parameters, comparable with that of a scaled regressor.
@@ -89,7 +100,7 @@ class Refined:
     @property
     def is_finite(self) -> bool:
         """Whether float64 holds the estimate and its factors; a covariance outside of float64 is an unknown one."""
-        parts = self.theta, self.model, self.upper, self.diagonal, self.variance
+        parts = self.theta, self.upper, self.diagonal, self.variance
         return all(bool(np.isfinite(part).all()) for part in parts)
 
     @property
@@ -123,52 +134,64 @@ class PriorInformation:
 def conclude(
     structure: Structure,
     record: Record,
-    slowest: float,
-    model: FloatArray,
-    done: Pass,
-    converged: bool,
+    known: IntArray,
+    root: Root,
+    projection: Projection | None = None,
     prior: PriorInformation | None = None,
 ) -> Refined | None:
-    """Return the estimate that the last pass of an iteration comes to, with its covariance; None if not finite.
+    """Return the estimate that an iteration comes to, with its covariance; None if not finite.
 
     Parameters
     ----------
     structure : Structure
     record : Record
-    slowest : float
-        Margin of stability in rad/s, to the left of which every pole of ``model`` lies.
-    model : (T,) array
-        The model of the last pass.
-    done : Pass
-        The last pass.
-    converged : bool
-        Whether the iteration converged.
+    known : (K,) array of int
+        Residuals before each that are one sampling time apart.
+    root : Root
+        Where the iteration ended.
+    projection : Projection, optional
+        What the record's reference explains.
     prior : PriorInformation, optional
         Of a fit with a prior.
     """
+    model, done, noise = root.model, root.done, root.noise
     samples, size = record.u.size, model.size
-    theta, error = model, done.error
-    if prior is None and roots(np.concatenate([[1.0], model[structure.denominator]])).real.max() > -BINDING * slowest:
-        # a pole lies at the margin, as an integrator's does: one step without the margin gives the estimate
-        step = solve(done.zeta.T @ done.phi, done.zeta.T @ done.error)
-        if step is not None:
-            theta, converged = model + step, True
-            error = done.target - done.phi @ theta
+    zeta, white = noise.whiten_known(done.zeta, known), noise.whiten_known(done.error, known)
     prior = PriorInformation.none(size) if prior is None else prior
-    variance = float(error @ error) / max(samples - size, 1)
+    variance = float(done.error @ done.error) / max(samples - size, 1)
+    innovation = float(white @ white) / max(samples - size, 1)
     before = np.diag(prior.weight)
-    upper, diagonal = factor_information(done.zeta.T @ done.zeta + before)
+    upper, diagonal = factor_information(zeta.T @ zeta + before)
     inverse = compose(upper, diagonal)
-    colour, innovation = _colour(done.zeta, error)
-    innovation /= max(samples - size, 1)
-    covariance = innovation * inverse @ colour.squares @ inverse
-    covariance = larger(covariance, variance * inverse)
+    if projection is not None:  # the instruments are not the regressor without its noise: M^-1 (sum zeta zeta') M^-T
+        inverse = inverse_of(zeta.T @ noise.whiten_known(done.phi, known))
+        plain = innovation * inverse @ (zeta.T @ zeta) @ inverse.T
+    else:
+        plain = innovation * inverse
+    colour, power = _colour(zeta, white)
+    covariance = larger(power / max(samples - size, 1) * inverse @ colour.squares @ inverse.T, plain)
     # before the scatter along the path is added: a start-up has few blocks, and their chance must not decide its length
     uncertainty = relative_uncertainty(structure, model, covariance, done.phi, record)
-    path = path_of_record(done.zeta, error, theta, before, prior.pull)
-    covariance = no_less_than_scattered(covariance, *rows_of(path, theta, np.diag(inverse)))
-    refined = Refined(theta, model, upper, diagonal, covariance, variance, converged, uncertainty, colour, path)
+    path = path_of_record(zeta, white, model, before, prior.pull)
+    covariance = no_less_than_scattered(covariance, *rows_of(path, model, np.diag(compose(upper, diagonal))))
+    slots = _noise(noise, size)
+    misfit, share, reference = (root.misfit / innovation if innovation > 0.0 else 0.0, math.nan, None)
+    if projection is not None:
+        share, reference = projection.share, projection.slots
+    refined = Refined(
+        model, upper, diagonal, covariance, variance, innovation, root.converged, uncertainty, colour, path, slots,
+        reference, share, misfit,
+    )  # fmt: skip
     return refined if refined.is_finite else None
+
+
+def _noise(model: Autoregression, size: int) -> NoiseSlots:
+    """Return the noise model of a record for a recursion of ``size`` entries that goes on from its end."""
+    noise = NoiseSlots.zeros(FIXED | {"T": size})
+    noise.order, noise.count = model.order, model.count if model.sums.any() else 0.0
+    noise.models[:], noise.variances[:], noise.sums[:] = model.models, model.variances, model.sums
+    noise.gain = float(model.powers[model.order] / model.powers[0]) if model.powers[0] > 0.0 else 1.0
+    return noise
 
 
 def relative_uncertainty(
@@ -176,9 +199,10 @@ def relative_uncertainty(
 ) -> float:
     """Return the largest relative standard deviation of a coefficient: below 0.25 a start-up is long enough.
 
-    For a_i it is std(a_i) over the coefficient of prod(s + abs(pole)), which is the size that a_i would have if all
-    poles were real; a pole slower than the record is long counts as one just as long.  For b_j it is half of the output
-    that one std(b_j) makes, over the measured output.
+    For b_j it is half of the output that one std(b_j) makes, over the measured output.  For a_i it is the same, or
+    std(a_i) over the coefficient of prod(s + abs(pole)) where that is less: the size that a_i would have if all poles
+    were real; a pole slower than the record is long counts as one just as long.  An integrator's a_0 has no size of its
+    own.
 
     Parameters
     ----------
@@ -194,10 +218,10 @@ def relative_uncertainty(
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     magnitudes = np.abs(roots(np.concatenate([[1.0], model[structure.denominator]])))
     sizes = np.poly(-np.maximum(magnitudes, 1.0 / record.span))[1:]
-    largest = float((std[structure.denominator] / np.maximum(sizes, 1e-300)).max())
-    lengths = np.linalg.norm(phi[:, structure.numerator], axis=0)
-    outputs = std[structure.numerator] * lengths / max(float(np.linalg.norm(record.y)), 1e-300)
-    return max(largest, float((0.5 * outputs).max()))
+    relative = std[structure.denominator] / np.maximum(sizes, 1e-300)
+    outputs = 0.5 * std * np.linalg.norm(phi, axis=0) / max(float(np.linalg.norm(record.y)), 1e-300)
+    of_a = np.minimum(relative, outputs[structure.denominator])
+    return float(max(of_a.max(), outputs[structure.numerator].max()))
 
 
 def _colour(zeta: FloatArray, error: FloatArray) -> tuple[ColourSlots, float]:

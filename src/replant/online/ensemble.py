@@ -64,7 +64,7 @@ class Ensemble:
     members (instruments, the refined filter, `RecursiveLeastSquares`, `KalmanTracking`, a dead time) are stepped one
     after the other, as by `Identifier.update_many`; they share the threads, but not the vectors.
 
-    Time stamps are not for ensembles: all members' clocks are regular.
+    Time stamps and references are not for ensembles: all members' clocks are regular.
 
     Examples
     --------
@@ -302,6 +302,7 @@ def is_ready(member: Identifier) -> bool:
 def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None) -> list[Identifier]:
     """Return the ensemble's own members."""
     if isinstance(identifiers, Identifier):
+        _refuse_reference([identifiers])
         return [identifiers.clone() for _ in range(1 if members is None else whole("members", members, 1))]
     if members is not None:
         raise InvalidArgumentError("members goes with one identifier; a sequence of them is as long as it is")
@@ -318,7 +319,13 @@ def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None)
     others = {one.names for one in each} - {each[0].names}
     if others:
         raise InvalidArgumentError(f"all members must have the same parameters, got {each[0].names} and {others.pop()}")
+    _refuse_reference(each)
     return [one.clone() for one in each]
+
+
+def _refuse_reference(identifiers: Sequence[Identifier]) -> None:
+    if any(one.reference for one in identifiers):
+        raise InvalidArgumentError("an ensemble knows no reference: give it identifiers whose samples came without r")
 
 
 def _rooms(n_jobs: int | None, members: int) -> list[Room]:

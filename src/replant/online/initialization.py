@@ -52,7 +52,7 @@ def initialize(state: State, settings: Settings, refined: Refined, record: Recor
     state.stability_margin = SLOWEST / record.span
     state.largest_bandwidth = settings.structure.poles * FASTEST / record.dt
     state.forget_input = 1.0 / record.u.size
-    state.install(refined.model[:entries] / rate)
+    state.install(refined.theta[:entries] / rate)
     state.theta[:] = refined.theta[:entries] / rate / state.unit
     if state.examines_output:
         _write_monitoring(state, settings, refined, record)
@@ -109,7 +109,7 @@ def _write_covariance(state: State, settings: Settings, refined: Refined, rate: 
     if settings.optimizer.keeps_colour:
         state.memory[size * size + size : size * size + 2 * size] = ROOM * diagonal
     else:
-        diagonal = diagonal * max(refined.variance, np.finfo(float).tiny) / settings.scaling.output**2
+        diagonal = diagonal * max(refined.innovation, np.finfo(float).tiny) / settings.scaling.output**2
     state.factors[0][:], state.factors[1][:] = upper, diagonal
 
 

@@ -60,7 +60,7 @@ def solve_again(old: State, settings: Settings) -> State | None:
         return None
     kept.output[:] = kept.bridged
     record = kept.record(settings.dt, settings.filter.input_hold)
-    refined = refine(settings.structure, record, [old.physical])
+    refined = refine(settings.structure, record, [old.physical], afresh=True)
     if refined is None or not refined.acceptable:
         return None
     return restart(old, settings, refined, record, origin)

@@ -10,6 +10,8 @@ import numpy as np
 
 from replant.arguments import FloatArray
 
+Batch = tuple[FloatArray, ...]  # input, output and, if there is one, reference, (K,) each
+
 
 class Source(Protocol):
     """A record of known length whose batches, of any sizes, can be read repeatedly."""
@@ -22,16 +24,17 @@ class Source(Protocol):
     def complete(self) -> bool:
         """Whether every sample is finite."""
 
-    def batches(self) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Yield raw input and output, (K,) each, batch by batch."""
+    def batches(self) -> Iterator[Batch]:
+        """Yield raw input, output and, if there is one, reference, (K,) each, batch by batch."""
 
 
 @dataclass(frozen=True, eq=False)
 class Arrays:
-    """A record in memory as a source: input and output (K,)."""
+    """A record in memory as a source: input, output and, if there is one, reference (K,)."""
 
     input: FloatArray
     output: FloatArray
+    reference: FloatArray | None = None
 
     @property
     def samples(self) -> int:
@@ -41,14 +44,15 @@ class Arrays:
     @property
     def complete(self) -> bool:
         """Whether every sample is finite."""
-        return bool(np.isfinite(self.input).all() and np.isfinite(self.output).all())
+        return all(bool(np.isfinite(signal).all()) for batch in self.batches() for signal in batch)
 
-    def batches(self) -> Iterator[tuple[FloatArray, FloatArray]]:
+    def batches(self) -> Iterator[Batch]:
         """Yield the record as one batch."""
-        yield self.input, self.output
+        signals = self.input, self.output
+        yield signals if self.reference is None else (*signals, self.reference)
 
 
-def batched(batches: Iterable[tuple[FloatArray, FloatArray]], size: int) -> Iterator[tuple[FloatArray, FloatArray]]:
+def batched(batches: Iterable[Batch], size: int) -> Iterator[Batch]:
     """Yield a record in batches of ``size`` samples, the last one shorter; one empty batch for an empty record.
 
     What is computed from a record then does not depend on the batches that it came in.
@@ -59,22 +63,24 @@ def batched(batches: Iterable[tuple[FloatArray, FloatArray]], size: int) -> Iter
     >>> [u.tolist() for u, _ in batched(parts, 2)]
     [[0.0, 1.0], [2.0, 3.0], [4.0]]
     """
-    held: list[tuple[FloatArray, FloatArray]] = []
+    held: list[Batch] = []
     count, some = 0, False
-    for u, y in batches:
-        begin = 0
-        while count + u.size - begin >= size:
+    for batch in batches:
+        begin, rows = 0, batch[0].size
+        while count + rows - begin >= size:
             end = begin + size - count
-            yield _joined([*held, (u[begin:end], y[begin:end])])
+            yield _joined([*held, tuple(signal[begin:end] for signal in batch)])
             held, count, begin, some = [], 0, end, True
-        if begin < u.size:
-            held.append((u[begin:], y[begin:]))
-            count += u.size - begin
+        if begin < rows:
+            held.append(tuple(signal[begin:] for signal in batch))
+            count += rows - begin
     if held or not some:
         yield _joined(held)
 
 
-def _joined(parts: list[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
+def _joined(parts: list[Batch]) -> Batch:
     if len(parts) == 1:
         return parts[0]
-    return np.concatenate([np.empty(0), *(u for u, _ in parts)]), np.concatenate([np.empty(0), *(y for _, y in parts)])
+    if not parts:
+        return np.empty(0), np.empty(0)
+    return tuple(np.concatenate(signals) for signals in zip(*parts, strict=True))

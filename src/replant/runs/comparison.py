@@ -7,6 +7,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from replant.arguments import FloatArray, one_of
 from replant.errors import ReplantError
@@ -54,6 +55,7 @@ def compare(
     y: FloatArray,
     methods: Sequence[str] = USUAL,
     progress: Callable[[str, float], None] = lambda name, part: None,
+    reference: FloatArray | None = None,
 ) -> list[Contender]:
     """Identify the same record by each of ``methods``; a method that fails is reported, and the others go on.
 
@@ -67,6 +69,8 @@ def compare(
         From `METHODS`.
     progress : callable
         Called with the method's name and the part of its work that is done, up to 1.
+    reference : (K,) array, optional
+        For the methods that use one: the default, recursive least squares and srivc.
 
     Raises
     ------
@@ -87,25 +91,40 @@ def compare(
     contenders = []
     for name in methods:
         name = one_of("method", name, METHODS)
+        r = reference if _uses_reference(name, request) else None
         with contextlib.suppress(ReplantError):  # a trial run first: loading kernels is not the method's time
-            _identify(name, request, u[:TRIAL], y[:TRIAL], progress)
+            _identify(name, request, u[:TRIAL], y[:TRIAL], None if r is None else r[:TRIAL], progress)
         try:
-            contenders.append(_identify(name, request, u, y, progress))
+            contenders.append(_identify(name, request, u, y, r, progress))
         except ReplantError as problem:
             contenders.append(Contender(name, None, problem=str(problem)))
         progress(name, 1.0)
     return contenders
 
 
+def _uses_reference(name: str, request: Request) -> bool:
+    return name == "srivc" if name in OFFLINE else _online(name, request).takes_reference
+
+
+def _online(name: str, request: Request) -> Request:
+    return dataclasses.replace(request, optimizer=AUTO if name == DEFAULT else name)
+
+
 def _identify(
-    name: str, request: Request, u: FloatArray, y: FloatArray, progress: Callable[[str, float], None]
+    name: str,
+    request: Request,
+    u: FloatArray,
+    y: FloatArray,
+    r: FloatArray | None,
+    progress: Callable[[str, float], None],
 ) -> Contender:
     if name in OFFLINE:
         begun = time.perf_counter()
-        fitted = fit(u, y, request.dt, request.structure, method=name, preprocess=request.preprocess)
+        more: dict[str, Any] = {} if r is None else {"reference": r}
+        fitted = fit(u, y, request.dt, request.structure, method=name, preprocess=request.preprocess, **more)
         return Contender(name, result_of_fit(fitted, u, y, begun), fitted)
-    request = dataclasses.replace(request, optimizer=AUTO if name == DEFAULT else name)
-    return Contender(name, run_online(request, u, y, lambda done: progress(name, done / u.size)))
+    request = _online(name, request)
+    return Contender(name, run_online(request, u, y, lambda done: progress(name, done / u.size), reference=r))
 
 
 def best(contenders: Sequence[Contender]) -> Contender | None:

@@ -48,6 +48,7 @@ def run_online(
     progress: Callable[[int], None] = lambda samples: None,
     *,
     startup: int | None = None,
+    reference: FloatArray | None = None,
 ) -> Result:
     """Identify a record in memory in one pass; see `run_source`.
 
@@ -60,13 +61,14 @@ def run_online(
         Called with the number of samples done, every few thousand samples.
     startup : int, optional
         See `run_source`.
+    reference : (K,) array, optional
     """
 
     def report(stage: str, samples: int) -> None:
         if stage == IDENTIFYING:
             progress(samples)
 
-    return run_source(request, Arrays(u, y), report, startup=startup)
+    return run_source(request, Arrays(u, y, reference), report, startup=startup)
 
 
 def run_source(
@@ -100,11 +102,11 @@ def run_source(
     history, bridged = _History(source.samples, request.structure.size), _Bridged(identifier)
     chunk = min(CHUNK, max(1, source.samples // BANDS))
     done, stamped = 0, _needs_stamps(request, source)
-    for u, y in batched(source.batches(), FITTED):
+    for u, y, *r in batched(source.batches(), FITTED):
         for start in range(0, u.size, chunk):
             piece = slice(start, start + chunk)
             t = identifier.dt * np.arange(done, done + u[piece].size) if stamped else None
-            trace = identifier.update_many(u[piece], y[piece], t)
+            trace = identifier.update_many(u[piece], y[piece], t, *(reference[piece] for reference in r))
             bridged.take(u[piece], y[piece])
             history.take(trace, identifier.uncertainty.std)
             sink(trace)
@@ -130,8 +132,8 @@ def _identifier(request: Request, source: Source, startup: int | None) -> Identi
     if request.wants_instruments:
         startup = min(max(source.samples // 10, 1), LONGEST_STARTUP)
         return Identifier(**vars(dataclasses.replace(request, startup=startup)))
-    u, y = next(batched(source.batches(), SETTLED), (np.empty(0), np.empty(0)))
-    return Identifier(**vars(settle(request, u, y, source.samples)))
+    u, y, *_ = next(batched(source.batches(), SETTLED), (np.empty(0), np.empty(0)))
+    return Identifier(**settle(request, u, y, source.samples).arguments)
 
 
 class _History:
@@ -235,7 +237,7 @@ def _result(
 def _pieces(source: Source) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield a record: first the samples that the initial state is fitted over, then pieces that fit into a cache."""
     first = True
-    for u, y in batched(source.batches(), FITTED):
+    for u, y, *_ in batched(source.batches(), FITTED):
         size = FITTED if first else PIECE
         first = False
         yield from ((u[start : start + size], y[start : start + size]) for start in range(0, max(u.size, 1), size))

@@ -54,6 +54,8 @@ class Autoregression:
         Row j: the best model of order j, 1, d_1 .. d_j, 0 ..
     powers : (LAGS + 1,) array
         Sum of w^2 of each.
+    sums : (LAGS + 1, LAGS + 1) array
+        Of e_{k-i} e_{k-j}, lower triangle.
     count : float
         Samples that the models were fitted to.
     """
@@ -62,6 +64,7 @@ class Autoregression:
     power: float
     models: FloatArray
     powers: FloatArray
+    sums: FloatArray
     count: float
 
     @property
@@ -113,7 +116,7 @@ class Autoregression:
         flat = np.ascontiguousarray(np.tril(sums)).ravel()
         order = int(nested_models(flat, float(count), models, variances, np.empty(size * size + size)))
         rows, powers = models.reshape(size, size), variances * max(float(count), 1.0)
-        return cls(rows[order, : order + 1].copy(), float(powers[order]), rows, powers, float(count))
+        return cls(rows[order, : order + 1].copy(), float(powers[order]), rows, powers, np.tril(sums), float(count))
 
     @classmethod
     def of_covariances(cls, covariances: FloatArray) -> Autoregression:
@@ -127,14 +130,14 @@ class Autoregression:
         coefficients = np.empty(size)
         power = float(residual_colour.autoregression(covariances, coefficients, np.empty(size)))
         models = np.tile(coefficients, (size, 1))
-        return cls(coefficients, power, models, np.full(size, power), 1.0)
+        return cls(coefficients, power, models, np.full(size, power), np.zeros((size, size)), 1.0)
 
     @classmethod
     def white(cls, power: float, count: float) -> Autoregression:
         """Return the model of order 0."""
         models = np.zeros((LAGS + 1, LAGS + 1))
         models[:, 0] = 1.0
-        return cls(np.ones(1), power, models, np.full(LAGS + 1, power), float(count))
+        return cls(np.ones(1), power, models, np.full(LAGS + 1, power), np.zeros_like(models), float(count))
 
     def whiten(self, signals: FloatArray) -> FloatArray:
         """Return D(q) x of ``signals`` (K, ...) along the first axis, from the first sample with p predecessors on."""

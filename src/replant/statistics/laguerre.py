@@ -36,16 +36,21 @@ def laguerre(r: FloatArray, pole: float) -> FloatArray:
     return np.ascontiguousarray(states.T)
 
 
-def laguerre_states(r: FloatArray, *signals: FloatArray) -> FloatArray:
-    """Return the states (K, 12), of the pole with which they leave the least of the signals (K,) unexplained."""
+def best_pole(r: FloatArray, *signals: FloatArray) -> float:
+    """Return the pole whose functions of r (K,) leave the least of the signals (K,) unexplained."""
     moved = [signal - signal.mean() for signal in signals]
     targets = np.column_stack([signal / lengths_of(signal[:, None]) for signal in moved])
-    best, most = np.zeros((r.size, LAGUERRE)), -math.inf
+    best, most = float(POLES[0]), -math.inf
     for pole in POLES:
         states = laguerre(r, pole)
         centred = states - states.mean(axis=0)
         amounts = orthogonal(products(centred, centred)).T @ products(centred, targets)
         explained = float(np.sum(amounts**2))
         if explained > most:
-            best, most = states, explained
+            best, most = float(pole), explained
     return best
+
+
+def laguerre_states(r: FloatArray, *signals: FloatArray) -> FloatArray:
+    """Return the states (K, 12), of the pole with which they leave the least of the signals (K,) unexplained."""
+    return laguerre(r, best_pole(r, *signals))

@@ -117,3 +117,22 @@ def pseudo_inverse(symmetric: FloatArray, tolerance: float) -> FloatArray:
         except np.linalg.LinAlgError:
             pass
     return np.full_like(symmetric, np.nan)
+
+
+@quiet
+def inverse_of(matrix: FloatArray) -> FloatArray:
+    """Return the inverse of a square matrix (T, T) whose rows and columns have units of their own; NaN if singular.
+
+    Examples
+    --------
+    >>> inverse_of(np.array([[2.0, 0.0], [0.0, 1e-9]]))
+    array([[5.e-01, 0.e+00],
+           [0.e+00, 1.e+09]])
+    """
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    size[~(size > 0.0)] = 1.0
+    scales = np.outer(size, size)
+    try:
+        return np.asarray(np.linalg.inv(matrix / scales) / scales)
+    except np.linalg.LinAlgError:
+        return np.full_like(matrix, np.nan)

@@ -103,7 +103,7 @@ def test_a_file_whose_name_has_a_question_mark(tmp_path: Path, read: Callable[..
     [
         ("missing.csv", "no such file"),
         ("log.csv?input=x", "no column 'x'"),
-        ("log.csv?colour=red", "unknown option 'colour'; known are: input, output, time, dt, speed"),
+        ("log.csv?colour=red", "unknown option 'colour'; known are: input, output, reference, time, dt, speed"),
         ("log.csv?speed=fast", "speed must be a positive number"),
         ("log.csv?speed=0", "speed must be a positive number"),
         ("log.csv?time=t&dt=1", "give one of time and dt"),

@@ -1,4 +1,4 @@
-"""Log: one input, one output and the sampling time, read from a file."""
+"""Log: one input, one output, perhaps a reference, and the sampling time, read from a file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from replant.interop import frames
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """A record of one input and one output at a fixed sampling time.
+    """A record of one input and one output, perhaps of a reference, at a fixed sampling time.
 
     Samples that the file marks as missing are NaN; no sample is dropped or repaired.
 
@@ -38,6 +38,10 @@ class Log:
         The file.
     earlier : int
         Number of samples before these.  Of a log that is too long for memory only the newest samples are held.
+    reference : float64 array, shape (K,), or None
+        The set-point or dither, if its column was asked for.
+    reference_name : str
+        Name of that column.
 
     Examples
     --------
@@ -54,6 +58,8 @@ class Log:
     output_name: str
     path: Path
     earlier: int = 0
+    reference: NDArray[np.float64] | None = None
+    reference_name: str = ""
 
     def __post_init__(self) -> None:
         keep(self, "input", vector)
@@ -61,20 +67,22 @@ class Log:
         keep(self, "dt", number)
         if self.time is not None:
             keep(self, "time", vector)
+        if self.reference is not None:
+            keep(self, "reference", vector)
         keep(self, "earlier", whole, 0)
 
     def __len__(self) -> int:
         return self.earlier + int(self.input.shape[0])
 
     def to_pandas(self) -> Any:
-        """Return a `pandas.DataFrame` of input and output, under their names in the file, over time in s.
+        """Return a `pandas.DataFrame` of the signals, under their names in the file, over time in s.
 
         Raises
         ------
         MissingDependencyError
             Without pandas.
         InvalidArgumentError
-            If input and output have the same name.
+            If two signals have the same name.
 
         Examples
         --------
@@ -87,7 +95,9 @@ class Log:
         return frames.log_frame(self._signals, self.time, self.dt, self.path.name)
 
     def to_xarray(self) -> Any:
-        """Return an `xarray.Dataset` of ``input`` and ``output`` over time in s; their names and units are attributes.
+        """Return an `xarray.Dataset` of the signals over time in s; their names and units are attributes.
+
+        The variables are ``input``, ``output`` and, if there is one, ``reference``.
 
         Raises
         ------
@@ -104,4 +114,5 @@ class Log:
 
     @property
     def _signals(self) -> dict[str, tuple[str, NDArray[np.float64]]]:
-        return {"input": (self.input_name, self.input), "output": (self.output_name, self.output)}
+        signals = {"input": (self.input_name, self.input), "output": (self.output_name, self.output)}
+        return signals if self.reference is None else signals | {"reference": (self.reference_name, self.reference)}

@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,8 +91,9 @@ def read_log(
     output: str | int,
     time: str | int | None = None,
     dt: float | None = None,
+    reference: str | int | None = None,
 ) -> Log:
-    """Read input and output of a plant from a recorded log.
+    """Read input and output of a plant, and perhaps a reference, from a recorded log.
 
     Without `time` and `dt`, a column called t, time or timestamp (in any case, also with a unit as in ``time [s]``)
     gives the sampling time.
@@ -107,6 +109,8 @@ def read_log(
         The column of time stamps, in seconds or the unit that its name states (``t [ms]``). They must be regular.
     dt : float, optional
         The sampling time in seconds, instead of `time`.
+    reference : str or int, optional
+        The column of the reference: set-point or dither of a controller, applied from outside.
 
     Returns
     -------
@@ -133,7 +137,8 @@ def read_log(
     >>> log.dt, log.output
     (0.1, array([0.  , 0.5 , 0.75]))
     """
-    log = open_recording(path, input=input, output=output, time=time, dt=dt, most_held=sys.maxsize).held
+    columns: dict[str, Any] = {"input": input, "output": output, "time": time, "dt": dt, "reference": reference}
+    log = open_recording(path, **columns, most_held=sys.maxsize).held
     assert log is not None
     return log
 
@@ -145,6 +150,7 @@ def open_recording(
     output: str | int,
     time: str | int | None = None,
     dt: float | None = None,
+    reference: str | int | None = None,
     most_held: int = MOST_HELD,
     progress: Callable[[int, int], None] = lambda rows, about: None,
 ) -> Recording:
@@ -156,6 +162,7 @@ def open_recording(
     input, output : str or int
     time : str or int, optional
     dt : float, optional
+    reference : str or int, optional
         See `read_log`.
     most_held : int
         A log of at most this many samples is held in memory.
@@ -172,6 +179,9 @@ def open_recording(
     step = None if dt is None else check_dt(dt)
     table = read_columns(path)
     roles = {"input": table.find(input), "output": table.find(output)}
+    if reference is not None:
+        roles["reference"] = table.find(reference)
+    signals = list(roles)
     if time is not None:
         roles["time"] = table.find(time)
     _check_distinct(table, roles)
@@ -184,14 +194,18 @@ def open_recording(
     stamps = None
     if sampling_time is not None:
         number = roles["time"]
-        again = (lambda: iter([kept[2]])) if kept else (lambda: (block for (block,) in table.stream([number])))
+        again = (lambda: iter([kept[-1]])) if kept else (lambda: (block for (block,) in table.stream([number])))
         unit = 1.0 if number in table.in_seconds else unit_in_seconds(table.names[number])
         step = float(f"{sampling_time.interval(again) * unit:.12g}")
-        stamps = kept[2] * unit if kept else None
+        stamps = kept[-1] * unit if kept else None
     assert step is not None
-    names = table.names[roles["input"]], table.names[roles["output"]]
-    held = Log(kept[0], kept[1], step, stamps, *names, table.path) if kept else None
-    return Recording(table, (roles["input"], roles["output"]), step, sampling_time is not None, rows, complete, held)
+    columns = tuple(roles[role] for role in signals)
+    held = None
+    if kept:
+        u, y, *r = kept[: len(columns)]
+        of_input, of_output, *of_reference = (table.names[column] for column in columns)
+        held = Log(u, y, step, stamps, of_input, of_output, table.path, 0, *r, *of_reference)
+    return Recording(table, columns, step, sampling_time is not None, rows, complete, held)
 
 
 def stamped_interval(path: str | os.PathLike[str]) -> tuple[str, float] | None:
@@ -237,20 +251,20 @@ def _checked(
     """Read the columns once.
 
     Returns the columns if they have at most ``most_held`` rows (else an empty list), the number of rows, and whether
-    every sample is finite.
+    every sample is finite.  The time is the last column, where there is one.
     """
     blocks: list[list[NDArray[np.float64]]] = []
-    rows, complete = 0, True
+    rows, complete, stamped = 0, True, sampling_time is not None
     for block in table.stream(list(roles.values())):
         _check_lengths(table, roles, block)
         rows += len(block[0])
-        complete = complete and bool(np.isfinite(block[0]).all() and np.isfinite(block[1]).all())
+        complete = complete and all(np.isfinite(column).all() for column in block[: len(block) - stamped])
         if rows <= most_held:
             blocks.append(block)
         else:
             blocks.clear()
         if sampling_time is not None:
-            sampling_time.add(block[2])
+            sampling_time.add(block[-1])
         progress(rows, max(table.approximate_rows, rows))
     if rows < 2:
         counted = "1 row" if rows == 1 else f"{rows} rows"

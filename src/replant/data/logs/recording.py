@@ -18,14 +18,14 @@ MOST_HELD = 1 << 20
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A log of one input and one output at a fixed sampling time, checked from its first row to its last.
+    """A log of input, output and perhaps a reference at a fixed sampling time, checked from its first row to its last.
 
     Parameters
     ----------
     table : Table
         The file.
-    columns : (int, int)
-        Indices of the columns of input and output.
+    columns : tuple of int
+        Indices of the columns of input, output and, if there is one, reference.
     dt : float
         Sampling time in seconds.
     stamped : bool
@@ -39,7 +39,7 @@ class Recording:
     """
 
     table: Table
-    columns: tuple[int, int]
+    columns: tuple[int, ...]
     dt: float
     stamped: bool
     samples: int
@@ -51,17 +51,23 @@ class Recording:
         """The file."""
         return self.table.path
 
-    def batches(self) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        """Yield input and output, block by block, from the first sample on."""
+    def batches(self) -> Iterator[tuple[NDArray[np.float64], ...]]:
+        """Yield input, output and, if there is one, reference, block by block, from the first sample on."""
         if self.held is not None:
-            yield self.held.input, self.held.output
+            signals = self.held.input, self.held.output
+            yield signals if self.held.reference is None else (*signals, self.held.reference)
             return
-        yield from ((u, y) for u, y in self.table.stream(self.columns))
+        yield from map(tuple, self.table.stream(self.columns))
 
     def newest(self, u: NDArray[np.float64], y: NDArray[np.float64]) -> Log:
-        """Return the whole log if it is held in memory, else a log of its newest samples ``u`` and ``y`` (K,)."""
+        """Return the whole log if it is held in memory, else a log of its newest samples ``u`` and ``y`` (K,).
+
+        The latter is without its reference.
+        """
         if self.held is not None:
             return self.held
-        earlier, (of_input, of_output) = self.samples - u.size, self.columns
+        earlier, (of_input, of_output, *of_reference) = self.samples - u.size, self.columns
         time = np.asarray(self.dt * np.arange(earlier, self.samples), np.float64) if self.stamped else None
-        return Log(u, y, self.dt, time, self.table.names[of_input], self.table.names[of_output], self.path, earlier)
+        names = self.table.names
+        reference = "".join(names[column] for column in of_reference)
+        return Log(u, y, self.dt, time, names[of_input], names[of_output], self.path, earlier, None, reference)

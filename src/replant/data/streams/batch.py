@@ -27,6 +27,8 @@ class Batch:
         The device's sequence numbers, strictly increasing; a gap means lost samples.
     arrived : float
         `time.monotonic()` when the newest sample arrived.
+    r : (K,) array or None
+        The reference; NaN where the device sent none.  None: there is no reference.
 
     Examples
     --------
@@ -40,6 +42,7 @@ class Batch:
     t: FloatArray | None
     sequence: IntArray | None
     arrived: float
+    r: FloatArray | None = None
 
     def __len__(self) -> int:
         return int(self.u.size)
@@ -52,6 +55,7 @@ class Batch:
             None if self.t is None else self.t[rows],
             None if self.sequence is None else self.sequence[rows],
             self.arrived,
+            None if self.r is None else self.r[rows],
         )
 
     def followed_by(self, other: Batch) -> Batch:
@@ -67,4 +71,5 @@ class Batch:
             if self.sequence is None or other.sequence is None
             else np.concatenate([self.sequence, other.sequence]),
             other.arrived,
+            None if self.r is None or other.r is None else np.concatenate([self.r, other.r]),
         )

@@ -1,19 +1,22 @@
-"""Demo: the simulated actuator as an endless stream, to try replant without hardware."""
+"""Demo: a simulated rig as an endless stream, to try replant without hardware: the actuator, or a motor in a loop."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.data.streams import controlled_motor
 from replant.data.streams.address import Address
 from replant.data.streams.batch import Batch
+from replant.data.streams.controlled_motor import controlled
 from replant.data.streams.pace import Pace, speed_of
 from replant.data.streams.reader import Reader
 from replant.model import state_space
-from replant.rigs import deap_rig
+from replant.rigs import deap_rig, motor_rig
 from replant.signals import random_steps, white_noise
 
 BLOCK = 1 << 16
@@ -29,12 +32,17 @@ FLUTTER = 0.2
 """Flutter of the demo's voltage, up and down: the input never rests, and meets the resonance at 12 Hz [kV]."""
 FLUTTER_HOLD = 20
 """Samples that each value of it lasts [samples]."""
+LOOPS = (
+    "none",
+    "pi",
+)  # the values of the option loop: the actuator, driven from outside, or the motor under a controller
 
 
 class DemoSource(Reader):
     """The rig of `deap_rig`, driven by `demo_voltage`: 1 kHz, numbered; equal seeds give equal samples.
 
-    Its URL is ``demo?speed=max&seed=0``.
+    Its URL is ``demo?speed=max&seed=0``.  That of the motor of `controlled`, 100 Hz, is ``demo?loop=pi``: its samples
+    come with a reference.
 
     Parameters
     ----------
@@ -42,31 +50,42 @@ class DemoSource(Reader):
     speed : float
         1 for real time, infinite for as fast as possible.
     seed : int
+    looped : bool
+        Whether it is the motor under its controller.
     """
 
-    def __init__(self, name: str = "demo", speed: float = 1.0, seed: int = 0) -> None:
+    def __init__(self, name: str = "demo", speed: float = 1.0, seed: int = 0, *, looped: bool = False) -> None:
         super().__init__(name, waits=True, capacity=4 * PART)
         self._seed = seed
+        self._looped = looped
         self._pace = Pace(speed)
 
     def _read(self) -> None:
         self._connected(again=False)
-        dt = deap_rig().dt
+        dt = motor_rig().dt if self._looped else deap_rig().dt
         last = self._numbering.last
         at = 0 if last is None else max(last + 1, 0)
         start = at
-        for first, u, y in simulated(self._seed, at // BLOCK):
-            while at < first + BLOCK:
+        for first, u, y, *others in self._blocks(at):
+            beyond = first + u.size
+            while at < beyond:
                 if self._stop.requested:
                     return
-                end = int(min(start + self._pace.elapsed() / dt + 1.0, at + PART, first + BLOCK))
+                end = int(min(start + self._pace.elapsed() / dt + 1.0, at + PART, beyond))
                 if end > at:
                     sequence = np.arange(at, end)
                     chosen = slice(at - first, end - first)
-                    self._deliver(Batch(u[chosen], y[chosen], np.asarray(sequence * dt), sequence, time.monotonic()))
+                    t, r = np.asarray(sequence * dt), [signal[chosen] for signal in others]
+                    self._deliver(Batch(u[chosen], y[chosen], t, sequence, time.monotonic(), *r))
                     at = end
                 else:
                     self._pace.wait(self._stop, (at - start) * dt)
+
+    def _blocks(self, at: int) -> Iterator[Any]:
+        """Return the blocks from the one that holds sample ``at`` on."""
+        if self._looped:
+            return controlled(self._seed, at // controlled_motor.BLOCK)
+        return simulated(self._seed, at // BLOCK)
 
 
 def simulated(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, FloatArray]]:
@@ -135,5 +154,6 @@ def open_demo(address: Address, columns: tuple[str, ...] | None) -> DemoSource:
     >>> open_demo(Address("demo?seed=3", "", path="demo", options={"seed": "3"}), None).name
     'demo?seed=3'
     """
-    address.allow("speed", "seed")
-    return DemoSource(address.name, speed_of(address, 1.0), address.whole("seed", 0, least=0))
+    address.allow("speed", "seed", "loop")
+    looped = address.one_of("loop", LOOPS, "none") == "pi"
+    return DemoSource(address.name, speed_of(address, 1.0), address.whole("seed", 0, least=0), looped=looped)

@@ -89,7 +89,8 @@ class Inbox:
             taken = {name: column[self._head : self._head + count].copy() for name, column in self._ring.items()}
             self._remove(count)
             self._changed.notify_all()
-        return Batch(taken["u"], taken["y"], taken.get("t"), taken.get("sequence"), float(taken["arrived"][-1]))
+        arrived = float(taken["arrived"][-1])
+        return Batch(taken["u"], taken["y"], taken.get("t"), taken.get("sequence"), arrived, taken.get("r"))
 
     def end(self, failure: BaseException | None = None) -> None:
         """Mark the end of the stream; `get` raises ``failure`` once the buffer is empty."""
@@ -132,5 +133,5 @@ def fields(batch: Batch) -> dict[str, type]:
     >>> list(fields(Batch(EMPTY, EMPTY, None, None, arrived=0.0)))
     ['u', 'y', 'arrived']
     """
-    given = {"u": float, "y": float, "t": float, "sequence": np.int64, "arrived": float}
+    given = {"u": float, "y": float, "t": float, "r": float, "sequence": np.int64, "arrived": float}
     return {name: kind for name, kind in given.items() if getattr(batch, name) is not None}

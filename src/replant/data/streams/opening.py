@@ -29,13 +29,15 @@ def open_source(url: str) -> Source:
     ``serial:///dev/ttyUSB0?baud=115200``    lines of a microcontroller; ``serial://COM3``
     ``mqtt://host:1883/topic``               messages of a topic; ``mqtt://user:password@host/topic?qos=1``
     ``-``                                    lines from standard input
-    ``log.csv?speed=10``                     a recorded log; ``input``, ``output`` (u, y), ``time``, ``dt`` name its
-                                             columns as `read_log` does; as fast as possible without ``speed``
-    ``demo``                                 the simulated actuator in real time; ``demo?speed=max&seed=1``
+    ``log.csv?speed=10``                     a recorded log; ``input``, ``output`` (u, y), ``reference``, ``time``,
+                                             ``dt`` name its columns as `read_log` does; as fast as possible without
+                                             ``speed``
+    ``demo``                                 the simulated actuator in real time; ``demo?speed=max&seed=1``;
+                                             ``demo?loop=pi``: under a controller, with its reference
     =======================================  =========================================================================
 
     Lines are CSV, of two fields ``u,y``, three ``t,u,y`` or four ``n,t,u,y`` (sequence number, time stamp in s, input,
-    output) or as the URL's option says, ``?columns=n,u,y``; or they are JSON objects with these names.
+    output) or as the URL's option says, ``?columns=n,u,y,r`` (r: reference); or they are JSON objects with these names.
 
     Parameters
     ----------
@@ -90,6 +92,7 @@ def _columns_of(address: Address) -> tuple[str, ...] | None:
     columns = tuple(name.strip() for name in text.split(","))
     if not {"u", "y"} <= set(columns) <= set(FIELDS) or len(set(columns)) < len(columns):
         raise InvalidArgumentError(
-            f"{address.name}: columns={text} must name u and y, and may name n and t, each once; write columns=n,t,u,y"
+            f"{address.name}: columns={text} must name u and y, and may name n, t and r, each once; "
+            "write columns=n,t,u,y"
         )
     return columns

@@ -89,7 +89,7 @@ class Parser:
         table = self._valid_rows(np.concatenate(tables) if len(tables) > 1 else tables[0])
         by_name = {name: table[:, column].copy() for column, name in enumerate(self.columns)}
         sequence = by_name["n"].astype(np.int64) if "n" in by_name else None
-        return Batch(by_name["u"], by_name["y"], by_name.get("t"), sequence, arrived)
+        return Batch(by_name["u"], by_name["y"], by_name.get("t"), sequence, arrived, by_name.get("r"))
 
     def _valid_rows(self, table: FloatArray) -> FloatArray:
         """Return the rows with a valid number and time stamp; count the others."""

@@ -11,7 +11,7 @@ from replant.data.streams.batch import Batch
 from replant.data.streams.parser import Parser
 from replant.data.streams.rows import FIELDS, Malformed
 
-#: The first bytes of a packed payload; four letters that name its columns follow ("ntuy", "tuy ", "uy  ").
+#: The first bytes of a packed payload; four letters that name its columns follow ("ntuy", "tuyr", "uy  ").
 MAGIC = b"RPL1"
 HEADER = 8
 """Bytes before the numbers of a packed payload [bytes]."""

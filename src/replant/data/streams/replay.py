@@ -23,7 +23,7 @@ BLOCK = 1 << 12
 
 
 class ReplaySource(Reader):
-    """A log as a stream, ``log.csv?input=u&output=y&speed=10``; its rows are numbered from 0.
+    """A log as a stream, ``log.csv?input=u&output=y&reference=r&speed=10``; its rows are numbered from 0.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def open_replay(address: Address, columns: tuple[str, ...] | None) -> ReplaySour
     LogError
         If the log cannot be read.
     """
-    address.allow("input", "output", "time", "dt", "speed")
+    address.allow("input", "output", "reference", "time", "dt", "speed")
     options = address.options
     table = read_columns(Path(address.path))
     speed, dt = speed_of(address, math.inf), address.positive("dt")
@@ -76,17 +76,21 @@ def open_replay(address: Address, columns: tuple[str, ...] | None) -> ReplaySour
         raise InvalidArgumentError(f"{address.name}: give one of time and dt")
     stamps = None if dt is not None else time_column(table, options.get("time"))
     keys: list[str | int] = [options.get("input", "u"), options.get("output", "y")]
+    referenced = "reference" in options
+    if referenced:
+        keys.append(options["reference"])
     if stamps is not None:
         keys.append(stamps)
-    u, y, *clock = table.columns(keys)
-    rows = min(u.size, y.size, *(column.size for column in clock))
-    record = Batch(u[:rows], y[:rows], None, np.arange(rows), 0.0)
+    columns_read = table.columns(keys)
+    rows = min(column.size for column in columns_read)
+    u, y, *others = (column[:rows] for column in columns_read)
+    record = Batch(u, y, None, np.arange(rows), 0.0, others[0] if referenced else None)
     if stamps is None:
         if dt is None and not math.isinf(speed):
             raise InvalidArgumentError(f"{address.name}: no column is the time; add &time=COLUMN or &dt=SECONDS")
         return ReplaySource(address.name, record, np.arange(rows, dtype=np.float64) * (dt or 0.0), speed)
     unit = 1.0 if stamps in table.in_seconds else unit_in_seconds(table.names[stamps])
-    return stamped_source(address.name, record, clock[0][:rows] * unit, speed)
+    return stamped_source(address.name, record, others[-1] * unit, speed)
 
 
 def time_column(table: Table, named: str | None) -> int | None:

@@ -14,10 +14,10 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.data.logs.text_cells import parse_number
 
-#: The fields of a sample, in the order of four columns: sequence number, time stamp in s, input, output.
-FIELDS = ("n", "t", "u", "y")
+#: The fields of a sample: sequence number, time stamp in s, input, output, reference.
+FIELDS = ("n", "t", "u", "y", "r")
 #: The columns of lines with two, three and four cells, where the URL does not name them.
-BY_WIDTH = {2: ("u", "y"), 3: ("t", "u", "y"), 4: FIELDS}
+BY_WIDTH = {2: ("u", "y"), 3: ("t", "u", "y"), 4: ("n", "t", "u", "y")}
 
 Row = tuple[float, ...]
 
@@ -195,7 +195,7 @@ def _numbers(name: str, values: Sequence[Any]) -> list[float]:
 
 def _number(name: str, value: Any) -> float:
     kind = type(value)
-    if value is None and name in ("u", "y"):
+    if value is None and name in ("u", "y", "r"):
         return float("nan")
     if kind is float or kind is int:  # bool is neither
         with contextlib.suppress(OverflowError):

@@ -64,7 +64,7 @@ def begin(ints, reals, banks, u, y):
 
 @inline_source
 def remember_input(ints, reals, u, interval):
-    """Put the newest input, and the part that a reference explains of it, into the rings that a dead time looks back on.
+    """Put the newest input, and the part that a reference explains of it, into the rings for the dead time.
 
     Where samples are missing, a held input may have moved on the way, or stood until the newest sample.  For the first
     sampling time it stood in any case.  For the rest the mean of the last and the newest value would be right in the

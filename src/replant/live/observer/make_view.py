@@ -120,10 +120,12 @@ def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str
 def _window(identifier: Identifier, model: TransferFunction | None, at: float) -> tuple[Window, float]:
     """Return the newest samples with the model's output, and its fit in percent."""
     u, y, intervals = identifier.recent.T
+    kept = identifier.recent_reference
+    r = np.zeros(0) if kept is None else kept
     judged = identifier.judged
     regular = bool((np.abs(intervals[1:] - identifier.dt) <= 1e-6 * identifier.dt).all())
     if not regular:
-        u, y, intervals = (signal[-LONGEST_IRREGULAR:] for signal in (u, y, intervals))
+        u, y, intervals, r = (signal[-LONGEST_IRREGULAR:] for signal in (u, y, intervals, r))
         judged = judged[-LONGEST_IRREGULAR:]
     t = at - (intervals.sum() - np.cumsum(intervals))
     output, fit = np.full(u.size, np.nan), math.nan
@@ -139,7 +141,8 @@ def _window(identifier: Identifier, model: TransferFunction | None, at: float) -
     if u.size > POINTS:
         drawn = [thin(signal, POINTS) for signal in (u, y, output)]
         t, (u, y, output) = t[drawn[0].indices(t.size)], (signal.values for signal in drawn)
-    return Window(t, u, y, output, left_out), fit
+        r = thin(r, POINTS).values if r.size else r
+    return Window(t, u, y, output, left_out, r), fit
 
 
 def _left_out(t: FloatArray, judged: BoolArray) -> FloatArray:

@@ -126,7 +126,10 @@ def render(view: View, truth: TransferFunction | None = None, *, running: bool =
 
     shape, colour = LOOKS.get(view.verdict, ("?", "default"))
     frozen = "" if view.adapting else "  (frozen: samples arrive, but the estimate is not updated)"
-    rows: list[Any] = [_head(view), Text(_traffic(view, running=running), no_wrap=True, overflow="ellipsis"), Text("")]
+    rows: list[Any] = [_head(view), Text(_traffic(view, running=running), no_wrap=True, overflow="ellipsis")]
+    if view.window.r.size:
+        rows.append(Text(_newest(view)))
+    rows.append(Text(""))
     if view.den.size:
         model = TransferFunction(view.num, view.den, view.delay)
         rows += [Text(line, no_wrap=True, overflow="ellipsis") for line in fraction(model)]
@@ -154,6 +157,13 @@ def _traffic(view: View, *, running: bool) -> str:
         lag = f"{grouped(1e3 * view.lag)} ms behind" if view.lag < 1.0 else f"{grouped(view.lag)} s behind"
         parts += [f"{grouped(view.rate, 0)}/s", lag]
     return "   ".join(part for part in (*parts, _lost(view)) if part)
+
+
+def _newest(view: View) -> str:
+    """Return the newest sample, where there is a reference: whether the output follows it."""
+    window = view.window
+    named = {"reference": window.r, "output": window.y, "input": window.u}
+    return "   ".join(f"{name} {grouped(float(signal[-1]))}" for name, signal in named.items())
 
 
 def _progress(view: View) -> list[str]:

@@ -53,6 +53,8 @@ class Window:
     left_out : (L, 2) array
         Begin and end, in rig time, of the stretches that verdict, fit and offset leave out: samples that were bridged
         or lie before the last interruption.
+    r : (V,) or (0,) array
+        Reference; empty where there is none.
     """
 
     t: FloatArray
@@ -60,6 +62,7 @@ class Window:
     y: FloatArray
     model: FloatArray
     left_out: FloatArray
+    r: FloatArray
 
 
 @dataclass(frozen=True, eq=False)

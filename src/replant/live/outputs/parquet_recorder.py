@@ -30,12 +30,14 @@ SECONDS = 30.0
 """Time after which a part is written even if it is short [s]."""
 PART = "part-{:08d}.parquet"
 
+Samples = tuple[npt.NDArray[np.int64] | None, dict[str, FloatArray]]  # the device's numbers, and the columns
+
 
 class ParquetRecorder:
     """Records samples in FOLDER/samples and estimates in FOLDER/estimates.
 
-    Columns of samples: n (the device's number, or null), t [s], u, y.  Columns of estimates: t, n, samples,
-    each parameter and its standard deviation (std_...), status and verdict.
+    Columns of samples: n (the device's number, or null), t [s], u, y and, where there is a reference, r.  Columns of
+    estimates: t, n, samples, each parameter and its standard deviation (std_...), status and verdict.
 
     Parameters
     ----------
@@ -67,12 +69,19 @@ class ParquetRecorder:
         self._clear()
 
     def _clear(self) -> None:
-        self._samples_waiting: list[tuple[npt.NDArray[np.int64] | None, FloatArray, FloatArray, FloatArray]] = []
+        self._samples_waiting: list[Samples] = []
         self._rows = 0
         self._estimates_waiting: list[EstimateMessage] = []
         self._start = time.monotonic()
 
-    def add_samples(self, n: npt.NDArray[np.int64] | None, t: FloatArray, u: FloatArray, y: FloatArray) -> None:
+    def add_samples(
+        self,
+        n: npt.NDArray[np.int64] | None,
+        t: FloatArray,
+        u: FloatArray,
+        y: FloatArray,
+        r: FloatArray | None = None,
+    ) -> None:
         """Record samples.
 
         Parameters
@@ -83,11 +92,13 @@ class ParquetRecorder:
             Rig time in s.
         u, y : (K,) arrays
             Input and output in the device's units.
+        r : (K,) array, optional
+            Reference: with all samples of a record, or with none.
         """
         if n is not None and n[0] <= self._last:
             new = int(np.searchsorted(n, self._last, side="right"))
-            n, t, u, y = n[new:], t[new:], u[new:], y[new:]
-        self._samples_waiting.append((n, t, u, y))
+            n, t, u, y, r = n[new:], t[new:], u[new:], y[new:], None if r is None else r[new:]
+        self._samples_waiting.append((n, {"t": t, "u": u, "y": y} | ({} if r is None else {"r": r})))
         self._rows += u.size
         if self._rows >= ROWS or time.monotonic() - self._start >= SECONDS:
             self.flush()
@@ -164,14 +175,14 @@ class _Parts:
                 unfinished.unlink(missing_ok=True)
 
 
-def _samples_table(samples: list[tuple[npt.NDArray[np.int64] | None, FloatArray, FloatArray, FloatArray]]) -> Any:
+def _samples_table(samples: list[Samples]) -> Any:
     import pyarrow
 
     numbers = [
-        pyarrow.nulls(u.size, pyarrow.int64()) if n is None else pyarrow.array(n, pyarrow.int64())
-        for n, _, u, _ in samples
+        pyarrow.nulls(signals["u"].size, pyarrow.int64()) if n is None else pyarrow.array(n, pyarrow.int64())
+        for n, signals in samples
     ]
-    signals = {name: np.concatenate([entry[k] for entry in samples]) for k, name in ((1, "t"), (2, "u"), (3, "y"))}
+    signals = {name: np.concatenate([entry[name] for _, entry in samples]) for name in samples[0][1]}
     return pyarrow.table({"n": pyarrow.chunked_array(numbers, pyarrow.int64()), **signals})
 
 

@@ -151,13 +151,13 @@ class Session:
         t = self._stamps(batch)
         before = self._accepted_outputs
         self._inconsistent = True
-        self.identifier.update_many(batch.u, batch.y, t)
+        self.identifier.update_many(batch.u, batch.y, t, batch.r)
         if self._accepted_outputs > before:
             self._outlets.accepted()
         rig_time = self.progress.advance(batch, t, self.identifier.dt)
         self._inconsistent = False
         if self._recorder is not None:
-            self._recorder.add_samples(batch.sequence, rig_time, batch.u, batch.y)
+            self._recorder.add_samples(batch.sequence, rig_time, batch.u, batch.y, batch.r)
         self._learned = True
         self._throughput.count(batch.u.size, batch.arrived)
         self._outlets.mark()

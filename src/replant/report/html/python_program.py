@@ -37,7 +37,7 @@ def run_as_python(result: Result, log: Log) -> str:
     assert result.settings is not None
     lines = [
         identifier_as_python(result.settings),
-        f"trace = ident.update_many({_signals(log)})",
+        f"trace = ident.update_many({_signals(log)}{_reference(log, 'r')})",
         "print(ident.transfer_function)",
     ]
     return "\n".join([_open(log), *lines])
@@ -49,6 +49,7 @@ def fit_as_python(fitted: FitResult, log: Log) -> str:
     lines = [
         "fitted = rp.fit(",
         f"    {_signals(log)}, dt={log.dt!r}, structure=rp.{_call(fitted.structure)}, method={fitted.method!r},",
+        *([f"    {argument[2:]},"] if (argument := _reference(log, "reference")) else []),
         *([state_filter] if state_filter else []),
         f"    preprocess=rp.{_call(fitted.preprocess)},",
         ")",
@@ -61,11 +62,21 @@ def _signals(log: Log) -> str:
     return "log.input, log.output" if log.path.name else "u, y"
 
 
+def _reference(log: Log, argument: str) -> str:
+    """Return the argument that hands over the reference, where there is one."""
+    if not log.reference_name:
+        return ""
+    return f", {argument}={'log.reference' if log.path.name else 'r'}"
+
+
 def _open(log: Log) -> str:
     if not log.path.name:
-        return "import replant as rp\n\n# u, y: the record, two arrays"
+        signals = "u, y, r: the record, three arrays" if log.reference_name else "u, y: the record, two arrays"
+        return f"import replant as rp\n\n# {signals}"
     sampling = "" if log.time is not None else f", dt={log.dt!r}"
     names = f"input={log.input_name!r}, output={log.output_name!r}"
+    if log.reference_name:
+        names += f", reference={log.reference_name!r}"
     return f"import replant as rp\n\nlog = rp.read_log({str(log.path)!r}, {names}{sampling})"
 
 

@@ -127,6 +127,7 @@ def of_record(log: Log) -> list[tuple[str, str]]:
         ("file", log.path.name or "none: the record is simulated"),
         ("SHA-256", fingerprint(log.path)),
         ("input, output", f"{log.input_name}, {log.output_name}"),
+        *([("reference", log.reference_name)] if log.reference_name else []),
         ("record", f"{len(log):,} samples, {duration(len(log) * log.dt)} at {number(log.dt, 6)} s"),
     ]
 

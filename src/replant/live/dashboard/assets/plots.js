@@ -45,6 +45,12 @@ function extent(...columns) {
   return low <= high ? [low, high] : [null, null];
 }
 
+/** Whether at least half of one range lies inside another: a set-point then belongs beside the output that follows it. */
+function shares([low, high], [from, to]) {
+  if (low === null || from === null) return true;
+  return low === high ? low >= from && low <= to : Math.min(high, to) - Math.max(low, from) >= 0.5 * (high - low);
+}
+
 const line = (role, more = {}) => ({ stroke: () => colour(role), width: 1.5, points: { show: false }, spanGaps: false, ...more });
 const edge = () => ({ stroke: "transparent", width: 0, points: { show: false } });
 const axis = more => ({ stroke: () => colour("muted"), font: FONT, gap: 4, ticks: { show: false },
@@ -115,16 +121,24 @@ const ticksOf = format => (_, ticks) => ticks.map(format);
 /** Measured and simulated output, and the input, over the newest samples; time counts back from the newest. */
 export function timePlots() {
   const say = { output: legend(document.querySelector('[data-for="output"]'), [{ role: "measured", label: "measured", kind: "thick" },
-    { role: "model", label: "simulated" }, { role: "shade", label: "left out", kind: "shade" }]),
+    { role: "model", label: "simulated" }, { role: "muted", label: "reference", kind: "dashed" }, { role: "shade", label: "left out", kind: "shade" }]),
+    reference: legend(document.querySelector('[data-for="reference"]'), [{ role: "muted", label: "", kind: "dashed" }]),
     input: legend(document.querySelector('[data-for="input"]'), [{ role: "input", label: "" }]) };
-  const shadeKey = document.querySelector('[data-for="output"] i.shade').parentElement;
-  const fit = { output: steady(), input: steady() };
-  let span = 1, at = { output: [0, 1], input: [0, 1] }, shown = [[], [], [], []], leftOut = [];
+  const keyOf = kind => document.querySelector(`[data-for="output"] i.${kind}`).parentElement;
+  const shadeKey = keyOf("shade"), referenceKey = keyOf("dashed"), apart = document.getElementById("apart");
+  const fit = { output: steady(), reference: steady(), input: steady() };
+  let span = 1, at = { output: [0, 1], reference: [0, 1], input: [0, 1] }, shown = [[], [], [], [], []], leftOut = [];
   const newest = (column, i) => number(column[i ?? column.length - 1], 4);
   const output = chart(document.getElementById("output"), {
-    series: [line("measured", { width: 2.25 }), line("model", { width: 1.75 })],
+    series: [line("measured", { width: 2.25 }), line("model", { width: 1.75 }), line("muted", { width: 1.25, dash: [5, 3] })],
     x: { size: 6, values: (_, ticks) => ticks.map(() => "") }, y: { values: ticksOf(tick) }, cursor: "time",
-    limits: () => [[-span, 0], at.output], leftOut: () => leftOut, read: i => say.output(newest(shown[2], i), newest(shown[3], i)),
+    limits: () => [[-span, 0], at.output], leftOut: () => leftOut,
+    read: i => say.output(newest(shown[2], i), newest(shown[3], i), newest(shown[4], i)),
+  });
+  const reference = chart(document.getElementById("reference"), { // of one that is not of the size of the output, as a dither
+    series: [line("muted", { width: 1.25 })],
+    x: { size: 6, values: (_, ticks) => ticks.map(() => "") }, y: { values: ticksOf(tick) }, cursor: "time",
+    limits: () => [[-span, 0], at.reference], leftOut: () => leftOut, read: i => say.reference(newest(shown[4], i)),
   });
   const input = chart(document.getElementById("input"), {
     series: [line("input", { width: 1.25, paths: uPlot.paths.stepped({ align: 1 }) })],
@@ -132,18 +146,25 @@ export function timePlots() {
     cursor: "time", limits: () => [[-span, 0], at.input], leftOut: () => leftOut, read: i => say.input(newest(shown[1], i)),
   });
   return {
-    charts: [output, input],
+    charts: [output, reference, input],
     draw({ window }) {
       const end = window.t.at(-1) ?? 0, t = window.t.map(value => value - end), length = t.length ? -t[0] : 1;
       span = SPANS.find(candidate => candidate >= 0.97 * length) ?? length;
-      shown = [t, window.u, window.y, window.model];
+      const r = window.r ?? [], follows = shares(extent(r), extent(window.y));
+      shown = [t, window.u, window.y, window.model, r];
+      referenceKey.hidden = !r.length || !follows;
+      apart.hidden = !r.length || follows;
       leftOut = (window.left_out ?? []).map(stretch => stretch.map(value => value - end));
       shadeKey.hidden = !leftOut.length;
       const [low, high] = extent(window.y), all = extent(window.y, window.model), room = 0.5 * (high - low);
       // the limits follow the measured output alone: a diverging model leaves the picture
-      at.output = low === null ? fit.output(...all) : fit.output(Math.max(all[0], low - room), Math.min(all[1], high + room));
+      const beside = follows && r.length ? extent(r) : [null, null];
+      const ends = low === null ? all : [Math.max(all[0], low - room), Math.min(all[1], high + room)];
+      at.output = fit.output(...(beside[0] === null ? ends : [Math.min(ends[0] ?? beside[0], beside[0]), Math.max(ends[1] ?? beside[1], beside[1])]));
       at.input = fit.input(...extent(window.u));
-      output.draw([t, window.y, window.model]);
+      at.reference = fit.reference(...extent(r));
+      output.draw([t, window.y, window.model, r.length && follows ? r : t.map(() => null)]);
+      reference.draw([t, r.length ? r : t.map(() => null)]);
       input.draw([t, window.u]);
     },
   };
