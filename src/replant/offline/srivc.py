@@ -343,7 +343,6 @@ class Problem:
                     return tried, done
         return None
 
-
     def descend(self, model: FloatArray, steps: int, renewals: Sequence[int] = ()) -> Root | None:
         """Take damped steps on the whitened residual, instrumental-variable or Gauss-Newton; None where the first fails.
 
@@ -501,9 +500,7 @@ def _by_reference(problem: Problem, starts: Sequence[FloatArray]) -> Root | None
     return _best(ends, referenced=True)
 
 
-def _distinct(
-    tried: Sequence[tuple[float, FloatArray]], known: float = math.nan
-) -> Iterator[tuple[float, FloatArray]]:
+def _distinct(tried: Sequence[tuple[float, FloatArray]], known: float = math.nan) -> Iterator[tuple[float, FloatArray]]:
     """Yield the models whose cost differs from that of every one before, and from ``known``."""
     costs = [known]
     for cost, model in tried:

@@ -63,7 +63,8 @@ class AuxiliaryModel:
     input_hold : {"zoh", "foh"}
         What the input does between samples.
     margin : float
-        Poles that do not lie left of minus this, in rad/s, are reflected to there.
+        Poles that do not lie left of minus this, in rad/s, are reflected to there; negative: none is, so that the model
+        is simulated from the input alone.
     reference : bool
         Whether instruments are made from a reference.
 
