@@ -65,8 +65,8 @@ class FitResult:
         autoregression of its residual.
     simulation : Simulation
         The free run from the input alone, with offset and initial state estimated.  Of an unstable model, which would
-        run away, the output y - e instead, where e is the residual A/D y - B/D u; D is A with its unstable poles
-        reflected.
+        run away, the output predicted one step ahead: the one that makes the residual A/D y - B/D u zero, where D is A
+        with its unstable poles reflected.
     samples : int
         Samples used.
     rejected : dict

@@ -41,8 +41,7 @@ class Candidate:
     structure : Structure
     held_out : float
         Simulated fit in percent over the part of the record that was not fitted, with offset and initial state
-        estimated; of an unstable model the fit of y - e, e = A/D y - B/D u, where D is A with its unstable poles
-        reflected.
+        estimated; of an unstable model, which would run away, the fit of the output predicted one step ahead.
     criterion : float
         Bayesian information criterion of the part that was fitted, K ln(variance) + P ln(K): smaller is better.
     """
@@ -183,7 +182,7 @@ def _try(
 
 
 def _predicted(fitted: FitResult, u: FloatArray, y: FloatArray, skipped: int) -> float:
-    """Return the fit in percent of y - e, for an unstable model, over the samples (K,) but the first ones."""
+    """Return the fit in percent of the output predicted one step ahead, over the samples (K,) but the first ones."""
     ready = ready_record(fitted.structure, fitted.dt, fitted.preprocess, u, y)
     error = prediction_error(fitted.structure, fitted.parameters, ready, fitted.dt)
     if error is None:

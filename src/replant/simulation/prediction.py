@@ -1,18 +1,21 @@
 r"""The output of an unstable model beside a record: predicted one step ahead, as a simulation would run away.
 
-The residual of B/A is e = A/D y - B/D u, where D is A with its unstable poles reflected.  It is as large as the noise,
-whatever the poles are, and y - e takes the place of the simulated output.
+The predicted output is the one that makes the residual e = A/D y - B/D u zero, where D is A with its unstable poles
+reflected.  It depends on past outputs, and takes the place of the simulated output.
 """
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
-from replant.simulation.model_run import run_model
-from replant.statistics.linear_algebra import quiet, roots
+from replant.simulation.auxiliary_model import AuxiliaryModel
+from replant.simulation.model_run import SLOWEST
+from replant.statistics.linear_algebra import quiet, roots, solve
 
 RUNAWAY = 1.0
 """Growth of a model's free response within a record beyond which it is predicted, not simulated [exponent].
@@ -40,8 +43,11 @@ def runs_away(denominator: FloatArray, span: float) -> bool:
     return math.isfinite(fastest) and fastest * span > RUNAWAY
 
 
+@quiet
 def prediction_error(structure: Structure, parameters: FloatArray, record: Record, dt: float) -> FloatArray | None:
-    """Return the residual (K,) of a model of any stability, offset and initial state fitted; None if not finite.
+    """Return the error (K,) of the output predicted one step ahead, offset and initial state fitted to the record.
+
+    For a model of any stability; that of a stable one is simulated.  None where it leaves float64.
 
     Parameters
     ----------
@@ -52,5 +58,13 @@ def prediction_error(structure: Structure, parameters: FloatArray, record: Recor
     dt : float
         Nominal sampling time in s.
     """
-    run = run_model(structure, parameters, record, dt)
-    return None if run is None else run.error
+    model = AuxiliaryModel(structure, dt, record.input_hold, margin=SLOWEST / record.span)
+    theta, known = np.zeros(model.entries), structure.coefficients
+    theta[:known] = parameters[:known]
+    done = model.run(theta, record)
+    nuisances = done.phi[:, known:]
+    fitted = solve(nuisances.T @ nuisances, nuisances.T @ done.error)
+    if fitted is not None:
+        theta[known:] = fitted
+        done = model.run(theta, record)
+    return done.ahead if np.isfinite(done.ahead).all() else None
