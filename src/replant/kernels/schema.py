@@ -328,6 +328,10 @@ class StateSlots(Table):
         "variance of the residual lately; large residuals count in part", MONITORING, "sigma_y^2", finite=False
     )
     usual_variance = Real("variance of the residual as it usually is", MONITORING, "sigma_y^2", finite=False)
+    late_innovation = Real(
+        "the same of the residual filtered by the noise model", MONITORING, "sigma_y^2", finite=False
+    )
+    usual_innovation = Real("as it usually is", MONITORING, "sigma_y^2", finite=False)
     largest_output = Real("largest square of the modelled output lately", MONITORING, "sigma_y^2", finite=False)
     cusum = Real(
         "sum of the residual's power above the usual one; in an alarm, below it",

@@ -354,7 +354,7 @@ class Problem:
         return None
 
     def descend(self, model: FloatArray, steps: int, renewals: Sequence[int] = ()) -> Root | None:
-        """Take damped steps on the whitened residual, of instrumental variables or Gauss-Newton; None from no model.
+        """Take damped steps on the whitened residual; None where the first pass fails.
 
         Parameters
         ----------
