@@ -43,6 +43,12 @@ Sensitivity: not measured.
 """
 
 
+@inline_llvm
+def before(row):
+    """Return the row of the ring that was written before this one."""
+    return row - 1 if row > 0 else LAGS
+
+
 @outlined
 def filter_row(T, noise, phi, zeta, target):
     """Keep the newest row, and filter it in place; return the filtered target.
@@ -51,7 +57,9 @@ def filter_row(T, noise, phi, zeta, target):
     ``target`` are pointers.
     """
     width, size = 2 * T + 1, LAGS + 1
-    newest = (int(noise[POSITION]) + 1) % size
+    newest = int(noise[POSITION]) + 1
+    if newest == size:
+        newest = 0
     lags = min(int(noise[ORDER]), int(noise[KNOWN]))
     noise[POSITION] = newest
     noise[KNOWN] = min(noise[KNOWN] + 1.0, float(size))
@@ -66,10 +74,11 @@ def filter_row(T, noise, phi, zeta, target):
     weight = math.sqrt(noise[GAIN] * noise[VARIANCES] / noise[VARIANCES + lags])
     model = MODELS + size * lags
     d_1, d_2, d_3, d_4 = noise[model + 1], noise[model + 2], noise[model + 3], noise[model + 4]
-    row_1 = pointer(noise, ROWS + (newest + 4) % size * width)
-    row_2 = pointer(noise, ROWS + (newest + 3) % size * width)
-    row_3 = pointer(noise, ROWS + (newest + 2) % size * width)
-    row_4 = pointer(noise, ROWS + (newest + 1) % size * width)
+    first = before(newest)
+    second = before(first)
+    third = before(second)
+    row_1, row_2 = pointer(noise, ROWS + first * width), pointer(noise, ROWS + second * width)
+    row_3, row_4 = pointer(noise, ROWS + third * width), pointer(noise, ROWS + before(third) * width)
     for i in range(T):
         phi[i] = weight * (row[i] + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])
     for i in range(T, 2 * T):
@@ -108,15 +117,16 @@ def add_residuals(T, noise, theta, errors, forgetting):
     not beside what is left of a smooth one once it is filtered.  ``errors`` (LAGS + 1,) is work.  All but ``T`` and
     ``forgetting`` are pointers.
     """
-    size, width, newest = LAGS + 1, 2 * T + 1, int(noise[POSITION])
+    size, width, at_row = LAGS + 1, 2 * T + 1, int(noise[POSITION])
     if noise[KNOWN] < size:
         return
     for lag in range(size):
-        row = pointer(noise, ROWS + (newest + size - lag) % size * width)
+        row = pointer(noise, ROWS + at_row * width)
         error = row[2 * T]
         for i in range(T):
             error -= theta[i] * row[i]
         errors[lag] = error
+        at_row = before(at_row)
     noise[COUNT] = forgetting * noise[COUNT] + 1.0
     for i in range(size):
         sums = pointer(noise, SUMS + size * i)
