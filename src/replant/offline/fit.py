@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -13,21 +14,25 @@ from replant.arguments import (
     one_of,
     record,
     stamps_of,
+    vector,
 )
 from replant.assessment import Simulation, fit_percent, simulate
 from replant.engine.offline_regressors import regressors
-from replant.engine.record import ready_record
+from replant.engine.record import Record, ready_record
 from replant.errors import InvalidArgumentError
+from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.offline.choose_filter import choose_filter
 from replant.offline.least_squares import least_squares
+from replant.offline.reference_use import ReferenceUse, use_of
 from replant.offline.refined import Refined
 from replant.offline.srivc import first_model
 from replant.regressor.filters import Filter, RefinedFilter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
 from replant.settings import AUTO, Request
+from replant.simulation.prediction import prediction_error, runs_away
 from replant.statistics.autoregression import one_step
 from replant.statistics.linear_algebra import quiet
 
@@ -59,11 +64,17 @@ class FitResult:
         Fit in percent of the output predicted one step ahead: by (8), or with "srivc" by the free run and an
         autoregression of its residual.
     simulation : Simulation
-        The free run from the input alone, with offset and initial state estimated.
+        The free run from the input alone, with offset and initial state estimated.  Of an unstable model, which would
+        run away, the output predicted one step ahead: the one that makes the residual A/D y - B/D u zero, where D is A
+        with its unstable poles reflected.
     samples : int
         Samples used.
     rejected : dict
         Number of samples left out, by reason.
+    noise : NoiseModel or None
+        The autoregression of the residual; None for least squares.
+    reference : ReferenceUse or None
+        What the reference was worth; None where none was given.
     """
 
     structure: Structure
@@ -78,6 +89,8 @@ class FitResult:
     simulation: Simulation
     samples: int
     rejected: dict[str, int]
+    noise: NoiseModel | None = None
+    reference: ReferenceUse | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -111,11 +124,14 @@ def fit(
     filter: StateVariableFilter | str = AUTO,  # noqa: A002 - the field's word
     preprocess: Preprocess = Preprocess(),  # noqa: B008 - frozen
     t: Any = None,
+    reference: Any = None,
 ) -> FitResult:
     r"""Fit G(s) to a whole record.
 
     "srivc" is refined instrumental variables, see `replant.offline.srivc`.  It is consistent under output noise of any
-    colour, has no discretisation error, and gives a covariance.  "least_squares" minimises the equation error
+    colour, has no discretisation error, and gives a covariance; the plant need not be stable.  Where a controller makes
+    the input it is so with a reference; without one as far as the noise model is right.  "least_squares" minimises the
+    equation error
     :math:`\sum_k (y(t_k) - \theta_\lambda^T \varphi_{uy}(t_k))^2`, as the article does for its Table 6.  Measurement
     noise biases it, because the regressor contains the noisy output.
 
@@ -134,6 +150,10 @@ def fit(
         Input map and working point.  "srivc" estimates the offset of the output in any case.
     t : (K,) array, optional
         Time stamps in s, strictly increasing, of an irregular clock; for "srivc".
+    reference : (K,) array, optional
+        Where a controller makes the input: the set-point or a dither, whatever is applied from outside and knows
+        nothing of the disturbances; for "srivc".  The unit does not matter.  A sample whose reference is not finite is
+        left out.
 
     Raises
     ------
@@ -156,13 +176,21 @@ def fit(
     dt = Request(structure, dt, filter=filter, preprocess=preprocess).dt
     u, y = record(u, y)
     stamps = _stamps(t, u.size)
+    r = _reference(reference, u.size, method)
+    if r is not None:
+        y = np.where(np.isfinite(r), y, np.nan)
     accepted, rejected = screen(preprocess.map_input(u), y)
     _check_length(int(accepted.sum()), structure)
     preprocess = preprocess.resolve(u, y)
     if method != "least_squares":
-        found = _refine(structure, dt, preprocess, u, y, stamps)
+        ready = ready_record(structure, dt, preprocess, u, y, stamps, r=r)
+        use = None if r is None else use_of(r, ready)
+        if use is not None and not use.used:
+            ready = dataclasses.replace(ready, r=None)
+        found = first_model(structure, ready)
         if found is not None:
-            return _refined_result(structure, dt, preprocess, u, y, stamps, found, accepted, rejected)
+            use = None if use is None else use.concluded(structure, found)
+            return _refined_result(structure, dt, preprocess, u, y, stamps, ready, found, accepted, rejected, use)
         if method == "srivc":
             raise InvalidArgumentError(
                 "srivc finds no model for this record: the input hardly moves, or the structure does not fit the plant"
@@ -192,17 +220,16 @@ def _stamps(t: Any, samples: int) -> FloatArray | None:
     return stamps
 
 
-def _refine(
-    structure: Structure,
-    dt: float,
-    preprocess: Preprocess,
-    u: FloatArray,
-    y: FloatArray,
-    stamps: FloatArray | None,
-) -> Refined | None:
-    """Return the refined estimate of a raw record; None where there is none."""
-    ready = ready_record(structure, dt, preprocess, u, y, stamps)
-    return first_model(structure, ready)
+def _reference(reference: Any, samples: int, method: str) -> FloatArray | None:
+    """Return a reference, checked, or None."""
+    if reference is None:
+        return None
+    if method == "least_squares":
+        raise InvalidArgumentError("least_squares makes no use of a reference: leave it out, or use method='srivc'")
+    r = vector("reference", reference)
+    if r.size != samples:
+        raise InvalidArgumentError(f"reference must have one value for each of {samples} samples, got {r.size}")
+    return r
 
 
 def _refined_result(
@@ -212,15 +239,25 @@ def _refined_result(
     u: FloatArray,
     y: FloatArray,
     stamps: FloatArray | None,
+    ready: Record,
     found: Refined,
     accepted: np.ndarray[tuple[int], np.dtype[np.bool_]],
     rejected: dict[str, int],
+    use: ReferenceUse | None,
 ) -> FitResult:
     size = structure.size
     y = np.where(accepted, y, np.nan)
     model = structure.transfer_function(found.theta[:size])
-    linear_input = np.where(accepted, preprocess.map_input(u) - float(preprocess.input_offset), np.nan)
-    simulation = simulate(model, linear_input, y, dt, t=stamps)
+    error = None
+    if runs_away(model.den, ready.span):
+        error = prediction_error(structure, found.theta[:size], ready, dt)
+    if error is None:
+        linear_input = np.where(accepted, preprocess.map_input(u) - float(preprocess.input_offset), np.nan)
+        simulation = simulate(model, linear_input, y, dt, t=stamps)
+    else:
+        output = y.copy()
+        output[accepted] -= error
+        simulation = Simulation(output, 0.0, fit_percent(y, output))
     return FitResult(
         structure,
         dt,
@@ -234,6 +271,8 @@ def _refined_result(
         simulation,
         int(accepted.sum()),
         rejected,
+        NoiseModel.of_slots(found.noise, dt),
+        use,
     )
 
 

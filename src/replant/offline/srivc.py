@@ -16,13 +16,15 @@ Where the residual e is coloured, D(q) e = w, regressor, instruments and target 
 goes on from the best models so far.  Filter and model are found in turn.  In feedback the instruments, made of past
 inputs, are then independent of the innovation w, though not of e.
 
-With a reference the instruments are made of what it explains of input and output.  They are independent of every noise,
-so that the estimate is consistent whatever D(q) is, and the starts behind the state-variable filters are as well.  Steps
+With a reference the instruments are made of what it explains of input and output.  They are independent of all noise,
+so that the estimate is consistent whatever D(q) is, and the starts behind state-variable filters are as well.  Steps
 and starts are compared by the part of w that the reference explains,
 
 .. math:: J = w^T L (L^T L)^{-1} L^T w.
 
 A plant need not be stable: the filters are 1/D and the residual is A/D y - B/D u, see `replant.kernels.filters.bank`.
+Without a reference models are then compared by the error of the predicted output, as likelihood asks: a fast reflected
+pole makes the residual of any model small.
 
 Source: Young and Jakeman (1980), "Refined instrumental variable methods of recursive time-series analysis, part III",
 International Journal of Control 31; Garnier and Wang (2008), "Identification of Continuous-time Models from Sampled
@@ -255,16 +257,25 @@ class Problem:
         """Return D(q) x of ``signals`` (K, ...), weighted where the past is not known."""
         return self.noise.whiten_known(signals, self.known)
 
-    def renew_noise(self, error: FloatArray) -> None:
-        """Model the residual ``error`` (K,)."""
+    def is_rounding(self, done: Pass) -> bool:
+        """Return whether only rounding is left of the residual."""
+        return done.cost <= ROUNDING * float(np.mean(self.record.y**2))
+
+    def renew_noise(self, done: Pass) -> None:
+        """Model the residual of a pass; what only rounding is left of counts as white."""
+        error = done.error
         sums, count = sums_of(error, self.known)
-        if count >= LEAST and np.isfinite(sums).all():
+        if count >= LEAST and np.isfinite(sums).all() and not self.is_rounding(done):
             self.noise = Autoregression.of_sums(sums, count)
         else:
             self.noise = Autoregression.white(float(error @ error), error.size)
 
-    def misfit(self, white: FloatArray) -> float:
-        """Return J, the part of a whitened residual (K,) that the reference explains; without one its whole power."""
+    def misfit(self, done: Pass) -> float:
+        """Return J, the part of a pass's whitened residual that the reference explains.
+
+        Without a reference the whole power of the whitened error of the predicted output.
+        """
+        white = self.whiten(done.ahead if self.projection is None else done.error)
         if not np.isfinite(white).all():
             return math.inf
         if self.projection is None:
@@ -314,7 +325,6 @@ class Problem:
     def polish(self, model: FloatArray) -> tuple[FloatArray, Pass, bool]:
         """Take damped Gauss-Newton steps on the output error; return the model, its pass, whether it converged."""
         done = self.run(model)
-        power = float(np.mean(self.record.y**2))
         for _ in range(POLISH):
             gradient = done.zeta.T @ done.error
             direction = solve(done.zeta.T @ done.zeta, gradient)
@@ -323,7 +333,7 @@ class Problem:
             gain = float(direction @ gradient) / self.record.u.size
             samples = self.record.u.size
             # converged: the step is a thousandth of a standard deviation, or the error is rounding
-            if gain * samples <= DONE * done.cost or done.cost <= ROUNDING * power:
+            if gain * samples <= DONE * done.cost or self.is_rounding(done):
                 return model, done, True
             better = self._line_search(model, direction, done.cost)
             if better is None:
@@ -343,9 +353,8 @@ class Problem:
                     return tried, done
         return None
 
-
     def descend(self, model: FloatArray, steps: int, renewals: Sequence[int] = ()) -> Root | None:
-        """Take damped steps on the whitened residual, instrumental-variable or Gauss-Newton; None where the first fails.
+        """Take damped steps on the whitened residual; None where the first pass fails.
 
         Parameters
         ----------
@@ -360,13 +369,18 @@ class Problem:
             return None
         slack, moved = 1.0 + SLACK[self.projection is not None], math.inf
         for step in range(steps):
+            if self.is_rounding(done):
+                moved = 0.0
+                break
             if step in renewals:
-                self.renew_noise(done.error)
+                self.renew_noise(done)
             zeta, white = self.whiten(done.zeta), self.whiten(done.error)
-            variance, limit, better = max(float(white @ white) / white.size, 1e-300), self.misfit(white) * slack, None
-            # the instrumental-variable step finds its way from far; that of Gauss and Newton lowers the cost for certain
+            variance, limit, better = max(float(white @ white) / white.size, 1e-300), self.misfit(done) * slack, None
+            # the instrumental-variable step finds its way from far; that of Gauss and Newton lowers the cost for sure
             # where that is the innovation's power, but J has the noise of the instruments in it
-            companions = (self.whiten(done.phi), zeta) if self.projection is not None else (zeta, self.whiten(done.phi))
+            companions = [self.whiten(done.phi), zeta]
+            if self.projection is None:
+                companions.reverse()
             for companion in companions:
                 direction = solve(zeta.T @ companion, zeta.T @ white)
                 if direction is None:
@@ -380,9 +394,9 @@ class Problem:
             model, done = better
             if moved < STILL and step >= max(renewals, default=0):
                 break
-        white = self.whiten(done.error)
+        white = self.whiten(done.error if self.projection is not None else done.ahead)
         variance = float(white @ white) / white.size
-        return Root(model, done, self.noise, variance, self.misfit(white), moved <= NEARLY_DONE)
+        return Root(model, done, self.noise, variance, self.misfit(done), moved <= NEARLY_DONE)
 
     def _shortened(self, model: FloatArray, direction: FloatArray, limit: float) -> tuple[FloatArray, Pass] | None:
         """Return the model after the longest of `SHORTENED` halved steps whose cost is within the limit, or None."""
@@ -390,7 +404,7 @@ class Problem:
             tried = model + direction * 0.5**halvings
             if self.is_usable(tried):
                 done = self.run(tried)
-                if math.isfinite(done.cost) and self.misfit(self.whiten(done.error)) <= limit:
+                if math.isfinite(done.cost) and self.misfit(done) <= limit:
                     return tried, done
         return None
 
@@ -407,7 +421,7 @@ class Root:
     noise : Autoregression
         Of its residual.
     innovation : float
-        Variance of the whitened residual.
+        Variance of the whitened residual; without a reference that of the whitened error of the predicted output.
     misfit : float
         See `Problem.misfit`.
     converged : bool
@@ -482,8 +496,8 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray]) -> Root | N
     if not tried:
         return None
     model, done, converged = problem.polish(tried[0][1])
-    problem.renew_noise(done.error)
-    variance = float(np.mean(done.error**2))
+    problem.renew_noise(done)
+    variance = done.cost
     if problem.noise.order == 0 and converged:
         return Root(model, done, problem.noise, variance, variance * done.error.size, converged)
     others = [model for _, model in _distinct([(cost, model) for cost, model, _ in tried[1:]], tried[0][0])]
@@ -501,9 +515,7 @@ def _by_reference(problem: Problem, starts: Sequence[FloatArray]) -> Root | None
     return _best(ends, referenced=True)
 
 
-def _distinct(
-    tried: Sequence[tuple[float, FloatArray]], known: float = math.nan
-) -> Iterator[tuple[float, FloatArray]]:
+def _distinct(tried: Sequence[tuple[float, FloatArray]], known: float = math.nan) -> Iterator[tuple[float, FloatArray]]:
     """Yield the models whose cost differs from that of every one before, and from ``known``."""
     costs = [known]
     for cost, model in tried:
@@ -525,13 +537,10 @@ def _best(ends: Sequence[Root | None], *, referenced: bool = False) -> Root | No
 
 
 def first_model(structure: Structure, record: Record) -> Refined | None:
-    """Return the refined estimate of a record; None where it has too few samples, or an input that hardly moves.
-
-    Under a controller the input always moves; its reference must have moved more often than there are coefficients.
-    """
+    """Return the refined estimate of a record; None where it is too short, or input or reference constant."""
     least = 2 * structure.poles + structure.zeros + 3
     if record.u.size <= least or float(np.ptp(record.u)) == 0.0:
         return None
-    if record.r is not None and np.count_nonzero(np.diff(record.r)) <= structure.coefficients:
+    if record.r is not None and float(np.ptp(record.r)) == 0.0:
         return None
     return refine(structure, record)

@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray, record, whole
-from replant.assessment import simulate
+from replant.arguments import FloatArray, record, vector, whole
+from replant.assessment import fit_percent, simulate
+from replant.engine.record import ready_record
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.offline.fit import FitResult, fit
-from replant.regressor.preprocess import Preprocess
+from replant.regressor.preprocess import Preprocess, screen
+from replant.simulation.prediction import prediction_error, runs_away
 from replant.statistics.linear_algebra import quiet
 
 TRAINED = 0.7
@@ -39,7 +41,7 @@ class Candidate:
     structure : Structure
     held_out : float
         Simulated fit in percent over the part of the record that was not fitted, with offset and initial state
-        estimated.
+        estimated; of an unstable model, which would run away, the fit of the output predicted one step ahead.
     criterion : float
         Bayesian information criterion of the part that was fitted, K ln(variance) + P ln(K): smaller is better.
     """
@@ -75,6 +77,7 @@ def search(
     delays: Iterable[float] = (0.0,),
     bias: bool = False,
     preprocess: Preprocess = Preprocess(),  # noqa: B008 - frozen
+    reference: Any = None,
 ) -> SearchResult:
     """Fit every structure of a grid by refined instrumental variables, and choose one.
 
@@ -98,11 +101,13 @@ def search(
         Whether a bias is identified.
     preprocess : Preprocess
         Input map and working point.
+    reference : (K,) array, optional
+        Where a controller makes the input, see `fit`.
 
     Raises
     ------
     InvalidArgumentError
-        If no structure of the grid is possible, or none gives a stable model.
+        If no structure of the grid is possible, or none gives a model.
 
     Examples
     --------
@@ -120,14 +125,15 @@ def search(
     u, y = record(u, y)
     split = int(TRAINED * u.size)
     grid = _grid(poles, zeros, delays, bias)
-    candidates = tuple(_try(structure, u, y, dt, split, preprocess) for structure in grid)
+    r = None if reference is None else vector("reference", reference)
+    candidates = tuple(_try(structure, u, y, r, dt, split, preprocess) for structure in grid)
     usable = [candidate for candidate in candidates if math.isfinite(candidate.held_out)]
     if not usable:
         raise InvalidArgumentError("no structure of the grid explains this record: does the input move the output?")
     limit = max(candidate.held_out for candidate in usable) - ENOUGH
     near = [candidate for candidate in usable if candidate.held_out >= limit]
     chosen = min(near, key=lambda candidate: (_parameters(candidate.structure), candidate.criterion))
-    return SearchResult(fit(u, y, dt, chosen.structure, preprocess=preprocess), candidates)
+    return SearchResult(fit(u, y, dt, chosen.structure, preprocess=preprocess, reference=r), candidates)
 
 
 def _grid(poles: Iterable[int], zeros: Iterable[int] | None, delays: Iterable[float], bias: bool) -> list[Structure]:
@@ -146,23 +152,45 @@ def _grid(poles: Iterable[int], zeros: Iterable[int] | None, delays: Iterable[fl
 
 @quiet
 def _try(
-    structure: Structure, u: FloatArray, y: FloatArray, dt: float, split: int, preprocess: Preprocess
+    structure: Structure,
+    u: FloatArray,
+    y: FloatArray,
+    r: FloatArray | None,
+    dt: float,
+    split: int,
+    preprocess: Preprocess,
 ) -> Candidate:
+    first = None if r is None else r[:split]
     try:
-        fitted = fit(u[:split], y[:split], dt, structure, method="srivc", preprocess=preprocess)
+        fitted = fit(u[:split], y[:split], dt, structure, method="srivc", preprocess=preprocess, reference=first)
     except InvalidArgumentError:  # the record is too short for this structure, or the fit found no model
         return Candidate(structure, -math.inf, math.inf)
     model, mapped = fitted.transfer_function, fitted.preprocess.map_input(u)
     # inputs from before the held-out part act on it through the dead time: they are simulated, their outputs left out
     start = max(split - math.ceil(structure.delay / dt), 0)
     unseen = np.where(np.arange(start, y.size) < split, np.nan, y[start:])
-    held_out = simulate(model, mapped[start:], unseen, dt).fit if model.is_stable else -math.inf
+    if runs_away(model.den, split * dt):
+        held_out = _predicted(fitted, u[start:], y[start:], split - start)
+    else:
+        held_out = simulate(model, mapped[start:], unseen, dt).fit
     residual = y[:split] - fitted.simulation.output
     residual = residual[np.isfinite(residual)]
     variance = float(np.mean(residual**2)) if residual.size else 0.0
     tiny = np.finfo(float).tiny
     criterion = residual.size * math.log(max(variance, tiny)) + _parameters(structure) * math.log(split)
     return Candidate(structure, held_out, criterion)
+
+
+def _predicted(fitted: FitResult, u: FloatArray, y: FloatArray, skipped: int) -> float:
+    """Return the fit in percent of the output predicted one step ahead, over the samples (K,) but the first ones."""
+    ready = ready_record(fitted.structure, fitted.dt, fitted.preprocess, u, y)
+    error = prediction_error(fitted.structure, fitted.parameters, ready, fitted.dt)
+    if error is None:
+        return -math.inf
+    accepted, _ = screen(fitted.preprocess.map_input(u), y)
+    output = np.where(accepted, y, np.nan)
+    output[accepted] -= error
+    return fit_percent(y[skipped:], output[skipped:])
 
 
 def _parameters(structure: Structure) -> int:

@@ -353,5 +353,6 @@ def _believe_residual(state: State) -> None:
 
     state.alarm = Alarm.NONE
     state.usual_variance = max(state.usual_variance, state.late_variance)
+    state.usual_innovation = max(state.usual_innovation, state.late_innovation)
     state.cusum = 0.0
     state.cusum_limit = min(2.0 * state.cusum_limit, outliers.LARGEST_LIMIT)

@@ -136,6 +136,7 @@ def _write_monitoring(state: State, settings: Settings, refined: Refined, record
 
     scale = settings.scaling.output
     state.late_variance = state.usual_variance = refined.variance / scale**2
+    state.late_innovation = state.usual_innovation = refined.innovation / scale**2
     state.residuals_seen = record.u.size
     state.largest_output = float(np.var(record.y)) / scale**2
     state.tie_share = float(np.mean(record.y[1:] == record.y[:-1]))

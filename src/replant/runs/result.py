@@ -133,7 +133,10 @@ def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float)
         Value of `time.perf_counter` at the start, in s.
     """
     hold = fitted.filter.input_hold
-    record = ready_record(fitted.structure, fitted.dt, fitted.preprocess, u, y, input_hold=hold)
+    r = fitted.reference.signal if fitted.reference else None
+    if r is not None:
+        y = np.where(np.isfinite(r), y, np.nan)
+    record = ready_record(fitted.structure, fitted.dt, fitted.preprocess, u, y, input_hold=hold, r=r)
     return Result(
         fitted.structure,
         fitted.parameters,

@@ -35,7 +35,10 @@ class Pass:
     output : (K,) array
         Predicted by the model, offset and initial state included: B/A u; of a model that is not stable one step ahead.
     error : (K,) array
-        The residual e = A/D y - B/D u, offset and initial state included; for D = A measured minus predicted output.
+        The residual e = A/D y - B/D u, offset and initial state included.
+    ahead : (K,) array
+        Measured minus predicted output: e where D = A.  Else e over the part that its newest output has in it, which
+        the discretisation of a fast reflected pole makes small: e is then small whatever the model is, and this is not.
     """
 
     phi: FloatArray
@@ -43,12 +46,13 @@ class Pass:
     target: FloatArray
     output: FloatArray
     error: FloatArray
+    ahead: FloatArray
 
     @property
     def cost(self) -> float:
-        """Mean square of the error; infinite where that leaves float64."""
+        """Mean square of measured minus predicted output; infinite where that leaves float64."""
         with np.errstate(over="ignore", invalid="ignore"):
-            cost = float(np.mean(self.error**2))
+            cost = float(np.mean(self.ahead**2))
         return cost if math.isfinite(cost) else math.inf
 
 
@@ -63,7 +67,8 @@ class AuxiliaryModel:
     input_hold : {"zoh", "foh"}
         What the input does between samples.
     margin : float
-        Poles that do not lie left of minus this, in rad/s, are reflected to there.
+        Poles that do not lie left of minus this, in rad/s, are reflected to there; negative: none is, so that the model
+        is simulated from the input alone.
     reference : bool
         Whether instruments are made from a reference.
 
@@ -110,5 +115,6 @@ class AuxiliaryModel:
             state.ints, state.reals, state.banks, record.u, record.y, record.intervals, by_reference,
             phi, zeta, target, output,
         )  # fmt: skip
-        error = target - phi @ theta if state.serves_reflected else record.y - output
-        return Pass(phi, zeta, target, output, error)
+        ahead = record.y - output
+        error = target - phi @ theta if state.serves_reflected else ahead
+        return Pass(phi, zeta, target, output, error, ahead)

@@ -37,5 +37,6 @@ def free_run(
     n, zeros = model.den.size - 1, model.num.size - 1
     structure = Structure(n, zeros, model.delay, feedthrough=zeros == n)
     theta = np.concatenate([model.den[1:], model.num, np.zeros(n + 1)])
-    done = AuxiliaryModel(structure, dt, input_hold).run(theta, Record(u, np.zeros(u.size), intervals, input_hold))
+    simulated = AuxiliaryModel(structure, dt, input_hold, margin=-1.0)
+    done = simulated.run(theta, Record(u, np.zeros(u.size), intervals, input_hold))
     return done.output, done.phi[:, -n:]

@@ -186,7 +186,8 @@ def advance_bank(ints, reals, bank, interval, y, channels):
 def install_model(ints, reals, banks, which, theta):
     """Make the scaled estimate ``theta`` the auxiliary model of a bank.
 
-    Its denominator is the bank's; if that is not stable, with the roots reflected.
+    Its denominator is the bank's; if that is not stable, with the roots reflected.  A negative margin of stability lets
+    it be as it is: the bank simulates it, whatever becomes of that.
     """
     n, T, inputs = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES]
     bank = banks[which]
@@ -194,9 +195,10 @@ def install_model(ints, reals, banks, which, theta):
     work = reals[ints[at.AT_WORK] :]
     for i in range(n):
         work[i] = theta[i] * reals[ints[at.AT_UNIT] + i]
-    stable = all_left_of(work[:n], reals[at.STABILITY_MARGIN], work[n:])
+    margin = reals[at.STABILITY_MARGIN]
+    stable = margin < 0.0 or all_left_of(work[:n], margin, work[n:])
     if not stable:
-        reflect(work[:n], reals[at.STABILITY_MARGIN], work[n:])
+        reflect(work[:n], margin, work[n:])
     bank[bk.REFLECTED] = 0.0 if stable else 1.0
     bk.set_denominator(
         bank, n, T, inputs, ints[at.HAS_CONSTANT] == 1, ints[at.REFINED] == 1, which == 0, work[:n], sigma

@@ -421,6 +421,7 @@ def test_power(ints, reals, power):
                 reals[at.CUSUM_LIMIT] = min(2.0 * reals[at.CUSUM_LIMIT], LARGEST_LIMIT)
             if ints[at.ALARM] == Alarm.LOOKED_INTO:  # and no other plant was found: such residuals are usual
                 reals[at.USUAL_VARIANCE] = max(reals[at.USUAL_VARIANCE], reals[at.LATE_VARIANCE])
+                reals[at.USUAL_INNOVATION] = max(reals[at.USUAL_INNOVATION], reals[at.LATE_INNOVATION])
             ints[at.ALARM] = Alarm.NONE
             reals[at.CUSUM] = 0.0
             ints[at.CHANGE_BEGAN] = ints[at.SAMPLES]
@@ -435,8 +436,24 @@ def test_power(ints, reals, power):
 
 
 @inline_llvm
-def watch(ints, reals, learned):
-    """Follow the residual's variance, and whether it has grown; ``learned``: whether the plant can be judged by it."""
+def innovation_power(reals, square):
+    """Follow the variance of the filtered residual; return its newest ``square`` over the usual one.
+
+    The residual itself varies slowly where it is coloured: a long swing of it would pass for a change.
+    """
+    least = LEAST * reals[at.LARGEST_OUTPUT]
+    late, usual = max(reals[at.LATE_INNOVATION], least), max(reals[at.USUAL_INNOVATION], least)
+    reals[at.LATE_INNOVATION] += SHORT * (min(square, MOST * late) - reals[at.LATE_INNOVATION])
+    square = min(square, MOST * usual)
+    return square / usual if usual > 0.0 else 0.0
+
+
+@inline_llvm
+def watch(ints, reals, learned, white):
+    """Follow the residual's variance, and whether it has grown.
+
+    ``learned``: whether the plant can be judged by it; ``white``: the residual filtered by the noise model.
+    """
     if ints[at.DOUBT] >= Doubt.STUCK:
         return
     if learned and ints[at.DOUBT] == Doubt.NONE and ints[at.LEARNED] == ints[at.SAMPLES]:
@@ -451,10 +468,18 @@ def watch(ints, reals, learned):
         )
         usual = max(reals[at.USUAL_VARIANCE], least)
         square = min(square, MOST * usual)
+        power = square / usual if usual > 0.0 else 0.0
+        if ints[at.HAS_NOISE_MODEL] == 1 and ints[at.DOUBT] == Doubt.NONE:
+            power = innovation_power(reals, white * white / reals[at.VARIANCE_RATIO])
         if learned and reals[at.CUSUM_LIMIT] > 0.0:
-            test_power(ints, reals, square / usual if usual > 0.0 else 0.0)
+            test_power(ints, reals, power)
         if ints[at.ALARM] == Alarm.NONE:
-            reals[at.USUAL_VARIANCE] += max(1.0 / reals[at.RESIDUALS_SEEN], LONG) * (square - reals[at.USUAL_VARIANCE])
+            share = max(1.0 / reals[at.RESIDUALS_SEEN], LONG)
+            reals[at.USUAL_VARIANCE] += share * (square - reals[at.USUAL_VARIANCE])
+            if ints[at.HAS_NOISE_MODEL] == 1 and ints[at.DOUBT] == Doubt.NONE:
+                reals[at.USUAL_INNOVATION] += (
+                    share * (power - 1.0) * max(reals[at.USUAL_INNOVATION], LEAST * reals[at.LARGEST_OUTPUT])
+                )
     else:
         reals[at.USUAL_VARIANCE] += (square - reals[at.USUAL_VARIANCE]) / reals[at.RESIDUALS_SEEN]
         reals[at.LATE_VARIANCE] = reals[at.USUAL_VARIANCE]

@@ -116,20 +116,21 @@ def take(ints, reals, banks, buffer, recent, u, y, t, r):
     ints[at.SAMPLES] += 1
     if ints[at.HAS_NOISE_MODEL] == 1:
         target = whitening.whiten(ints, reals, target, interval)
-    tells, learned = not at_rest and may_learn(ints, reals), False
+    error = reals[at.ERROR]
+    if ints[at.HAS_NOISE_MODEL] == 1 and ints[at.DOUBT] == Doubt.NONE:
+        error = outliers.equation_error(ints, reals, target)
+    tells = not at_rest and may_learn(ints, reals)
     if not tells or ints[at.ALARM] >= Alarm.RESTS:
         ints[at.RESTED] += 1
     elif ints[at.DOUBT] == Doubt.NONE and outliers.is_calm(ints, reals):
-        error = outliers.equation_error(ints, reals, target) if ints[at.HAS_NOISE_MODEL] == 1 else reals[at.ERROR]
+        if ints[at.HAS_NOISE_MODEL] == 1 and not outliers.begins_anew(ints, reals):
+            whitening.record(ints, reals)
         update_estimate(ints, reals, buffer, target, interval, learn)
         if ints[at.COLOURED] == 1 and not outliers.begins_anew(ints, reals):
             record_residual(ints, reals, error)
-            learned = True
         if ints[at.HAS_REFERENCE] == 1:
             reference.learn(ints, reals, u, y)
-    if ints[at.HAS_NOISE_MODEL] == 1:
-        whitening.record(ints, reals, learned)
-    outliers.watch(ints, reals, tells)
+    outliers.watch(ints, reals, tells, error)
     if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
         keep_estimate(ints, reals)
     if ints[at.SAMPLES] == ints[at.ATTENTION_AT] or ints[at.ALARM] == Alarm.RAISED:

@@ -1,0 +1,91 @@
+"""NoiseModel: the autoregression of a model's residual, and its spectrum."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.arguments import FloatArray, array_of_reals, keep, not_negative, positive
+from replant.arguments import coefficients as checked
+from replant.errors import InvalidArgumentError
+from replant.kernels.schema import NoiseSlots
+from replant.statistics.linear_algebra import quiet
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseModel:
+    r"""The model :math:`e_k + d_1 e_{k-1} + \ldots + d_p e_{k-p} = w_k` of the residual e of G(s), w white.
+
+    The residual is the output less what G(s) makes of the input.  Of an unstable G = B/A it is A/D y - B/D u, where D
+    is A with its unstable roots reflected: the noise through an all-pass.
+
+    Parameters
+    ----------
+    coefficients : (p + 1,) array
+        1, d_1 .. d_p; p = 0 for white noise.
+    variance : float
+        Of the innovation w, in the output's unit squared.
+    residual_variance : float
+        Of the residual e.
+    dt : float
+        Sampling time in s.
+
+    Examples
+    --------
+    >>> noise = NoiseModel(np.array([1.0, -0.9]), variance=0.19, residual_variance=1.0, dt=0.1)
+    >>> noise.order, noise.spectrum([0.0, 10.0]).round(4)
+    (1, array([1.9   , 0.0226]))
+    """
+
+    coefficients: FloatArray
+    variance: float
+    residual_variance: float
+    dt: float
+
+    def __post_init__(self) -> None:
+        keep(self, "coefficients", checked)
+        keep(self, "variance", not_negative)
+        keep(self, "residual_variance", not_negative)
+        keep(self, "dt", positive)
+        if self.coefficients[0] != 1.0:
+            raise InvalidArgumentError(f"coefficients must begin with 1, got {self.coefficients.tolist()}")
+
+    @property
+    def order(self) -> int:
+        """How many past residuals tell the next one: 0 for white noise."""
+        return self.coefficients.size - 1
+
+    @property
+    def is_white(self) -> bool:
+        """Whether no past residual tells anything of the next one."""
+        return self.order == 0
+
+    @quiet
+    def spectrum(self, frequency: Sequence[float] | FloatArray) -> FloatArray:
+        r"""Return the power spectral density at each ``frequency`` omega in rad/s, in the output's unit squared per Hz.
+
+        It is two-sided, :math:`\Phi(\omega) = \sigma_w^2\, dt / |D(e^{i \omega dt})|^2`: its integral over the
+        frequencies in Hz from -1/(2 dt) to 1/(2 dt) is the variance of the residual.
+        """
+        shift = np.exp(-1j * array_of_reals("frequency", frequency) * self.dt)
+        return np.asarray(self.variance * self.dt / np.abs(np.polyval(self.coefficients[::-1], shift)) ** 2)
+
+    @classmethod
+    def of_slots(cls, noise: NoiseSlots, dt: float, scale: float = 1.0) -> NoiseModel:
+        """Return the model in use of a state or an estimate.
+
+        Parameters
+        ----------
+        noise : NoiseSlots
+        dt : float
+            Sampling time in s.
+        scale : float
+            The unit of its residuals, in the output's unit.
+        """
+        order = int(noise.order)
+        variances = [float(noise.variances[j]) * scale**2 for j in (order, 0)]
+        known = [variance if math.isfinite(variance) else 0.0 for variance in variances]
+        return cls(noise.models[order, : order + 1].copy(), known[0], known[1], dt)
