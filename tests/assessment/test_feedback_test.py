@@ -11,9 +11,9 @@ from replant.assessment.feedback_test import FALSE_ALARM, NONE, answer, colour_l
 from replant.engine.record import Record
 from replant.simulation.model_run import ModelRun, run_model
 from support.builders import G1, binary
-from support.loops import closed_loop, coloured, steps
+from support.loops import DT, coloured, controlled, steps
 
-DT, SAMPLES, ALL = 0.1, 1000, slice(0, 1000)
+SAMPLES, ALL = 700, slice(0, 700)
 TRUE = np.array([0.5, 1.25])
 
 
@@ -26,10 +26,10 @@ def run_of(y: np.ndarray, u: np.ndarray, model: np.ndarray = TRUE, **structure: 
 
 @pytest.mark.parametrize("colour", [0.0, 0.9])
 def test_in_open_loop_it_is_hardly_ever_found(colour: float) -> None:
-    """100 records, the model right or wrong by a third: by chance one of 100 such tables has an alarm."""
-    assert binom.sf(0, 100, FALSE_ALARM) < 0.01
+    """60 records, the model right or wrong by a third: by chance one of 100 such tables has an alarm."""
+    assert binom.sf(0, 60, FALSE_ALARM) < 0.01
     statistics = []
-    for seed in range(100):
+    for seed in range(60):
         u = binary(seed, SAMPLES, 5)
         y = G1.simulate(u, DT) + 0.3 * coloured(seed, SAMPLES, colour)
         statistics.append(answer(run_of(y, u, TRUE * (0.7 if seed % 2 else 1.0)), ALL, u).statistic)
@@ -39,9 +39,9 @@ def test_in_open_loop_it_is_hardly_ever_found(colour: float) -> None:
 
 @pytest.mark.parametrize(("colour", "integral"), [(0.0, 0.0), (0.0, 1.0), (0.8, 1.0)])
 def test_in_closed_loop_it_is_found(colour: float, integral: float) -> None:
-    for seed in range(5):
+    for seed in range(3):
         noise = 0.1 * coloured(seed, SAMPLES, colour)
-        loop = closed_loop(G1, steps(seed, SAMPLES), DT, noise, gain=2.0, integral=integral)
+        loop = controlled(G1, steps(seed, SAMPLES), noise, gain=2.0, integral=integral)
         run = run_of(loop.y, loop.u)
         assert answer(run, ALL, loop.u).found
         assert not answer(run, ALL, loop.r).found  # the reference answers nothing
