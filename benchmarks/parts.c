@@ -257,11 +257,13 @@ void run_kalman(
 static double filter_row(int64_t T, double *restrict noise, double *restrict phi, double *restrict zeta, double target)
 {
     int64_t size = LAGS + 1, newest = ((int64_t)noise[NOISE_POSITION] + 1) % size, width = 2 * T + 1;
-    int64_t order = (int64_t)noise[NOISE_ORDER], known = (int64_t)noise[NOISE_FILTERED];
+    int64_t order = (int64_t)noise[NOISE_ORDER], known = (int64_t)noise[NOISE_KNOWN];
     int64_t lags = order < known ? order : known;
     const double *d = noise + NOISE_MODELS + size * lags;
     double weight = sqrt(noise[NOISE_GAIN] * noise[NOISE_VARIANCES] / noise[NOISE_VARIANCES + lags]);
     double d_1 = d[1], d_2 = d[2], d_3 = d[3], d_4 = d[4];
+    noise[NOISE_POSITION] = newest;
+    noise[NOISE_KNOWN] = fmin(known + 1.0, size);
     double *restrict row = noise + NOISE_ROWS + newest * width;
     const double *row_1 = noise + NOISE_ROWS + (newest + 4) % size * width;
     const double *row_2 = noise + NOISE_ROWS + (newest + 3) % size * width;
@@ -276,31 +278,40 @@ static double filter_row(int64_t T, double *restrict noise, double *restrict phi
         phi[i] = weight * (row[i] + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i]);
     for (int64_t i = T; i < 2 * T; i++)
         zeta[i - T] = weight * (row[i] + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i]);
-    noise[NOISE_POSITION] = newest;
-    noise[NOISE_FILTERED] = fmin(known + 1.0, LAGS);
     int64_t i = 2 * T;
     return weight * (target + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i]);
 }
 
-void run_noise_model(
-    int64_t T, double *noise, int64_t K, const double *rows, double *phi, double *zeta, double *targets)
+static void add_residuals(int64_t T, double *noise, const double *restrict theta, double *restrict errors)
 {
-    const double *errors = noise + NOISE_ERRORS;
+    int64_t size = LAGS + 1, newest = (int64_t)noise[NOISE_POSITION];
+    if (noise[NOISE_KNOWN] < size)
+        return;
+    for (int64_t lag = 0; lag < size; lag++) {
+        const double *row = noise + NOISE_ROWS + (newest + size - lag) % size * (2 * T + 1);
+        double error = row[2 * T];
+        for (int64_t i = 0; i < T; i++)
+            error -= theta[i] * row[i];
+        errors[lag] = error;
+    }
+    noise[NOISE_COUNT] += 1.0;
+    for (int64_t i = 0; i < size; i++)
+        for (int64_t j = 0; j <= i; j++)
+            noise[NOISE_SUMS + size * i + j] += errors[i] * errors[j];
+}
+
+void run_noise_model(
+    int64_t T, double *noise, int64_t K, const double *rows, double *phi, double *zeta, const double *theta,
+    double *errors, double *targets)
+{
     for (int64_t k = 0; k < K; k++) {
         const double *row = rows + k * (2 * T + 1);
         for (int64_t i = 0; i < T; i++) {
             phi[i] = row[i];
             zeta[i] = row[T + i];
         }
-        double error = targets[k] = filter_row(T, noise, phi, zeta, row[2 * T]);
-        noise[NOISE_COUNT] += 1.0;
-        noise[NOISE_SUMS] += error * error;
-        for (int64_t i = 1; i <= LAGS; i++) {
-            double *sums = noise + NOISE_SUMS + (LAGS + 1) * i, one = errors[i - 1];
-            sums[0] += one * error;
-            for (int64_t j = 1; j <= i; j++)
-                sums[j] += one * errors[j - 1];
-        }
+        targets[k] = filter_row(T, noise, phi, zeta, row[2 * T]);
+        add_residuals(T, noise, theta, errors);
     }
 }
 

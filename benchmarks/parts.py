@@ -80,13 +80,13 @@ def run_kalman(theta, memory, settings, buffer, rows, direction, interval):
 
 
 @kernel
-def run_noise_model(noise, rows, phi, zeta, targets):
+def run_noise_model(noise, rows, phi, zeta, theta, errors, targets):
     T = phi.size
     for k in range(rows.shape[0]):
         for i in range(T):
             phi[i], zeta[i] = rows[k, i], rows[k, T + i]
         targets[k] = whitening.filter_row(T, pointer(noise, 0), pointer(phi, 0), pointer(zeta, 0), rows[k, 2 * T])
-        whitening.add_residual(pointer(noise, 0), targets[k], 1.0)
+        whitening.add_residuals(T, pointer(noise, 0), pointer(theta, 0), pointer(errors, 0), 1.0)
 
 
 @kernel
@@ -169,23 +169,24 @@ def noise_model_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, R
     """The noise model of the largest order."""
     for T in (4, 6, 8, 10, 14):
         noise = NoiseSlots.zeros(FIXED | {"T": T})
-        noise.order, noise.gain, noise.known = at.LAGS, 0.5, at.LAGS
+        noise.order, noise.gain = at.LAGS, 0.5
         noise.models[:] = np.tril(np.random.default_rng(5).uniform(-0.5, 0.5, noise.models.shape))
         noise.models[:, 0], noise.variances[:] = 1.0, np.linspace(2.0, 1.0, at.LAGS + 1)
         rows = np.random.default_rng(6).standard_normal((CHUNK, 2 * T + 1))
 
         def ours(arrays: Arrays, u: np.ndarray, y: np.ndarray, rows: np.ndarray = rows) -> None:
-            numbers, phi, zeta, targets = arrays
-            run_noise_model(numbers, rows, phi, zeta, targets)
+            numbers, phi, zeta, theta, errors, targets = arrays
+            run_noise_model(numbers, rows, phi, zeta, theta, errors, targets)
 
         def theirs(arrays: Arrays, u: np.ndarray, y: np.ndarray, rows: np.ndarray = rows) -> None:
-            numbers, phi, zeta, targets = arrays
+            numbers, phi, zeta, theta, errors, targets = arrays
             C.run_noise_model(
                 ctypes.c_int64(phi.size), address(numbers), ctypes.c_int64(CHUNK), address(rows), address(phi),
-                address(zeta), address(targets),
+                address(zeta), address(theta), address(errors), address(targets),
             )  # fmt: skip
 
-        yield "noise model", T, [noise.reals, np.empty(T), np.empty(T), np.empty(CHUNK)], ours, theirs
+        work = [np.empty(T), np.empty(T), np.linspace(1.0, 2.0, T), np.empty(at.LAGS + 1), np.empty(CHUNK)]
+        yield "noise model", T, [noise.reals, *work], ours, theirs
 
 
 def reference_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, Run]]:

@@ -34,10 +34,11 @@ KINDS: dict[str, dict[str, Any]] = {
         "replay": REPLAY,
     },
     "gbt": {**AT_ONCE, "filter": rp.StateVariableFilter(3.0, method="gbt", alpha=0.7), "optimizer": "nadam"},
+    "reference": {},
     "instruments": {**FIXED, "optimizer": rp.Adam(1e-3), "instruments": True, "replay": REPLAY},
 }
 LENGTHS = (0, 7, 60)  # samples: not begun, some held back or taken, well under way
-IRREGULAR = ("default", "kalman", "dead time, replay")
+IRREGULAR = ("default", "kalman", "dead time, replay", "reference")
 
 
 def record(samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -48,6 +49,11 @@ def record(samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return u, y, np.cumsum(DT * generator.uniform(0.9, 1.1, samples))
 
 
+def reference(samples: int) -> np.ndarray:
+    """A reference."""
+    return np.random.default_rng(1).standard_normal(samples)
+
+
 @cache
 def seed(kind: str, samples: int, irregular: bool) -> bytes:
     """Bytes of one of them."""
@@ -55,7 +61,7 @@ def seed(kind: str, samples: int, irregular: bool) -> bytes:
     ident = rp.Identifier(changes.pop("structure", rp.Structure(1)), DT, **changes)
     u, y, t = record(samples)
     if samples:
-        ident.update_many(u, y, t if irregular else None)
+        ident.update_many(u, y, t if irregular else None, reference(samples) if kind == "reference" else None)
     return ident.to_bytes({"taken": samples, "at": 0.1 * samples, "offset": 0.0, "counter lost": 2})
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 import replant as rp
 from fuzz.mutation import mutant
-from fuzz.seeds import record, seed, seeds
+from fuzz.seeds import record, reference, seed, seeds
 from replant.engine.state import State
 
 ZONE = 4096  # numbers before and behind each array that nothing may touch
@@ -100,14 +100,19 @@ def _live(ident: rp.Identifier, chance: random.Random, *, plainly: bool) -> None
     samples = 6 if plainly else max(4, min(40, 40_000 // (replay.batch_size if replay else 1)))
     u, y, t = record(2 * samples)
     stamped = chance.random() < 0.3
-    first = float(np.nan_to_num(ident._state.reals[18])) if ident.settings is not None else 0.0
+    first = float(np.nan_to_num(ident._state.last_time)) if ident.settings is not None else 0.0
+    r = reference(2 * samples) if ident.reference else None
     t = t + first
     looks = chance.random() < 0.4
+
+    def at(k: int | slice) -> list[Any]:
+        return [u[k], y[k], t[k] if stamped else None, None if r is None else r[k]]
+
     if not plainly:
-        _step(ident, lambda: [ident.update(u[k], y[k], t[k] if stamped else None) for k in range(3)])
+        _step(ident, lambda: [ident.update(*at(k)) for k in range(3)])
         if looks:
             _step(ident, lambda: _look(ident))
-    _step(ident, lambda: ident.update_many(u[3:samples], y[3:samples], t[3:samples] if stamped else None))
+    _step(ident, lambda: ident.update_many(*at(slice(3, samples))))
     if plainly:
         return
     saved = ident.to_bytes({"sequence": 1})
@@ -120,10 +125,10 @@ def _live(ident: rp.Identifier, chance: random.Random, *, plainly: bool) -> None
     if again.settings is not None and chance.random() < 0.3:
         _step(again, again.freeze)
         _step(again, again.resume)
-    _step(again, lambda: again.update_many(u[samples:], y[samples:], t[samples:] if stamped else None))
+    _step(again, lambda: again.update_many(*at(slice(samples, None))))
     if not looks:
         _step(again, lambda: _look(again))
-    if chance.random() < 0.2 and (again.settings is None or again._state.buffer.nbytes < 2**20):
+    if chance.random() < 0.2 and not again.reference and (again.settings is None or again._state.buffer.nbytes < 2**20):
         rp.Ensemble(again, members=3).update_many(u[:8], y[:8])
 
 

@@ -18,7 +18,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+import replant as rp
 from replant.cli import main
+from replant.data.streams.controlled_motor import controlled
 from replant.online import saving
 from replant.rigs import deap_rig
 from support.live_command import MODEL, ReplayingPeer, estimates, finished, learned, lines, live, sequence_of, wait_for
@@ -87,6 +89,25 @@ def test_what_is_wrong_with_an_address_of_standard_input_is_said(
         main(["live", *MODEL, *arguments])
     assert stop.value.code == 2
     assert message in capsys.readouterr().err
+
+
+def test_the_loop_of_the_demo_is_recorded_with_its_reference(tmp_path: Path) -> None:
+    folder = tmp_path / "record"
+    options = ("--loop", "--dashboard", "off", "--samples", 1500, "--record", folder)
+    with live("demo?speed=max", *options, model=()) as process:
+        code, out, err = finished(process)
+    assert (code, "Traceback" in err) == (0, False)
+    assert "reference" in out
+    log = rp.read_log(folder, input="u", output="y", reference="r")
+    expected = next(controlled(0))
+    for column, block in zip((log.input, log.output, log.reference), expected[1:], strict=True):
+        np.testing.assert_array_equal(column, block[:1500])
+
+
+def test_only_the_demo_has_a_loop(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["live", "log.csv", "--poles", "1", "--dt", "0.1", "--loop"])
+    assert "--loop goes with the source demo, not with log.csv" in capsys.readouterr().err
 
 
 def test_the_demo_is_trusted_and_its_record_gives_the_bits_again(

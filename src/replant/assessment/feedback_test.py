@@ -91,7 +91,7 @@ class Answer:
 NONE = Answer(0.0, False)
 
 
-def answer(run: ModelRun, rows: slice, signal: FloatArray, first: int = 0) -> Answer:
+def answer(run: ModelRun, rows: slice, signal: FloatArray, first: int = 0, past: FloatArray | None = None) -> Answer:
     """Return how a signal answers a run's residual.
 
     Parameters
@@ -103,6 +103,8 @@ def answer(run: ModelRun, rows: slice, signal: FloatArray, first: int = 0) -> An
         The input, or a reference.
     first : int
         Number of samples j that the first answer looked for comes later.
+    past : (K, C) array, optional
+        More of what the signal's past up to the same sample tells.
     """
     error, x = run.error[rows] - run.error[rows].mean(), signal[rows] - signal[rows].mean()
     states = run.states[rows] - run.states[rows].mean(axis=0)
@@ -113,21 +115,22 @@ def answer(run: ModelRun, rows: slice, signal: FloatArray, first: int = 0) -> An
     white = _aligned(Autoregression.of(x), x)
     index = np.arange(x.size - LATEST - count, x.size - LATEST)
     now = 1 if run.is_direct else 0  # the states of such a model hold the input of the same sample
-    past = np.column_stack([*(x[index - lag] for lag in range(1, PAST + 1)), states[index - now]])
-    past = np.hstack([past, np.ones((count, 1))])
+    known = [*(x[index - lag] for lag in range(1, PAST + 1)), states[index - now], np.ones(count)]
+    known += [] if past is None else [past[rows][index - 1]]
+    told = np.column_stack(known)
     future = np.column_stack([white[index + later] for later in range(first, LATEST + 1)])
-    left = without(np.column_stack([w[index], future]), past)
+    left = without(np.column_stack([w[index], future]), told)
     residual, later = left[:, 0], left[:, 1:]
     lengths = lengths_of(later)
-    told = lengths > LEFT * lengths_of(future)
+    free = lengths > LEFT * lengths_of(future)
     power = float(residual @ residual) / count
-    if not told.any() or not power > TAKEN_AWAY**2 * float(error @ error) / count:
+    if not free.any() or not power > TAKEN_AWAY**2 * float(error @ error) / count:
         return NONE
-    later = later[:, told] / lengths[told]
+    later = later[:, free] / lengths[free]
     basis = orthogonal(products(later, later))
     amounts = basis.T @ products(later, residual[:, None])[:, 0]
     statistic = _over_limit(float(amounts @ amounts) / power, amounts.size)
-    rest = later[:, 1:] if first == 0 and told[0] else later
+    rest = later[:, 1:] if first == 0 and free[0] else later
     along = products(rest, residual[:, None])[:, 0]
     others = orthogonal(products(rest, rest)).T @ along
     return Answer(statistic, rest.shape[1] < later.shape[1] and _over_limit(others @ others / power, others.size) < 1.0)

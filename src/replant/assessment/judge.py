@@ -90,7 +90,10 @@ AT_ONCE = (
     "the input answers the residual of the same sample: the loop is closed, or the plant has a direct path (then ask "
     "for as many zeros as poles)"
 )
-COLOURED = f"the loop is closed and its disturbances are coloured: {REMEDY}"
+COLOURED = (
+    "the loop is closed and its disturbances are coloured beyond the noise model, or the model is wrong: a reference "
+    f"tells which: {REMEDY}"
+)
 
 Figures = dict[str, Any]
 
@@ -230,7 +233,8 @@ class Loop:
         """Test for feedback, and whether the reference is one; ``doubts`` are the findings on it so far."""
         feedback = answer(runs.now, evidence.known, evidence.record.u, first=int(runs.now.is_direct))
         findings = list(doubts)
-        if evidence.record.r is not None and answer(runs.now, evidence.known, evidence.record.r).found:
+        r, past = evidence.record.r, None if reference is None else reference.states
+        if r is not None and answer(runs.now, evidence.known, r, past=past).found:
             if reference is None:  # a copy of the input
                 findings = [Finding("inconsistent", f"{doubt.reason}: {REMEDY}") for doubt in findings]
             else:
@@ -267,9 +271,10 @@ def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[F
     if math.isnan(fit):
         return [Finding("inconsistent", f"the output is constant over {evidence.span} while the input moves")]
     run = f"{_how_run(evidence, loop.reference is not None)} over {evidence.span}{_in_sample(evidence)}"
-    reason = f"{run}, the model explains almost nothing of the output"
     figure = f"{fit:.0f} %" if fit > WORST_FIT else f"below {WORST_FIT:.0f} %"
-    return [Finding("inconsistent", f"{reason} (fit {figure})")]
+    reason = f"{run}, the model explains almost nothing of the output (fit {figure})"
+    advice = "" if evidence.record.r is not None else ": if a controller moves the input, give its reference"
+    return [Finding("inconsistent", f"{reason}{advice}")]
 
 
 def _in_sample(evidence: Evidence) -> str:
@@ -308,7 +313,7 @@ def _unexplained(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -
         past = f"unexplained by the estimate of {evidence.age} ago, but explained by the present one"
         return [Finding("converging", f"{reason}, {past}")]
     if closed and loop.reference is None:
-        return [Finding("inconsistent", f"{reason}: {COLOURED}, or ask for more poles or zeros")]
+        return [Finding("inconsistent", f"{reason}: {COLOURED}")]
     biased = "" if evidence.instruments else "noise, which biases an estimate without instruments, "
     causes = f"{biased}too few poles or zeros, a wrong dead time, or a plant that changes or is nonlinear"
     return [Finding("inconsistent", f"{reason}, unexplained by the model: {causes}")]

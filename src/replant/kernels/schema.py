@@ -141,13 +141,11 @@ class NoiseSlots(Part):
     order = Real("p, order in use", FILTERS, least=0.0, most=float(LAGS))
     gain = Real("V_p / V_0 of the model that the covariance was begun with", IDENTIFIER, least=0.0)
     count = Real("residuals in `sums`, forgotten ones counted in part", OPTIMIZER, least=0.0)
-    known = Real("residuals in a row that are known, up to LAGS", FILTERS, least=0.0, most=float(LAGS))
-    filtered = Real("rows in a row that are known, up to LAGS", FILTERS, least=0.0, most=float(LAGS))
+    known = Real("rows in `rows` without a break, the newest included", FILTERS, least=0.0, most=LAGS + 1.0)
     position = Real("row of `rows` that holds the newest one", FILTERS, least=0.0, most=float(LAGS))
     models = Block("LAGS + 1, LAGS + 1", "row j: D(q) of order j: 1, d_1 .. d_j, 0 ..", FILTERS)
     variances = Block("LAGS + 1", "V_j, of the residual filtered by it", FILTERS, "sigma_y^2")
     sums = Block("LAGS + 1, LAGS + 1", "of e_(k-i) e_(k-j), lower triangle", OPTIMIZER, "sigma_y^2", finite=False)
-    errors = Block("LAGS", "the last residuals, newest first", FILTERS, "sigma_y", finite=False)
     rows = Block("LAGS + 1, 2 * T + 1", "phi, zeta and target of the last samples, a ring", FILTERS, finite=False)
 
 

@@ -16,9 +16,9 @@ Where the residual e is coloured, D(q) e = w, regressor, instruments and target 
 goes on from the best models so far.  Filter and model are found in turn.  In feedback the instruments, made of past
 inputs, are then independent of the innovation w, though not of e.
 
-With a reference the instruments are made of what it explains of input and output.  They are independent of every noise,
-so that the estimate is consistent whatever D(q) is, and the starts behind the state-variable filters are as well.
-Steps and starts are compared by the part of w that the reference explains,
+With a reference the instruments are made of what it explains of input and output.  They are independent of all noise,
+so that the estimate is consistent whatever D(q) is, and the starts behind state-variable filters are as well.  Steps
+and starts are compared by the part of w that the reference explains,
 
 .. math:: J = w^T L (L^T L)^{-1} L^T w.
 
@@ -375,9 +375,11 @@ class Problem:
                 self.renew_noise(done)
             zeta, white = self.whiten(done.zeta), self.whiten(done.error)
             variance, limit, better = max(float(white @ white) / white.size, 1e-300), self.misfit(done) * slack, None
-            # the instrumental-variable step finds its way from far; that of Gauss and Newton lowers the cost for
-            # certain where that is the innovation's power, but J has the noise of the instruments in it
-            companions = (self.whiten(done.phi), zeta) if self.projection is not None else (zeta, self.whiten(done.phi))
+            # the instrumental-variable step finds its way from far; that of Gauss and Newton lowers the cost for sure
+            # where that is the innovation's power, but J has the noise of the instruments in it
+            companions = [self.whiten(done.phi), zeta]
+            if self.projection is None:
+                companions.reverse()
             for companion in companions:
                 direction = solve(zeta.T @ companion, zeta.T @ white)
                 if direction is None:
@@ -539,13 +541,10 @@ def _best(ends: Sequence[Root | None], *, referenced: bool = False) -> Root | No
 
 
 def first_model(structure: Structure, record: Record) -> Refined | None:
-    """Return the refined estimate of a record; None where it has too few samples, or an input that hardly moves.
-
-    Under a controller the input always moves; its reference must have moved more often than there are coefficients.
-    """
+    """Return the refined estimate of a record; None where it is too short, or input or reference constant."""
     least = 2 * structure.poles + structure.zeros + 3
     if record.u.size <= least or float(np.ptp(record.u)) == 0.0:
         return None
-    if record.r is not None and np.count_nonzero(np.diff(record.r)) <= structure.coefficients:
+    if record.r is not None and float(np.ptp(record.r)) == 0.0:
         return None
     return refine(structure, record)

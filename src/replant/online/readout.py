@@ -10,6 +10,7 @@ from replant.assessment.assess_online import judged
 from replant.engine.covariance import covariance
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import REASONS, State
+from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
@@ -74,6 +75,16 @@ class Estimate:
         if self._settings is None:
             return np.full((self.structure.size, self.structure.size), np.nan)
         return covariance(self._state, self._settings)
+
+    @property
+    def noise(self) -> NoiseModel | None:
+        """The model of the residual's noise; None during start-up, and where the settings have none.
+
+        The default has one; a tracking optimizer, one of the gradient family, and a fixed filter have not.
+        """
+        if self._settings is None or not self._state.has_noise_model:
+            return None
+        return NoiseModel.of_slots(self._state.noise, self.dt, self._settings.scaling.output)
 
     @property
     def uncertainty(self) -> Uncertainty:

@@ -32,7 +32,7 @@ def test_rows_are_those_of_the_filtered_record(order: int) -> None:
     known = 0
     for k in range(SAMPLES):
         if k == 20:
-            noise.filtered, known = 0, 0
+            noise.known, known = 0, 0
         phi, zeta = rows[k, :T].copy(), rows[k, T : 2 * T].copy()
         target = filter_row(T, noise.reals, phi, zeta, rows[k, 2 * T])
         lags = min(order, known)

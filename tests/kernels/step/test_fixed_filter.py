@@ -49,11 +49,11 @@ def run(state: State, one: Kernel, many: Kernel) -> tuple[np.ndarray, np.ndarray
     errors, parameters = np.zeros(SAMPLES), np.zeros((SAMPLES, state.entries))
     middle = slice(5, SAMPLES - 5)
     for k in range(5):
-        errors[k] = one(*arrays(state), u[k], y[k], np.nan)
-    many(*arrays(state), u[middle], y[middle], REGULAR, errors[middle], parameters[middle])
+        errors[k] = one(*arrays(state), u[k], y[k], np.nan, np.nan)
+    many(*arrays(state), u[middle], y[middle], REGULAR, REGULAR, errors[middle], parameters[middle])
     state.ints[at.ADAPT] = 0
     for k in range(SAMPLES - 5, SAMPLES):
-        errors[k] = one(*arrays(state), u[k], y[k], np.nan)
+        errors[k] = one(*arrays(state), u[k], y[k], np.nan, np.nan)
     state.work[:] = 0.0  # no part of the state
     return errors, parameters
 

@@ -253,6 +253,38 @@ def test_hostile_words_stay_words(opened: Page, feed: Feed) -> None:
     assert opened.page.title() == "replant live"
 
 
+def with_reference(feed: Feed, scale: float, offset: float) -> dict[str, object]:
+    """The newest view's window with a reference, which is its output scaled and shifted."""
+    assert feed.hub.newest is not None
+    window = feed.hub.newest["window"]
+    return {"window": {**window, "r": [scale * value + offset for value in window["y"]]}}
+
+
+def test_a_set_point_is_drawn_beside_the_output_that_follows_it(opened: Page, feed: Feed) -> None:
+    plain = opened.pixels("output")
+    feed.change = with_reference(feed, 1.0, 0.01)
+    samples = feed.advance()["samples"]
+    opened.until(lambda: opened.text("samples") == f"{samples:,}")
+    assert "reference" in opened.page.locator('[data-for="output"]').inner_text()
+    assert not opened.page.locator("#apart").is_visible()
+    feed.change = {"window": {**with_reference(feed, 1.0, 0.01)["window"], "r": []}}  # type: ignore[dict-item]
+    drawn = opened.pixels("output")
+    samples = feed.advance()["samples"]
+    opened.until(lambda: opened.text("samples") == f"{samples:,}")
+    assert "reference" not in opened.page.locator('[data-for="output"]').inner_text()
+    assert opened.pixels("output") != drawn != plain
+
+
+def test_a_dither_is_drawn_in_a_plot_of_its_own(opened: Page, feed: Feed) -> None:
+    assert not opened.page.locator("#apart").is_visible()
+    feed.change = with_reference(feed, 1e-3, 500.0)
+    samples = feed.advance()["samples"]
+    opened.until(lambda: opened.text("samples") == f"{samples:,}")
+    opened.until(lambda: opened.page.locator("#apart").is_visible())
+    assert "reference" not in opened.page.locator('[data-for="output"]').inner_text()
+    assert "500" in opened.page.locator('[data-for="reference"]').inner_text()
+
+
 def test_views_with_nothing_known_are_drawn(opened: Page, feed: Feed) -> None:
     unknown = [None] * 4
     nothing = {"omega": [], "magnitude_db": [], "phase_deg": [], "magnitude_low": [], "magnitude_high": []}

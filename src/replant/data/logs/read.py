@@ -7,6 +7,7 @@ import math
 import os
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -204,7 +205,9 @@ def open_recording(
     if kept:
         u, y, *r = kept[: len(columns)]
         of_input, of_output, *of_reference = (table.names[column] for column in columns)
-        held = Log(u, y, step, stamps, of_input, of_output, table.path, 0, *r, *of_reference)
+        held = Log(u, y, step, stamps, of_input, of_output, table.path)
+        if r:
+            held = replace(held, reference=r[0], reference_name=of_reference[0])
     return Recording(table, columns, step, sampling_time is not None, rows, complete, held)
 
 

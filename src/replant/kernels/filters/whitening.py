@@ -26,9 +26,9 @@ from replant.kernels.filters.autoregression import nested_models
 from replant.kernels.schema import FIXED, LAGS, Doubt, NoiseSlots
 
 ORDER, GAIN, COUNT = NoiseSlots.order.index, NoiseSlots.gain.index, NoiseSlots.count.index
-KNOWN, FILTERED, POSITION = NoiseSlots.known.index, NoiseSlots.filtered.index, NoiseSlots.position.index
+KNOWN, POSITION = NoiseSlots.known.index, NoiseSlots.position.index
 _BEGINS = NoiseSlots.begins(FIXED | {"T": 0})  # what depends on T comes last
-MODELS, VARIANCES, SUMS, ERRORS, ROWS = (_BEGINS[name] for name in ("models", "variances", "sums", "errors", "rows"))
+MODELS, VARIANCES, SUMS, ROWS = (_BEGINS[name] for name in ("models", "variances", "sums", "rows"))
 
 IRREGULAR = 0.1
 """Difference from the sampling time beyond which an interval breaks the residual's past [sampling times].
@@ -43,35 +43,46 @@ Sensitivity: not measured.
 """
 
 
+@inline_llvm
+def before(row):
+    """Return the row of the ring that was written before this one."""
+    return row - 1 if row > 0 else LAGS
+
+
 @outlined
 def filter_row(T, noise, phi, zeta, target):
-    """Filter the newest row in place, keep it unfiltered for later ones; return the filtered target.
+    """Keep the newest row, and filter it in place; return the filtered target.
 
     Coefficients beyond the order are zero, so that all four earlier rows can be read at once.  All but ``T`` and
     ``target`` are pointers.
     """
     width, size = 2 * T + 1, LAGS + 1
-    newest = (int(noise[POSITION]) + 1) % size
-    lags = min(int(noise[ORDER]), int(noise[FILTERED]))
-    weight = math.sqrt(noise[GAIN] * noise[VARIANCES] / noise[VARIANCES + lags])
-    model = MODELS + size * lags
-    d_1, d_2, d_3, d_4 = noise[model + 1], noise[model + 2], noise[model + 3], noise[model + 4]
+    newest = int(noise[POSITION]) + 1
+    if newest == size:
+        newest = 0
+    lags = min(int(noise[ORDER]), int(noise[KNOWN]))
+    noise[POSITION] = newest
+    noise[KNOWN] = min(noise[KNOWN] + 1.0, float(size))
     row = pointer(noise, ROWS + newest * width)
-    row_1 = pointer(noise, ROWS + (newest + 4) % size * width)
-    row_2 = pointer(noise, ROWS + (newest + 3) % size * width)
-    row_3 = pointer(noise, ROWS + (newest + 2) % size * width)
-    row_4 = pointer(noise, ROWS + (newest + 1) % size * width)
     for i in range(T):
         row[i] = phi[i]
     for i in range(T):
         row[T + i] = zeta[i]
     row[2 * T] = target
+    if noise[ORDER] == 0.0:
+        return target
+    weight = math.sqrt(noise[GAIN] * noise[VARIANCES] / noise[VARIANCES + lags])
+    model = MODELS + size * lags
+    d_1, d_2, d_3, d_4 = noise[model + 1], noise[model + 2], noise[model + 3], noise[model + 4]
+    first = before(newest)
+    second = before(first)
+    third = before(second)
+    row_1, row_2 = pointer(noise, ROWS + first * width), pointer(noise, ROWS + second * width)
+    row_3, row_4 = pointer(noise, ROWS + third * width), pointer(noise, ROWS + before(third) * width)
     for i in range(T):
         phi[i] = weight * (row[i] + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])
     for i in range(T, 2 * T):
         zeta[i - T] = weight * (row[i] + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])
-    noise[POSITION] = newest
-    noise[FILTERED] = min(noise[FILTERED] + 1.0, float(LAGS))
     i = 2 * T
     return weight * (target + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])
 
@@ -90,49 +101,56 @@ def whiten(ints, reals, target, interval):
     """
     noise = pointer(reals, ints[at.AT_NOISE])
     if abs(interval - reals[at.INTERVAL]) > IRREGULAR * reals[at.INTERVAL]:
-        noise[KNOWN] = noise[FILTERED] = 0.0
-    if noise[ORDER] == 0.0 or ints[at.DOUBT] != Doubt.NONE:
-        noise[FILTERED] = 0.0
+        noise[KNOWN] = 0.0
+    if ints[at.DOUBT] != Doubt.NONE:
+        noise[KNOWN] = 0.0
         return target
     T = ints[at.ENTRIES]
     return filter_row(T, noise, pointer(reals, ints[at.AT_PHI]), pointer(reals, ints[at.AT_ZETA]), target)
 
 
 @outlined
-def add_residual(noise, error, forgetting):
-    """Add a residual and its predecessors to the sums; ``noise`` is a pointer."""
+def add_residuals(T, noise, theta, errors, forgetting):
+    """Add the products of the newest residual and its LAGS predecessors to the sums, where these are known.
+
+    All residuals are those of ``theta``: the estimate moves from sample to sample, by little beside the residual, but
+    not beside what is left of a smooth one once it is filtered.  ``errors`` (LAGS + 1,) is work.  All but ``T`` and
+    ``forgetting`` are pointers.
+    """
+    size, width, at_row = LAGS + 1, 2 * T + 1, int(noise[POSITION])
+    if noise[KNOWN] < size:
+        return
+    for lag in range(size):
+        row = pointer(noise, ROWS + at_row * width)
+        error = row[2 * T]
+        for i in range(T):
+            error -= theta[i] * row[i]
+        errors[lag] = error
+        at_row = before(at_row)
     noise[COUNT] = forgetting * noise[COUNT] + 1.0
-    noise[SUMS] = forgetting * noise[SUMS] + error * error
-    for i in range(1, LAGS + 1):
-        row, one = pointer(noise, SUMS + (LAGS + 1) * i), noise[ERRORS + i - 1]
-        row[0] = forgetting * row[0] + one * error
-        for j in range(1, i + 1):
-            row[j] = forgetting * row[j] + one * noise[ERRORS + j - 1]
+    for i in range(size):
+        sums = pointer(noise, SUMS + size * i)
+        for j in range(i + 1):
+            sums[j] = forgetting * sums[j] + errors[i] * errors[j]
 
 
 @inline_llvm
-def record(ints, reals, learned):
-    """Take the newest residual, before its update and unfiltered; where it was ``learned`` add it to the sums.
-
-    Only a residual with LAGS known predecessors is added: all sums are over the same samples.
-    """
-    noise = pointer(reals, ints[at.AT_NOISE])
-    if ints[at.DOUBT] != Doubt.NONE:
-        noise[KNOWN] = 0.0
-        return
-    if learned and noise[KNOWN] == LAGS:
-        add_residual(noise, reals[at.ERROR], reals[ints[at.AT_SETTINGS]])
-    for lag in range(LAGS - 1, 0, -1):
-        noise[ERRORS + lag] = noise[ERRORS + lag - 1]
-    noise[ERRORS] = reals[at.ERROR]
-    noise[KNOWN] = min(noise[KNOWN] + 1.0, float(LAGS))
+def record(ints, reals):
+    """Take the newest sample's residual, before its update, into the sums that the noise model is made from."""
+    noise, theta = pointer(reals, ints[at.AT_NOISE]), pointer(reals, ints[at.AT_THETA])
+    work = pointer(reals, ints[at.AT_WORK])
+    add_residuals(ints[at.ENTRIES], noise, theta, work, reals[ints[at.AT_SETTINGS]])
 
 
 @inline_source
 def renew(ints, reals):
-    """Renew the models of all orders, and the order in use, from the sums, where they are of enough residuals."""
+    """Renew the models of all orders, and the order in use, from the sums, where they are of enough residuals.
+
+    The auxiliary model has just been renewed.
+    """
     begin, size = ints[at.AT_NOISE], LAGS + 1
     noise = reals[begin:]
+    noise[KNOWN] = 0.0  # the rows so far came from another filter
     if noise[COUNT] >= ENOUGH:
         noise[ORDER] = nested_models(
             noise[SUMS : SUMS + size * size],

@@ -119,18 +119,17 @@ def take(ints, reals, banks, buffer, recent, u, y, t, r):
     error = reals[at.ERROR]
     if ints[at.HAS_NOISE_MODEL] == 1 and ints[at.DOUBT] == Doubt.NONE:
         error = outliers.equation_error(ints, reals, target)
-    tells, learned = not at_rest and may_learn(ints, reals), False
+    tells = not at_rest and may_learn(ints, reals)
     if not tells or ints[at.ALARM] >= Alarm.RESTS:
         ints[at.RESTED] += 1
     elif ints[at.DOUBT] == Doubt.NONE and outliers.is_calm(ints, reals):
+        if ints[at.HAS_NOISE_MODEL] == 1 and not outliers.begins_anew(ints, reals):
+            whitening.record(ints, reals)
         update_estimate(ints, reals, buffer, target, interval, learn)
         if ints[at.COLOURED] == 1 and not outliers.begins_anew(ints, reals):
             record_residual(ints, reals, error)
-            learned = True
         if ints[at.HAS_REFERENCE] == 1:
             reference.learn(ints, reals, u, y)
-    if ints[at.HAS_NOISE_MODEL] == 1:
-        whitening.record(ints, reals, learned)
     outliers.watch(ints, reals, tells, error)
     if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
         keep_estimate(ints, reals)

@@ -37,9 +37,9 @@ def report_of(identifier: Identifier, view: View) -> bytes:
     if identifier.settings is None:
         raise ReplantError("there is no model to report on yet")
     u, y, _ = identifier.recent.T.copy()
-    named = "reference" if identifier.reference else ""
-    signals = {"reference": identifier.recent_reference, "reference_name": named}
-    log = Log(u, y, identifier.dt, None, "input", "output", Path(view.source), **signals)
+    log = Log(u, y, identifier.dt, None, "input", "output", Path(view.source))
+    if identifier.reference:
+        log = dataclasses.replace(log, reference=identifier.recent_reference, reference_name="reference")
     with tempfile.TemporaryDirectory() as folder:
         page = write_report(Path(folder, "report.html"), _result(identifier, view), log, command=f"live {view.source}")
         return page.read_bytes()

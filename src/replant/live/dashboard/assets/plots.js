@@ -122,7 +122,7 @@ const ticksOf = format => (_, ticks) => ticks.map(format);
 export function timePlots() {
   const say = { output: legend(document.querySelector('[data-for="output"]'), [{ role: "measured", label: "measured", kind: "thick" },
     { role: "model", label: "simulated" }, { role: "muted", label: "reference", kind: "dashed" }, { role: "shade", label: "left out", kind: "shade" }]),
-    reference: legend(document.querySelector('[data-for="reference"]'), [{ role: "muted", label: "", kind: "dashed" }]),
+    reference: legend(document.querySelector('[data-for="reference"]'), [{ role: "muted", label: "" }]),
     input: legend(document.querySelector('[data-for="input"]'), [{ role: "input", label: "" }]) };
   const keyOf = kind => document.querySelector(`[data-for="output"] i.${kind}`).parentElement;
   const shadeKey = keyOf("shade"), referenceKey = keyOf("dashed"), apart = document.getElementById("apart");
