@@ -111,6 +111,16 @@ def test_an_integrator_is_one_on_either_side_of_the_axis(pole: float) -> None:
         assert verdict(loop, r, model=[1.0 - pole, -pole, 1.0]).status == "trusted"
 
 
+def test_in_a_loop_a_coefficient_must_be_known_better() -> None:
+    loop = loop_of(1, 0.1 * coloured(1, SAMPLES, 0.0))
+    u = binary(1, SAMPLES, 5)
+    opened = Loop(u, PLANT.simulate(u, DT) + 0.1 * coloured(1, SAMPLES, 0.0), u)
+    for record, status in ((loop, "converging"), (opened, "trusted")):
+        covariance = np.diag([0.2, 0.005, 0.005]) ** 2
+        evidence = Record(record.u, record.y, np.array([DT]))
+        assert assess_record(STRUCTURE, TRUE, evidence, DT, covariance).status == status
+
+
 def test_what_is_no_reference_is_said_in_a_line() -> None:
     noise = 0.2 * coloured(4, SAMPLES, 0.0)
     loop = loop_of(4, noise)

@@ -7,6 +7,9 @@ A model is trusted if
 * the input cannot explain any more of the residual, and the residual is not larger than before;
 * the estimate has a small uncertainty and no longer moves.
 
+Under a controller the input answers the residual.  A right model is trusted then, too, if the noise model whitens the
+residual, or if a reference explains nothing of it.  An unstable model is trusted with a reference alone.
+
 A wrong sampling time is found from time stamps only: without them the record is that of another plant in another unit
 of time.
 
