@@ -98,7 +98,7 @@ def test_an_unstable_plant_is_trusted_with_a_reference_alone() -> None:
     assert alone.status == "inconsistent"
     assert said(alone, "a pole at +1 rad/s")
     assert said(alone, "only a reference can show that an unstable model is right")
-    assert np.isfinite(alone.fit)
+    assert said(alone, f"one step ahead over the last 300 s, the model fits the output to {alone.fit:.1f} %")
     assert verdict(loop, loop.r, ONE, [-1.3, 1.0]).status == "inconsistent"
 
 
@@ -109,6 +109,16 @@ def test_an_integrator_is_one_on_either_side_of_the_axis(pole: float) -> None:
     loop = loop_of(3, 0.2 * coloured(3, SAMPLES, 0.0), integrator, gain=1.0, integral=0.0)
     for r in (None, loop.r):
         assert verdict(loop, r, model=[1.0 - pole, -pole, 1.0]).status == "trusted"
+
+
+def test_in_a_loop_a_coefficient_must_be_known_better() -> None:
+    loop = loop_of(1, 0.1 * coloured(1, SAMPLES, 0.0))
+    u = binary(1, SAMPLES, 5)
+    opened = Loop(u, PLANT.simulate(u, DT) + 0.1 * coloured(1, SAMPLES, 0.0), u)
+    for record, status in ((loop, "converging"), (opened, "trusted")):
+        covariance = np.diag([0.2, 0.005, 0.005]) ** 2
+        evidence = Record(record.u, record.y, np.array([DT]))
+        assert assess_record(STRUCTURE, TRUE, evidence, DT, covariance).status == status
 
 
 def test_what_is_no_reference_is_said_in_a_line() -> None:
