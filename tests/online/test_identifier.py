@@ -183,9 +183,8 @@ def test_start_up_loses_no_sample(preprocess: rp.Preprocess) -> None:
     y[[3, 70]] = np.nan
     ident = rp.Identifier(rp.Structure(2, 1), 0.02, preprocess=preprocess, startup=120, **ARTICLE)
     trace = ident.update_many(u, y)
-    chosen = ident.settings
-    fields = {field.name: getattr(chosen, field.name) for field in dataclasses.fields(chosen)}
-    knowing = rp.Identifier(fields.pop("structure"), fields.pop("dt"), **fields)
+    assert ident.settings is not None
+    knowing = rp.Identifier(**ident.settings.arguments)
     expected = knowing.update_many(u, y)
     first = 121  # two of the first samples are rejected: the 120th accepted one has the number 121
     assert not trace.parameters[:first].any()

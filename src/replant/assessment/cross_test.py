@@ -16,6 +16,7 @@ Sources: Ljung (1999), "System Identification: Theory for the User", sections 16
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -27,7 +28,7 @@ from replant.simulation.model_run import ModelRun
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.chi2 import chi2_quantile
 from replant.statistics.linear_algebra import roots
-from replant.statistics.projections import TAKEN_AWAY, lengths_of, orthogonal, products
+from replant.statistics.projections import TAKEN_AWAY, lengths_of, orthogonal, products, widening
 
 FALSE_ALARM = 1e-4
 """Chance that a test finds something where there is nothing [probability].
@@ -142,7 +143,18 @@ def unexplained_by_reference(
         Degrees of freedom that the estimate has used up: its coefficients, where it was made from these samples with
         instruments from this reference; else 0.
     """
-    return _explained(run.error[rows], columns[rows], 0, surplus * run.zeta.shape[1], spent)
+    found = _explained(run.error[rows], columns[rows], 0, surplus * run.zeta.shape[1], spent)
+    return dataclasses.replace(found, statistic=found.statistic / _colour_left(run.error[rows], columns[rows]))
+
+
+def _colour_left(error: FloatArray, columns: FloatArray) -> float:
+    """Return by how much the colour that the noise model leaves in an error (K,) widens its regression on columns."""
+    error, columns = error - error.mean(), columns - columns.mean(axis=0)
+    noise = Autoregression.of(error)
+    w, z = noise.whiten(error), noise.whiten(columns)
+    z = z / lengths_of(z)
+    basis = z @ orthogonal(products(z, z))
+    return widening(basis, w - basis @ products(basis, w[:, None])[:, 0])
 
 
 def _explained(error: FloatArray, columns: FloatArray, few: int, learned: float, spent: int = 0) -> Unexplained:

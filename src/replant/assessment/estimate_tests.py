@@ -10,7 +10,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.assessment.cross_test import FALSE_ALARM
 from replant.assessment.evidence import Evidence, Runs
-from replant.assessment.gain_error import gain_findings, modelled_spectrum
+from replant.assessment.gain_error import gain_findings, output_frequency
 from replant.assessment.newton_step import distance as distance_of
 from replant.assessment.verdict import Finding, figure, percent
 from replant.statistics.linear_algebra import roots
@@ -82,11 +82,6 @@ Level: 99.7 %.
 Sensitivity: not measured.
 """
 
-SAME = 1e-6
-"""Difference of two magnitudes that are those of the same pole [part].
-Derivation: the square root of what rounding leaves of a double pole, with room.
-"""
-
 
 @dataclass(frozen=True)
 class Certainty:
@@ -108,22 +103,25 @@ class Certainty:
     @classmethod
     def of(cls, evidence: Evidence, runs: Runs, feedback: bool = False) -> Certainty:
         """Test the estimate; ``feedback``: whether the input answers the residual."""
-        size, speeds = evidence.coefficients, pole_speeds(evidence, feedback)
+        size, speeds = evidence.coefficients, Speeds.of(evidence, feedback)
         if evidence.instruments:
             away = distance_of(runs.now, evidence.known, FALSE_ALARM)
         else:
             away = distance_of(runs.now, slice(0, evidence.samples), SUSPECT)
         known = away.covariance if evidence.covariance is None else evidence.covariance[:size, :size]
         std = np.sqrt(np.maximum(np.diag(known), 0.0))
-        uncertainty = runs.size(std[: evidence.structure.poles], speeds)
+        uncertainty = runs.size(std[: evidence.structure.poles], speeds.poles)
         step = (evidence.estimate - evidence.earlier)[:size]
-        moved, sigmas = runs.size(step, speeds), float((np.abs(step) / np.maximum(std, np.finfo(float).tiny)).max())
-        distance = runs.size(away.step, speeds)
+        moved, sigmas = (
+            runs.size(step, speeds.poles),
+            float((np.abs(step) / np.maximum(std, np.finfo(float).tiny)).max()),
+        )
+        distance = runs.size(away.step, speeds.poles)
         figures = {"uncertainty": uncertainty, "movement": sigmas, "distance": distance}
         left = float(np.var(runs.now.error[evidence.newest])), float(np.var(runs.error))
         improves = evidence.adapts and moved > MOST_MOVED and left[0] < IMPROVED * left[1]
         findings = [
-            *_of_uncertainty(uncertainty, _scatter(evidence, runs, known), slow_noise(evidence, uncertainty)),
+            *_of_uncertainty(uncertainty, _scatter(evidence, runs, known, speeds), slow_noise(evidence, uncertainty)),
             *_of_movement(evidence, moved, sigmas, improves),
             *_of_distance(evidence, distance, away.statistic),
             *gain_findings(evidence, runs, known),
@@ -131,26 +129,51 @@ class Certainty:
         return cls(figures, improves, findings)
 
 
-def pole_speeds(evidence: Evidence, feedback: bool) -> FloatArray:
-    """Return the speed (n,) of each pole in rad/s, by which errors of the denominator are judged.
+@dataclass(frozen=True, eq=False)
+class Speeds:
+    """How fast the poles are, by which errors of the denominator are judged.
 
-    It is the pole's magnitude.  A pole slower than the record is long counts as one just as long.  Where the loop is
-    closed, the controller and not a slow pole decides what the output does: a pole that may as well lie in the origin,
-    as an integrator's does, counts as fast as the model's output moves, the mean frequency of its power.
+    Attributes
+    ----------
+    poles : (n,) array
+        The magnitude of each pole in rad/s.  A pole slower than the record is long counts as one just as long.  Where
+        the loop is closed, the controller and not a slow pole decides what the output does: a pole that may as well lie
+        in the origin, as an integrator's does, counts as fast as the output moves.
+    output : float
+        How fast the model's output moves: the mean frequency of its power, in rad/s.
+    integrators : int
+        How many poles count as that fast.
     """
-    poles = np.abs(roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])))
-    speeds = np.maximum(poles, 1.0 / evidence.record.span)
-    if not feedback:
-        return speeds
-    omega, power = modelled_spectrum(evidence)
-    widths = np.gradient(omega)
-    typical = float(np.sum(omega * power * widths) / np.sum(power * widths))
-    for mode in evidence.modes:
-        square = float(np.trace(mode.covariance))
-        if abs(mode.mode.pole) ** 2 < INTEGRATOR_SIGMAS**2 * square or not math.isfinite(square):
-            same = np.isclose(poles, abs(mode.mode.pole), rtol=SAME)
-            speeds[same] = np.maximum(speeds[same], typical)
-    return speeds
+
+    poles: FloatArray
+    output: float = 0.0
+    integrators: int = 0
+
+    @classmethod
+    def of(cls, evidence: Evidence, feedback: bool) -> Speeds:
+        """Return the speeds of the estimate's poles; ``feedback``: whether the input answers the residual."""
+        least = 1.0 / evidence.record.span
+        if not (feedback and evidence.modes):
+            poles = np.abs(roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])))
+            return cls(np.maximum(poles, least))
+        output = output_frequency(evidence)
+        pairs = [mode for mode in evidence.modes for _ in range(2 if mode.mode.pole.imag else 1)]
+        sizes = np.array([abs(mode.mode.pole) for mode in pairs])
+        squares = np.array([float(np.trace(mode.covariance)) for mode in pairs])
+        may = ~(sizes**2 > INTEGRATOR_SIGMAS**2 * squares) & (sizes < output)
+        return cls(np.where(may, output, np.maximum(sizes, least)), output, int(may.sum()))
+
+    def moved(self, signals: FloatArray, dt: float) -> FloatArray:
+        """Return signals (K, ...) without what integrators make drift: each is filtered by s/(s + output)."""
+        if not self.integrators:
+            return signals
+        from replant.kernels.filters.all_pole import all_pole
+
+        decay = np.array([1.0, -math.exp(-self.output * dt)])
+        channels = signals.reshape(len(signals), -1).T
+        for _ in range(self.integrators):
+            channels = all_pole(decay, np.diff(channels, axis=1, prepend=channels[:, :1]))
+        return np.ascontiguousarray(channels.T).reshape(signals.shape)
 
 
 def slow_noise(evidence: Evidence, uncertainty: float) -> str:
@@ -163,10 +186,10 @@ def slow_noise(evidence: Evidence, uncertainty: float) -> str:
     return " (because the residual varies slowly: the output drifts, or the plant is slightly nonlinear)"
 
 
-def _scatter(evidence: Evidence, runs: Runs, covariance: np.ndarray) -> float:
+def _scatter(evidence: Evidence, runs: Runs, covariance: np.ndarray, speeds: Speeds) -> float:
     """Return the standard deviation of the simulated output by the estimate's error, over that of the output."""
-    slopes = runs.now.zeta[evidence.known]
-    output = float(runs.now.forced[evidence.known].std())
+    slopes = speeds.moved(runs.now.zeta, evidence.dt)[evidence.known]
+    output = float(speeds.moved(runs.now.forced, evidence.dt)[evidence.known].std())
     made = float(np.trace(covariance @ np.atleast_2d(np.cov(slopes.T))))
     return math.sqrt(max(made, 0.0)) / output if output > 0.0 else math.inf
 

@@ -109,22 +109,28 @@ def excited_frequencies(evidence: Evidence) -> FloatArray:
     A record shorter than the slowest mode does not resolve the lowest ones: the density there is taken for that of the
     lowest frequency that it resolves.
     """
-    omega, power = modelled_spectrum(evidence)
-    return np.asarray(omega[power >= EXCITED * power.max()])
-
-
-def modelled_spectrum(evidence: Evidence) -> tuple[FloatArray, FloatArray]:
-    """Return frequencies (F,) in rad/s, ascending, and the power density (F,) of the model's output there."""
-    u, dt = evidence.record.u, evidence.record.dt
-    size = min(u.size, SEGMENT)
-    omega: FloatArray = np.asarray(2.0 * np.pi * np.fft.rfftfreq(size, dt)[1:], float)
-    density = _density(u, size)[1:]
+    omega, density = _input_spectrum(evidence)
     poles = np.abs(roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])))
     lowest = SLOWEST * max(float(poles.min()), 1.0 / evidence.record.span)  # a slower pole counts as one as slow
     if 0.0 < lowest < omega[0]:
         below = np.geomspace(lowest, omega[0], SLOW_FREQUENCIES, endpoint=False)
         omega, density = np.concatenate([below, omega]), np.concatenate([np.full(below.size, density[0]), density])
-    return omega, _magnitude(evidence, evidence.estimate, omega) ** 2 * density
+    power = _magnitude(evidence, evidence.estimate, omega) ** 2 * density
+    return np.asarray(omega[power >= EXCITED * power.max()])
+
+
+def output_frequency(evidence: Evidence) -> float:
+    """Return the mean frequency, in rad/s, of the power of the model's output, as far as the record resolves it."""
+    omega, density = _input_spectrum(evidence)
+    power = _magnitude(evidence, evidence.estimate, omega) ** 2 * density
+    return float(omega @ power / power.sum())
+
+
+def _input_spectrum(evidence: Evidence) -> tuple[FloatArray, FloatArray]:
+    """Return the frequencies (F,) that the record resolves, in rad/s, and the input's power density (F,) there."""
+    u, dt = evidence.record.u, evidence.record.dt
+    size = min(u.size, SEGMENT)
+    return np.asarray(2.0 * np.pi * np.fft.rfftfreq(size, dt)[1:], float), _density(u, size)[1:]
 
 
 def _density(u: FloatArray, size: int) -> FloatArray:

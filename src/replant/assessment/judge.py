@@ -273,8 +273,9 @@ def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[F
     run = f"{_how_run(evidence, loop.reference is not None)} over {evidence.span}{_in_sample(evidence)}"
     figure = f"{fit:.0f} %" if fit > WORST_FIT else f"below {WORST_FIT:.0f} %"
     reason = f"{run}, the model explains almost nothing of the output (fit {figure})"
-    advice = "" if evidence.record.r is not None else ": if a controller moves the input, give its reference"
-    return [Finding("inconsistent", f"{reason}{advice}")]
+    if evidence.record.r is None:
+        reason += f": {COLOURED}" if loop.feedback.found else ": if a controller moves the input, give its reference"
+    return [Finding("inconsistent", reason)]
 
 
 def _in_sample(evidence: Evidence) -> str:

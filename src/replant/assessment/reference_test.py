@@ -25,7 +25,7 @@ from replant.assessment.verdict import Finding
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.chi2 import chi2_quantile
 from replant.statistics.laguerre import laguerre_states
-from replant.statistics.projections import orthogonal, products, without
+from replant.statistics.projections import orthogonal, products, widening, without
 
 COPY = 1e-6
 """What is left of the reference once the input is taken from it, below which it is a copy of the input [part of its
@@ -94,7 +94,7 @@ class Reference:
         amounts = basis.T @ x
         part = float(amounts @ amounts)
         free = max(x.size - amounts.size, 1)
-        rest = max((float(x @ x) - part) / free, np.finfo(float).tiny)
+        rest = max((float(x @ x) - part) / free, np.finfo(float).tiny) * widening(basis, x - basis @ amounts)
         limit = chi2_quantile(1.0 - FALSE_ALARM, states.shape[1] + 1)
         return cls(states, input_part, output_part, part / rest / limit)
 

@@ -1,8 +1,8 @@
 r"""A model run over a record: its residual, and the signals that the tests correlate the residual with.
 
 The residual of B/A is :math:`e = A/D\, y - B/D\, u`.  D is A where that is stable: e is then the measured output minus
-the simulated one.  Else D is A with its unstable poles reflected: the residual of a right model is as white
-as the noise, and needs no simulation that diverges.
+the simulated one.  Else D is A with its unstable poles reflected: the residual of a right model is as white as the
+noise, and needs no simulation that diverges.
 """
 
 from __future__ import annotations
@@ -18,11 +18,6 @@ from replant.model.structure import Structure
 from replant.simulation.auxiliary_model import AuxiliaryModel
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.projections import without
-
-SLOWEST = 0.01
-"""Least distance of a filter's pole from the imaginary axis [1 / duration of the record].
-Derivation: what such a pole does within the record differs by a hundredth from an integrator.
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +78,7 @@ def run_model(
     n = structure.poles
     # with as many zeros as there can be, the columns hold every s^i/A u; the derivatives along b are the last of them
     full = Structure(n, n - 1 + structure.is_biproper, structure.delay, feedthrough=structure.is_biproper)
-    model = AuxiliaryModel(full, dt, record.input_hold, margin=SLOWEST / record.span)
+    model = AuxiliaryModel(full, dt, record.input_hold)
     theta = np.zeros(model.entries)
     theta[full.denominator] = parameters[structure.denominator]
     own = slice(full.coefficients - structure.zeros - 1, full.coefficients)
@@ -99,7 +94,7 @@ def run_model(
     direct = structure.delay < dt if record.input_hold == "foh" else structure.is_biproper and structure.delay == 0.0
     instruments = None
     if by_reference is not None:
-        apart = AuxiliaryModel(full, dt, record.input_hold, margin=SLOWEST / record.span, reference=True)
+        apart = AuxiliaryModel(full, dt, record.input_hold, reference=True)
         zeta = apart.run(theta, record, by_reference).zeta
         instruments = np.hstack([zeta[:, full.denominator], zeta[:, own]])
     return ModelRun(structure, parameters, record.u, error, done.output, states, slopes, nuisances, direct, instruments)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.statistics.chi2 import chi2_quantile
 
 SMALL = 1 << 17
 """Multiplications that stay in one thread [count]."""
@@ -23,6 +24,16 @@ Sensitivity: not measured.
 WEAKEST = 1e-13
 """Eigenvalue of scaled sums below which a direction counts as not there [part of the largest].
 Derivation: some hundred times the precision of float64.
+"""
+
+SHIFTS = 9
+"""Shifts of a residual against columns, by which `widening` is measured [count].
+Derivation: the median of nine is known to a fifth where there are a dozen columns.
+"""
+
+GOLDEN = 0.6180339887498949
+"""Distance of two shifts, so that no period meets several of them [part of the record].
+Derivation: the golden ratio.
 """
 
 
@@ -67,3 +78,33 @@ def without(columns: FloatArray, nuisances: FloatArray) -> FloatArray:
     basis = orthogonal(products(nuisances, nuisances))
     weights = basis @ (basis.T @ products(nuisances, columns))
     return np.asarray(columns - np.einsum("ij,jk->ik", nuisances, weights))
+
+
+def widening(basis: FloatArray, left: FloatArray) -> float:
+    """Return by how much colour widens the part of a residual that unrelated columns explain; 1 where it is white.
+
+    The part, over the residual's variance, is chi-square where the residual is white.  Where it is not quite, the part
+    is compared with that of the same residual shifted against the columns, so far that they have nothing to do with
+    each other: the median over `SHIFTS` shifts, over that of chi-square.
+
+    Parameters
+    ----------
+    basis : (K, R) array
+        The columns, orthonormal.
+    left : (K,) array
+        The residual, without what they explain of it.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).standard_normal((3, 5000))
+    >>> slow = np.array([np.convolve(each, 0.95 ** np.arange(100))[:5000] for each in noise])
+    >>> columns = np.linalg.qr(slow[:2].T)[0]
+    >>> widening(columns, slow[2]) > 3.0
+    True
+    """
+    if not basis.shape[1] or not left.any():
+        return 1.0
+    places = (np.arange(1, SHIFTS + 1) * GOLDEN % 1.0 * left.size).astype(int)
+    parts = [float(np.sum(products(basis, np.roll(left, place)[:, None]) ** 2)) for place in places]
+    usual = float(left @ left) / left.size * chi2_quantile(0.5, basis.shape[1])
+    return max(1.0, float(np.median(parts)) / usual)
