@@ -176,6 +176,7 @@ def test_white_noise_in_open_loop_has_order_zero() -> None:
 POOR = {
     "stands still": (lambda done: np.full(done.r.size, 3.0), "stands still"),
     "copy": (lambda done: 2.0 * done.u - 1.0, "copy of the input"),
+    "moves once": (lambda done: (np.arange(done.r.size) > 700).astype(float), "moves 1 times, too few for 2"),
     "nothing": (lambda done: np.random.default_rng(5).standard_normal(done.r.size), "explains nothing"),
 }
 
