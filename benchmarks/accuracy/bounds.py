@@ -123,6 +123,7 @@ def _at_most(value: float, limit: float) -> bool:
 KINDS: dict[str, Kind] = {
     "bias": Kind("mean within {} %", lambda s: s.bias_percent, _within),
     "std": Kind("std at most {}", lambda s: s.std, _at_most),
+    "rmse": Kind("RMSE at most {}", lambda s: s.rmse, _at_most),
     "near": Kind("std within 20 % of {}", lambda s: s.std, lambda value, limit: abs(value / limit - 1.0) <= 0.2),
     "standard errors": Kind("mean within {} standard errors", lambda s: s.bias / s.standard_error, _within),
     "error": Kind("each run within {} %", lambda s: s.worst_percent, _at_most),

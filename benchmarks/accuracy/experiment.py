@@ -9,6 +9,7 @@ import numpy as np
 
 import replant as rp
 from accuracy.bounds import Bound
+from accuracy.feedback import Feedback
 from accuracy.methods import Figures, figures_of
 from accuracy.records import Measured
 from replant.model.uncertainty import Uncertainty
@@ -46,6 +47,10 @@ class Experiment:
         Whether it needs recorded logs.
     beside : bool
         Whether it is a neighbour of what is promised, shown for honesty: its bounds are compared, not promised.
+    least_std : mapping
+        Cramer-Rao bound by figure, where it is known: the least standard deviation of an unbiased estimator.
+    feedback : Feedback or None
+        Where a controller makes the input: by what errors are judged there, and what is promised of them.
     """
 
     key: str
@@ -62,6 +67,8 @@ class Experiment:
     shows_coverage: bool = False
     reads_data: bool = False
     beside: bool = False
+    least_std: Mapping[str, float] = field(default_factory=dict)
+    feedback: Feedback | None = None
 
     @property
     def scenario(self) -> str:

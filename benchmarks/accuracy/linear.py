@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 import replant as rp
 from accuracy.bounds import Bound
 from accuracy.experiment import Experiment, Method, truth_of
+from accuracy.information import cramer_rao
 from accuracy.methods import Offline, Online
 from accuracy.records import PLANT_A, PLANT_B, Excited, Irregular
 from replant.optimizers import (
@@ -17,12 +18,15 @@ from replant.optimizers import (
     RecursiveLeastSquares,
 )
 from replant.regressor.filters import StateVariableFilter
+from replant.signals import prbs
 
 DEFAULT, OFFLINE, LEAST_SQUARES = "default", "offline SRIVC", "offline least squares"
 BOTH: dict[str, Method] = {DEFAULT: Online(), OFFLINE: Offline()}
 
 #: A: step size of the buffered optimizers, the same with and without instruments.
 STEP_SIZE = 1e-3
+#: J: RMSE beside the Cramer-Rao bound.
+EFFICIENT = 1.15
 OF_A, OF_B = rp.Structure(poles=2), rp.Structure(poles=4, zeros=1)
 NAMES_A, NAMES_B = ("a1", "a0", "b0"), ("a3", "a2", "a1", "a0", "b1", "b0")
 STD_A = dict(zip(NAMES_A, (0.11, 0.07, 0.05), strict=True))
@@ -102,17 +106,24 @@ def scenario_coloured() -> Iterator[Experiment]:
     """A in first-order coloured noise: short, and ten times as long, where the recursion goes on by itself."""
     pure = RecursiveLeastSquares(time_constant=1e7)
     for colour in (0.5, 0.9):
-        for samples, runs in ((2001, 100), (20_001, 60)):
+        for samples, runs in ((2001, 200), (20_001, 60)):
+            records = Excited(PLANT_A, 0.05, samples, 10.0, 8, 8, colour)
+            u = prbs(samples, bits=records.bits, hold=records.hold)
+            least = cramer_rao(PLANT_A, u, 0.05, records.decibels, colour).tolist()
+            least_std = dict(zip(NAMES_A, least, strict=True))
+            limits = {name: EFFICIENT * std for name, std in least_std.items()}
             yield Experiment(
                 f"J pole-{colour:g} {samples}",
                 f"2/(s^2+4s+3), PRBS, {samples} samples, 10 dB of noise with a pole at {colour:g}",
                 OF_A,
                 0.05,
                 runs,
-                Excited(PLANT_A, 0.05, samples, 10.0, 8, 8, colour),
+                records,
                 BOTH | {"pure recursion: RLS, memory of 10^7 s": Online({"optimizer": pure})},
                 truth_of(PLANT_A, OF_A),
+                (Bound(DEFAULT, "rmse", limits),) if (colour, samples) == (0.9, 2001) else (),
                 shows_coverage=True,
+                least_std=least_std,
             )
 
 

@@ -24,9 +24,20 @@ QUANTILE = 1.96  # standard deviations to either side of a nominal 95 % interval
 
 @dataclass(frozen=True)
 class Online:
-    """One pass of an `Identifier` with these options, everything else left to it."""
+    """One pass of an `Identifier` with these options, everything else left to it.
+
+    Attributes
+    ----------
+    options : mapping
+    with_reference : bool
+        Whether it is given the record's reference.
+    judges : bool
+        Whether the figure "trusted" is 1 where the verdict on the estimate is so, else 0.
+    """
 
     options: Mapping[str, Any] = field(default_factory=dict)
+    with_reference: bool = False
+    judges: bool = False
 
     def identifier(self, structure: rp.Structure, dt: float, measured: Measured) -> Identifier:
         """Return the identifier before its first sample."""
@@ -35,10 +46,11 @@ class Online:
     def __call__(self, structure: rp.Structure, dt: float, measured: Measured) -> Figures:
         """Return the parameters and the modes after the last sample."""
         ident = self.identifier(structure, dt, measured)
-        ident.update_many(measured.u, measured.y, measured.t)
+        ident.update_many(measured.u, measured.y, measured.t, r=measured.r if self.with_reference else None)
+        said = {"trusted": (float(ident.assess().status == "trusted"), math.nan)} if self.judges else {}
         if ident.settings is None:  # still starting at the record's end
-            return figures_of(Uncertainty(structure, np.full(structure.size, np.nan), ident.covariance))
-        return figures_of(ident.uncertainty)
+            return said | figures_of(Uncertainty(structure, np.full(structure.size, np.nan), ident.covariance))
+        return said | figures_of(ident.uncertainty)
 
 
 @dataclass(frozen=True)
@@ -49,16 +61,26 @@ class Offline:
     ----------
     method : str
         "srivc", refined instrumental variables, or "least_squares", the article's reference.
+    with_reference : bool
+        Whether it is given the record's reference.
     """
 
     method: str = "srivc"
+    with_reference: bool = False
 
     def __call__(self, structure: rp.Structure, dt: float, measured: Measured) -> Figures:
         """Return the parameters and the modes."""
         unknown = np.full((structure.size, structure.size), np.nan)
         try:
             found = rp.fit(
-                measured.u, measured.y, dt, structure, method=self.method, preprocess=measured.preprocess, t=measured.t
+                measured.u,
+                measured.y,
+                dt,
+                structure,
+                method=self.method,
+                preprocess=measured.preprocess,
+                t=measured.t,
+                reference=measured.r if self.with_reference else None,
             )
         except rp.InvalidArgumentError:  # no model found
             return figures_of(Uncertainty(structure, unknown[0], unknown))

@@ -33,6 +33,8 @@ class Measured:
         The parameters at each sample, where they change.
     preprocess : Preprocess
         Input map and working point, where they are known.
+    r : (K,) array or None
+        The controller's reference, where there is one.
     """
 
     u: FloatArray
@@ -40,6 +42,7 @@ class Measured:
     t: FloatArray | None = None
     truth: FloatArray | None = None
     preprocess: rp.Preprocess = rp.Preprocess()  # noqa: RUF009 - frozen
+    r: FloatArray | None = None
 
 
 def random_binary(generator: np.random.Generator, samples: int, hold: int) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import cache
 
+from accuracy.controlled import scenario_k
 from accuracy.experiment import Experiment
 from accuracy.linear import scenario_a, scenario_b, scenario_coloured, scenario_e, scenario_f
 from accuracy.rigs import scenario_c, scenario_d, scenario_i
@@ -18,6 +19,7 @@ SCENARIOS: dict[str, Callable[[], Iterator[Experiment]]] = {
     "F": scenario_f,
     "I": scenario_i,
     "J": scenario_coloured,
+    "K": scenario_k,
 }
 COVERAGE, VERDICTS = "G", "H"
 #: What can be asked for; "G" is measured on the runs of A and B, "H" is in `accuracy.verdicts`.

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from accuracy.bounds import COVERAGE, Bound, Statistics, statistics
 from accuracy.experiment import Experiment
+from accuracy.feedback import Outcome, outcome
 from accuracy.methods import QUANTILE, Figures
 
 #: Statistics by method and figure.
@@ -51,19 +52,26 @@ class Summary:
     covered : dict
         The same over all runs: the coverage is taken from here.
     promises : tuple of Promise
+    outcomes : dict
+        By method, where a controller makes the input.
     """
 
     experiment: Experiment
     table: Table
     covered: Table
     promises: tuple[Promise, ...]
+    outcomes: Mapping[str, Outcome]
 
 
 def summarise(experiment: Experiment, runs: Sequence[Mapping[str, Figures]]) -> Summary:
     """Return the statistics of an experiment's runs."""
     table = tabulate(experiment, runs[: experiment.counted or len(runs)])
     promises = tuple(_promise(experiment, bound, table[bound.method]) for bound in experiment.bounds)
-    return Summary(experiment, table, tabulate(experiment, runs), promises)
+    outcomes: dict[str, Outcome] = {}
+    if experiment.feedback is not None:
+        sizes, truth = experiment.feedback.sizes, experiment.truth
+        outcomes = {method: outcome(sizes, truth, [run[method] for run in runs]) for method in experiment.methods}
+    return Summary(experiment, table, tabulate(experiment, runs), promises, outcomes)
 
 
 def tabulate(experiment: Experiment, runs: Sequence[Mapping[str, Figures]]) -> Table:

@@ -31,6 +31,7 @@ __all__ = [
     "MissingCheckpointError",
     "MissingDependencyError",
     "NAdam",
+    "NoiseModel",
     "Preprocess",
     "RMSProp",
     "RecursiveLeastSquares",

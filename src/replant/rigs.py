@@ -126,8 +126,8 @@ def motor_rig(noise: float = 0.2) -> Rig:
 
     Examples
     --------
-    >>> motor_rig().plant.poles.tolist()
-    [-50.0, -2.0]
+    >>> [round(mode.time_constant, 6) for mode in motor_rig().plant.modes]
+    [0.5, 0.02]
     """
     return Rig(MOTOR, dt=0.01, noise=noise)
 

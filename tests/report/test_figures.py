@@ -6,9 +6,11 @@ import math
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from scipy.signal import lfilter
 
 import replant as rp
 from replant.errors import InvalidArgumentError
+from replant.model.noise import NoiseModel
 from replant.model.uncertainty import Uncertainty
 from replant.report.diagnostics import (
     BAND_95,
@@ -22,6 +24,7 @@ from replant.report.figures import (
     draw_excitation,
     draw_fit,
     draw_poles_and_zeros,
+    draw_spectrum,
     draw_transients,
     save_figures,
     style,
@@ -214,6 +217,19 @@ def test_limits_can_be_seen_beside_a_white_residual() -> None:
     assert coloured.get_ylim()[1] >= 1.0
 
 
+def test_the_spectrum_of_coloured_noise_and_of_its_model() -> None:
+    """Each is a mean of 15 periodograms and scatters by a third: a factor of two is four deviations and more."""
+    residual = lfilter([1.0], [1.0, -0.9], np.random.default_rng(4).standard_normal(20_000))
+    noise = NoiseModel(np.array([1.0, -0.9]), 1.0, 1.0 / 0.19, 0.1)
+    axis = draw_spectrum(noise, residual, 0.1)
+    (omega, measured), (_, model) = (line.get_data() for line in axis.lines)
+    assert omega.max() <= math.pi / 0.1
+    assert np.median(np.abs(np.log(measured / noise.spectrum(omega)))) < math.log(2.0)
+    assert model[0] > 50.0 * model[-1]
+    assert [text.get_text() for text in axis.get_legend().get_texts()] == ["residual", "model of order 1"]
+    assert not draw_spectrum(None, residual[:20], 0.1).lines
+
+
 def test_excitation_over_time() -> None:
     found = excitation(np.random.default_rng(0).standard_normal((4000, 2)))
     top, bottom = draw_excitation(found, 0.05)
@@ -241,6 +257,7 @@ def test_every_figure_draws_into_the_axes_it_is_given(uncertain) -> None:
         (2, lambda given: draw_correlations(found, dt, axes=given)),
         (2, lambda given: draw_excitation(None, dt, axes=given)),
         (1, lambda given: [draw_poles_and_zeros(result, ax=given[0])]),
+        (1, lambda given: [draw_spectrum(result.noise, y - result.simulation.output, dt, ax=given[0])]),
     ]
     begin = 0
     for count, call in calls:

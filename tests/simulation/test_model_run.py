@@ -11,8 +11,11 @@ import replant as rp
 from replant.assessment.excitation import WORST_CONDITION, excitation
 from replant.engine.record import Record
 from replant.simulation.model_run import ModelRun, run_model
+from replant.statistics.autoregression import whiteness
 from replant.statistics.projections import products, without
 from support.builders import AWKWARD, DT, binary, irregular_record, true_parameters
+from support.loops import DT as STEP
+from support.loops import coloured, controlled, steps
 
 every_plant = pytest.mark.parametrize("name", AWKWARD)
 
@@ -76,9 +79,20 @@ def test_irregular_intervals_are_taken_exactly() -> None:
     np.testing.assert_allclose(run.error, 0.0, atol=1e-6)
 
 
-def test_a_model_that_explodes_has_no_run() -> None:
+def test_the_residual_of_an_unstable_model_is_as_white_as_the_noise() -> None:
+    """What the output of 1/(s - 1) would grow to in 300 s is no concern of its."""
+    noise = coloured(1, 3000, 0.0)
+    loop = controlled(rp.TransferFunction([1.0], [1.0, -1.0]), steps(1, 3000), noise, gain=3.0)
+    run = run_model(rp.Structure(1), np.array([-1.0, 1.0]), Record(loop.u, loop.y, np.array([STEP])), STEP)
+    assert run is not None
+    assert whiteness(run.error) < 1.2
+    assert run.error.std() == pytest.approx(noise.std(), rel=0.05)
+    assert all(np.isfinite(signals).all() for signals in (run.forced, run.states, run.zeta, run.nuisances))
+
+
+def test_a_model_whose_signals_leave_float64_has_no_run() -> None:
     u = binary(1, 600, 5)
-    assert run_model(rp.Structure(1), np.array([-1e5, 1.0]), Record(u, u, np.array([DT])), DT) is None
+    assert run_model(rp.Structure(1), np.array([1.0, 1e308]), Record(u, u, np.array([DT])), DT) is None
 
 
 # --- excitation

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.signal import cont2discrete, lfilter, tf2ss
+
+import replant as rp
 
 DT = 0.1
 
@@ -35,3 +39,30 @@ def loaded_loop(samples: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np
     load = 0.05 * lfilter([1.0], [1.0, -0.95], generator.standard_normal(samples))
     u, y = closed_loop([1.0], [1.0, 1.4, 1.0], (2.0, 1.0), DT, r, load, np.zeros(samples))
     return u, y, r
+
+
+class Loop(NamedTuple):
+    """A record of a loop: input, output and reference."""
+
+    u: np.ndarray
+    y: np.ndarray
+    r: np.ndarray
+
+
+def controlled(
+    plant: rp.TransferFunction, r: np.ndarray, noise: np.ndarray, *, gain: float, integral: float = 0.0
+) -> Loop:
+    """A plant under a proportional or PI controller, with noise of its output."""
+    u, y = closed_loop(list(plant.num), list(plant.den), (gain, integral), DT, r, np.zeros(r.size), noise)
+    return Loop(u, y, r)
+
+
+def coloured(seed: int, samples: int, colour: float) -> np.ndarray:
+    """Noise of standard deviation one, an autoregression of order one."""
+    made = lfilter([1.0], [1.0, -colour], np.random.default_rng([seed, 5]).standard_normal(samples + 500))[500:]
+    return np.asarray(made * np.sqrt(1.0 - colour**2))
+
+
+def steps(seed: int, samples: int, hold: int = 20) -> np.ndarray:
+    """A reference: uniform in (-1, 1), each value held."""
+    return np.repeat(np.random.default_rng(seed).uniform(-1.0, 1.0, -(-samples // hold)), hold)[:samples]

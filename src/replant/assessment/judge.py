@@ -7,6 +7,9 @@ A model is trusted if
 * the input cannot explain any more of the residual, and the residual is not larger than before;
 * the estimate has a small uncertainty and no longer moves.
 
+Under a controller the input answers the residual.  A right model is trusted then, too, if the noise model whitens the
+residual, or if a reference explains nothing of it.  An unstable model is trusted with a reference alone.
+
 A wrong sampling time is found from time stamps only: without them the record is that of another plant in another unit
 of time.
 
@@ -267,6 +270,9 @@ def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[F
         fit = fit_percent(shown, y - one_step(runs.error)) if loop.reference is None else by_reference
     figures["fit"] = fit
     if fit >= POOREST_FIT or by_reference >= POOREST_FIT:
+        if evidence.unstable_pole > 0.0 and loop.reference is None:
+            reason = f"one step ahead over {evidence.span}, the model fits the output to {fit:.1f} %"
+            return [Finding("trusted", reason)]
         return []
     if math.isnan(fit):
         return [Finding("inconsistent", f"the output is constant over {evidence.span} while the input moves")]

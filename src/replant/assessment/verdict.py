@@ -41,7 +41,8 @@ class Assessment(Verdict):
         How many of them, the newest, the tested estimate had not used; 0: it had used all.
     fit : float
         Simulated fit in percent over the samples held out (or all): the model run from the input alone, with offset and
-        initial state estimated.
+        initial state estimated.  Of an unstable model: how much of what the reference makes of the output it explains;
+        without a reference the fit one step ahead.
     condition : float
         Condition number of the scaled instruments over the samples examined, offset and initial state eliminated.
     excitation : float
@@ -50,7 +51,8 @@ class Assessment(Verdict):
     whiteness : float
         Portmanteau statistic of the residual's autocorrelation over its 99 % limit: up to about 1 for white noise.
     explained : float
-        Part of the output's power that the model does not explain, but the input could.
+        Part of the output's power that the model does not explain, but the input could; with a reference part of the
+        power that the reference makes, where it could explain more.
     explained_limit : float
         The test statistic of that part over its limit: above 1 the part is statistically significant.
     growth : float

@@ -184,7 +184,7 @@ def fit(
     preprocess = preprocess.resolve(u, y)
     if method != "least_squares":
         ready = ready_record(structure, dt, preprocess, u, y, stamps, r=r)
-        use = None if r is None else use_of(r, ready)
+        use = None if r is None else use_of(structure, r, ready)
         if use is not None and not use.used:
             ready = dataclasses.replace(ready, r=None)
         found = first_model(structure, ready)

@@ -47,7 +47,7 @@ class Projection:
     parts : (K, 2) array
         u_r and y_r.
     share : float
-        Part of the input's power that u_r makes.
+        Part of the input's power that u_r takes off.
     slots : ReferenceSlots
         For a recursion that goes on from the record's end.
     """
@@ -71,7 +71,8 @@ class Projection:
         slots.factors[:], slots.diagonal[:] = factor_information(products(functions, functions))
         parts = functions @ weights.T
         power = float(np.var(record.u))
-        return cls(functions, parts, float(np.var(parts[:, 0])) / power if power > 0.0 else 0.0, slots)
+        left = float(np.var(record.u - parts[:, 0]))
+        return cls(functions, parts, max(1.0 - left / power, 0.0) if power > 0.0 else 0.0, slots)
 
 
 def _weights(functions: FloatArray, signal: FloatArray) -> FloatArray:

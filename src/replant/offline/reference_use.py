@@ -66,11 +66,12 @@ class ReferenceUse:
 
 
 @quiet
-def use_of(signal: FloatArray, record: Record) -> ReferenceUse:
+def use_of(structure: Structure, signal: FloatArray, record: Record) -> ReferenceUse:
     """Return whether a record's reference can be used, and if not why.
 
     Parameters
     ----------
+    structure : Structure
     signal : (K,) array
         The reference as it was given.
     record : Record
@@ -82,6 +83,10 @@ def use_of(signal: FloatArray, record: Record) -> ReferenceUse:
         return ReferenceUse(signal, False, "the reference stands still: the fit does without it", 0.0)
     if without(r[:, None], np.column_stack([u, np.ones(u.size)])).std() <= COPY * r.std():
         return ReferenceUse(signal, False, "the reference is a copy of the input: the fit does without it", 1.0)
+    moves = np.count_nonzero(np.diff(r))
+    if moves <= structure.coefficients:  # as `first_model` asks
+        finding = f"the reference moves {moves} times, too few for {structure.coefficients} coefficients"
+        return ReferenceUse(signal, False, f"{finding}: the fit does without it", 0.0)
     found = Reference.projected(r, u, record.y)
     share = float(found.input @ found.input) / max(float(np.sum((u - u.mean()) ** 2)), np.finfo(float).tiny)
     if not found.strength > 1.0:

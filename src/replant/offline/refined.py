@@ -66,7 +66,7 @@ class Refined:
         Part of the input's power that the reference explains; NaN without one.
     misfit : float
         J: the part of the filtered residual that the reference explains, in variances of the latter; chi-squared with
-        13 less the number of entries in degrees of freedom where the model is right.
+        12 less the number of coefficients in degrees of freedom where the model is right.
     """
 
     theta: FloatArray

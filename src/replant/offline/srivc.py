@@ -42,7 +42,6 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.engine.record import Record
-from replant.kernels.filters.whitening import IRREGULAR
 from replant.kernels.schema import LAGS
 from replant.model.structure import Structure
 from replant.offline.projection import Projection
@@ -438,6 +437,8 @@ class Root:
 
 def _known(record: Record) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     """Return how many residuals before each of a record are one sampling time apart, up to LAGS."""
+    from replant.kernels.filters.whitening import IRREGULAR
+
     index = np.arange(record.u.size)
     if record.intervals.size == 1:
         return np.minimum(index, LAGS)
@@ -525,15 +526,18 @@ def _distinct(tried: Sequence[tuple[float, FloatArray]], known: float = math.nan
 
 
 def _best(ends: Sequence[Root | None], *, referenced: bool = False) -> Root | None:
-    """Return the root with the least innovation, or with a reference the least J, among those that are not too loud."""
+    """Return the root with the least innovation among those that are not too loud, or with a reference the least J.
+
+    J tells a model that leaves the output to the autoregression from a right one, however loud its residual is: that of
+    an integrator under a load of its input wanders far.
+    """
     found = [end for end in ends if end is not None and math.isfinite(end.innovation)]
     if not found:
         return None
-    limit = LOUD * min(end.done.cost for end in found)
-    quiet_ends = [end for end in found if end.done.cost <= limit]
     if referenced:
-        return min(quiet_ends, key=lambda end: end.misfit / max(end.innovation, 1e-300))
-    return min(quiet_ends, key=lambda end: end.innovation)
+        return min(found, key=lambda end: end.misfit / max(end.innovation, 1e-300))
+    limit = LOUD * min(end.done.cost for end in found)
+    return min((end for end in found if end.done.cost <= limit), key=lambda end: end.innovation)
 
 
 def first_model(structure: Structure, record: Record) -> Refined | None:

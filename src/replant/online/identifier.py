@@ -43,8 +43,8 @@ from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
 from replant.settings import AUTO, LONGEST_STARTUP, NO_USE_OF_REFERENCE, Request, Settings
 
-NAN = math.nan
-"""NaN, looked up at every sample [number]."""
+NAN, INFINITE = math.nan, math.inf
+"""NaN and infinity, looked up at every sample [number]."""
 DERIVED = {"_kernel", "_mapped", "_step", "_steps"}  # attributes that follow from the others
 
 if TYPE_CHECKING:
@@ -252,7 +252,10 @@ class Identifier(Estimate):
             u = number("u", u)
         if type(y) is not float:
             y = number("y", y)
-        r = self._referenced(r) if self._reference or r is not None else NAN
+        if r is None and not self._reference:
+            r = NAN
+        elif not (type(r) is float and self._reference and -INFINITE < r < INFINITE):
+            r = self._referenced(r)
         t = NAN if t is None else self._stamp(t)
         try:
             return self._step(u, y, t, r)

@@ -10,6 +10,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.assessment import Simulation, Verdict, assess_record
 from replant.engine.record import ready_record
+from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
@@ -76,6 +77,8 @@ class Result:
         Of the parameters, in their units squared, if the estimator gives it.
     overview : Overview or None
         Of a record that is too long for memory; the simulation then holds only its newest samples.
+    noise : NoiseModel or None
+        Of the residual, where the method has one.
     left_out : (R, 2) array of int
         Samples that the fits leave out, as rows [begin, end) of the record: bridged, rejected, or without an output.
     """
@@ -93,6 +96,7 @@ class Result:
     history: History | None = None
     covariance: FloatArray | None = None
     overview: Overview | None = None
+    noise: NoiseModel | None = None
     left_out: IntArray = field(default_factory=NONE.copy)
 
     def left_out_over_time(self, dt: float) -> FloatArray:
@@ -155,5 +159,6 @@ def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float)
         ),
         time.perf_counter() - begun,
         covariance=fitted.covariance,
+        noise=fitted.noise,
         left_out=stretches_of(~screen(fitted.preprocess.map_input(u), y)[0]),
     )

@@ -230,6 +230,7 @@ def _result(
         history,
         covariance if np.isfinite(covariance).all() else None,
         kept.overview(score.shift),
+        identifier.noise,
         np.concatenate(left_out),
     )
 

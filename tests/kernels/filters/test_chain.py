@@ -15,6 +15,7 @@ from support.builders import random_plant
 from support.references import filtered_at
 
 DT, SAMPLES = 0.1, 80
+NONE = np.empty((0, 2))  # what is explained without a reference
 
 
 def stamps(seed: int, spread: float) -> np.ndarray:
@@ -22,12 +23,14 @@ def stamps(seed: int, spread: float) -> np.ndarray:
     return np.cumsum(DT * np.random.default_rng([seed, 7]).uniform(1 - spread, 1 + spread, SAMPLES))
 
 
-def run(state: State, u: np.ndarray, y: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, ...]:
+def run(
+    state: State, u: np.ndarray, y: np.ndarray, t: np.ndarray, by_reference: np.ndarray = NONE
+) -> tuple[np.ndarray, ...]:
     """phi, zeta, target and auxiliary output of a record."""
     T = state.entries
     phi, zeta, target, output = np.empty((u.size, T)), np.empty((u.size, T)), np.empty(u.size), np.empty(u.size)
     intervals = np.diff(t, prepend=t[0] - DT)
-    regressors(state.ints, state.reals, state.banks, u, y, intervals, np.zeros((0, 2)), phi, zeta, target, output)
+    regressors(state.ints, state.reals, state.banks, u, y, intervals, by_reference, phi, zeta, target, output)
     return phi, zeta, target, output
 
 
@@ -186,3 +189,108 @@ def test_installing_a_model_leaves_the_other_banks_alone() -> None:
     install_model(state.ints, state.reals, state.banks, 2, np.ones(state.entries))
     np.testing.assert_array_equal(state.banks[:2], before[:2])
     assert (state.banks[2] != before[2]).any()
+
+
+def loop(poles: list[float], samples: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """Held input and output, without noise, of 1/prod(s - p) under a state feedback; and the largest curvature."""
+    n = len(poles)
+    a = np.poly(poles)[1:]
+    F, column = np.vstack([-a, np.eye(n - 1, n)]), np.eye(n)[0]
+    gains = np.poly(np.full(n, -2.0))[1:] - a
+    system = np.zeros((n + 1, n + 1))
+    system[:n, :n], system[:n, n] = F, column
+    from scipy.linalg import expm
+
+    transition = expm(system * DT)
+    r = np.repeat(np.random.default_rng(8).standard_normal(samples // 10), 10)
+    x, u, y, curvature = np.zeros(n), np.zeros(samples), np.zeros(samples), 0.0
+    for k in range(samples):
+        y[k], u[k] = x[-1], r[k] - gains @ x
+        after = transition[:n, :n] @ x + transition[:n, n] * u[k]
+        for state in (x, after):  # it is largest at one end of the interval, or nearly
+            curvature = max(curvature, abs(float((F @ (F @ state + column * u[k]))[-1])))
+        x = after
+    return u, y, curvature
+
+
+@pytest.mark.parametrize("poles", [[1.0], [0.0], [0.0, 0.0], [0.5, -1.0], [-1.0, -2.0]])
+def test_the_error_of_an_unstable_plant_is_defined_and_vanishes(poles: list[float]) -> None:
+    """e = A/D y - B/D u is zero for the right model, but for the straight line that joins the output.
+
+    Between samples that is off by dt^2/8 times the curvature at the most.  (D - A)/D is 2 p / (s + p) for a reflected
+    pole p, whose response has the area 2, and about m / (s + m) for a pole at zero that is moved to the margin m, whose
+    response has the area m times the duration.
+    """
+    u, y, curvature = loop(poles, 400)
+    n, slowest = len(poles), 1e-3 / (400 * DT)
+    state = State.build(rp.Structure(n), DT, state_filter=None)
+    state.stability_margin = slowest
+    theta = np.zeros(state.entries)
+    theta[:n], theta[n] = np.poly(poles)[1:], 1.0
+    state.install(theta)
+    phi, _, target, output = run(state, u, y, DT * np.arange(400.0))
+    error = target - phi @ theta
+    area = 2.0 if max(poles) > 0.0 else 2.0 * n * slowest * 400 * DT if max(poles) == 0.0 else 0.0
+    size = float(np.abs(y).max())
+    assert np.abs(error).max() < 1.1 * area * DT**2 / 8 * curvature + 1e-11 * size
+    if max(poles) < 0.0:
+        np.testing.assert_allclose(y - output, error, atol=1e-11 * size)
+    assert np.isfinite(phi).all()
+    assert bool(state.banks[1, bk.REFLECTED]) == (max(poles) >= 0.0)
+
+
+@pytest.mark.parametrize("delay", [0.0, 1.3 * DT])
+@pytest.mark.parametrize("hold", ["zoh", "foh"])
+@pytest.mark.parametrize("zeros", [0, 2])
+def test_instruments_are_the_regressor_of_what_a_reference_explains(delay: float, hold: str, zeros: int) -> None:
+    """With (u_r, y_r) given for (u, y), zeta is phi of the record (u_r, y_r); all else does not change."""
+    structure = rp.Structure(2, zeros, delay=delay, feedthrough=zeros == 2)
+    (u, y), (u_r, y_r), t = signals(5), signals(6), stamps(5, 0.3)
+    theta = np.zeros(State.build(structure, DT, state_filter=None).entries)
+    theta[:3] = -1.0, 2.0, 1.0
+    passes = []
+    for reference in (False, True):
+        state = State.build(structure, DT, state_filter=None, input_hold=hold, reference=reference)
+        state.stability_margin = 1e-3
+        state.install(theta)
+        passes.append(run(state, u, y, t, np.column_stack([u_r, y_r]) if reference else NONE))
+    for one, other in zip(passes[0][::2], passes[1][::2], strict=True):
+        np.testing.assert_array_equal(one, other)  # phi and target
+    state = State.build(structure, DT, state_filter=None, input_hold=hold)
+    state.stability_margin = 1e-3
+    state.install(theta)
+    phi, *_ = run(state, u_r, y_r, t)
+    np.testing.assert_allclose(passes[1][1], phi, atol=1e-12 * np.abs(phi).max())
+
+
+def test_the_predicted_output_is_the_one_that_makes_the_residual_zero() -> None:
+    """Put in the place of the newest output, at every sample of an irregular clock."""
+    (u, y), t = signals(9), stamps(9, 0.3)
+    structure = rp.Structure(2, 1)
+    theta = np.array([-1.0, 2.0, 1.0, 3.0, 0.5, 0.2, -0.1])
+
+    def residual_and_output(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        state = State.build(structure, DT, state_filter=None)
+        state.stability_margin = 1e-3
+        state.install(theta)
+        phi, _, target, output = run(state, u, y, t)
+        return target - phi @ theta, output
+
+    residual, output = residual_and_output(y)
+    assert np.abs(residual).max() > 0.1
+    for k in (1, 2, 40, 79):
+        changed = y.copy()
+        changed[k] = output[k]
+        assert residual_and_output(changed)[0][k] == pytest.approx(0.0, abs=1e-11)
+
+
+def test_with_a_negative_margin_an_unstable_model_is_simulated_from_the_input_alone() -> None:
+    (u, y), t = signals(10), stamps(10, 0.3)
+    state = State.build(rp.Structure(2), DT, state_filter=None)
+    state.stability_margin = -1.0
+    theta = np.zeros(state.entries)
+    theta[:3] = -0.5, 1.0, 2.0
+    u[0] = 0.0
+    state.install(theta)
+    _, _, _, output = run(state, u, y, t)
+    close(output, filtered_at(u, t, [1.0, -0.5, 1.0], 0.0, "zoh")[:, 1] * 2.0)

@@ -117,7 +117,7 @@ def test_a_view_is_json_under_its_own_names(samples: int) -> None:
     found = viewed(samples, rp.Structure(3, 1))
     plain = json.loads(json.dumps(found.to_json(), allow_nan=False))
     assert set(plain) == set(vars(found))
-    assert set(plain["window"]) == {"t", "u", "y", "model", "left_out"}
+    assert set(plain["window"]) == {"t", "u", "y", "r", "model", "left_out"}
     assert set(plain["history"]) == {"t", "parameters", "std"}
     assert len(plain["parameters"]) == found.parameters.size
     if found.poles.size:

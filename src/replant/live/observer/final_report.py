@@ -75,5 +75,6 @@ def _result(identifier: Identifier, view: View) -> Result:
         seen,
         History(samples[known], rows.parameters[known], rows.std[known]),
         covariance if np.isfinite(covariance).all() else None,
+        noise=identifier.noise,
         left_out=stretches_of(~judged),
     )

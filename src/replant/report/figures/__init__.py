@@ -26,6 +26,7 @@ from replant.report.figures.correlation import draw_correlations
 from replant.report.figures.over_time import draw_excitation, draw_fit, draw_transients
 from replant.report.figures.overlay import draw_overlay
 from replant.report.figures.poles import draw_poles_and_zeros
+from replant.report.figures.spectrum import draw_spectrum
 from replant.report.figures.style import (
     INK,
     MEASURED,
@@ -49,6 +50,7 @@ __all__ = [
     "draw_fit",
     "draw_overlay",
     "draw_poles_and_zeros",
+    "draw_spectrum",
     "draw_transients",
     "save_figures",
 ]

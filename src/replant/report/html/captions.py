@@ -111,3 +111,17 @@ def of_cross(material: Material) -> str:
         f"Correlation of the input with the later residual: {number(100 * found.outside[1], 2)} % of the lags from 0 "
         "on lie outside the 95 % limits. Much more than 5 % means that the model misses part of the response."
     )
+
+
+def of_spectrum(material: Material) -> str:
+    """Return the caption of the noise's spectrum."""
+    noise = material.result.noise
+    if noise is None:
+        return "Power spectral density of the residual; this method has no model of the noise."
+    if noise.is_white:
+        return "Power spectral density of the residual: the noise is modelled as white."
+    share = percent(noise.variance / noise.residual_variance) if noise.residual_variance > 0.0 else "0 %"
+    return (
+        f"Power spectral density of the residual and of its model, an autoregression of order {noise.order}. Once the "
+        f"past is known {share} of the residual's power is left."
+    )

@@ -142,6 +142,7 @@ def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dic
             "bode": _figure(words.of_bode(material), svg.bode_picture(material)),
             "auto": _figure(words.of_auto(material), auto),
             "cross": _figure(words.of_cross(material), cross),
+            "spectrum": _figure(words.of_spectrum(material), svg.spectrum_picture(material)),
         }
 
 

@@ -13,6 +13,7 @@ from replant.report.figures import (
     draw_excitation,
     draw_fit,
     draw_poles_and_zeros,
+    draw_spectrum,
     style,
 )
 from replant.report.figures.over_time import draw_transients
@@ -110,6 +111,13 @@ def correlation_pictures(material: Material) -> tuple[str, str]:
     left, right = (blank_figure(HALF, 2.9).subplots() for _ in range(2))
     draw_correlations(material.correlations, material.dt, axes=(left, right))
     return svg(left.figure, "auto"), svg(right.figure, "cross")
+
+
+def spectrum_picture(material: Material) -> str:
+    """Return the spectrum of the residual and of its model."""
+    axis = blank_figure(HALF, 2.9).subplots()
+    draw_spectrum(material.result.noise, material.residual, material.dt, ax=axis)
+    return svg(axis.figure, "spectrum")
 
 
 def svg(figure: Any, name: str, *, themed: bool = True) -> str:
