@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from support.places import ROOT
 
 sys.path.insert(0, str(ROOT / "tools"))
@@ -61,7 +62,8 @@ def test_the_noise_model_has_the_spectrum_of_load_and_sensor(names: dict[str, An
     """Within a factor of two up to ten times the plant's bandwidth: an autoregression of order four is no load."""
     omega = np.geomspace(0.2, 10.0, 30)
     ratio = names["ident"].noise.spectrum(omega) / closed_loop_pictures.true_spectrum(names, omega)
-    assert 0.5 < ratio.min() and ratio.max() < 2.0
+    assert ratio.min() > 0.5
+    assert ratio.max() < 2.0
 
 
 @pytest.mark.parametrize("words", [judge.CLOSED, judge.AT_ONCE, judge.COLOURED.partition(":")[0]])

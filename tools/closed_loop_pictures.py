@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from replant.report.figures.style import GRID, INK, LINES, MEASURED, MUTED, legend, logarithmic, new_axes, tidy
-from replant.report.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, TRUE, VERMILION, font, symbol
+from replant.report.figures.style import INK, MUTED, legend, logarithmic, new_axes, tidy
+from replant.report.palette import BLACK, BLUE, GREEN, ORANGE, TRUE, VERMILION, font, symbol
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "closed-loop.md"
@@ -33,12 +33,12 @@ WIDTH = 7.6
 
 
 def blocks(page: str) -> list[str]:
-    """Return the Python blocks of a page.
+    r"""Return the Python blocks of a page.
 
     Examples
     --------
-    >>> blocks("A\\n```python\\nx = 1\\n```\\n\\n```text\\n2\\n```\\n")
-    ['x = 1\\n']
+    >>> blocks("A\n```python\nx = 1\n```\n\n```text\n2\n```\n")
+    ['x = 1\n']
     """
     return [block[1] for block in BLOCK.finditer(page)]
 
@@ -53,19 +53,12 @@ def run(codes: list[str], names: Names) -> Iterator[str]:
 
 
 def with_outputs(page: str, outputs: list[str]) -> str:
-    """Return a page with what its blocks print, in the order of the blocks.
+    r"""Return a page with what its blocks print, in the order of the blocks.
 
     Examples
     --------
-    >>> print(with_outputs("```python\\nprint(2)\\n```\\n\\n```text\\nold\\n```\\n", ["2\\n"]))
-    ```python
-    print(2)
-    ```
-    <BLANKLINE>
-    ```text
-    2
-    ```
-    <BLANKLINE>
+    >>> with_outputs("```python\nprint(2)\n```\n\n```text\nold\n```\n", ["2\n"])
+    '```python\nprint(2)\n```\n\n```text\n2\n```\n'
     """
     printed = iter(outputs)
 
