@@ -148,12 +148,10 @@ def draw_unstable(names: Names) -> Any:
     top.step(t, names["r_2"][:shown], color=VERMILION, lw=1.2, where="post", label="reference r")
     top.set_xlim(0.0, t[-1])
     steps = np.array(names["pole_at"])
-    for key, colour, label in (
-        ("pole_plain", BLUE, "from u and y"), ("pole_referenced", VERMILION, "with the reference")
-    ):  # fmt: skip
-        pole, std = np.array(names[key]).T
-        bottom.fill_between(dt * steps, pole - 2 * std, pole + 2 * std, color=colour, alpha=0.18, lw=0)
-        bottom.plot(dt * steps, pole, color=colour, lw=1.6, marker="o", ms=3, label=label)
+    plain, (pole, std) = np.array(names["pole_plain"])[:, 0], np.array(names["pole_referenced"]).T
+    bottom.fill_between(dt * steps, pole - 2 * std, pole + 2 * std, color=VERMILION, alpha=0.18, lw=0)
+    bottom.plot(dt * steps, pole, color=VERMILION, lw=1.6, label="with the reference, and two standard deviations")
+    bottom.plot(dt * steps, plain, color=BLUE, lw=1.2, ls=":", marker="o", ms=3, label="from u and y")
     bottom.axhline(1.0, **TRUE)
     bottom.set_ylabel("pole [rad/s]")
     for axis in (top, bottom):
