@@ -103,6 +103,7 @@ def restart_from_prior(old: State, settings: Settings, kept: RecentSamples, stay
     if found is None or found[0].variance > outliers.GROWN * usual or found[1] > stayed:
         return None
     new = restart(old, settings, found[0], record, old.record_began)
+    new.noise.filters = old.noise.filters
     new.gap_at = new.revised_from = old.samples - len(kept)
     # the record is short, and its length no bound for a time constant: the plant may be as slow as before
     new.stability_margin = min(new.stability_margin, old.stability_margin)
