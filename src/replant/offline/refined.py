@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from replant.engine.record import Record
 from replant.kernels.schema import FIXED, LAGS, ColourSlots, NoiseSlots, PathSlots, ReferenceSlots
 from replant.model.structure import Structure
 from replant.offline.projection import Projection
+from replant.simulation.auxiliary_model import Pass
 from replant.statistics.autoregression import Autoregression, IntArray
 from replant.statistics.batch_means import no_less_than_scattered, path_of_record, rows_of
 from replant.statistics.linear_algebra import (
@@ -30,8 +30,35 @@ known.
 Sensitivity: not measured.
 """
 
-if TYPE_CHECKING:
-    from replant.offline.srivc import Root
+
+@dataclass(frozen=True, eq=False)
+class Root:
+    """A model at which the whitened instrumental-variable steps end.
+
+    Attributes
+    ----------
+    model : (T,) array
+    done : Pass
+        Of the model.
+    noise : Autoregression
+        Of its residual.
+    innovation : float
+        Variance of the whitened residual; without a reference that of the whitened error of the predicted output.
+    misfit : float
+        See `replant.offline.srivc.Problem.misfit`.
+    converged : bool
+        Whether the last step was short: a third of a standard deviation.
+    filters : bool
+        Whether the model was found with the noise model as a filter.
+    """
+
+    model: FloatArray
+    done: Pass
+    noise: Autoregression
+    innovation: float
+    misfit: float
+    converged: bool
+    filters: bool = True
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,7 +36,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -46,7 +45,7 @@ from replant.kernels.schema import LAGS
 from replant.model.structure import Structure
 from replant.offline.coloured_residual import is_noise
 from replant.offline.projection import Projection
-from replant.offline.refined import Refined, conclude
+from replant.offline.refined import Refined, Root, conclude
 from replant.simulation.auxiliary_model import AuxiliaryModel, Pass
 from replant.statistics.autoregression import LEAST, Autoregression, sums_of
 from replant.statistics.linear_algebra import quiet, roots, solve
@@ -407,36 +406,6 @@ class Problem:
                 if math.isfinite(done.cost) and self.misfit(done) <= limit:
                     return tried, done
         return None
-
-
-@dataclass(frozen=True, eq=False)
-class Root:
-    """A model at which the whitened instrumental-variable steps end.
-
-    Attributes
-    ----------
-    model : (T,) array
-    done : Pass
-        Of the model.
-    noise : Autoregression
-        Of its residual.
-    innovation : float
-        Variance of the whitened residual; without a reference that of the whitened error of the predicted output.
-    misfit : float
-        See `Problem.misfit`.
-    converged : bool
-        Whether the last step was short: a third of a standard deviation.
-    filters : bool
-        Whether the model was found with the noise model as a filter.
-    """
-
-    model: FloatArray
-    done: Pass
-    noise: Autoregression
-    innovation: float
-    misfit: float
-    converged: bool
-    filters: bool = True
 
 
 def _known(record: Record) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
