@@ -39,6 +39,11 @@ Origin: as LATEST of the feedback test.
 Sensitivity: not measured.
 """
 
+FEWEST = PER_COLUMN * (PAST + ANSWERS + 2)
+"""Samples below which nothing is told [samples].
+Derivation: eight for each column, as in the feedback test.
+"""
+
 JUMP = 4.0
 """Movement of the input, its past known, beyond which a sample is left out: a set-point that steps drowns the answers
 [standard deviations, robust].
@@ -66,11 +71,17 @@ def is_noise(structure: Structure, record: Record, plain: Refined, filtered: Ref
     record : Record
     plain, filtered : Refined
         Estimates without and with the noise model as a filter.
+
+    Notes
+    -----
+    False for a record of fewer than `FEWEST` samples of a stable plant, which cannot tell.
     """
     if not (plain.converged and filtered.converged):
         return filtered.converged
     if roots(np.concatenate([[1.0], filtered.theta[structure.denominator]])).real.max() >= 0.0:
         return True  # a plant that is not stable is in feedback
+    if record.u.size < PAST + FEWEST:
+        return False  # too short to tell
     if answers_output(record.u, record.y):
         return True
     run = run_model(structure, plain.theta[: structure.size], record, record.dt)
@@ -88,13 +99,13 @@ def answers_output(u: FloatArray, y: FloatArray) -> bool:
     (True, False)
     """
     count = u.size - PAST
-    if count < PER_COLUMN * (PAST + ANSWERS + 2):
+    if count < FEWEST:
         return False
     index = np.arange(PAST, u.size)
     now, outputs = _left(u, y, index)
     usual = JUMP * MEDIAN_TO_STD * float(np.median(np.abs(now)))
     calm = np.abs(now) <= usual
-    if int(calm.sum()) >= max(count // 2, PER_COLUMN * (PAST + ANSWERS + 2)):  # a set-point steps: what is left moves
+    if int(calm.sum()) >= max(count // 2, FEWEST):  # a set-point steps: what is left moves
         now, outputs = _left(u, y, index[calm])
     count = now.size
     if not np.linalg.norm(now) > LEFT * np.linalg.norm(u - u.mean()):
