@@ -2,25 +2,38 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.engine.dimensions import RECENT
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels.schema import Alarm, Doubt
+from replant.model.structure import Structure
 from replant.offline.map_srivc import revise
 from replant.offline.refined import Refined
 from replant.offline.srivc import refine
 from replant.online.initialization import initialize
 from replant.online.startup import carry_over, warm_up
 from replant.settings import Settings
-from replant.statistics.linear_algebra import quiet
+from replant.simulation.model_run import run_model
+from replant.simulation.prediction import SLOWEST
+from replant.statistics.linear_algebra import quiet, roots
 
 REGULAR = np.zeros(0)  # the time stamps of a regular clock
 
 MOST_DOUBTED = 0.05
 """Share of bridged samples up to which a record is one that can be solved [share of samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+EXPLAINED = 0.3
+"""Part of the output's power that the input must explain, where a model is to replace another one after a change [part
+of the output's power].
 Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
@@ -102,6 +115,8 @@ def restart_from_prior(old: State, settings: Settings, kept: RecentSamples, stay
     found = revise(settings.structure, record, before, std, usual, old.stability_margin)
     if found is None or found[0].variance > outliers.GROWN * usual or found[1] > stayed:
         return None
+    if not is_driven(settings, found[0], record):
+        return None
     new = restart(old, settings, found[0], record, old.record_began)
     new.noise.filters = old.noise.filters
     new.gap_at = new.revised_from = old.samples - len(kept)
@@ -110,6 +125,42 @@ def restart_from_prior(old: State, settings: Settings, kept: RecentSamples, stay
     new.forget_input = min(new.forget_input, old.forget_input)
     clear_doubt(new, kept)
     return new
+
+
+def left_by_input(
+    structure: Structure, parameters: FloatArray, record: Record, dt: float, seen: int = 0
+) -> tuple[float, float]:
+    """Return the variance of a model's residual, and that over the variance without the model's numerator.
+
+    An integrator predicts an output that wanders from its past alone: what counts is what the input adds.  Both are
+    infinite where a signal leaves float64.
+
+    Parameters
+    ----------
+    structure : Structure
+    parameters : (P,) array or longer
+    record : Record
+    dt : float
+        Sampling time in s.
+    seen : int
+        Samples at the beginning that do not count.
+    """
+    still = parameters[: structure.size].copy()
+    still[structure.numerator] = 0.0
+    run, alone = (run_model(structure, each, record, dt) for each in (parameters[: structure.size], still))
+    if run is None or alone is None:
+        return math.inf, math.inf
+    left, power = float(np.var(run.error[seen:])), float(np.var(alone.error[seen:]))
+    return left, left / power if power > 0.0 else math.inf
+
+
+def is_driven(settings: Settings, refined: Refined, record: Record) -> bool:
+    """Return whether a model is stable, or the input explains what it would not predict without it."""
+    structure = settings.structure
+    poles = roots(np.concatenate([[1.0], refined.theta[structure.denominator]]))
+    if poles.real.max() < -SLOWEST / record.span:
+        return True
+    return left_by_input(structure, refined.theta, record, settings.dt)[1] < 1.0 - EXPLAINED
 
 
 def clear_doubt(state: State, kept: RecentSamples) -> None:
