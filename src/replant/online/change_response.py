@@ -24,6 +24,7 @@ from replant.offline.srivc import refine
 from replant.online.solve_again import (
     EXPLAINED,
     MOST_DOUBTED,
+    SURE,
     clear_doubt,
     is_driven,
     is_mature,
@@ -39,12 +40,6 @@ BETTER = 0.5
 """Power left of the last third of what came since by a model of the first two, over what the present one leaves, up to
 which a change is believed [ratio of powers].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
-"""
-
-SURE = 15.0
-"""Gain in the logarithm of the likelihood below which a change may be chance [nats].
-Derivation: more than as many coefficients as a usual model has would gain by chance.
 Sensitivity: not measured.
 """
 
@@ -339,8 +334,7 @@ def _share_left(state: State, settings: Settings, record: Record) -> tuple[float
     for which, parameters in enumerate((refined.theta if refined else None, state.physical)):
         if parameters is None:
             continue
-        left[which], share = left_by_input(structure, parameters, record, settings.dt, seen)
-        explains[which] = share < 1.0 - EXPLAINED
+        left[which], explains[which] = left_by_input(structure, parameters, record, settings.dt, seen)
     if not explains[0]:
         return 1.0, explains[1]
     least = np.finfo(float).eps * power  # rounding errors do not count

@@ -21,6 +21,7 @@ from replant.online.startup import carry_over, warm_up
 from replant.settings import Settings
 from replant.simulation.model_run import run_model
 from replant.simulation.prediction import SLOWEST
+from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import quiet, roots
 
 REGULAR = np.zeros(0)  # the time stamps of a regular clock
@@ -35,6 +36,12 @@ EXPLAINED = 0.3
 """Part of the output's power that the input must explain, where a model is to replace another one after a change [part
 of the output's power].
 Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+SURE = 15.0
+"""Gain in the logarithm of the likelihood below which a change may be chance [nats].
+Derivation: more than as many coefficients as a usual model has would gain by chance.
 Sensitivity: not measured.
 """
 
@@ -129,11 +136,12 @@ def restart_from_prior(old: State, settings: Settings, kept: RecentSamples, stay
 
 def left_by_input(
     structure: Structure, parameters: FloatArray, record: Record, dt: float, seen: int = 0
-) -> tuple[float, float]:
-    """Return the variance of a model's residual, and that over the variance without the model's numerator.
+) -> tuple[float, bool]:
+    """Return the variance of a model's residual, and whether the input explains a part of the output, for certain.
 
-    An integrator predicts an output that wanders from its past alone: what counts is what the input adds.  Both are
-    infinite where a signal leaves float64.
+    What counts is what the model's numerator adds, to the residual and to the residual whitened: of an output that
+    wanders an integrated input explains much by chance, and nothing once both are whitened.  The variance is infinite
+    where a signal leaves float64.
 
     Parameters
     ----------
@@ -149,9 +157,15 @@ def left_by_input(
     still[structure.numerator] = 0.0
     run, alone = (run_model(structure, each, record, dt) for each in (parameters[: structure.size], still))
     if run is None or alone is None:
-        return math.inf, math.inf
-    left, power = float(np.var(run.error[seen:])), float(np.var(alone.error[seen:]))
-    return left, left / power if power > 0.0 else math.inf
+        return math.inf, False
+    errors = [each.error[seen:] - each.error[seen:].mean() for each in (run, alone)]
+    left, power = (float(np.mean(error**2)) for error in errors)
+    if not left < (1.0 - EXPLAINED) * power:
+        return left, False
+    white = [Autoregression.of(error) for error in errors]
+    least = np.finfo(float).tiny
+    gain = math.log(max(white[1].power, least) / max(white[0].power, least))
+    return left, errors[0].size * gain > SURE
 
 
 def is_driven(settings: Settings, refined: Refined, record: Record) -> bool:
@@ -160,7 +174,7 @@ def is_driven(settings: Settings, refined: Refined, record: Record) -> bool:
     poles = roots(np.concatenate([[1.0], refined.theta[structure.denominator]]))
     if poles.real.max() < -SLOWEST / record.span:
         return True
-    return left_by_input(structure, refined.theta, record, settings.dt)[1] < 1.0 - EXPLAINED
+    return left_by_input(structure, refined.theta, record, settings.dt)[1]
 
 
 def clear_doubt(state: State, kept: RecentSamples) -> None:
