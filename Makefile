@@ -68,10 +68,11 @@ accuracy: $(READY)  ## accuracy, Monte Carlo beside what is promised; writes doc
 sensitivity: $(READY)  ## halve and double each tuned constant on a battery of records; half an hour; out/sensitivity.jsonl
 	$(BIN)/python benchmarks/sensitivity $(ARGS)
 
-pages: $(READY)  ## what is made from the source: the picture of the folders, the pages of state and constants
+pages: $(READY)  ## what is made from the source: picture of the folders, pages of state, constants, the closed loop
 	$(BIN)/python tools/architecture.py --picture docs/pictures/architecture.svg
 	$(BIN)/python tools/state_page.py
 	$(BIN)/python tools/constants_page.py
+	$(BIN)/python tools/closed_loop_pictures.py
 
 clean:           ## remove everything that was generated
 	rm -rf $(VENV) $(UPLOT) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
