@@ -169,7 +169,7 @@ def noise_model_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, R
     """The noise model of the largest order."""
     for T in (4, 6, 8, 10, 14):
         noise = NoiseSlots.zeros(FIXED | {"T": T})
-        noise.order, noise.gain = at.LAGS, 0.5
+        noise.order, noise.filters, noise.gain = at.LAGS, 1.0, 0.5
         noise.models[:] = np.tril(np.random.default_rng(5).uniform(-0.5, 0.5, noise.models.shape))
         noise.models[:, 0], noise.variances[:] = 1.0, np.linspace(2.0, 1.0, at.LAGS + 1)
         rows = np.random.default_rng(6).standard_normal((CHUNK, 2 * T + 1))

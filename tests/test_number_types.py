@@ -57,6 +57,7 @@ CUTOFF = rp.StateVariableFilter(2.0)
 EXAMPLES: dict[type, dict[str, Any]] = {
     rp.Structure: {"poles": 5, "zeros": 2, "delay": 2.0, "bias": True, "feedthrough": False},
     rp.Replay: {"capacity": 100, "batch_size": 7, "warmup": 3, "seed": 5},
+    rp.NoiseModel: {"coefficients": [1.0, 2.0], "variance": 1.0, "residual_variance": 2.0, "dt": 1.0},
     rp.Scaling: {"output": 2.0, "regressor": (1.0, 2.0, 3.0)},
     rp.Preprocess: {"input_offset": 2.0, "output_offset": 3.0},
     rp.StateVariableFilter: {"cutoff": 2.0, "alpha": 1.0},
@@ -100,7 +101,7 @@ FUNCTIONS: dict[Callable[..., Any], dict[str, Any]] = {
 RESULTS = {
     "Assessment", "Verdict", "Simulation", "FitResult", "Trace", "Loaded", "Recording", "Table", "Batch", "Actuator",
     "Cell", "Experiment", "Improvement", "Plant", "Row", "RowResult", "TableResult", "Replication", "Stretch",
-    "Optimizer", "Filter", "DiscreteFilter", "Dashboard", "Hub", "Source",
+    "Optimizer", "Filter", "DiscreteFilter", "Dashboard", "Hub", "Source", "ReferenceUse",
 }  # fmt: skip
 
 

@@ -116,7 +116,7 @@ def test_in_a_loop_a_coefficient_must_be_known_better() -> None:
     u = binary(1, SAMPLES, 5)
     opened = Loop(u, PLANT.simulate(u, DT) + 0.1 * coloured(1, SAMPLES, 0.0), u)
     for record, status in ((loop, "converging"), (opened, "trusted")):
-        covariance = np.diag([0.2, 0.005, 0.005]) ** 2
+        covariance = np.diag([0.13, 0.005, 0.005]) ** 2  # 6.5 %
         evidence = Record(record.u, record.y, np.array([DT]))
         assert assess_record(STRUCTURE, TRUE, evidence, DT, covariance).status == status
 

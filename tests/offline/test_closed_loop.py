@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import math
 from dataclasses import dataclass
@@ -13,11 +14,14 @@ from scipy.signal import lfilter
 
 import replant as rp
 from replant.engine.record import Record
+from replant.offline.refined import Refined
 from replant.offline.srivc import Problem, refine
 from replant.offline.structure_search import search
 from replant.report.terminal.summary import as_json
 from replant.runs.result import result_of_fit
 from replant.signals import prbs, white_noise
+
+fit_module = importlib.import_module("replant.offline.fit")
 
 DT = 0.05
 UNSTABLE = rp.TransferFunction([1.0], [1.0, -1.0])
@@ -192,6 +196,17 @@ def test_a_poor_reference_is_said_and_not_used(name: str) -> None:
     assert math.isnan(found.reference.misfit)
     without = rp.fit(done.u, done.y, DT, rp.Structure(1))
     np.testing.assert_array_equal(found.parameters, without.parameters)
+
+
+def test_where_no_model_is_found_with_the_reference_the_fit_does_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def only_without(structure: rp.Structure, ready: Record) -> Refined | None:
+        return refine(structure, ready) if ready.r is None else None
+
+    monkeypatch.setattr(fit_module, "first_model", only_without)
+    done = loop(rp.TransferFunction([1.0], [1.0, 1.0]), 5.0, 1000, noise=0.05)
+    found = rp.fit(done.u, done.y, DT, rp.Structure(1), reference=done.r)
+    assert (found.method, found.reference.used) == ("srivc", False)
+    assert "no model was found with the reference" in found.reference.finding
 
 
 def test_the_unit_of_the_reference_does_not_matter() -> None:

@@ -60,6 +60,12 @@ and no answer can be told [part of its length before].
 Derivation: the square root of what rounding leaves of a smooth signal's prediction from float64.
 """
 
+ROUNDING = 1e-6
+"""Residual that is rounding, which nothing answers [part of the modelled output].
+Origin: numbers in a log have six digits and more.
+Sensitivity: not measured.
+"""
+
 COLOUR_LAGS = 25
 """Lags over which colour is looked for that the noise model has left [samples].
 Origin: as the portmanteau statistic of `statistics.autoregression`.
@@ -110,6 +116,8 @@ def answer(run: ModelRun, rows: slice, signal: FloatArray, first: int = 0, past:
     states = run.states[rows] - run.states[rows].mean(axis=0)
     count = error.size - PAST - LATEST - LAGS
     if count < PER_COLUMN * (PAST + LATEST + 1 + states.shape[1]) or not np.ptp(x) > 0.0 or not np.ptp(error) > 0.0:
+        return NONE
+    if not error.std() > ROUNDING * run.forced[rows].std():
         return NONE
     w = _aligned(Autoregression.of(error), error)
     white = _aligned(Autoregression.of(x), x)

@@ -139,6 +139,7 @@ class NoiseSlots(Part):
     """The noise model, an autoregression of the residual; see `replant.kernels.filters.whitening`."""
 
     order = Real("p, order in use", FILTERS, least=0.0, most=float(LAGS))
+    filters = Real("1: rows are filtered by it; 0: it is only kept", IDENTIFIER, least=0.0, most=1.0)
     gain = Real("V_p / V_0 of the model that the covariance was begun with", IDENTIFIER, least=0.0)
     count = Real("residuals in `sums`, forgotten ones counted in part", OPTIMIZER, least=0.0)
     known = Real("rows in `rows` without a break, the newest included", FILTERS, least=0.0, most=LAGS + 1.0)

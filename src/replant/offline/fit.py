@@ -182,12 +182,15 @@ def fit(
     accepted, rejected = screen(preprocess.map_input(u), y)
     _check_length(int(accepted.sum()), structure)
     preprocess = preprocess.resolve(u, y)
+    use = None
     if method != "least_squares":
         ready = ready_record(structure, dt, preprocess, u, y, stamps, r=r)
         use = None if r is None else use_of(structure, r, ready)
-        if use is not None and not use.used:
+        found = first_model(structure, ready) if use is None or use.used else None
+        if found is None and use is not None:
+            use = use.given_up()
             ready = dataclasses.replace(ready, r=None)
-        found = first_model(structure, ready)
+            found = first_model(structure, ready)
         if found is not None:
             use = None if use is None else use.concluded(structure, found)
             return _refined_result(structure, dt, preprocess, u, y, stamps, ready, found, accepted, rejected, use)
@@ -199,7 +202,8 @@ def fit(
         raise InvalidArgumentError("least_squares needs a regular clock: leave out t, or use method='srivc'")
     if not isinstance(filter, StateVariableFilter):
         filter = choose_filter(structure, dt, preprocess, u, y)  # noqa: A001
-    return _least_squares_result(structure, dt, filter, preprocess, u, y, accepted, rejected)
+    result = _least_squares_result(structure, dt, filter, preprocess, u, y, accepted, rejected)
+    return dataclasses.replace(result, reference=use)
 
 
 def _check_length(samples: int, structure: Structure) -> None:

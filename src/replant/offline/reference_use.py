@@ -57,6 +57,11 @@ class ReferenceUse:
         """What J of a right model exceeds with the chance 1e-4; NaN where the reference was not used."""
         return float(chi2_quantile(1.0 - FALSE_ALARM, self.degrees)) if self.degrees > 0 else math.nan
 
+    def given_up(self) -> ReferenceUse:
+        """Return it as one that is not used, where there was no reason yet because no model was found with it."""
+        reason = self.finding or "no model was found with the reference: the fit does without it"
+        return dataclasses.replace(self, used=False, finding=reason)
+
     def concluded(self, structure: Structure, found: Refined) -> ReferenceUse:
         """Return it with what the fit has found."""
         if not self.used:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from replant.engine.record import Record
 from replant.kernels.schema import FIXED, LAGS, ColourSlots, NoiseSlots, PathSlots, ReferenceSlots
 from replant.model.structure import Structure
 from replant.offline.projection import Projection
+from replant.simulation.auxiliary_model import Pass
 from replant.statistics.autoregression import Autoregression, IntArray
 from replant.statistics.batch_means import no_less_than_scattered, path_of_record, rows_of
 from replant.statistics.linear_algebra import (
@@ -30,8 +30,35 @@ known.
 Sensitivity: not measured.
 """
 
-if TYPE_CHECKING:
-    from replant.offline.srivc import Root
+
+@dataclass(frozen=True, eq=False)
+class Root:
+    """A model at which the whitened instrumental-variable steps end.
+
+    Attributes
+    ----------
+    model : (T,) array
+    done : Pass
+        Of the model.
+    noise : Autoregression
+        Of its residual.
+    innovation : float
+        Variance of the whitened residual; without a reference that of the whitened error of the predicted output.
+    misfit : float
+        See `replant.offline.srivc.Problem.misfit`.
+    converged : bool
+        Whether the last step was short: a third of a standard deviation.
+    filters : bool
+        Whether the model was found with the noise model as a filter.
+    """
+
+    model: FloatArray
+    done: Pass
+    noise: Autoregression
+    innovation: float
+    misfit: float
+    converged: bool
+    filters: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +183,8 @@ def conclude(
     """
     model, done, noise = root.model, root.done, root.noise
     samples, size = record.u.size, model.size
-    zeta, white = noise.whiten_known(done.zeta, known), noise.whiten_known(done.error, known)
+    applied = noise if root.filters else Autoregression.white(1.0, samples)
+    zeta, white = applied.whiten_known(done.zeta, known), applied.whiten_known(done.error, known)
     prior = PriorInformation.none(size) if prior is None else prior
     variance = float(done.error @ done.error) / max(samples - size, 1)
     innovation = float(white @ white) / max(samples - size, 1)
@@ -164,7 +192,7 @@ def conclude(
     upper, diagonal = factor_information(zeta.T @ zeta + before)
     inverse = compose(upper, diagonal)
     if projection is not None:  # the instruments are not the regressor without its noise: M^-1 (sum zeta zeta') M^-T
-        inverse = inverse_of(zeta.T @ noise.whiten_known(done.phi, known))
+        inverse = inverse_of(zeta.T @ applied.whiten_known(done.phi, known))
         plain = innovation * inverse @ (zeta.T @ zeta) @ inverse.T
     else:
         plain = innovation * inverse
@@ -174,7 +202,7 @@ def conclude(
     uncertainty = relative_uncertainty(structure, model, covariance, done.phi, record)
     path = path_of_record(zeta, white, model, before, prior.pull)
     covariance = no_less_than_scattered(covariance, *rows_of(path, model, np.diag(compose(upper, diagonal))))
-    slots = _noise(noise, size)
+    slots = _noise(noise, size, filters=root.filters)
     misfit, share, reference = (root.misfit / innovation if innovation > 0.0 else 0.0, math.nan, None)
     if projection is not None:
         share, reference = projection.share, projection.slots
@@ -185,12 +213,14 @@ def conclude(
     return refined if refined.is_finite else None
 
 
-def _noise(model: Autoregression, size: int) -> NoiseSlots:
+def _noise(model: Autoregression, size: int, *, filters: bool) -> NoiseSlots:
     """Return the noise model of a record for a recursion of ``size`` entries that goes on from its end."""
     noise = NoiseSlots.zeros(FIXED | {"T": size})
     noise.order, noise.count = model.order, model.count if model.sums.any() else 0.0
     noise.models[:], noise.variances[:], noise.sums[:] = model.models, model.variances, model.sums
-    noise.gain = float(model.powers[model.order] / model.powers[0]) if model.powers[0] > 0.0 else 1.0
+    noise.filters, noise.gain = float(filters), 1.0
+    if filters and model.powers[0] > 0.0:
+        noise.gain = float(model.powers[model.order] / model.powers[0])
     return noise
 
 

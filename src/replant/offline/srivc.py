@@ -36,7 +36,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -44,8 +43,9 @@ from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.kernels.schema import LAGS
 from replant.model.structure import Structure
+from replant.offline.coloured_residual import is_noise
 from replant.offline.projection import Projection
-from replant.offline.refined import Refined, conclude
+from replant.offline.refined import Refined, Root, conclude
 from replant.simulation.auxiliary_model import AuxiliaryModel, Pass
 from replant.statistics.autoregression import LEAST, Autoregression, sums_of
 from replant.statistics.linear_algebra import quiet, roots, solve
@@ -408,33 +408,6 @@ class Problem:
         return None
 
 
-@dataclass(frozen=True, eq=False)
-class Root:
-    """A model at which the whitened instrumental-variable steps end.
-
-    Attributes
-    ----------
-    model : (T,) array
-    done : Pass
-        Of the model.
-    noise : Autoregression
-        Of its residual.
-    innovation : float
-        Variance of the whitened residual; without a reference that of the whitened error of the predicted output.
-    misfit : float
-        See `Problem.misfit`.
-    converged : bool
-        Whether the last step was short: a third of a standard deviation.
-    """
-
-    model: FloatArray
-    done: Pass
-    noise: Autoregression
-    innovation: float
-    misfit: float
-    converged: bool
-
-
 def _known(record: Record) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     """Return how many residuals before each of a record are one sampling time apart, up to LAGS."""
     from replant.kernels.filters.whitening import IRREGULAR
@@ -482,12 +455,14 @@ def refine(
         cutoffs = np.geomspace(SLOWEST_CUTOFF / record.span, 1.0 / record.dt, CUTOFFS)
         starts += [problem.from_cutoff(float(cutoff)) for cutoff in cutoffs]
     usable = [start for start in starts if start is not None]
-    root = _by_reference(problem, usable) if problem.projection is not None else _by_output_error(problem, usable)
+    if problem.projection is None:
+        return _by_output_error(problem, usable)
+    root = _by_reference(problem, usable)
     return None if root is None else conclude(problem.structure, record, problem.known, root, problem.projection)
 
 
-def _by_output_error(problem: Problem, starts: Sequence[FloatArray]) -> Root | None:
-    """Return the root of the least output error, or where that is coloured of the least innovation."""
+def _by_output_error(problem: Problem, starts: Sequence[FloatArray]) -> Refined | None:
+    """Return the estimate of the least output error, or where that is coloured noise of the least innovation."""
     tried = [problem.improve(start, SHORT, SHORT) for start in starts]
     tried.sort(key=lambda outcome: outcome[0])
     for _, _, last in list(tried[:PROMISING]):
@@ -498,11 +473,17 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray]) -> Root | N
         return None
     model, done, converged = problem.polish(tried[0][1])
     problem.renew_noise(done)
-    variance = done.cost
+    power = done.cost * done.error.size
+    plain = Root(model, done, problem.noise, done.cost, power, converged, filters=False)
+    estimate = conclude(problem.structure, problem.record, problem.known, plain)
     if problem.noise.order == 0 and converged:
-        return Root(model, done, problem.noise, variance, variance * done.error.size, converged)
+        return estimate
     others = [model for _, model in _distinct([(cost, model) for cost, model, _ in tried[1:]], tried[0][0])]
-    return _best([problem.descend(start, WHITENED, RENEWALS) for start in [model, *others[: PROMISING - 1]]])
+    root = _best([problem.descend(start, WHITENED, RENEWALS) for start in [model, *others[: PROMISING - 1]]])
+    filtered = None if root is None else conclude(problem.structure, problem.record, problem.known, root)
+    if estimate is None or filtered is None:
+        return estimate or filtered
+    return filtered if is_noise(problem.structure, problem.record, estimate, filtered) else estimate
 
 
 def _by_reference(problem: Problem, starts: Sequence[FloatArray]) -> Root | None:

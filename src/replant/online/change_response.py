@@ -21,28 +21,24 @@ from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels.schema import Alarm, Doubt
 from replant.offline.srivc import refine
-from replant.online.solve_again import MOST_DOUBTED, clear_doubt, is_mature, restart, restart_from_prior
+from replant.online.solve_again import (
+    EXPLAINED,
+    MOST_DOUBTED,
+    SURE,
+    clear_doubt,
+    is_driven,
+    is_mature,
+    left_by_input,
+    restart,
+    restart_from_prior,
+)
 from replant.online.step_disturbance import only_constant_moved, with_new_constant
 from replant.settings import Settings
-from replant.simulation.model_run import run_model
 from replant.statistics.linear_algebra import quiet, roots
-from replant.statistics.projections import without
 
 BETTER = 0.5
 """Power left of the last third of what came since by a model of the first two, over what the present one leaves, up to
 which a change is believed [ratio of powers].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
-"""
-
-SURE = 15.0
-"""Gain in the logarithm of the likelihood below which a change may be chance [nats].
-Derivation: more than as many coefficients as a usual model has would gain by chance.
-Sensitivity: not measured.
-"""
-
-EXPLAINED = 0.3
-"""Part of the output's power there that the model must explain [part of the output's power].
 Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
@@ -255,6 +251,8 @@ def _solved_since(old: State, settings: Settings, begin: int, most: float) -> St
     refined = refine(settings.structure, record)
     if refined is None or not (refined.acceptable and refined.variance <= most):
         return None
+    if not is_driven(settings, refined, record):
+        return None
     new = restart(old, settings, refined, record, old.samples - len(kept))
     clear_doubt(new, kept)
     return new
@@ -334,11 +332,9 @@ def _share_left(state: State, settings: Settings, record: Record) -> tuple[float
     refined = refine(structure, record.first(seen)) if float(np.ptp(record.u[:seen])) > 0.0 else None
     left, explains, power = [math.inf, math.inf], [False, False], float(np.var(record.y[seen:]))
     for which, parameters in enumerate((refined.theta if refined else None, state.physical)):
-        run = None if parameters is None else run_model(structure, parameters[: structure.size], record, settings.dt)
-        if run is not None:
-            left[which] = float(np.var(run.error[seen:]))
-            unforced = without(record.y[:, None], run.nuisances)[seen:, 0]
-            explains[which] = left[which] < (1.0 - EXPLAINED) * float(np.var(unforced))
+        if parameters is None:
+            continue
+        left[which], explains[which] = left_by_input(structure, parameters, record, settings.dt, seen)
     if not explains[0]:
         return 1.0, explains[1]
     least = np.finfo(float).eps * power  # rounding errors do not count

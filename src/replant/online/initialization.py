@@ -160,7 +160,7 @@ def _write_colour(state: State, settings: Settings, refined: Refined, rate: Floa
 def _write_noise(state: State, refined: Refined, scale: float) -> None:
     """Write the start-up's noise model, in the unit of the scaled output; the rows follow as the filters warm up."""
     source, noise = refined.noise, state.noise
-    noise.order, noise.gain, noise.count = source.order, source.gain, source.count
+    noise.order, noise.filters, noise.gain, noise.count = source.order, source.filters, source.gain, source.count
     noise.models[:], noise.variances[:] = source.models, source.variances / scale**2
     noise.sums[:] = source.sums / scale**2
 

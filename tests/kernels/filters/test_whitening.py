@@ -13,7 +13,7 @@ T, SAMPLES = 3, 40
 
 def noise_of(order: int, generator: np.random.Generator) -> NoiseSlots:
     noise = NoiseSlots.zeros(FIXED | {"T": T})
-    noise.order = order
+    noise.order, noise.filters = order, 1.0
     noise.models[:] = np.tril(generator.uniform(-1, 1, (LAGS + 1, LAGS + 1)))
     noise.models[:, 0] = 1.0
     for j in range(LAGS + 1):

@@ -6,6 +6,8 @@ The residual e = target - phi' theta is modelled as an autoregression,
 
 and the estimator learns from the row g D(q) [phi, zeta, target], whose residual is g w.  Its order p, at most LAGS, and
 its coefficients come from sums of e_{k-i} e_{k-j} over all samples learned; they are renewed with the auxiliary model.
+Where the residual is no noise but an error of the model, rows are not filtered, see
+`replant.offline.coloured_residual`.
 
 Where the past is broken (an interval that is irregular, a gap, an output that was bridged) only j < p predecessors are
 known.  The best model of order j filters then, whose residual has the larger variance V_j.  The weight
@@ -25,7 +27,9 @@ from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters.autoregression import nested_models
 from replant.kernels.schema import FIXED, LAGS, Doubt, NoiseSlots
 
-ORDER, GAIN, COUNT = NoiseSlots.order.index, NoiseSlots.gain.index, NoiseSlots.count.index
+ORDER, FILTERS, GAIN, COUNT = (
+    slot.index for slot in (NoiseSlots.order, NoiseSlots.filters, NoiseSlots.gain, NoiseSlots.count)
+)
 KNOWN, POSITION = NoiseSlots.known.index, NoiseSlots.position.index
 _BEGINS = NoiseSlots.begins(FIXED | {"T": 0})  # what depends on T comes last
 MODELS, VARIANCES, SUMS, ROWS = (_BEGINS[name] for name in ("models", "variances", "sums", "rows"))
@@ -69,7 +73,7 @@ def filter_row(T, noise, phi, zeta, target):
     for i in range(T):
         row[T + i] = zeta[i]
     row[2 * T] = target
-    if noise[ORDER] == 0.0:
+    if noise[ORDER] == 0.0 or noise[FILTERS] == 0.0:
         return target
     weight = math.sqrt(noise[GAIN] * noise[VARIANCES] / noise[VARIANCES + lags])
     model = MODELS + size * lags

@@ -174,7 +174,9 @@ def clock_was_set(ints, reals, t):
 def hold(ints, reals, u, y, t, r, reason):
     """Hold a sample back until the next one tells whether it was misread; it counts as rejected so long."""
     ints[at.HELD_AT] = ints[at.SAMPLES] + 1
-    reals[at.HELD_INPUT], reals[at.HELD_OUTPUT], reals[at.HELD_TIME], reals[at.HELD_REFERENCE] = u, y, t, r
+    reals[at.HELD_INPUT], reals[at.HELD_OUTPUT], reals[at.HELD_TIME] = u, y, t
+    if ints[at.HAS_REFERENCE] == 1:
+        reals[at.HELD_REFERENCE] = r
     ints[reason] += 1
 
 

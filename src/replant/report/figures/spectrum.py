@@ -82,5 +82,5 @@ def draw_spectrum(noise: NoiseModel | None, residual: FloatArray, dt: float, *, 
         omega = np.geomspace(max(found[0][0], highest * 10.0**-DECADES), highest, POINTS)
         label = "white noise" if noise.is_white else f"model of order {noise.order}"
         ax.plot(omega, noise.spectrum(omega), color=style.MODEL, lw=1.4, label=label)
-    ax.legend(loc="best", frameon=False)
+    style.legend(ax, 2)
     return ax
