@@ -123,10 +123,10 @@ def outcome(sizes: Mapping[str, float], truth: Mapping[str, float], found: Seque
 
     Examples
     --------
-    >>> runs = [{"b0": (2.2, 0.2), "trusted": (1.0, math.nan)}, {"b0": (1.5, 0.1), "trusted": (0.0, math.nan)}]
+    >>> runs = [{"b0": (2.18, 0.2), "trusted": (1.0, math.nan)}, {"b0": (1.5, 0.1), "trusted": (0.0, math.nan)}]
     >>> seen = outcome({"b0": 2.0}, {"b0": 2.0}, runs)
     >>> round(seen.bias["b0"], 6), seen.coverage, seen.right, seen.right_and_trusted
-    (-7.5, 50.0, 1, 1)
+    (-8.0, 50.0, 1, 1)
     """
     names = list(sizes)
     values = np.array([[figures[name][0] for name in names] for figures in found])

@@ -29,7 +29,7 @@ def cramer_rao(plant: rp.TransferFunction, u: FloatArray, dt: float, decibels: f
     >>> from accuracy.records import PLANT_A
     >>> from replant.signals import prbs
     >>> cramer_rao(PLANT_A, prbs(2001, bits=8, hold=8), 0.05, decibels=10.0, colour=0.0).round(2)
-    array([0.11, 0.07, 0.05])
+    array([0.12, 0.07, 0.05])
     """
     a, b = plant.den, plant.num
     n, squared = a.size - 1, np.convolve(a, a)

@@ -424,7 +424,12 @@ def _known(record: Record) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
 
 @quiet
 def refine(
-    structure: Structure, record: Record, given: Sequence[FloatArray] = (), *, afresh: bool = False
+    structure: Structure,
+    record: Record,
+    given: Sequence[FloatArray] = (),
+    *,
+    afresh: bool = False,
+    filtered: bool = True,
 ) -> Refined | None:
     """Return the refined instrumental-variable estimate of a record; None where no start leads to a model.
 
@@ -440,6 +445,8 @@ def refine(
         Estimates to start from; without any, estimates behind `CUTOFFS` state-variable filters.
     afresh : bool
         Start from these filters as well.
+    filtered : bool
+        False where the residual is known to be no noise: the noise model then filters nothing.
 
     Examples
     --------
@@ -456,12 +463,12 @@ def refine(
         starts += [problem.from_cutoff(float(cutoff)) for cutoff in cutoffs]
     usable = [start for start in starts if start is not None]
     if problem.projection is None:
-        return _by_output_error(problem, usable)
+        return _by_output_error(problem, usable, filtered=filtered)
     root = _by_reference(problem, usable)
     return None if root is None else conclude(problem.structure, record, problem.known, root, problem.projection)
 
 
-def _by_output_error(problem: Problem, starts: Sequence[FloatArray]) -> Refined | None:
+def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered: bool) -> Refined | None:
     """Return the estimate of the least output error, or where that is coloured noise of the least innovation."""
     tried = [problem.improve(start, SHORT, SHORT) for start in starts]
     tried.sort(key=lambda outcome: outcome[0])
@@ -476,14 +483,14 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray]) -> Refined 
     power = done.cost * done.error.size
     plain = Root(model, done, problem.noise, done.cost, power, converged, filters=False)
     estimate = conclude(problem.structure, problem.record, problem.known, plain)
-    if problem.noise.order == 0 and converged:
+    if converged and (problem.noise.order == 0 or not filtered):
         return estimate
     others = [model for _, model in _distinct([(cost, model) for cost, model, _ in tried[1:]], tried[0][0])]
     root = _best([problem.descend(start, WHITENED, RENEWALS) for start in [model, *others[: PROMISING - 1]]])
-    filtered = None if root is None else conclude(problem.structure, problem.record, problem.known, root)
-    if estimate is None or filtered is None:
-        return estimate or filtered
-    return filtered if is_noise(problem.structure, problem.record, estimate, filtered) else estimate
+    other = None if root is None else conclude(problem.structure, problem.record, problem.known, root)
+    if estimate is None or other is None:
+        return estimate or other
+    return other if is_noise(problem.structure, problem.record, estimate, other) else estimate
 
 
 def _by_reference(problem: Problem, starts: Sequence[FloatArray]) -> Root | None:

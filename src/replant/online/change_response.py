@@ -248,7 +248,7 @@ def _solved_since(old: State, settings: Settings, begin: int, most: float) -> St
     if _is_guesswork(kept):
         return None
     record = kept.record(settings.dt, settings.filter.input_hold)
-    refined = refine(settings.structure, record)
+    refined = refine(settings.structure, record, filtered=old.noise.filters > 0.0)
     if refined is None or not (refined.acceptable and refined.variance <= most):
         return None
     if not is_driven(settings, refined, record):
@@ -329,12 +329,17 @@ def _share_left(state: State, settings: Settings, record: Record) -> tuple[float
         The samples since the alarm.
     """
     structure, seen = settings.structure, 2 * record.u.size // 3
-    refined = refine(structure, record.first(seen)) if float(np.ptp(record.u[:seen])) > 0.0 else None
+    refined = (
+        refine(structure, record.first(seen), filtered=state.noise.filters > 0.0)
+        if float(np.ptp(record.u[:seen])) > 0.0
+        else None
+    )
     left, explains, power = [math.inf, math.inf], [False, False], float(np.var(record.y[seen:]))
     for which, parameters in enumerate((refined.theta if refined else None, state.physical)):
         if parameters is None:
             continue
-        left[which], explains[which] = left_by_input(structure, parameters, record, settings.dt, seen)
+        is_new = which == 0
+        left[which], explains[which] = left_by_input(structure, parameters, record, settings.dt, seen, certain=is_new)
     if not explains[0]:
         return 1.0, explains[1]
     least = np.finfo(float).eps * power  # rounding errors do not count

@@ -135,9 +135,9 @@ def restart_from_prior(old: State, settings: Settings, kept: RecentSamples, stay
 
 
 def left_by_input(
-    structure: Structure, parameters: FloatArray, record: Record, dt: float, seen: int = 0
+    structure: Structure, parameters: FloatArray, record: Record, dt: float, seen: int = 0, *, certain: bool = True
 ) -> tuple[float, bool]:
-    """Return the variance of a model's residual, and whether the input explains a part of the output, for certain.
+    """Return the variance of a model's residual, and whether the input explains a part of the output.
 
     What counts is what the model's numerator adds, to the residual and to the residual whitened: of an output that
     wanders an integrated input explains much by chance, and nothing once both are whitened.  The variance is infinite
@@ -152,6 +152,8 @@ def left_by_input(
         Sampling time in s.
     seen : int
         Samples at the beginning that do not count.
+    certain : bool
+        False for a model that was known before: then the part alone counts, not whether it may be chance.
     """
     still = parameters[: structure.size].copy()
     still[structure.numerator] = 0.0
@@ -162,6 +164,8 @@ def left_by_input(
     left, power = (float(np.mean(error**2)) for error in errors)
     if not left < (1.0 - EXPLAINED) * power:
         return left, False
+    if not certain:
+        return left, True
     white = [Autoregression.of(error) for error in errors]
     least = np.finfo(float).tiny
     gain = math.log(max(white[1].power, least) / max(white[0].power, least))
