@@ -23,7 +23,7 @@ Sensitivity: not measured.
 """
 
 MOST_UNCERTAIN_IN_LOOP = 0.06
-"""The same where the loop is closed: a controller is tuned by the model, and disturbances that it fights make errors of
+"""The same where the loop is closed, as it is found or as a reference says: a controller is tuned by the model, and disturbances that it fights make errors of
 coefficients that go together [part of its size].
 Origin: of the loops of the accuracy family those in which one coefficient in ten is a tenth off have 0.07 and more,
 those whose error is below 4 % at the best have 0.046 and less.
@@ -131,7 +131,7 @@ class Certainty:
         findings = [
             *_of_uncertainty(
                 uncertainty,
-                MOST_UNCERTAIN_IN_LOOP if feedback else MOST_UNCERTAIN,
+                MOST_UNCERTAIN_IN_LOOP if feedback or evidence.record.r is not None else MOST_UNCERTAIN,
                 _scatter(evidence, runs, known, speeds),
                 slow_noise(evidence, uncertainty),
             ),
