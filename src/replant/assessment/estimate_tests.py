@@ -23,8 +23,8 @@ Sensitivity: not measured.
 """
 
 MOST_UNCERTAIN_IN_LOOP = 0.06
-"""The same where the loop is closed, as it is found or as a reference says: a controller is tuned by the model, and disturbances that it fights make errors of
-coefficients that go together [part of its size].
+"""The same where the loop is closed, as it is found or as a reference says: a controller is tuned by the model, and
+disturbances that it fights make errors of coefficients that go together [part of its size].
 Origin: of the loops of the accuracy family those in which one coefficient in ten is a tenth off have 0.07 and more,
 those whose error is below 4 % at the best have 0.046 and less.
 Sensitivity: not measured.
