@@ -21,6 +21,7 @@ DIVERGED = 100.0  # %: one with a coefficient farther off, or none at all, has d
 CLEAR = 4.0  # %: where the anchor's RMS error is below, right models are to be trusted
 LEAST_TRUSTED = 90.0  # % of the right runs of such a loop
 MOST_WRONG = 1.0  # % of all runs of a family: wrong and trusted
+FEWEST_INTERVALS = 100  # of all runs and coefficients, from which a coverage is judged
 INSIDE = (88.0, 99.0)  # % of the nominal 95 % intervals that hold the truth, over runs and coefficients
 
 
@@ -123,10 +124,10 @@ def outcome(sizes: Mapping[str, float], truth: Mapping[str, float], found: Seque
 
     Examples
     --------
-    >>> runs = [{"b0": (2.18, 0.2), "trusted": (1.0, math.nan)}, {"b0": (1.5, 0.1), "trusted": (0.0, math.nan)}]
+    >>> runs = [{"b0": (2.1, 0.2), "trusted": (1.0, math.nan)}, {"b0": (1.5, 0.1), "trusted": (0.0, math.nan)}]
     >>> seen = outcome({"b0": 2.0}, {"b0": 2.0}, runs)
     >>> round(seen.bias["b0"], 6), seen.coverage, seen.right, seen.right_and_trusted
-    (-8.0, 50.0, 1, 1)
+    (-10.0, 50.0, 1, 1)
     """
     names = list(sizes)
     values = np.array([[figures[name][0] for name in names] for figures in found])
@@ -176,8 +177,10 @@ def compared(feedback: Feedback, outcomes: Mapping[str, Outcome], method: str) -
         ratio = seen.largest_rms / outcomes[promised.online].largest_rms
         yield f"RMS error that of {promised.online} at most", f"{ratio:.2f} times", whole and ratio <= 1.05
     if promised.is_covered:
-        kept = INSIDE[0] <= seen.coverage <= INSIDE[1]
-        yield f"coverage {INSIDE[0]:g} to {INSIDE[1]:g} %", f"{seen.coverage:.0f} %", kept
+        enough = seen.runs * len(seen.bias) >= FEWEST_INTERVALS
+        kept = INSIDE[0] <= seen.coverage <= INSIDE[1] if enough else None
+        few = "" if enough else f" (of fewer than {FEWEST_INTERVALS} intervals)"
+        yield f"coverage {INSIDE[0]:g} to {INSIDE[1]:g} %", f"{seen.coverage:.0f} %{few}", kept
     if promised.is_trusted and anchor:
         words = f"trusted in {LEAST_TRUSTED:g} % of right runs"
         measured = f"{seen.right_and_trusted} of {seen.right}"

@@ -174,7 +174,7 @@ def test_an_outcome_counts_what_is_right_and_what_is_trusted() -> None:
 
 
 def seen_as(**changed: Any) -> Outcome:
-    usual = Outcome(50, 0, 0, {"a0": 1.0}, {"a0": 0.2}, {"a0": 2.0}, 95.0, True, 50, 46, 0)
+    usual = Outcome(100, 0, 0, {"a0": 1.0}, {"a0": 0.2}, {"a0": 2.0}, 95.0, True, 50, 46, 0)
     return replace(usual, **changed)
 
 
