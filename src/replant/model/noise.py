@@ -37,7 +37,7 @@ class NoiseModel:
     --------
     >>> noise = NoiseModel(np.array([1.0, -0.9]), variance=0.19, residual_variance=1.0, dt=0.1)
     >>> noise.order, noise.spectrum([0.0, 10.0]).round(4)
-    (1, array([1.9   , 0.0226]))
+    (1, array([1.9   , 0.0227]))
     """
 
     coefficients: FloatArray

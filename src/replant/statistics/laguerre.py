@@ -24,7 +24,7 @@ def laguerre(r: FloatArray, pole: float) -> FloatArray:
     --------
     >>> laguerre(np.array([1.0, -1.0]), 0.6)[:, :2].round(2)
     array([[ 0.8 , -0.48],
-           [-0.32,  0.99]])
+           [-0.32,  0.7 ]])
     """
     from replant.kernels.filters.all_pole import all_pole
 
