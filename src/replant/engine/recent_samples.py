@@ -128,13 +128,17 @@ class RecentSamples:
                 copy.output[run] = self.bridged[run]
         return copy
 
+    def with_output(self, output: FloatArray) -> RecentSamples:
+        """Return a copy with another output (K,)."""
+        copy = RecentSamples(self.values.copy())
+        copy.output[:] = output
+        return copy
+
     def without_stuck(self) -> RecentSamples:
         """Return them with the output of a stuck sensor as the filters saw it: it says nothing of a model."""
         if not self.is_stuck.any():
             return self
-        copy = RecentSamples(self.values.copy())
-        copy.output[self.is_stuck] = self.bridged[self.is_stuck]
-        return copy
+        return self.with_output(np.where(self.is_stuck, self.bridged, self.output))
 
     def since_last_gap(self, dt: float) -> RecentSamples:
         """Return the samples since the last interruption."""

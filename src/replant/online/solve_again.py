@@ -17,10 +17,10 @@ from replant.offline.map_srivc import revise
 from replant.offline.refined import Refined
 from replant.offline.srivc import refine
 from replant.online.initialization import initialize
-from replant.online.startup import carry_over, warm_up
+from replant.online.startup import carry_over, warm_up, without_spikes
 from replant.settings import Settings
 from replant.simulation.model_run import run_model
-from replant.simulation.prediction import SLOWEST
+from replant.simulation.prediction import SLOWEST, prediction_error
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import quiet, roots
 
@@ -29,6 +29,13 @@ REGULAR = np.zeros(0)  # the time stamps of a regular clock
 MOST_DOUBTED = 0.05
 """Share of bridged samples up to which a record is one that can be solved [share of samples].
 Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+NEARER = 0.5
+"""Typical error of a model, beside another's, below which the other is the one that is wrong [ratio of medians].
+Derivation: outliers in up to a twentieth of the samples move a median by a tenth; a model that takes right outputs for
+outliers is off by several standard deviations.
 Sensitivity: not measured.
 """
 
@@ -68,7 +75,8 @@ def next_solution(state: State, settings: Settings) -> int:
 def solve_again(old: State, settings: Settings) -> State | None:
     """Return the state that begins at a solution of the whole record, found from the present estimate.
 
-    None where no usable model is found, or where the record has a gap or too many bridged outputs.
+    None where no usable model is found, or where the record has a gap, or so many bridged outputs that only the outputs
+    as they were measured can be solved, and those say no better.
     """
     if old.was_revised:
         return _revised_again(old, settings) if old.adapt else None
@@ -76,14 +84,42 @@ def solve_again(old: State, settings: Settings) -> State | None:
     kept = RecentSamples.since(old, origin)
     if old.gap_at > origin or not old.adapt or old.samples - origin > len(kept):
         return None
-    if (old.alarm and is_mature(old, settings)) or kept.doubted > MOST_DOUBTED:
+    if old.alarm and is_mature(old, settings):
         return None
-    kept.output[:] = kept.bridged
-    record = kept.record(settings.dt, settings.filter.input_hold)
-    refined = refine(settings.structure, record, [old.physical], afresh=True)
-    if refined is None or not refined.acceptable:
-        return None
-    return restart(old, settings, refined, record, origin)
+    bridged = kept.with_output(kept.bridged)
+    found = _solution(old, settings, bridged) if kept.doubted <= MOST_DOUBTED else None
+    if kept.is_bridged.any():
+        measured = RecentSamples.of(old)[-len(kept) :]
+        plain = measured.with_output(without_spikes(measured.output))
+        other, present = _solution(old, settings, plain), old.physical if found is None else found.theta
+        if other is not None and _is_nearer(settings, measured, other.theta, present):
+            new = restart(old, settings, other, _record(settings, plain), origin)
+            clear_doubt(new, plain)
+            return new
+    return None if found is None else restart(old, settings, found, _record(settings, bridged), origin)
+
+
+def _record(settings: Settings, kept: RecentSamples) -> Record:
+    return kept.record(settings.dt, settings.filter.input_hold)
+
+
+def _solution(old: State, settings: Settings, kept: RecentSamples) -> Refined | None:
+    """Return the estimate of samples; None where it is not acceptable."""
+    refined = refine(settings.structure, _record(settings, kept), [old.physical], afresh=True)
+    return refined if refined is not None and refined.acceptable else None
+
+
+def _is_nearer(settings: Settings, measured: RecentSamples, model: FloatArray, other: FloatArray) -> bool:
+    """Return whether a model is so much nearer to the measured outputs that another has bridged right ones.
+
+    The median of the magnitudes of its error, which outliers hardly move, is then less than `NEARER` of the other's.
+    """
+    size, record = settings.structure.size, _record(settings, measured)
+    typical = []
+    for each in (model, other):
+        error = prediction_error(settings.structure, each[:size], record, settings.dt)
+        typical.append(math.inf if error is None else float(np.median(np.abs(error))))
+    return typical[0] < NEARER * typical[1]
 
 
 def _revised_again(old: State, settings: Settings) -> State | None:
@@ -182,11 +218,11 @@ def is_driven(settings: Settings, refined: Refined, record: Record) -> bool:
 
 
 def clear_doubt(state: State, kept: RecentSamples) -> None:
-    """Mark the newest samples as measured, not bridged, where the model was solved for with the measured output."""
-    doubted = np.flatnonzero((kept.doubt > 0) & (kept.output != kept.bridged))
+    """Bridge the newest samples by the outputs that the model was solved with; no doubt is left of a measured one."""
+    doubted = np.flatnonzero(kept.is_bridged & (kept.output != kept.bridged))
     rows, recent = (state.samples - len(kept) + doubted) % len(state.recent), RecentSamples(state.recent)
-    recent.bridged[rows] = recent.output[rows]
-    recent.doubt[rows] = Doubt.NONE
+    recent.bridged[rows] = kept.output[doubted]
+    recent.doubt[rows[recent.output[rows] == recent.bridged[rows]]] = Doubt.NONE
 
 
 def is_mature(state: State, settings: Settings) -> bool:
