@@ -75,8 +75,8 @@ def next_solution(state: State, settings: Settings) -> int:
 def solve_again(old: State, settings: Settings) -> State | None:
     """Return the state that begins at a solution of the whole record, found from the present estimate.
 
-    None where no usable model is found, or where the record has a gap, or so many bridged outputs that only the outputs
-    as they were measured can be solved, and those say no better.
+    None where no usable model is found, or where the record has a gap or too many bridged outputs.  As long as the
+    record is so short that its estimate may be the one that is wrong, the outputs as they were measured are solved too.
     """
     if old.was_revised:
         return _revised_again(old, settings) if old.adapt else None
@@ -84,11 +84,12 @@ def solve_again(old: State, settings: Settings) -> State | None:
     kept = RecentSamples.since(old, origin)
     if old.gap_at > origin or not old.adapt or old.samples - origin > len(kept):
         return None
-    if old.alarm and is_mature(old, settings):
+    mature = is_mature(old, settings)
+    if old.alarm and mature:
         return None
     bridged = kept.with_output(kept.bridged)
     found = _solution(old, settings, bridged) if kept.doubted <= MOST_DOUBTED else None
-    if kept.is_bridged.any():
+    if not mature and kept.is_bridged.any() and kept.stuck <= MOST_DOUBTED:
         measured = RecentSamples.of(old)[-len(kept) :]
         plain = measured.with_output(without_spikes(measured.output))
         other, present = _solution(old, settings, plain), old.physical if found is None else found.theta
