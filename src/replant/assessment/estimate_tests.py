@@ -109,9 +109,21 @@ class Certainty:
     findings: list[Finding]
 
     @classmethod
-    def of(cls, evidence: Evidence, runs: Runs, feedback: bool = False) -> Certainty:
-        """Test the estimate; ``feedback``: whether the input answers the residual."""
-        size, speeds = evidence.coefficients, Speeds.of(evidence, feedback)
+    def of(
+        cls, evidence: Evidence, runs: Runs, closed: bool = False, by_reference: FloatArray | None = None
+    ) -> Certainty:
+        """Test the estimate.
+
+        Parameters
+        ----------
+        evidence : Evidence
+        runs : Runs
+        closed : bool
+            Whether a controller moves the input.
+        by_reference : (K,) array, optional
+            What a reference explains of the output.
+        """
+        size, speeds = evidence.coefficients, Speeds.of(evidence, closed, by_reference)
         if evidence.instruments:
             away = distance_of(runs.now, evidence.known, FALSE_ALARM)
         else:
@@ -131,8 +143,8 @@ class Certainty:
         findings = [
             *_of_uncertainty(
                 uncertainty,
-                MOST_UNCERTAIN_IN_LOOP if feedback or evidence.record.r is not None else MOST_UNCERTAIN,
-                _scatter(evidence, runs, known, speeds),
+                MOST_UNCERTAIN_IN_LOOP if closed else MOST_UNCERTAIN,
+                _scatter(evidence, runs, known, speeds, by_reference),
                 slow_noise(evidence, uncertainty),
             ),
             *_of_movement(evidence, moved, sigmas, improves),
@@ -149,11 +161,13 @@ class Speeds:
     Attributes
     ----------
     poles : (n,) array
-        The magnitude of each pole in rad/s.  A pole slower than the record is long counts as one just as long.  Where
-        the loop is closed, the controller and not a slow pole decides what the output does: a pole that may as well lie
-        in the origin, as an integrator's does, counts as fast as the output moves.
+        What each pole counts as, in rad/s: its magnitude.  A pole slower than the record is long counts as one just as
+        long.  Where the loop is closed, the controller and not a slow pole decides what the output does: where a pole
+        may as well lie in the origin, as an integrator's does, every pole counts by its distance from where the
+        output moves, j output, which makes of an error of A(s) that of A(j output).
     output : float
-        How fast the model's output moves: the mean frequency of its power, in rad/s.
+        How fast the output moves: its root mean square frequency in rad/s where a reference tells it from the noise,
+        else the mean frequency of the model's output.
     integrators : int
         How many poles count as that fast.
     """
@@ -163,18 +177,32 @@ class Speeds:
     integrators: int = 0
 
     @classmethod
-    def of(cls, evidence: Evidence, feedback: bool) -> Speeds:
-        """Return the speeds of the estimate's poles; ``feedback``: whether the input answers the residual."""
+    def of(cls, evidence: Evidence, closed: bool, by_reference: FloatArray | None = None) -> Speeds:
+        """Return the speeds of the estimate's poles.
+
+        Parameters
+        ----------
+        evidence : Evidence
+        closed : bool
+            Whether a controller moves the input.
+        by_reference : (K,) array, optional
+            What a reference explains of the output.
+        """
         least = 1.0 / evidence.record.span
-        if not (feedback and evidence.modes):
+        if not (closed and evidence.modes):
             poles = np.abs(roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])))
             return cls(np.maximum(poles, least))
-        output = output_frequency(evidence)
+        if by_reference is None or not np.ptp(by_reference) > 0.0:
+            output = output_frequency(evidence)
+        else:
+            output = float(np.diff(by_reference).std() / by_reference.std()) / evidence.dt
         pairs = [mode for mode in evidence.modes for _ in range(2 if mode.mode.pole.imag else 1)]
         sizes = np.array([abs(mode.mode.pole) for mode in pairs])
         squares = np.array([float(np.trace(mode.covariance)) for mode in pairs])
         may = ~(sizes**2 > INTEGRATOR_SIGMAS**2 * squares) & (sizes < output)
-        return cls(np.where(may, output, np.maximum(sizes, least)), output, int(may.sum()))
+        if may.any():
+            sizes = np.where(may, output, np.hypot(sizes, output))
+        return cls(np.maximum(sizes, least), output, int(may.sum()))
 
     def moved(self, signals: FloatArray, dt: float) -> FloatArray:
         """Return signals (K, ...) without what integrators make drift: each is filtered by s/(s + output)."""
@@ -199,12 +227,19 @@ def slow_noise(evidence: Evidence, uncertainty: float) -> str:
     return " (because the residual varies slowly: the output drifts, or the plant is slightly nonlinear)"
 
 
-def _scatter(evidence: Evidence, runs: Runs, covariance: np.ndarray, speeds: Speeds) -> float:
-    """Return the standard deviation of the simulated output by the estimate's error, over that of the output."""
-    slopes = speeds.moved(runs.now.zeta, evidence.dt)[evidence.known]
-    output = float(speeds.moved(runs.now.forced, evidence.dt)[evidence.known].std())
-    made = float(np.trace(covariance @ np.atleast_2d(np.cov(slopes.T))))
-    return math.sqrt(max(made, 0.0)) / output if output > 0.0 else math.inf
+def _scatter(
+    evidence: Evidence, runs: Runs, covariance: np.ndarray, speeds: Speeds, by_reference: FloatArray | None
+) -> float:
+    """Return the standard deviation of the modelled output by the estimate's error, over that of the output.
+
+    What counts is the output that is simulated from the input, or with a reference what that makes of it.
+    """
+    slopes, output = runs.now.zeta, runs.now.forced
+    if by_reference is not None and runs.now.instruments is not None:
+        slopes, output = runs.now.instruments, by_reference
+    moved, size = speeds.moved(slopes, evidence.dt)[evidence.known], speeds.moved(output, evidence.dt)[evidence.known]
+    made = float(np.trace(covariance @ np.atleast_2d(np.cov(moved.T))))
+    return math.sqrt(max(made, 0.0)) / float(size.std()) if size.std() > 0.0 else math.inf
 
 
 def _of_uncertainty(uncertainty: float, most: float, scatter: float, slow: str) -> list[Finding]:
@@ -214,7 +249,7 @@ def _of_uncertainty(uncertainty: float, most: float, scatter: float, slow: str) 
         advice = "take more samples, move the input more, or ask for fewer poles and zeros"
         findings.append(Finding("converging", f"{reason}: {advice}"))
     if not scatter <= MOST_SCATTER:
-        reason = f"the uncertainty of the estimate amounts to {percent(scatter)} of the simulated output"
+        reason = f"the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output"
         findings.append(Finding("converging", reason))
     return findings
 

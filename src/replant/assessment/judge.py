@@ -106,7 +106,7 @@ def judge(evidence: Evidence) -> Assessment:
     """Return the verdict on an estimate from the evidence."""
     evidence = evidence.in_own_units()
     figures: Figures = {"samples": evidence.samples, "held_out": evidence.held_out}
-    findings = _of_samples(evidence)
+    findings, in_favour = _of_samples(evidence), ""
     stop = any(finding.status != "converging" for finding in findings) or evidence.samples < evidence.enough
     reference, doubts = (None, []) if stop else Reference.of(evidence)
     runs = None if stop else Runs.of(evidence, None if reference is None else reference.explained)
@@ -123,8 +123,9 @@ def judge(evidence: Evidence) -> Assessment:
         if not _lacks_excitation(findings):  # without excitation the tests of the model are meaningless
             loop = Loop.of(evidence, runs, reference, doubts)
             findings += _of_model(evidence, runs, loop, figures)
+            in_favour = _in_favour(evidence, loop, figures)
     findings += _of_guard(evidence)
-    return Assessment(*conclude(findings, _in_favour(evidence, figures)), **figures)
+    return Assessment(*conclude(findings, in_favour), **figures)
 
 
 def _lacks_excitation(findings: list[Finding]) -> bool:
@@ -201,7 +202,8 @@ def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
 
 def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
     """Return the findings of the tests of the model and of the estimate."""
-    certainty = Certainty.of(evidence, runs, loop.feedback.found)
+    made = None if loop.reference is None else loop.reference.output
+    certainty = Certainty.of(evidence, runs, loop.is_closed, made)
     figures |= certainty.figures
     model = [
         *_fit(evidence, runs, loop, figures),
@@ -230,6 +232,11 @@ class Loop:
     feedback: Answer
     reference: Reference | None
     findings: list[Finding]
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether a controller moves the input: it answers the residual, or a reference explains it."""
+        return self.feedback.found or self.reference is not None
 
     @classmethod
     def of(cls, evidence: Evidence, runs: Runs, reference: Reference | None, doubts: list[Finding]) -> Loop:
@@ -264,19 +271,21 @@ def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[F
     used = evidence.used[evidence.newest]
     figures["whiteness"] = whiteness(runs.error)
     shown = np.where(used, y, np.nan)
-    fit = fit_percent(shown, y - runs.error)
-    by_reference = math.nan if loop.reference is None else loop.reference.fit(runs.old.error, evidence.newest)
-    if evidence.unstable_pole > 0.0:  # from the input alone it diverges
-        fit = fit_percent(shown, y - one_step(runs.error)) if loop.reference is None else by_reference
+    if loop.reference is not None:  # in feedback the rest is the disturbances', and may be the larger part
+        fit = loop.reference.fit(runs.old.error, evidence.newest)
+    elif evidence.unstable_pole > 0.0:  # from the input alone it diverges
+        fit = fit_percent(shown, y - one_step(runs.error))
+    else:
+        fit = fit_percent(shown, y - runs.error)
     figures["fit"] = fit
-    if fit >= POOREST_FIT or by_reference >= POOREST_FIT:
+    if fit >= POOREST_FIT:
         if evidence.unstable_pole > 0.0 and loop.reference is None:
             reason = f"one step ahead over {evidence.span}, the model fits the output to {fit:.1f} %"
             return [Finding("trusted", reason)]
         return []
     if math.isnan(fit):
         return [Finding("inconsistent", f"the output is constant over {evidence.span} while the input moves")]
-    run = f"{_how_run(evidence, loop.reference is not None)} over {evidence.span}{_in_sample(evidence)}"
+    run = f"{_how_run(evidence, loop)} over {evidence.span}{_in_sample(evidence)}"
     figure = f"{fit:.0f} %" if fit > WORST_FIT else f"below {WORST_FIT:.0f} %"
     reason = f"{run}, the model explains almost nothing of the output (fit {figure})"
     if evidence.record.r is None:
@@ -288,11 +297,11 @@ def _in_sample(evidence: Evidence) -> str:
     return " (in sample)" if evidence.in_sample else ""
 
 
-def _how_run(evidence: Evidence, by_reference: bool) -> str:
+def _how_run(evidence: Evidence, loop: Loop) -> str:
     """Return in words how the model was run for its fit."""
-    if not evidence.unstable_pole > 0.0:
-        return "simulated from the input alone"
-    return "in what the reference explains of the output" if by_reference else "one step ahead"
+    if loop.reference is not None:
+        return "in what the reference explains of the output"
+    return "one step ahead" if evidence.unstable_pole > 0.0 else "simulated from the input alone"
 
 
 def _unexplained(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
@@ -399,12 +408,12 @@ class Part:
         return self.size + self.std > LARGEST_PART
 
 
-def _in_favour(evidence: Evidence, figures: Figures) -> str:
+def _in_favour(evidence: Evidence, loop: Loop, figures: Figures) -> str:
     """Return the reason to trust the model."""
     fit, uncertainty = figures.get("fit", math.nan), figures.get("uncertainty", math.nan)
     which = "in sample" if evidence.in_sample else "which the estimate had not used"
     std = percent(uncertainty) + slow_noise(evidence, uncertainty)
     return (
-        f"{_how_run(evidence, True)} over {evidence.span} ({which}), the model fits the output to {fit:.1f} %; "
+        f"{_how_run(evidence, loop)} over {evidence.span} ({which}), the model fits the output to {fit:.1f} %; "
         f"its denominator's coefficients have standard deviations up to {std}"
     )

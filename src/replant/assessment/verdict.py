@@ -41,8 +41,8 @@ class Assessment(Verdict):
         How many of them, the newest, the tested estimate had not used; 0: it had used all.
     fit : float
         Simulated fit in percent over the samples held out (or all): the model run from the input alone, with offset and
-        initial state estimated.  Of an unstable model: how much of what the reference makes of the output it explains;
-        without a reference the fit one step ahead.
+        initial state estimated.  With a reference: how much of what that makes of the output the model explains.  Of an
+        unstable model without a reference: the fit one step ahead.
     condition : float
         Condition number of the scaled instruments over the samples examined, offset and initial state eliminated.
     excitation : float
