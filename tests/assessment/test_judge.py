@@ -13,7 +13,8 @@ import replant as rp
 import replant.assessment.judge as judge_module
 from replant.assessment import Assessment, assess_record
 from replant.assessment.evidence import Evidence
-from replant.assessment.judge import LARGEST_PART, NEGLIGIBLE, judge
+from replant.assessment.judge import NEGLIGIBLE, judge
+from replant.assessment.part import LARGEST_PART
 from replant.assessment.verdict import (
     STATUSES,
     Finding,

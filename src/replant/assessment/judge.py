@@ -21,16 +21,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray
 from replant.assessment import sensor_faults
 from replant.assessment.change_tests import burst_finding, growth_finding
-from replant.assessment.cross_test import Unexplained, unexplained, unexplained_by_reference
 from replant.assessment.estimate_tests import (
     MOST_UNCERTAIN,
     MOVED_SIGMAS,
@@ -39,8 +36,9 @@ from replant.assessment.estimate_tests import (
 )
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.excitation import LEAST_POWER, excitation
-from replant.assessment.feedback_test import Answer, answer, colour_left
-from replant.assessment.reference_test import REMEDY, Reference
+from replant.assessment.loop import COLOURED, Loop
+from replant.assessment.part import LARGEST_PART, Part
+from replant.assessment.reference_test import Reference
 from replant.assessment.verdict import (
     Assessment,
     Finding,
@@ -53,6 +51,7 @@ from replant.simulation.model_run import ModelRun
 from replant.simulation.offset_fit import fit_percent
 from replant.statistics.autoregression import one_step, whiteness
 from replant.statistics.linear_algebra import quiet, roots
+from replant.statistics.robust import robust_std
 
 POOREST_FIT = 10.0
 """Simulated fit below which the input explains next to nothing [%].
@@ -64,13 +63,6 @@ Sensitivity: halved or doubled, nothing changes on these records.
 WORST_FIT = -1000.0
 """Simulated fit below which fits are not told apart in words [%]."""
 
-LARGEST_PART = (1.0 / 16.0) ** 2
-"""What the input could still explain, up to which a model is trusted with a caveat: a sixteenth of the output's
-amplitude. The surest of the tests must stay below it with its doubt added [part of the output's power].
-Origin: real plants are never quite linear, nor of finite order.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
 NEGLIGIBLE = 1e-4
 """What the input could still explain that is not worth a word: a hundredth of the amplitude [part of the output's
 power].
@@ -78,25 +70,10 @@ Origin: a choice of what matters to a user.
 Sensitivity: not measured.
 """
 
-MEDIAN_TO_STD = 1.4826
-"""Standard deviation of a normal distribution over the median of its absolute values [ratio].
-Derivation: 1 / 0.6745, the upper quartile of the standard normal distribution.
-"""
-
 RESTING = 1e-12
 """Movement of the input that is rounding [part of its largest magnitude].
 Derivation: some thousand times the precision of float64.
 """
-
-CLOSED = "the loop is closed: the input answers the residual, which the noise model whitens"
-AT_ONCE = (
-    "the input answers the residual of the same sample: the loop is closed, or the plant has a direct path (then ask "
-    "for as many zeros as poles)"
-)
-COLOURED = (
-    "the loop is closed and its disturbances are coloured beyond the noise model, or the model is wrong: a reference "
-    f"tells which: {REMEDY}"
-)
 
 Figures = dict[str, Any]
 
@@ -188,7 +165,7 @@ def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
     y, newest = evidence.raw, evidence.newest
     modelled = evidence.record.y - runs.old.error
     error = runs.old.error[evidence.used] if evidence.used.any() else runs.old.error
-    noise = MEDIAN_TO_STD * float(np.median(np.abs(error)))  # std of normal noise, robust to failures
+    noise = robust_std(error)
     count = len(y[newest])
     intervals = evidence.record.intervals
     steps = np.full(count, intervals[0]) if intervals.size == 1 else intervals[newest]
@@ -214,52 +191,6 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
     if certainty.improves:  # the present estimate may explain what the earlier one does not
         model = [Finding(max(found.status, "converging", key=_gravity), found.reason) for found in model]
     return loop.findings + model + certainty.findings
-
-
-@dataclass(frozen=True, eq=False)
-class Loop:
-    """What the samples tell of a controller that closes a loop.
-
-    Attributes
-    ----------
-    feedback : Answer
-        How the input answers the residual.
-    reference : Reference or None
-        What a reference explains; None where there is none, or it is of no use.
-    findings : list of Finding
-    """
-
-    feedback: Answer
-    reference: Reference | None
-    findings: list[Finding]
-
-    @property
-    def is_closed(self) -> bool:
-        """Whether a controller moves the input: it answers the residual, or a reference explains it."""
-        return self.feedback.found or self.reference is not None
-
-    @classmethod
-    def of(cls, evidence: Evidence, runs: Runs, reference: Reference | None, doubts: list[Finding]) -> Loop:
-        """Test for feedback, and whether the reference is one; ``doubts`` are the findings on it so far."""
-        feedback = answer(runs.now, evidence.known, evidence.record.u, first=int(runs.now.is_direct))
-        findings = list(doubts)
-        r, past = evidence.record.r, None if reference is None else reference.states
-        if r is not None and answer(runs.now, evidence.known, r, past=past).found:
-            if reference is None:  # a copy of the input
-                findings = [Finding("inconsistent", f"{doubt.reason}: {REMEDY}") for doubt in findings]
-            else:
-                findings.append(Finding("inconsistent", f"the reference follows the disturbances: {REMEDY}"))
-            reference = None
-        pole = evidence.unstable_pole
-        if pole > 0.0 and reference is None:
-            run = f"simulated from the input alone, the model diverges (a pole at {pole:+.3g} rad/s)"
-            reason = f"{run}, and only a reference can show that an unstable model is right: {REMEDY}"
-            findings.append(Finding("inconsistent", reason))
-        elif feedback.found and reference is None and colour_left(runs.now.error[evidence.known]) > 1.0:
-            findings.append(Finding("inconsistent", COLOURED))
-        elif feedback.found:
-            findings.append(Finding("trusted", AT_ONCE if feedback.at_once else CLOSED))
-        return cls(feedback, reference, findings)
 
 
 def _gravity(status: str) -> int:
@@ -333,79 +264,6 @@ def _unexplained(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -
     biased = "" if evidence.instruments else "noise, which biases an estimate without instruments, "
     causes = f"{biased}too few poles or zeros, a wrong dead time, or a plant that changes or is nonlinear"
     return [Finding("inconsistent", f"{reason}, unexplained by the model: {causes}")]
-
-
-@dataclass(frozen=True)
-class Part:
-    """The part of the output's power that the input could still explain.
-
-    Attributes
-    ----------
-    size : float
-        As a part of the output's power.
-    std : float
-        Standard deviation of ``size``.
-    statistic : float
-        The test statistic over its limit.
-    source : str
-        Name of the signal that could explain it.
-    """
-
-    size: float
-    std: float
-    statistic: float
-    source: str = "input"
-
-    @classmethod
-    def of(cls, evidence: Evidence, run: ModelRun, rows: slice, surplus: float, *, feedback: bool = False) -> Part:
-        """Apply the cross test to a run.
-
-        Parameters
-        ----------
-        evidence : Evidence
-        run : ModelRun
-        rows : slice
-            The samples tested.
-        surplus : float
-            See `unexplained`.
-        feedback : bool
-            Whether the input answers the residual.
-        """
-        found = unexplained(run, rows, evidence.dt, surplus, feedback=feedback)
-        return cls._of(evidence, run, rows, found, evidence.record.y, "input")
-
-    @classmethod
-    def by_reference(
-        cls, evidence: Evidence, run: ModelRun, rows: slice, surplus: float, *, reference: Reference
-    ) -> Part:
-        """Test a run with what a reference explains: a part of the power that the reference makes of the output."""
-        spent = evidence.coefficients if evidence.in_sample else 0
-        found = unexplained_by_reference(run, rows, reference.columns, surplus, spent)
-        return cls._of(evidence, run, rows, found, reference.output, "reference")
-
-    @classmethod
-    def _of(
-        cls, evidence: Evidence, run: ModelRun, rows: slice, found: Unexplained, output: FloatArray, source: str
-    ) -> Part:
-        used = evidence.used[rows]
-        if not used.any():
-            return cls(0.0, 0.0, 0.0, source)
-        whole, error = float(np.var(output[rows][used])), float(np.var(run.error[rows][used]))
-        power = max(whole, float(np.finfo(float).tiny))
-        share = float(used.mean())  # the residual of a bridged sample is zero: it adds to neither power
-        # as Python's floats, which become infinite without a warning where the output is constant
-        size = min(float(found.power) / share, error) / power
-        return cls(size, float(found.std) / share / power, found.statistic, source)
-
-    @property
-    def is_sure(self) -> bool:
-        """Whether the part is statistically significant."""
-        return self.statistic > 1.0
-
-    @property
-    def is_large(self) -> bool:
-        """Whether the part may exceed what a trusted model may leave unexplained."""
-        return self.size + self.std > LARGEST_PART
 
 
 def _in_favour(evidence: Evidence, loop: Loop, figures: Figures) -> str:

@@ -39,7 +39,25 @@ RESTING = 1e-12
 Derivation: some thousand times the precision of float64.
 """
 
+STILL = "the reference stands still"
+COPIED = "the reference is a copy of the input"
+IDLE = "the reference explains nothing of the input"
 REMEDY = "give what is applied from outside, as a set-point or a dither, as the reference"
+
+
+def fault_of(r: FloatArray, u: FloatArray) -> str:
+    """Return why a signal (K,) can be no reference of an input (K,), before what it explains is looked at; else "".
+
+    Examples
+    --------
+    >>> u = np.sin(np.arange(9.0))
+    >>> fault_of(np.ones(9), u), fault_of(2.0 * u + 1.0, u), fault_of(np.arange(9.0), u)
+    ('the reference stands still', 'the reference is a copy of the input', '')
+    """
+    if not (r.size and np.ptp(r) > RESTING * np.abs(r).max()):
+        return STILL
+    left = without(r[:, None], np.column_stack([u, np.ones(u.size)]))
+    return COPIED if left.std() <= COPY * r.std() else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,17 +85,14 @@ class Reference:
         r, u = evidence.record.r, evidence.record.u
         if r is None:
             return None, []
-        if not np.ptp(r) > RESTING * np.abs(r).max():
-            return None, [Finding("not excited", "the reference stands still: move it, or leave it out")]
-        if without(r[:, None], np.column_stack([u, np.ones(u.size)])).std() <= COPY * r.std():
-            return None, [
-                Finding("trusted", "the reference is a copy of the input, and says no more than the input does")
-            ]
+        fault = fault_of(r, u)
+        if fault == COPIED:
+            return None, [Finding("trusted", f"{COPIED}, and says no more than the input does")]
+        if fault:
+            return None, [Finding("not excited", f"{fault}: move it, or leave it out")]
         found = cls.projected(r, u, evidence.record.y)
         if not found.strength > 1.0:
-            reason = "the reference explains nothing of the input"
-            advice = "give the column that does, move it more, or leave it out"
-            return None, [Finding("not excited", f"{reason}: {advice}")]
+            return None, [Finding("not excited", f"{IDLE}: give the column that does, move it more, or leave it out")]
         return found, []
 
     @classmethod

@@ -23,7 +23,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment.cross_test import unexplained
-from replant.assessment.feedback_test import LEFT, PAST, PER_COLUMN
+from replant.assessment.feedback_test import FALSE_ALARM, LEFT, PAST, PER_COLUMN
 from replant.engine.record import Record
 from replant.model.structure import Structure
 from replant.offline.refined import Refined
@@ -32,6 +32,7 @@ from replant.statistics.autoregression import IntArray
 from replant.statistics.chi2 import chi2_quantile
 from replant.statistics.linear_algebra import quiet, roots
 from replant.statistics.projections import lengths_of, orthogonal, products, without
+from replant.statistics.robust import robust_std
 
 ANSWERS = 10
 """Past outputs that the input may answer, beside the present one [samples].
@@ -48,15 +49,6 @@ JUMP = 4.0
 """Movement of the input, its past known, beyond which a sample is left out: a set-point that steps drowns the answers
 [standard deviations, robust].
 Origin: of normal movements one in 16,000 is left out.
-Sensitivity: not measured.
-"""
-
-MEDIAN_TO_STD = 1.4826
-"""Standard deviation of normal numbers over the median of their magnitudes [ratio]."""
-
-FALSE_ALARM = 1e-4
-"""Chance that feedback is found where there is none [probability].
-Level: 0.01 %, as that of the feedback test.
 Sensitivity: not measured.
 """
 
@@ -103,8 +95,7 @@ def answers_output(u: FloatArray, y: FloatArray) -> bool:
         return False
     index = np.arange(PAST, u.size)
     now, outputs = _left(u, y, index)
-    usual = JUMP * MEDIAN_TO_STD * float(np.median(np.abs(now)))
-    calm = np.abs(now) <= usual
+    calm = np.abs(now) <= JUMP * robust_std(now)
     if int(calm.sum()) >= max(count // 2, FEWEST):  # a set-point steps: what is left moves
         now, outputs = _left(u, y, index[calm])
     count = now.size

@@ -9,19 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.reference_test import COPY, RESTING, Reference
+from replant.assessment.feedback_test import FALSE_ALARM
+from replant.assessment.reference_test import COPIED, IDLE, Reference, fault_of
 from replant.engine.record import Record
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
 from replant.offline.refined import Refined
 from replant.statistics.chi2 import chi2_quantile
 from replant.statistics.linear_algebra import quiet
-from replant.statistics.projections import without
 
-FALSE_ALARM = 1e-4
-"""Chance that a right model's misfit is called too large [probability].
-Level: 0.01 %, as that of the verdict.
-"""
+WITHOUT = "the fit does without it"
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +56,7 @@ class ReferenceUse:
 
     def given_up(self) -> ReferenceUse:
         """Return it as one that is not used, where there was no reason yet because no model was found with it."""
-        reason = self.finding or "no model was found with the reference: the fit does without it"
+        reason = self.finding or f"no model was found with the reference: {WITHOUT}"
         return dataclasses.replace(self, used=False, finding=reason)
 
     def concluded(self, structure: Structure, found: Refined) -> ReferenceUse:
@@ -84,17 +81,15 @@ def use_of(structure: Structure, signal: FloatArray, record: Record) -> Referenc
     """
     r, u = record.r, record.u
     assert r is not None
-    if r.size == 0 or not np.ptp(r) > RESTING * np.abs(r).max():
-        return ReferenceUse(signal, False, "the reference stands still: the fit does without it", 0.0)
-    if without(r[:, None], np.column_stack([u, np.ones(u.size)])).std() <= COPY * r.std():
-        return ReferenceUse(signal, False, "the reference is a copy of the input: the fit does without it", 1.0)
+    fault = fault_of(r, u)
+    if fault:
+        return ReferenceUse(signal, False, f"{fault}: {WITHOUT}", 1.0 if fault == COPIED else 0.0)
     moves = np.count_nonzero(np.diff(r))
     if moves <= structure.coefficients:  # as `first_model` asks
         finding = f"the reference moves {moves} times, too few for {structure.coefficients} coefficients"
-        return ReferenceUse(signal, False, f"{finding}: the fit does without it", 0.0)
+        return ReferenceUse(signal, False, f"{finding}: {WITHOUT}", 0.0)
     found = Reference.projected(r, u, record.y)
     share = float(found.input @ found.input) / max(float(np.sum((u - u.mean()) ** 2)), np.finfo(float).tiny)
     if not found.strength > 1.0:
-        finding = "the reference explains nothing of the input: the fit does without it"
-        return ReferenceUse(signal, False, finding, share)
+        return ReferenceUse(signal, False, f"{IDLE}: {WITHOUT}", share)
     return ReferenceUse(signal, True, "", share)

@@ -9,9 +9,10 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.engine.state import State
+from replant.offline.problem import FASTEST
 from replant.offline.refined import Refined
-from replant.offline.srivc import FASTEST, SLOWEST
 from replant.settings import Settings
+from replant.simulation.auxiliary_model import SLOWEST
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.udu import compose, factor_covariance
 

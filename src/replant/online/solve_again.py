@@ -19,8 +19,9 @@ from replant.offline.srivc import refine
 from replant.online.initialization import initialize
 from replant.online.startup import carry_over, warm_up, without_spikes
 from replant.settings import Settings
+from replant.simulation.auxiliary_model import SLOWEST
 from replant.simulation.model_run import run_model
-from replant.simulation.prediction import SLOWEST, prediction_error
+from replant.simulation.prediction import prediction_error
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import quiet, roots
 

@@ -19,6 +19,11 @@ from replant.engine.record import Record
 from replant.engine.state import State
 from replant.model.structure import Structure
 
+SLOWEST = 0.01
+"""Least distance of a filter's pole from the imaginary axis [1 / duration of the record].
+Derivation: what such a pole does within the record differs by a hundredth from an integrator.
+"""
+
 NOTHING = np.zeros((0, 2))  # explained by a reference where there is none
 
 

@@ -13,13 +13,8 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
-from replant.simulation.auxiliary_model import AuxiliaryModel
+from replant.simulation.auxiliary_model import SLOWEST, AuxiliaryModel
 from replant.statistics.linear_algebra import quiet, roots, solve
-
-SLOWEST = 0.01
-"""Least distance of a filter's pole from the imaginary axis [1 / duration of the record].
-Derivation: what such a pole does within the record differs by a hundredth from an integrator.
-"""
 
 RUNAWAY = 1.0
 """Growth of a model's free response within a record beyond which it is predicted, not simulated [exponent].

@@ -1,0 +1,325 @@
+r"""The steps of refined instrumental variables: a structure, a record, passes of models over it, better models.
+
+`replant.offline.srivc` has the equations and the way from the starts to the estimate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.engine.record import Record
+from replant.kernels.schema import LAGS
+from replant.model.structure import Structure
+from replant.offline.projection import Projection
+from replant.offline.refined import Root
+from replant.simulation.auxiliary_model import SLOWEST, AuxiliaryModel, Pass
+from replant.statistics.autoregression import LEAST, Autoregression, sums_of
+from replant.statistics.linear_algebra import roots, solve
+from replant.statistics.projections import orthogonal, products
+
+STALLED = 1e-6
+"""Decrease of the cost below which an iteration stalls [part of the cost].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+STILL = 1e-3
+"""Movement of the estimate below which the iteration has converged [standard deviations of what a regressor's entry
+tells].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+DONE = 1e-6
+"""Gain of a Gauss-Newton step below which the fit is done [variances of the residual].
+Derivation: a thousandth of a standard deviation.
+Sensitivity: not measured.
+"""
+
+NEARLY_DONE = 0.1
+"""The same where no shorter step gains anything either [variances of the residual].
+Derivation: a third of a standard deviation: where poles are as fast as the sampling the instruments' root lies a
+little beside the least cost.
+Sensitivity: not measured.
+"""
+
+ROUNDING = 1e-18
+"""Power of the residual below which only rounding is left [part of the output's power].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+HALVINGS = 10
+"""Halvings of a Gauss-Newton step at the most [count].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+POLISH = 30
+"""Gauss-Newton steps at the most [count].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+SHORTENED = 7
+"""Times that a whitened step is tried, each time half as long [count].
+Origin: as HALVINGS.
+Sensitivity: not measured.
+"""
+
+SLACK = {False: 1e-3, True: 0.02}
+"""Growth of the cost that a whitened step may bring, without and with a reference [part of the cost].
+Derivation: the root of the instruments' equations lies beside the least cost, and J is chi-squared at it.
+Sensitivity: not measured.
+"""
+
+FASTEST = 3.0
+"""Bound of a pole's magnitude [1 / sampling time].
+Derivation: beyond pi / dt a pole lies above half the sampling rate.
+Sensitivity: not measured.
+"""
+
+
+class Problem:
+    """The fit of one structure to one record: passes of models over it, and the steps from model to model.
+
+    Parameters
+    ----------
+    structure : Structure
+    record : Record
+
+    Attributes
+    ----------
+    slowest, fastest : float
+        Bounds of a filter's poles in rad/s: they lie left of -slowest, and their magnitudes are at most fastest.
+    projection : Projection or None
+        What the record's reference explains.
+    known : (K,) array of int
+        Residuals before each that are one sampling time apart, up to LAGS.
+    noise : Autoregression
+        D(q) of the residual; it begins as one.
+    """
+
+    def __init__(self, structure: Structure, record: Record) -> None:
+        self.structure, self.record = structure, record
+        self.slowest, self.fastest = SLOWEST / record.span, FASTEST / record.dt
+        self.projection = None if record.r is None else Projection.of(record)
+        referenced = self.projection is not None
+        self._model = AuxiliaryModel(
+            structure, record.dt, record.input_hold, margin=self.slowest, reference=referenced
+        )  # fmt: skip
+        self.known = _known(record)
+        self.noise = Autoregression.white(1.0, record.u.size)
+
+    def run(self, model: FloatArray) -> Pass:
+        """Return the pass of a model (T,) over the record: parameters, then nuisances."""
+        return self._model.run(model, self.record, None if self.projection is None else self.projection.parts)
+
+    def is_usable(self, model: FloatArray) -> bool:
+        """Return whether the denominator of ``model`` (T,) can be a filter: finite, and not too fast."""
+        a = model[self.structure.denominator]
+        if not np.isfinite(a).all():
+            return False
+        magnitudes = np.abs(a) ** (1.0 / np.arange(1, a.size + 1))
+        return bool(magnitudes.max() < a.size * self.fastest)
+
+    def bounded(self, model: FloatArray) -> FloatArray:
+        """Return ``model`` (T,) with no pole faster than the bound.
+
+        The numerator and the nuisances stay as they are.
+        """
+        if self.is_usable(model):
+            return model
+        n = self.structure.poles
+        poles = roots(np.concatenate([[1.0], model[:n]]))
+        if np.isfinite(poles).all():
+            poles = poles * np.minimum(1.0, self.fastest / np.maximum(np.abs(poles), 1e-300))
+            a = np.poly(poles).real[1:]
+        else:
+            a = np.poly(np.full(n, -math.sqrt(self.slowest * self.fastest)))[1:]
+        return np.concatenate([np.asarray(a, np.float64), model[n:]])
+
+    def from_cutoff(self, cutoff: float) -> FloatArray | None:
+        """Return the estimate behind (s + cutoff)^n, cutoff in rad/s; None if singular.
+
+        By least squares, or where there is a reference by its instruments.
+        """
+        n = self.structure.poles
+        a = np.asarray(np.poly(np.full(n, -cutoff))[1:], np.float64)
+        done = self.run(np.concatenate([a, np.zeros(self._model.entries - n)]))
+        zeta = done.phi if self.projection is None else done.zeta
+        found = solve(zeta.T @ done.phi, zeta.T @ done.target)
+        return None if found is None else self.bounded(found)
+
+    def whiten(self, signals: FloatArray) -> FloatArray:
+        """Return D(q) x of ``signals`` (K, ...), weighted where the past is not known."""
+        return self.noise.whiten_known(signals, self.known)
+
+    def is_rounding(self, done: Pass) -> bool:
+        """Return whether only rounding is left of the residual."""
+        return done.cost <= ROUNDING * float(np.mean(self.record.y**2))
+
+    def renew_noise(self, done: Pass) -> None:
+        """Model the residual of a pass; what only rounding is left of counts as white."""
+        error = done.error
+        sums, count = sums_of(error, self.known)
+        if count >= LEAST and np.isfinite(sums).all() and not self.is_rounding(done):
+            self.noise = Autoregression.of_sums(sums, count)
+        else:
+            self.noise = Autoregression.white(float(error @ error), error.size)
+
+    def misfit(self, done: Pass) -> float:
+        """Return J, the part of a pass's whitened residual that the reference explains.
+
+        Without a reference the whole power of the whitened error of the predicted output.
+        """
+        white = self.whiten(done.ahead if self.projection is None else done.error)
+        if not np.isfinite(white).all():
+            return math.inf
+        if self.projection is None:
+            return float(white @ white)
+        functions = self.whiten(self.projection.functions)
+        amounts = orthogonal(products(functions, functions)).T @ products(functions, white[:, None])
+        return float(np.sum(amounts**2))
+
+    def improve(self, theta: FloatArray, iterations: int, patience: int) -> tuple[float, FloatArray, FloatArray | None]:
+        """Iterate the instrumental-variable step.
+
+        Parameters
+        ----------
+        theta : (T,) array
+            The model to begin with.
+        iterations : int
+            Most steps taken.
+        patience : int
+            Steps that may fail to lower the cost before the iteration ends.
+
+        Returns
+        -------
+        cost : float
+            The least mean square of the output error.
+        model : (T,) array
+            The model with that cost.
+        last : (T,) array or None
+            The last model; None where the step's equations were singular.
+        """
+        best, best_model, stalls = math.inf, theta, 0
+        current = theta
+        for _ in range(iterations):
+            model = current
+            done = self.run(model)
+            stalls += not done.cost < best * (1.0 - STALLED)
+            if done.cost < best:
+                best, best_model = done.cost, model
+            found = solve(done.zeta.T @ done.phi, done.zeta.T @ done.target)
+            if found is None:
+                return best, best_model, None
+            change = np.abs(found - model) * np.linalg.norm(done.zeta, axis=0)
+            current = self.bounded(found)
+            if change.max() <= STILL * math.sqrt(done.cost) or stalls >= patience:
+                break
+        return best, best_model, current
+
+    def polish(self, model: FloatArray) -> tuple[FloatArray, Pass, bool]:
+        """Take damped Gauss-Newton steps on the output error; return the model, its pass, whether it converged."""
+        done = self.run(model)
+        for _ in range(POLISH):
+            gradient = done.zeta.T @ done.error
+            direction = solve(done.zeta.T @ done.zeta, gradient)
+            if direction is None:
+                return model, done, False
+            gain = float(direction @ gradient) / self.record.u.size
+            samples = self.record.u.size
+            # converged: the step is a thousandth of a standard deviation, or the error is rounding
+            if gain * samples <= DONE * done.cost or self.is_rounding(done):
+                return model, done, True
+            better = self._line_search(model, direction, done.cost)
+            if better is None:
+                # no step lowers the cost: the instruments join the model's output by straight lines between samples, so
+                # that with poles as fast as the sampling the gradient vanishes a little beside the least cost
+                return model, done, gain * samples <= NEARLY_DONE * done.cost
+            model, done = better
+        return model, done, False
+
+    def _line_search(self, model: FloatArray, direction: FloatArray, cost: float) -> tuple[FloatArray, Pass] | None:
+        """Return the model after the longest of `HALVINGS` halved steps that lowers the cost; None if none does."""
+        for halvings in range(HALVINGS):
+            tried = model + direction * 0.5**halvings
+            if self.is_usable(tried):
+                done = self.run(tried)
+                if done.cost < cost:
+                    return tried, done
+        return None
+
+    def descend(self, model: FloatArray, steps: int, renewals: Sequence[int] = ()) -> Root | None:
+        """Take damped steps on the whitened residual; None where the first pass fails.
+
+        Parameters
+        ----------
+        model : (T,) array
+        steps : int
+            At the most.
+        renewals : sequence of int
+            Steps at which the noise model is renewed.
+        """
+        done = self.run(model)
+        if not math.isfinite(done.cost):
+            return None
+        slack, moved = 1.0 + SLACK[self.projection is not None], math.inf
+        for step in range(steps):
+            if self.is_rounding(done):
+                moved = 0.0
+                break
+            if step in renewals:
+                self.renew_noise(done)
+            zeta, white = self.whiten(done.zeta), self.whiten(done.error)
+            variance, limit, better = max(float(white @ white) / white.size, 1e-300), self.misfit(done) * slack, None
+            # the instrumental-variable step finds its way from far; that of Gauss and Newton lowers the cost for sure
+            # where that is the innovation's power, but J has the noise of the instruments in it
+            companions = [self.whiten(done.phi), zeta]
+            if self.projection is None:
+                companions.reverse()
+            for companion in companions:
+                direction = solve(zeta.T @ companion, zeta.T @ white)
+                if direction is None:
+                    continue
+                moved = float(np.sum((zeta @ direction) ** 2)) / variance
+                better = self._shortened(model, direction, limit)
+                if better is not None:
+                    break
+            if better is None:
+                break
+            model, done = better
+            if moved < STILL and step >= max(renewals, default=0):
+                break
+        white = self.whiten(done.error if self.projection is not None else done.ahead)
+        variance = float(white @ white) / white.size
+        return Root(model, done, self.noise, variance, self.misfit(done), moved <= NEARLY_DONE)
+
+    def _shortened(self, model: FloatArray, direction: FloatArray, limit: float) -> tuple[FloatArray, Pass] | None:
+        """Return the model after the longest of `SHORTENED` halved steps whose cost is within the limit, or None."""
+        for halvings in range(SHORTENED):
+            tried = model + direction * 0.5**halvings
+            if self.is_usable(tried):
+                done = self.run(tried)
+                if math.isfinite(done.cost) and self.misfit(done) <= limit:
+                    return tried, done
+        return None
+
+
+def _known(record: Record) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """Return how many residuals before each of a record are one sampling time apart, up to LAGS."""
+    from replant.kernels.filters.whitening import IRREGULAR
+
+    index = np.arange(record.u.size)
+    if record.intervals.size == 1:
+        return np.minimum(index, LAGS)
+    nominal = float(np.median(record.intervals[1:]))
+    broken = np.abs(record.intervals - nominal) > IRREGULAR * nominal
+    broken[0] = True
+    last = np.maximum.accumulate(np.where(broken, index, 0))
+    return np.minimum(index - last, LAGS)
