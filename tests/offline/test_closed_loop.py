@@ -126,8 +126,10 @@ def test_the_search_keeps_unstable_models() -> None:
 def test_the_report_and_json_of_an_unstable_model() -> None:
     done = loop(UNSTABLE, 3.0, 2000, noise=0.02)
     fitted = rp.fit(done.u, done.y, DT, rp.Structure(1), reference=done.r)
-    answer = json.loads(json.dumps(as_json(result_of_fit(fitted, done.u, done.y, 0.0)), allow_nan=False))
+    result = result_of_fit(fitted, done.u, done.y, 0.0)
+    answer = json.loads(json.dumps(as_json(result), allow_nan=False))
     assert answer["poles"][0]["real"] == pytest.approx(1.0, abs=0.05)
+    assert result.simulation.how == "predicted from input and past output"
     assert answer["poles"][0]["time_constant"] == pytest.approx(-1.0, abs=0.05)
     assert answer["fit"]["simulated"] > 90.0
     assert answer["fit"]["one_step"] == pytest.approx(answer["fit"]["simulated"], abs=1.0)
@@ -181,7 +183,7 @@ def test_white_noise_in_open_loop_has_order_zero() -> None:
 POOR = {
     "stands still": (lambda done: np.full(done.r.size, 3.0), "stands still"),
     "copy": (lambda done: 2.0 * done.u - 1.0, "copy of the input"),
-    "moves once": (lambda done: (np.arange(done.r.size) > 700).astype(float), "moves 1 times, too few for 2"),
+    "moves once": (lambda done: (np.arange(done.r.size) > 700).astype(float), "moves once, too few times for 2"),
     "nothing": (lambda done: np.random.default_rng(5).standard_normal(done.r.size), "explains nothing"),
 }
 
@@ -197,6 +199,8 @@ def test_a_poor_reference_is_said_and_not_used(name: str) -> None:
     assert math.isnan(found.reference.misfit)
     without = rp.fit(done.u, done.y, DT, rp.Structure(1))
     np.testing.assert_array_equal(found.parameters, without.parameters)
+    reasons = result_of_fit(found, done.u, done.y, 0.0).verdict.reasons
+    assert sum(found.reference.finding.partition(":")[0] in reason for reason in reasons) == 1
 
 
 def test_where_no_model_is_found_with_the_reference_the_fit_does_without_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -261,7 +261,7 @@ def _refined_result(
     else:
         output = y.copy()
         output[accepted] -= error
-        simulation = Simulation(output, 0.0, fit_percent(y, output))
+        simulation = Simulation(output, 0.0, fit_percent(y, output), is_prediction=True)
     return FitResult(
         structure,
         dt,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from dataclasses import dataclass, field
 
@@ -149,16 +150,26 @@ def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float)
         fitted.simulation,
         fitted.samples,
         fitted.rejected,
-        assess_record(
-            fitted.structure,
-            fitted.parameters,
-            record,
-            fitted.dt,
-            fitted.covariance,
-            instruments=fitted.method != "least_squares",
+        _with_finding(
+            assess_record(
+                fitted.structure,
+                fitted.parameters,
+                record,
+                fitted.dt,
+                fitted.covariance,
+                instruments=fitted.method != "least_squares",
+            ),
+            fitted.reference.finding if fitted.reference else "",
         ),
         time.perf_counter() - begun,
         covariance=fitted.covariance,
         noise=fitted.noise,
         left_out=stretches_of(~screen(fitted.preprocess.map_input(u), y)[0]),
     )
+
+
+def _with_finding(verdict: Verdict, finding: str) -> Verdict:
+    """Return the verdict with what a fit has found wrong with its reference, where no reason of it says so."""
+    if not finding or any(finding.partition(":")[0] in reason for reason in verdict.reasons):
+        return verdict
+    return dataclasses.replace(verdict, reasons=(*verdict.reasons, finding))

@@ -31,11 +31,19 @@ class Simulation:
         Estimated constant between measured and simulated output, in the unit of y.
     fit : float
         Fit in percent over the finite samples.
+    is_prediction : bool
+        Whether the output is predicted one step ahead instead, as of an unstable model, which would run away.
     """
 
     output: FloatArray
     offset: float
     fit: float
+    is_prediction: bool = False
+
+    @property
+    def how(self) -> str:
+        """In words what the output is made from."""
+        return "predicted from input and past output" if self.is_prediction else "simulated from the input alone"
 
 
 def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:

@@ -24,7 +24,7 @@ def of_fit(material: Material) -> str:
     hidden = " Where the model's output is not visible, it lies outside the axes."
     beyond = hidden if material.result.simulation.fit < 0 else ""
     return (
-        f"Input, output and residual over time. The model, simulated from the input alone, has a fit of {fit}; the "
+        f"Input, output and residual over time. The model, {material.result.simulation.how}, has a fit of {fit}; the "
         f"root mean square of the residual is {size}{' ' + unit if unit else ''}{_newest(material)}.{beyond}"
     )
 

@@ -207,7 +207,7 @@ def _figures(material: Material) -> str:
     unit = style.gain_unit(material.plant_label, material.output_label)
     gain = uncertain(result.transfer_function.dc_gain, None if known is None else known.dc_gain_std)
     entries = [
-        (percent(result.simulation.fit), "fit, simulated from the input alone"),
+        (percent(result.simulation.fit), f"fit, {result.simulation.how}"),
         (percent(result.one_step), "fit, one step ahead"),
         (gain, f"DC gain [{unit}]" if unit else "DC gain"),
         (f"{result.samples:,}", "samples used"),

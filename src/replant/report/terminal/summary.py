@@ -74,7 +74,7 @@ def _print_model(console: Any, result: Result, truth: TransferFunction | None) -
     gain = with_std(result.transfer_function.dc_gain, _dc_gain_std(result))
     console.print(f"DC gain  {gain}", highlight=False)
     simulated, one_step = (percent(fit, ascii_only=True) for fit in (result.simulation.fit, result.one_step))
-    console.print(f"Fit      {simulated} simulated from the input alone, {one_step} one step ahead", highlight=False)
+    console.print(f"Fit      {simulated} {result.simulation.how}, {one_step} one step ahead", highlight=False)
 
 
 def wrapped(text: str, width: int) -> list[str]:
