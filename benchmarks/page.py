@@ -91,6 +91,15 @@ def parts(figures: Figures) -> str:
     return text + table(["part", "P", "ours", "C", "ratio"], rows)
 
 
+def default(figures: Figures) -> str:
+    rows = [[row["case"], f"{row['ns']:.0f}", row["beside"], ratio(row)] for row in figures["rows"]]
+    text = (
+        "One sample in `update_many`, three poles and a zero, in nanoseconds, and its ratio to the same without. "
+        f"Without a noise model a sample takes {figures['plain']:.0f} ns.\n\n"
+    )
+    return text + table(["settings", "ns", "beside", "ratio"], rows)
+
+
 def latency(figures: Figures) -> str:
     rows = [
         [
@@ -215,6 +224,7 @@ def starting(figures: Figures) -> str:
 SECTIONS: dict[str, tuple[str, Callable[[Figures], str]]] = {
     "kernels": ("Kernels beside C", kernels),
     "parts": ("Parts of the default method beside C", parts),
+    "default": ("Noise model and reference", default),
     "latency": ("One sample from Python", latency),
     "peers": ("Other libraries", peers),
     "ensembles": ("Many identifiers at once", ensembles),

@@ -128,7 +128,12 @@ JUMPS = {  # seconds until the estimate has to be right: a1, b1, a2 show at once
 }
 
 
-@pytest.mark.parametrize(("entry", "factor"), JUMPS)
+QUICK = [(0, 0.5), (1, 1.5), (2, 0.5), (3, 1.5), (4, 0.5)]  # one of each coefficient
+
+
+@pytest.mark.parametrize(
+    ("entry", "factor"), [pytest.param(*jump, marks=() if jump in QUICK else pytest.mark.slow) for jump in JUMPS]
+)
 def test_a_parameter_that_jumps_is_noticed_and_learned_again(entry: int, factor: float) -> None:
     """Trusted only while all coefficients are right within what their standard deviations say, or within 5 %."""
     patience = JUMPS[entry, factor]
