@@ -114,6 +114,7 @@ class Problem:
         )  # fmt: skip
         self.known = _known(record)
         self.noise = Autoregression.white(1.0, record.u.size)
+        self._basis: tuple[Autoregression, FloatArray, FloatArray] | None = None
 
     def run(self, model: FloatArray) -> Pass:
         """Return the pass of a model (T,) over the record: parameters, then nuisances."""
@@ -182,9 +183,18 @@ class Problem:
             return math.inf
         if self.projection is None:
             return float(white @ white)
-        functions = self.whiten(self.projection.functions)
-        amounts = orthogonal(products(functions, functions)).T @ products(functions, white[:, None])
-        return float(np.sum(amounts**2))
+        functions, basis = self._functions(self.projection)
+        return float(np.sum((basis.T @ products(functions, white[:, None])) ** 2))
+
+    def _functions(self, projection: Projection) -> tuple[FloatArray, FloatArray]:
+        """Return the whitened functions of the reference (K, L), and what makes them orthonormal, (L, R).
+
+        Kept as long as the noise model is the same: steps are tried many times with one.
+        """
+        if self._basis is None or self._basis[0] is not self.noise:
+            functions = self.whiten(projection.functions)
+            self._basis = self.noise, functions, orthogonal(products(functions, functions))
+        return self._basis[1:]
 
     def improve(self, theta: FloatArray, iterations: int, patience: int) -> tuple[float, FloatArray, FloatArray | None]:
         """Iterate the instrumental-variable step.
