@@ -40,9 +40,12 @@ class Loop:
 
 def loop(
     plant: rp.TransferFunction, gain: float, samples: int, *, noise: float = 0.0, load: float = 0.0, seed: int = 0,
-    pole: float = 0.0, dt: float = DT,
+    pole: float = 0.0, dt: float = DT, steps: tuple[int, ...] = (),
 ) -> Loop:  # fmt: skip
-    """u = gain (r - y) drives the plant, held; noise / (1 - pole/z) on the output, load / (1 - .95/z) on the input."""
+    """u = gain (r - y) drives the plant, held; noise / (1 - pole/z) on the output, load / (1 - .95/z) on the input.
+
+    The set-point is drawn anew every 20 samples, or rises by 1 at ``steps``.
+    """
     a, n = plant.den[1:], plant.den.size - 1
     system = np.zeros((n + 1, n + 1))
     system[0, :n], system[1:n, : n - 1], system[0, n] = -a, np.eye(n - 1), 1.0
@@ -51,6 +54,8 @@ def loop(
     row[n - plant.num.size :] = plant.num
     rng = np.random.default_rng([seed, 11])
     r = np.repeat(rng.uniform(-1.0, 1.0, samples // 20 + 1), 20)[:samples]
+    if steps:
+        r = np.searchsorted(steps, np.arange(samples), side="right").astype(float)
     v = noise * lfilter([math.sqrt(1 - pole**2)], [1.0, -pole], rng.standard_normal(samples))
     d = load * lfilter([0.3], [1.0, -0.95], rng.standard_normal(samples))
     x, u, y = np.zeros(n), np.zeros(samples), np.zeros(samples)
@@ -183,7 +188,6 @@ def test_white_noise_in_open_loop_has_order_zero() -> None:
 POOR = {
     "stands still": (lambda done: np.full(done.r.size, 3.0), "stands still"),
     "copy": (lambda done: 2.0 * done.u - 1.0, "copy of the input"),
-    "moves once": (lambda done: (np.arange(done.r.size) > 700).astype(float), "moves once, too few times for 2"),
     "nothing": (lambda done: np.random.default_rng(5).standard_normal(done.r.size), "explains nothing"),
 }
 
@@ -201,6 +205,15 @@ def test_a_poor_reference_is_said_and_not_used(name: str) -> None:
     np.testing.assert_array_equal(found.parameters, without.parameters)
     reasons = result_of_fit(found, done.u, done.y, 0.0).verdict.reasons
     assert sum(found.reference.finding.partition(":")[0] in reason for reason in reasons) == 1
+
+
+def test_one_step_of_the_set_point_is_a_reference() -> None:
+    """Its transient excites a dozen Laguerre functions."""
+    done = loop(UNSTABLE, 3.0, 1500, noise=0.02, steps=(500,))
+    found = rp.fit(done.u, done.y, DT, rp.Structure(1), reference=done.r)
+    assert found.reference.used
+    assert (np.abs(found.parameters - [-1.0, 1.0]) < 4.0 * found.uncertainty.std).all()
+    assert found.uncertainty.std.max() < 0.02
 
 
 def test_where_no_model_is_found_with_the_reference_the_fit_does_without_it(monkeypatch: pytest.MonkeyPatch) -> None:

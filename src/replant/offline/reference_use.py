@@ -84,11 +84,6 @@ def use_of(structure: Structure, signal: FloatArray, record: Record) -> Referenc
     fault = fault_of(r, u)
     if fault:
         return ReferenceUse(signal, False, f"{fault}: {WITHOUT}", 1.0 if fault == COPIED else 0.0)
-    moves = np.count_nonzero(np.diff(r))
-    if moves <= structure.coefficients:  # as `first_model` asks
-        often = "once" if moves == 1 else f"{moves} times"
-        finding = f"the reference moves {often}, too few times for {structure.coefficients} coefficients"
-        return ReferenceUse(signal, False, f"{finding}: {WITHOUT}", 0.0)
     found = Reference.projected(r, u, record.y)
     share = float(found.input @ found.input) / max(float(np.sum((u - u.mean()) ** 2)), np.finfo(float).tiny)
     if not found.strength > 1.0:
