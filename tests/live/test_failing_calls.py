@@ -41,7 +41,7 @@ TRIES = {
         "rename": 3,
         "socket": 2,
         "fork": 2,
-        "alloc": 4,
+        "alloc": 3,
     },
     "observer": {"send": 1, "alloc": 1, "socket": 1, "fork": 1},
 }

@@ -43,8 +43,8 @@ VALUES: dict[str, Any] = {
 }  # fmt: skip
 #: When: the very first sample, in the start-up, just after it, later.
 TIMES = (0, 47, STARTUP + 5, 248)
-#: With REPLANT_LONG each value comes at all times and with all columns, else at one time, by turns, and all columns in
-#: one format alone.
+#: With REPLANT_LONG each value comes at all times and with all columns, else every other value comes at one time, by
+#: turns, and all columns in one format alone.
 LONG = "REPLANT_LONG" in os.environ
 
 #: The columns that a stream may have: input and output, each of the others or not.
@@ -192,7 +192,7 @@ def test_a_number_that_is_misread_once_ends_nothing(form: str, columns: tuple[st
     u, y = record(SAMPLES, seed=3)
     turn = [case.id for case in CASES].index(f"{form}-{''.join(columns)}-{field}")
     for number, ((value, misread), when) in enumerate(itertools.product(VALUES.items(), TIMES)):
-        if not LONG and (number + number // len(TIMES) + turn) % len(TIMES):
+        if not LONG and (number + number // len(TIMES) + turn) % (2 * len(TIMES)):
             continue
         samples = samples_of(u, y)
         samples[when][field] = misread

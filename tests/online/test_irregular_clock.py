@@ -48,8 +48,7 @@ def test_stamps_that_are_ignored_would_have_cost_much() -> None:
     assert np.abs(ident.parameters / TRUE - 1).max() > 1e-3
 
 
-@pytest.mark.parametrize("delay", [0.3, 1.0, 2.38, 7.5])
-@pytest.mark.parametrize("hold", ["zoh", "foh"])
+@pytest.mark.parametrize(("delay", "hold"), [(0.3, "zoh"), (1.0, "foh"), (2.38, "foh"), (7.5, "zoh")])
 def test_dead_time_on_a_clock_that_jitters(delay: float, hold: str) -> None:
     """Whole samples of dead time there are none then: every interval falls into pieces."""
     plant = rp.TransferFunction(PLANT.num, PLANT.den, delay * DT)
