@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-import replant.assessment.judge as judge_module
+import replant.assessment.part as part_module
 from replant.assessment import Assessment, assess_record
 from replant.assessment.evidence import Evidence
 from replant.assessment.judge import NEGLIGIBLE, judge
@@ -137,10 +137,10 @@ def test_no_reason_has_a_power_of_ten_for_a_span_or_a_part() -> None:
 def test_a_part_of_an_output_that_stands_still_is_everything(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its power is nothing: without a warning that would reach the user's terminal."""
     found = SimpleNamespace(power=np.float64(10.0), std=np.float64(1.0), statistic=2.0)
-    monkeypatch.setattr(judge_module, "unexplained", lambda *_, **__: found)
+    monkeypatch.setattr(part_module, "unexplained", lambda *_, **__: found)
     run: Any = SimpleNamespace(error=np.array([-9.0, 9.0]))
     evidence: Any = SimpleNamespace(record=SimpleNamespace(y=np.zeros(2)), used=np.ones(2, bool), dt=1.0)
-    part = judge_module.Part.of(evidence, run, slice(0, 2), 0.0)
+    part = part_module.Part.of(evidence, run, slice(0, 2), 0.0)
     assert part.is_sure
     assert part.is_large
     assert part.size > 1e300
