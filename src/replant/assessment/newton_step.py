@@ -102,7 +102,13 @@ def distance(run: ModelRun, rows: slice, false_alarm: float) -> Distance:
 
 
 def _noise_of(run: ModelRun, rows: slice, nuisances: FloatArray) -> Autoregression:
-    """Return the noise model of a residual over ``rows``, less what slopes and nuisances (K, N) explain of it."""
+    """Return the noise model of a residual over ``rows``, less what slopes and nuisances (K, N) explain of it.
+
+    With instruments from a reference it is that of the residual itself: they are right whatever the filter is, and in a
+    loop the slopes explain much of what a load makes of the residual, so that its rest has another colour.
+    """
+    if run.instruments is not None:
+        return Autoregression.of(without(run.error[rows, None], nuisances)[:, 0])
     columns = np.hstack([run.zeta[rows], nuisances])
     return Autoregression.of(without(run.error[rows, None], columns)[:, 0])
 

@@ -24,6 +24,7 @@ from replant.assessment.feedback_test import FALSE_ALARM
 from replant.assessment.verdict import Finding
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.chi2 import chi2_quantile
+from replant.statistics.generalised import weights_of
 from replant.statistics.laguerre import laguerre_states
 from replant.statistics.projections import orthogonal, products, widening, without
 
@@ -100,8 +101,8 @@ class Reference:
         """Project input and output (K,) on the reference (K,)."""
         states = laguerre_states(r, u, y)
         u, y, states = u - u.mean(), y - y.mean(), states - states.mean(axis=0)
-        basis = states @ orthogonal(products(states, states))
-        input_part, output_part = basis @ (basis.T @ u), basis @ (basis.T @ y)
+        functions = np.column_stack([states, np.ones(u.size)])
+        input_part, output_part = (states @ weights_of(functions, signal)[:-1] for signal in (u, y))
         left = u - input_part
         noise = Autoregression.of(left)
         z, x = noise.whiten(states), noise.whiten(u)
@@ -133,11 +134,7 @@ class Reference:
         rows : slice
             The samples that count.
         """
-        z, e, y = (
-            self.states[rows] - self.states[rows].mean(axis=0),
-            error[rows] - error[rows].mean(),
-            self.output[rows],
-        )
-        basis = z @ orthogonal(products(z, z))
-        left, made = np.linalg.norm(basis.T @ e), np.linalg.norm(y - y.mean())
-        return float(100.0 * (1.0 - left / made)) if made > 0.0 else float("nan")
+        functions = np.column_stack([self.states[rows], np.ones(error[rows].size)])
+        explained = functions @ weights_of(functions, error[rows])
+        left, made = float(explained.std()), float(self.output[rows].std())
+        return 100.0 * (1.0 - left / made) if made > 0.0 else float("nan")

@@ -68,14 +68,16 @@ def is_noise(structure: Structure, record: Record, plain: Refined, filtered: Ref
     -----
     False for a record of fewer than `FEWEST` samples of a stable plant, which cannot tell.
     """
-    if not (plain.converged and filtered.converged):
+    if not plain.converged:
         return filtered.converged
     if roots(np.concatenate([[1.0], filtered.theta[structure.denominator]])).real.max() >= 0.0:
         return True  # a plant that is not stable is in feedback
     if record.u.size < PAST + FEWEST:
         return False  # too short to tell
     if answers_output(record.u, record.y):
-        return True
+        return True  # then the plain one is wrong, and a filtered one right but for the last steps
+    if not filtered.converged:
+        return False
     run = run_model(structure, plain.theta[: structure.size], record, record.dt)
     return run is not None and unexplained(run, slice(0, record.u.size), record.dt).statistic <= 1.0
 

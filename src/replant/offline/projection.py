@@ -18,22 +18,10 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.kernels.schema import FIXED, LAGUERRE, ReferenceSlots
-from replant.statistics.autoregression import Autoregression
+from replant.statistics.generalised import weights_of
 from replant.statistics.laguerre import best_pole, laguerre
-from replant.statistics.linear_algebra import least_norm
-from replant.statistics.projections import lengths_of, products
+from replant.statistics.projections import products
 from replant.statistics.udu import factor_information
-
-SWEEPS = 2
-"""Times that the weights are found again with the colour of what is left [count].
-Origin: the colour of what the first weights leave is nearly right; more change nothing on the benchmarks.
-Sensitivity: not measured.
-"""
-
-DEPENDENT = 1e-10
-"""Singular value of the scaled functions below which they depend on each other [part of the largest].
-Derivation: some hundred thousand times the precision of float64.
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +52,7 @@ class Projection:
         pole = best_pole(record.r, record.u, record.y)
         states = laguerre(record.r, pole)
         functions = np.column_stack([states, np.ones(record.u.size)])
-        weights = np.array([_weights(functions, signal) for signal in (record.u, record.y)])
+        weights = np.array([weights_of(functions, signal) for signal in (record.u, record.y)])
         slots = ReferenceSlots.zeros(FIXED | {"L": LAGUERRE + 1})
         slots.pole, slots.origin = pole, float(record.r.mean())
         slots.states[:], slots.weights[:] = functions[-1], weights
@@ -73,19 +61,3 @@ class Projection:
         power = float(np.var(record.u))
         left = float(np.var(record.u - parts[:, 0]))
         return cls(functions, parts, max(1.0 - left / power, 0.0) if power > 0.0 else 0.0, slots)
-
-
-def _weights(functions: FloatArray, signal: FloatArray) -> FloatArray:
-    """Return the weights (L,) of functions (K, L) that make a signal (K,), whatever the colour of what is left."""
-    weights = _least_squares(functions, signal)
-    for _ in range(SWEEPS):
-        colour = Autoregression.of(signal - functions @ weights)
-        if colour.order == 0:
-            break
-        weights = _least_squares(colour.whiten(functions), colour.whiten(signal))
-    return weights
-
-
-def _least_squares(columns: FloatArray, target: FloatArray) -> FloatArray:
-    lengths = lengths_of(columns)
-    return np.asarray(least_norm(columns / lengths, target, DEPENDENT)[0] / lengths)
