@@ -10,6 +10,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.assessment.evidence import FEWEST, Evidence, Runs
 from replant.assessment.verdict import Finding, duration, figure
+from replant.statistics.autoregression import one_step
 
 SURE = 4.0
 """Growth of the residual's power beyond which it is no chance [standard deviations of the logarithm of the power].
@@ -63,8 +64,13 @@ Sensitivity: not measured.
 """
 
 
-def growth_finding(evidence: Evidence, runs: Runs, figures: dict[str, Any]) -> list[Finding]:
+def growth_finding(
+    evidence: Evidence, runs: Runs, figures: dict[str, Any], *, referenced: bool = False
+) -> list[Finding]:
     """Return a finding if the residual grew: over the samples held out, or the last quarter of a whole record.
+
+    In a loop a load that drifts makes the residual large at times.  With a reference it must have grown once it is
+    whitened, too: a change of the plant shows in what the reference explains of it.
 
     Parameters
     ----------
@@ -72,6 +78,8 @@ def growth_finding(evidence: Evidence, runs: Runs, figures: dict[str, Any]) -> l
     runs : Runs
     figures : dict
         Gets "growth", the ratio of the residual's power after to that before.
+    referenced : bool
+        Whether there is a reference.
     """
     if evidence.follows:
         return []
@@ -81,6 +89,9 @@ def growth_finding(evidence: Evidence, runs: Runs, figures: dict[str, Any]) -> l
     if min(before.size, after.size) < FEWEST:
         return []
     figures["growth"], sigmas = growth(before, after)
+    if referenced:
+        white = one_step(runs.old.error)
+        sigmas = min(sigmas, growth(white[:begin][used[:begin]], white[begin:][used[begin:]])[1])
     more = float(np.var(after) - np.var(before))
     if sigmas < SURE or not more > MATTERS * runs.power:
         return []
@@ -121,20 +132,30 @@ def _relative_std(error: FloatArray) -> float:
     return max(math.sqrt(2.0 * memory / error.size), scatter)
 
 
-def burst_finding(evidence: Evidence, runs: Runs) -> list[Finding]:
-    """Return a finding if the residual's power over the newest block exceeds that over every block before."""
+def burst_finding(evidence: Evidence, runs: Runs, *, referenced: bool = False) -> list[Finding]:
+    """Return a finding if the residual's power over the newest block exceeds that over every block before.
+
+    With a reference that of the whitened residual must do so as well, see `growth_finding`.
+    """
     first = evidence.newest.start if evidence.follows else 0
     error = runs.old.error[first:]
-    squares = (error - np.median(error)) ** 2
+    white = one_step(error) if referenced else error
     for count in BLOCKS:
-        blocks = squares.size // count
-        if blocks <= FEWEST_BLOCKS:
+        if error.size // count <= FEWEST_BLOCKS:
             return []
-        powers = squares[squares.size - blocks * count :].reshape(blocks, count).mean(axis=1)
-        last, largest, usual = float(powers[-1]), float(powers[:-1].max()), float(np.median(powers))
-        if last > BURST * largest and last - usual > BURST_MATTERS * runs.power:
+        last, largest, usual = _powers(error, count)
+        newest, before_it, _ = _powers(white, count)
+        if last > BURST * largest and newest > BURST * before_it and last - usual > BURST_MATTERS * runs.power:
             span = f"the last {duration(evidence.seconds(count))}"
             before = f"{figure(last / largest)} times its largest power over any earlier stretch as long"
             reason = f"the residual over {span} has {before}"
             return [Finding("inconsistent", f"{reason}: the plant, the sensor or the load has changed")]
     return []
+
+
+def _powers(error: FloatArray, count: int) -> tuple[float, float, float]:
+    """Return the power of an error (K,) over its newest block, the largest over an earlier block, the median."""
+    blocks = error.size // count
+    squares = (error - np.median(error)) ** 2
+    powers = squares[squares.size - blocks * count :].reshape(blocks, count).mean(axis=1)
+    return float(powers[-1]), float(powers[:-1].max()), float(np.median(powers))

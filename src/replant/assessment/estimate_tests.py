@@ -13,6 +13,7 @@ from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.gain_error import gain_findings, output_frequency
 from replant.assessment.newton_step import distance as distance_of
 from replant.assessment.verdict import Finding, figure, percent
+from replant.statistics.autoregression import one_step
 from replant.statistics.linear_algebra import roots
 
 MOST_UNCERTAIN = 0.15
@@ -138,7 +139,10 @@ class Certainty:
         )
         distance = runs.size(away.step, speeds.poles)
         figures = {"uncertainty": uncertainty, "movement": sigmas, "distance": distance}
-        left = float(np.var(runs.now.error[evidence.newest])), float(np.var(runs.error))
+        errors = runs.now.error, runs.old.error
+        if by_reference is not None:  # the rest is the disturbances', which may drift
+            errors = one_step(errors[0]), one_step(errors[1])
+        left = float(np.var(errors[0][evidence.newest])), float(np.var(errors[1][evidence.newest]))
         improves = evidence.adapts and moved > MOST_MOVED and left[0] < IMPROVED * left[1]
         findings = [
             *_of_uncertainty(

@@ -185,8 +185,8 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
     model = [
         *_fit(evidence, runs, loop, figures),
         *_unexplained(evidence, runs, loop, figures),
-        *growth_finding(evidence, runs, figures),
-        *burst_finding(evidence, runs),
+        *growth_finding(evidence, runs, figures, referenced=loop.reference is not None),
+        *burst_finding(evidence, runs, referenced=loop.reference is not None),
     ]
     if certainty.improves:  # the present estimate may explain what the earlier one does not
         model = [Finding(max(found.status, "converging", key=_gravity), found.reason) for found in model]
@@ -209,6 +209,8 @@ def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[F
     else:
         fit = fit_percent(shown, y - runs.error)
     figures["fit"] = fit
+    if loop.reference is not None and not _is_sure_by_reference(evidence, runs, loop.reference):
+        return []  # a poor fit may be chance
     if fit >= POOREST_FIT:
         if evidence.unstable_pole > 0.0 and loop.reference is None:
             reason = f"one step ahead over {evidence.span}, the model fits the output to {fit:.1f} %"
@@ -222,6 +224,12 @@ def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[F
     if evidence.record.r is None:
         reason += f": {COLOURED}" if loop.feedback.found else ": if a controller moves the input, give its reference"
     return [Finding("inconsistent", reason)]
+
+
+def _is_sure_by_reference(evidence: Evidence, runs: Runs, reference: Reference) -> bool:
+    """Return whether the reference explains a part of the residual, over the samples held out, that is not chance."""
+    surplus = evidence.held_out / max(evidence.learned, 1)
+    return Part.by_reference(evidence, runs.old, evidence.newest, surplus, reference=reference).is_sure
 
 
 def _in_sample(evidence: Evidence) -> str:

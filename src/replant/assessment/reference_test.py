@@ -14,6 +14,7 @@ Hof and Schrama (1993), "An indirect method for transfer function estimation fro
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +25,7 @@ from replant.assessment.feedback_test import FALSE_ALARM
 from replant.assessment.verdict import Finding
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.chi2 import chi2_quantile
-from replant.statistics.generalised import weights_of
+from replant.statistics.generalised import explained_power, weights_of
 from replant.statistics.laguerre import laguerre_states
 from replant.statistics.projections import orthogonal, products, widening, without
 
@@ -135,6 +136,5 @@ class Reference:
             The samples that count.
         """
         functions = np.column_stack([self.states[rows], np.ones(error[rows].size)])
-        explained = functions @ weights_of(functions, error[rows])
-        left, made = float(explained.std()), float(self.output[rows].std())
+        left, made = math.sqrt(explained_power(functions, error[rows])), float(self.output[rows].std())
         return 100.0 * (1.0 - left / made) if made > 0.0 else float("nan")

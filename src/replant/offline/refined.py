@@ -60,6 +60,11 @@ class Root:
     converged: bool
     filters: bool = True
 
+    @property
+    def relative_misfit(self) -> float:
+        """The misfit in variances of the innovation."""
+        return self.misfit / max(self.innovation, 1e-300)
+
 
 @dataclass(frozen=True, eq=False)
 class Refined:

@@ -183,11 +183,19 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
 
 
 def _by_reference(problem: Problem, starts: Sequence[FloatArray]) -> Root | None:
-    """Return the root of which the reference explains least."""
-    found = [problem.descend(start, SHORT) for start in starts]
-    tried = sorted(((root.misfit, root.model) for root in found if root is not None), key=lambda outcome: outcome[0])
+    """Return the root of which the reference explains least.
+
+    Steps are whitened from the first on: under a load that drifts, the reference explains so little of an unfiltered
+    residual that a model without a numerator seems the best.
+    """
+    tried = []
+    for start in starts:
+        problem.noise = Autoregression.white(1.0, problem.record.u.size)
+        root = problem.descend(start, SHORT, RENEWALS[:2])
+        if root is not None:
+            tried.append((root.relative_misfit, root.model))
     ends = []
-    for _, model in list(_distinct(tried))[:PROMISING]:
+    for _, model in list(_distinct(sorted(tried, key=lambda outcome: outcome[0])))[:PROMISING]:
         problem.noise = Autoregression.white(1.0, problem.record.u.size)
         ends.append(problem.descend(model, WHITENED, RENEWALS))
     return _best(ends, referenced=True)
@@ -214,7 +222,7 @@ def _best(ends: Sequence[Root | None], *, referenced: bool = False) -> Root | No
     if not found:
         return None
     if referenced:
-        return min(found, key=lambda end: end.misfit / max(end.innovation, 1e-300))
+        return min(found, key=lambda end: end.relative_misfit)
     limit = LOUD * min(end.done.cost for end in found)
     found = [end for end in found if end.done.cost <= limit]
     least = min(end.innovation for end in found)
