@@ -279,7 +279,10 @@ def _in_favour(evidence: Evidence, loop: Loop, figures: Figures) -> str:
     fit, uncertainty = figures.get("fit", math.nan), figures.get("uncertainty", math.nan)
     which = "in sample" if evidence.in_sample else "which the estimate had not used"
     std = percent(uncertainty) + slow_noise(evidence, uncertainty)
+    explains = f"the model fits the output to {fit:.1f} %"
+    if fit < POOREST_FIT:  # with a reference alone, where `_fit` lets it pass
+        explains = "what the model leaves may be chance"
     return (
-        f"{_how_run(evidence, loop)} over {evidence.span} ({which}), the model fits the output to {fit:.1f} %; "
+        f"{_how_run(evidence, loop)} over {evidence.span} ({which}), {explains}; "
         f"its denominator's coefficients have standard deviations up to {std}"
     )

@@ -185,7 +185,7 @@ def fit(
     use = None
     if method != "least_squares":
         ready = ready_record(structure, dt, preprocess, u, y, stamps, r=r)
-        use = None if r is None else use_of(structure, r, ready)
+        use = None if r is None else use_of(r, ready)
         found = first_model(structure, ready) if use is None or use.used else None
         if found is None and use is not None:
             use = use.given_up()

@@ -68,12 +68,11 @@ class ReferenceUse:
 
 
 @quiet
-def use_of(structure: Structure, signal: FloatArray, record: Record) -> ReferenceUse:
+def use_of(signal: FloatArray, record: Record) -> ReferenceUse:
     """Return whether a record's reference can be used, and if not why.
 
     Parameters
     ----------
-    structure : Structure
     signal : (K,) array
         The reference as it was given.
     record : Record
