@@ -70,7 +70,8 @@ def is_noise(structure: Structure, record: Record, plain: Refined, filtered: Ref
     """
     if not plain.converged:
         return filtered.converged
-    if roots(np.concatenate([[1.0], filtered.theta[structure.denominator]])).real.max() >= 0.0:
+    poles = roots(np.concatenate([[1.0], filtered.theta[structure.denominator]]))
+    if filtered.converged and poles.real.max() >= 0.0:
         return True  # a plant that is not stable is in feedback
     if record.u.size < PAST + FEWEST:
         return False  # too short to tell
