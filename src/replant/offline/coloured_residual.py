@@ -68,10 +68,8 @@ def is_noise(structure: Structure, record: Record, plain: Refined, filtered: Ref
     -----
     False for a record of fewer than `FEWEST` samples of a stable plant, which cannot tell.
     """
-    if not plain.converged:
-        return filtered.converged
     poles = roots(np.concatenate([[1.0], filtered.theta[structure.denominator]]))
-    if filtered.converged and poles.real.max() >= 0.0:
+    if filtered.converged and (not plain.converged or poles.real.max() >= 0.0):
         return True  # a plant that is not stable is in feedback
     if record.u.size < PAST + FEWEST:
         return False  # too short to tell
