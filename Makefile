@@ -21,8 +21,9 @@ $(READY): pyproject.toml constraints.txt hatch_build.py
 demo: $(READY)   ## identify a simulated actuator while it runs; plots in out/demo
 	$(BIN)/replant demo
 
+# one worker more than a small machine has cores: many tests wait
 test: lint types $(READY)   ## lint, types, doctests, tests
-	$(BIN)/pytest -n 2
+	$(BIN)/pytest -n 3
 
 slow: $(READY)   ## the tests that take minutes, such as a hundred million idle samples
 	$(BIN)/pytest -m slow
