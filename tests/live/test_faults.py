@@ -21,7 +21,7 @@ from replant.live.session.end_conditions import Limits
 from replant.online import saving
 from replant.rigs import deap_rig
 from replant.settings import Request
-from support.live_command import PATIENCE, ReplayingPeer, lines, wait_for
+from support.live_command import ReplayingPeer, lines, wait_for
 from support.live_fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, JudgingObserver, make, record
 
 RIG = deap_rig()
@@ -49,7 +49,7 @@ def told(request: Request, u: np.ndarray, y: np.ndarray, step: int = STEP) -> li
     sink, source = FakeSink(), InStep(u, y)
     source.step = step
     session, _ = make(
-        source, observer=JudgingObserver(), identifier=rp.Identifier(**vars(request)), sinks=[sink], ttl=PATIENCE
+        source, observer=JudgingObserver(), identifier=rp.Identifier(**vars(request)), sinks=[sink]
     )  # fmt: skip
     session.run()
     return list({round(estimate.timestamp / request.dt): estimate for estimate in sink.sent}.values())

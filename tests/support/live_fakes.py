@@ -19,6 +19,7 @@ from replant.live.outputs.notices import Notices
 from replant.live.session.checkpointing import CheckpointWriter
 from replant.live.session.session import Session
 from replant.settings import Request
+from support.waiting import PATIENCE
 
 PLANT, DT = rp.TransferFunction([2.0], [1.0, 0.5]), 0.05
 REQUEST = Request(rp.Structure(1), DT, preprocess=rp.Preprocess("identity", "mean", "mean"), startup=200)
@@ -123,14 +124,15 @@ class JudgingObserver(FakeObserver):
 
 def make(
     source: Source, *, observer: FakeObserver | None = None, path: Path | None = None, every: float = 1e-9,
-    identifier: rp.Identifier | None = None, **arguments: Any,
+    identifier: rp.Identifier | None = None, ttl: float = PATIENCE, **arguments: Any,
 ) -> tuple[Session, FakeObserver]:  # fmt: skip
+    """Return a session and its observer; trust does not expire while a busy machine compiles the kernels."""
     observer = observer or FakeObserver()
     notices = Notices(observer.show)
     disk_writer = DiskWriter(notices)
     checkpoints = None if path is None else CheckpointWriter(path, every, disk_writer)
     session = Session(
         source, identifier or rp.Identifier(**vars(REQUEST)), disk_writer=disk_writer, notices=notices,
-        observer=observer, checkpoints=checkpoints, **arguments,
+        observer=observer, checkpoints=checkpoints, ttl=ttl, **arguments,
     )  # fmt: skip
     return session, observer
