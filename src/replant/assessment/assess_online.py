@@ -14,7 +14,7 @@ from replant.assessment.judge import RESTING, judge
 from replant.assessment.verdict import Assessment, Finding, conclude
 from replant.engine.covariance import covariance, slowness
 from replant.engine.recent_samples import RecentSamples
-from replant.engine.state import SHORTEST_STEP, State
+from replant.engine.state import GAP, SHORTEST_STEP, State
 from replant.kernels.schema import PAST, Doubt
 from replant.settings import Request, Settings
 from replant.statistics.linear_algebra import quiet
@@ -89,6 +89,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         grown=samples - state.change_began if state.alarm else 0,
         after_change=_is_after_change(state),
         unsettled=_unsettled(state, settings, known),
+        after_alarm=_is_after_alarm(state, in_use, kept, dt),
         missing=_missing(in_use),
         stuck=state.stuck_outputs > 0 and samples - state.stuck_last < outliers.CALM,
         usual_interval=float(np.median(in_use.interval[1:])) if len(in_use) > 1 else 0.0,
@@ -107,6 +108,12 @@ def judged(state: State, dt: float) -> BoolArray:
 def _in_use(kept: RecentSamples, state: State) -> RecentSamples:
     """Return the raw samples since the record began anew, at least the newest one."""
     return kept[-max(state.samples - max(state.record_began, state.gap_at), 1) :]
+
+
+def _is_after_alarm(state: State, in_use: RecentSamples, kept: RecentSamples, dt: float) -> bool:
+    """Return whether the samples that the verdict uses begin where an alarm ended, at no gap in time."""
+    began = len(kept) == len(in_use) == state.samples - state.gap_at and state.gap_at > state.record_began
+    return began and bool(in_use.interval[0] <= GAP * dt)
 
 
 def _missing(kept: RecentSamples) -> int:

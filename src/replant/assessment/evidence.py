@@ -29,6 +29,12 @@ Sensitivity: not measured.
 """
 
 
+LONGEST_MEMORY = 2500
+"""Samples after an alarm that suffice, however slow the model is [samples].
+Derivation: a quarter of the raw samples kept, as where the newer half of a long alarm is looked into.
+Sensitivity: not measured.
+"""
+
 UNSTABLE_SIGMAS = 3.0
 """Standard deviations by which a pole must lie right of the imaginary axis for the model to count as unstable: an
 estimate of an integrator lies on either side [standard deviations].
@@ -79,6 +85,8 @@ class Evidence:
     unsettled : float
         After a change of the plant, the largest relative standard deviation of a coefficient that was known before;
         else 0.
+    after_alarm : bool
+        Whether the record begins where an alarm ended without another model.
     missing : int
         Newest samples in a row that came without an output.
     stuck : bool
@@ -112,6 +120,7 @@ class Evidence:
     grown: int = 0
     after_change: bool = False
     unsettled: float = 0.0
+    after_alarm: bool = False
     missing: int = 0
     stuck: bool = False
     slowness: float = 1.0
@@ -189,6 +198,12 @@ class Evidence:
     def enough(self) -> int:
         """How many samples a test needs."""
         return max(FEWEST, PER_COEFFICIENT * self.coefficients)
+
+    @property
+    def memory(self) -> int:
+        """The slowest time constant in samples, up to `LONGEST_MEMORY`."""
+        slowest = -float(roots(np.concatenate([[1.0], self.estimate[: self.structure.poles]])).real.max())
+        return LONGEST_MEMORY if slowest * self.dt * LONGEST_MEMORY <= 1.0 else math.ceil(1.0 / (slowest * self.dt))
 
     @property
     def is_young(self) -> bool:
