@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import json
 import math
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,11 +23,17 @@ from replant.offline.structure_search import search
 from replant.report.terminal.summary import as_json
 from replant.runs.result import result_of_fit
 from replant.signals import prbs, white_noise
+from support.places import ROOT
+
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+from accuracy.controlled import hard_loops
 
 fit_module = importlib.import_module("replant.offline.fit")
 
 DT = 0.05
 UNSTABLE = rp.TransferFunction([1.0], [1.0, -1.0])
+TRUE_OVEN = np.array([1.0, 0.8]) / 300.0
 INTEGRATOR = rp.TransferFunction([1.0], [1.0, 1.0, 0.0])
 
 
@@ -165,6 +173,20 @@ def test_under_a_load_a_reference_takes_the_bias_away(plant: rp.TransferFunction
     assert (np.abs(np.mean(errors, axis=0)) < 4.0 / math.sqrt(12)).all()
     assert np.mean(misfits) == pytest.approx(degrees, abs=4.0 * math.sqrt(2.0 * degrees / 12))
     assert found.reference.misfit_limit > degrees
+
+
+@pytest.mark.parametrize("run", range(3))
+def test_a_strong_load_leads_no_search_astray(run: int) -> None:
+    """The reference explains no more of what is left than at the root that the steps reach from the truth.
+
+    An oven whose door opens once an hour: a model that says nothing leaves the whole output to the noise model.
+    """
+    loop = next(each for each in hard_loops() if each.key == "K oven load")
+    measured = dataclasses.replace(loop.record, samples=2880)(run)
+    record = Record(measured.u, measured.y, np.array([loop.dt]), r=measured.r)
+    found = refine(loop.structure, record)
+    ideal = Problem(loop.structure, record).descend(np.append(TRUE_OVEN, [0.0, 0.0]), 60, (0, 2, 4, 7, 10))
+    assert found.misfit <= 1.02 * ideal.relative_misfit
 
 
 def test_the_noise_model_is_that_of_the_noise() -> None:

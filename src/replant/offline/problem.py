@@ -144,15 +144,15 @@ class Problem:
             a = np.poly(np.full(n, -math.sqrt(self.slowest * self.fastest)))[1:]
         return np.concatenate([np.asarray(a, np.float64), model[n:]])
 
-    def from_cutoff(self, cutoff: float) -> FloatArray | None:
+    def from_cutoff(self, cutoff: float, *, by_reference: bool = True) -> FloatArray | None:
         """Return the estimate behind (s + cutoff)^n, cutoff in rad/s; None if singular.
 
-        By least squares, or where there is a reference by its instruments.
+        By least squares, or where there is a reference and ``by_reference`` by its instruments.
         """
         n = self.structure.poles
         a = np.asarray(np.poly(np.full(n, -cutoff))[1:], np.float64)
         done = self.run(np.concatenate([a, np.zeros(self._model.entries - n)]))
-        zeta = done.phi if self.projection is None else done.zeta
+        zeta = done.phi if self.projection is None or not by_reference else done.zeta
         found = solve(zeta.T @ done.phi, zeta.T @ done.target)
         return None if found is None else self.bounded(found)
 
