@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: demo test slow lint types check bench bench-live regression soak fuzz faults accuracy sensitivity pages clean help
+.PHONY: demo test slow lint types check bench bench-live regression soak fuzz faults accuracy campaign sensitivity pages clean help
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -65,6 +65,9 @@ faults: $(READY)  ## let every call of a live session fail that can, one a sessi
 
 accuracy: $(READY)  ## accuracy, Monte Carlo beside what is promised; writes docs/accuracy.md and out/accuracy
 	$(BIN)/python benchmarks/accuracy $(ARGS)
+
+campaign: $(READY)  ## the default on 1,000 random plants; SEED=2 gives others; half an hour
+	$(BIN)/python benchmarks/campaign --seed $(or $(SEED),1) $(ARGS)
 
 sensitivity: $(READY)  ## halve and double each tuned constant on a battery of records; half an hour; out/sensitivity.jsonl
 	$(BIN)/python benchmarks/sensitivity $(ARGS)

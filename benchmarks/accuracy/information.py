@@ -40,7 +40,9 @@ def cramer_rao(plant: rp.TransferFunction, u: FloatArray, dt: float, decibels: f
     whitened[1:] -= colour * whitened[:-1].copy()
     whitened[0] *= np.sqrt(1.0 - colour**2)  # of the first sample nothing is known before
     variance = _simulated(plant, u, dt).var() * 10.0 ** (-decibels / 10.0) * (1.0 - colour**2)
-    return np.asarray(np.sqrt(variance * np.diag(np.linalg.inv(whitened.T @ whitened))[: n + b.size]))
+    sizes = np.linalg.norm(whitened, axis=0)  # they may differ by twenty powers of ten
+    inverse = np.linalg.inv(np.linalg.qr(whitened / sizes, mode="r"))
+    return np.asarray((np.sqrt(variance) * np.linalg.norm(inverse, axis=1) / sizes)[: n + b.size])
 
 
 def _simulated(plant: rp.TransferFunction, u: FloatArray, dt: float) -> FloatArray:

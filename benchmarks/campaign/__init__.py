@@ -1,0 +1,1 @@
+"""The default on random plants, inputs and noises that nobody chose, beside an offline fit and the bound."""

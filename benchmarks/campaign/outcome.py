@@ -1,0 +1,123 @@
+"""One record through the online default and through `replant.fit`, beside the truth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+import replant as rp
+from accuracy.information import cramer_rao
+from campaign.plants import Experiment
+from replant.arguments import FloatArray
+from replant.errors import ReplantError
+
+GOOD = 90.0  # %: a model that explains at least so much of the output without noise is a good one
+WORST = -100.0  # %: fits below are all alike
+SIGMAS = 3.0
+COLOURS = {"white": 0.0, "AR(.9)": 0.9}  # noises whose Cramer-Rao bound is known
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one record.
+
+    Attributes
+    ----------
+    number : int
+    what : str
+        The experiment in words.
+    noise : str
+    rests : bool
+    offline, online : float
+        Simulated fit of the output without noise, in percent.
+    starting : bool
+        Whether the online default has no model at the end.
+    status, reason : str
+        The verdict.
+    deviation : float
+        Largest error of a coefficient in its standard deviations; NaN without a model or a standard deviation.
+    beside_bound : float
+        Root mean square of the coefficients' errors over their Cramer-Rao bound; NaN where that is not known.
+    """
+
+    number: int
+    what: str
+    noise: str
+    rests: bool
+    offline: float
+    online: float
+    starting: bool
+    status: str
+    reason: str
+    deviation: float
+    beside_bound: float
+
+    @property
+    def is_good(self) -> bool:
+        """Whether the online model explains the output."""
+        return self.online >= GOOD
+
+
+def judged(experiment: Experiment) -> Outcome:
+    """Identify the plant of an experiment in one pass, and offline."""
+    ident = rp.Identifier(experiment.structure, experiment.dt)
+    ident.update_many(experiment.u, experiment.y)
+    ident.finish_startup()
+    starting = ident.status == "starting"
+    verdict = ident.assess()
+    online = WORST if starting else explained(ident.transfer_function, experiment)
+    try:
+        fitted = rp.fit(experiment.u, experiment.y, experiment.dt, experiment.structure)
+        offline = explained(fitted.transfer_function, experiment)
+    except ReplantError:
+        offline = WORST
+    off = np.full(experiment.truth.size, math.nan) if starting else ident.parameters[: experiment.truth.size]
+    off = off - experiment.truth
+    n, m = experiment.structure.poles, experiment.structure.zeros
+    noisy = "no noise" if experiment.noise == "none" else f"{experiment.noise} {experiment.decibels:.0f} dB"
+    return Outcome(
+        experiment.number,
+        f"{n} poles, {m} zeros, {experiment.input}, {noisy}, {experiment.u.size} samples"
+        + (", comes to rest" if experiment.rests else ""),
+        experiment.noise,
+        experiment.rests,
+        offline,
+        online,
+        starting,
+        verdict.status,
+        verdict.reasons[0],
+        _deviation(off, None if starting else ident.uncertainty.std[: off.size]),
+        _beside_bound(off, experiment),
+    )
+
+
+def explained(model: rp.TransferFunction, experiment: Experiment) -> float:
+    """Return the simulated fit of the output without noise, in percent."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        left = experiment.clean - model.simulate(experiment.u, experiment.dt)
+        fit = 100.0 * (1.0 - float(np.linalg.norm(left - left.mean()) / _size(experiment.clean)))
+    return max(fit, WORST) if math.isfinite(fit) else WORST
+
+
+def _size(signal: FloatArray) -> float:
+    return float(np.linalg.norm(signal - signal.mean()))
+
+
+def _deviation(off: FloatArray, std: FloatArray | None) -> float:
+    if std is None or not (np.isfinite(std).all() and (std > 0.0).all()):
+        return math.nan
+    return float(np.abs(off / std).max())
+
+
+def _beside_bound(off: FloatArray, experiment: Experiment) -> float:
+    if experiment.noise not in COLOURS or not np.isfinite(off).all():
+        return math.nan
+    try:
+        bound = cramer_rao(
+            experiment.plant, experiment.u, experiment.dt, experiment.decibels, COLOURS[experiment.noise]
+        )  # fmt: skip
+    except np.linalg.LinAlgError:
+        return math.nan
+    return float(np.sqrt(np.mean((off / bound) ** 2))) if (bound > 0.0).all() else math.nan

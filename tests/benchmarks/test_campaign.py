@@ -1,0 +1,95 @@
+"""The campaign of random plants: what it draws is what it says, and its table counts what it says."""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from support.places import ROOT
+
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+from campaign import actuators, plants
+from campaign.actuators import Trusted
+from campaign.outcome import WORST, Outcome, explained, judged
+from campaign.table import Campaign
+
+DRAWN = [plants.drawn(7, number) for number in range(40)]
+
+
+def test_plants_are_stable_and_within_what_is_said() -> None:
+    for one in DRAWN:
+        poles = np.roots(one.plant.den)
+        sizes = np.abs(poles)
+        assert poles.real.max() < 0.0
+        assert sizes.max() <= 10.0**plants.DECADES * sizes.min() * 1.001
+        assert plants.FASTEST[0] <= sizes.max() * one.dt <= plants.FASTEST[1] * 1.001
+        assert plants.SAMPLES[0] <= one.u.size <= plants.SAMPLES[1]
+        assert np.isfinite(one.y).all()
+        assert one.u.std() > 0.0
+
+
+def test_noise_has_the_power_that_is_said() -> None:
+    for one in DRAWN:
+        noise = one.y - one.clean
+        if one.noise == "none":
+            assert not noise.any()
+        else:
+            decibels = 20.0 * math.log10(one.clean.std() / noise.std())
+            assert decibels == pytest.approx(one.decibels, abs=0.01)
+
+
+def test_every_kind_is_drawn_and_another_seed_gives_others() -> None:
+    assert {one.input for one in DRAWN} == set(plants.INPUTS)
+    assert {one.noise for one in DRAWN} == set(plants.NOISES)
+    assert {one.rests for one in DRAWN} == {False, True}
+    assert plants.drawn(8, 0).plant != DRAWN[0].plant
+
+
+def test_the_truth_explains_everything() -> None:
+    for one in DRAWN[:5]:
+        assert explained(one.plant, one) == pytest.approx(100.0)
+        assert explained(replace(one, clean=-one.clean).plant, replace(one, clean=-one.clean)) == WORST
+
+
+def test_a_record_is_judged() -> None:
+    found = judged(next(one for one in DRAWN if one.structure.poles == 1 and one.noise == "white"))
+    assert found.is_good
+    assert not found.starting
+    assert found.deviation < 6.0
+    assert 0.0 < found.beside_bound < 6.0
+
+
+@pytest.mark.parametrize("actuator", actuators.ACTUATORS.values(), ids=actuators.ACTUATORS)
+def test_no_actuator_is_linear(actuator: object) -> None:
+    u = np.sin(np.linspace(0.0, 20.0, 1000))
+    out = actuator(u)  # type: ignore[operator]
+    slope = float(u @ out / (u @ u))
+    assert np.linalg.norm(out - slope * u) > 0.05 * np.linalg.norm(out)
+
+
+def test_the_table_counts() -> None:
+    right = Outcome(0, "", "white", False, 99.0, 99.0, False, "trusted", "", 1.0, 1.0)
+    behind = replace(right, number=1, online=50.0, status="converging", deviation=4.0)
+    silent = replace(right, number=2, online=WORST, starting=True, status="converging", deviation=math.nan)
+    fooled = replace(right, number=3, online=50.0, offline=50.0)
+    rests = replace(right, number=4, status="not excited")
+    none = Trusted(0, 10, ())
+    campaign = Campaign([right, behind, silent, fooled, rests], none, Trusted(3, 65, ("rig 1",)), none, 1, 12)
+    lines = {line.what: line for line in campaign.lines()}
+    measured = [line.measured for line in lines.values()]
+    assert measured == [
+        "4, 2 of 5", "2 of 5", "1 of 5", "1 of 2", "1 of 3", "1 of 2", "1 of 4", "0 of 0", "0 of 0", "1.00", "0 of 10",
+        "3 of 65", "0 of 10", "1 of 12",
+    ]  # fmt: skip
+    assert [line.kept for line in lines.values()] == [
+        None, False, False, False, False, False, False, True, True, None, True, False, True, False,
+    ]  # fmt: skip
+    worst = " ".join(campaign.worst())
+    assert "1: online 50.0 %" in worst
+    assert "3: trusted at 50.0 %" in worst
+    assert "toggling: rig 1" in worst
