@@ -16,7 +16,7 @@ from replant.kernels.schema import LAGS
 from replant.model.structure import Structure
 from replant.offline.projection import Projection
 from replant.offline.refined import Root
-from replant.simulation.auxiliary_model import SLOWEST, AuxiliaryModel, Pass
+from replant.simulation.auxiliary_model import AuxiliaryModel, Pass, stability_margin
 from replant.statistics.autoregression import LEAST, Autoregression, sums_of
 from replant.statistics.linear_algebra import roots, solve
 from replant.statistics.projections import orthogonal, products
@@ -106,7 +106,7 @@ class Problem:
 
     def __init__(self, structure: Structure, record: Record) -> None:
         self.structure, self.record = structure, record
-        self.slowest, self.fastest = SLOWEST / record.span, FASTEST / record.dt
+        self.slowest, self.fastest = stability_margin(record), FASTEST / record.dt
         self.projection = None if record.r is None else Projection.of(record)
         referenced = self.projection is not None
         self._model = AuxiliaryModel(

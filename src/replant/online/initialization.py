@@ -12,7 +12,7 @@ from replant.engine.state import State
 from replant.offline.problem import FASTEST
 from replant.offline.refined import Refined
 from replant.settings import Settings
-from replant.simulation.auxiliary_model import SLOWEST
+from replant.simulation.auxiliary_model import stability_margin
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.udu import compose, factor_covariance
 
@@ -50,7 +50,7 @@ def initialize(state: State, settings: Settings, refined: Refined, record: Recor
     record : Record
     """
     entries, rate = state.entries, _rates(state, settings)
-    state.stability_margin = SLOWEST / record.span
+    state.stability_margin = stability_margin(record)
     state.largest_bandwidth = settings.structure.poles * FASTEST / record.dt
     state.forget_input = 1.0 / record.u.size
     state.install(refined.theta[:entries] / rate)

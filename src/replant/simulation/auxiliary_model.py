@@ -24,7 +24,20 @@ SLOWEST = 0.01
 Derivation: what such a pole does within the record differs by a hundredth from an integrator.
 """
 
+SLOWEST_BY_REFERENCE = 5.0
+"""The same of a record with a reference [1 / duration of the record].
+Origin: what the reference explains of the input is off by the noise; a filter near an integrator adds that up, and in
+time instruments are made of little else. Of 8 records of a double integrator under a controller the 95 % interval of b0
+held the truth in 1 at 0.01, in 2 at 1, in all at 5 and 20, where that of a0 becomes four times as wide.
+Sensitivity: not measured.
+"""
+
 NOTHING = np.zeros((0, 2))  # explained by a reference where there is none
+
+
+def stability_margin(record: Record) -> float:
+    """Return the least distance in rad/s of the poles of a record's filters from the imaginary axis."""
+    return (SLOWEST if record.r is None else SLOWEST_BY_REFERENCE) / record.span
 
 
 @dataclass(frozen=True, eq=False)
