@@ -35,6 +35,24 @@ def loop_at_rest_first(seed: int, samples: int = 1500) -> tuple[FloatArray, Floa
     return np.ascontiguousarray(u), np.ascontiguousarray(y)
 
 
+@pytest.fixture
+def any_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a model start the recursion that no loop can hold: one that is wrong."""
+    monkeypatch.setattr("replant.offline.refined.FASTEST_UNSTABLE", np.inf)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_no_loop_can_hold_starts_nothing(seed: int) -> None:
+    """1/C, found as the plant, has a pole at some hundred rad/s on the right."""
+    u, y = loop_at_rest_first(seed)
+    ident = rp.Identifier(rp.Structure(poles=2, zeros=1), DT)
+    ident.update_many(u[:600], y[:600])
+    assert ident.status == "starting"
+    ident.update_many(u[600:], y[600:])
+    assert np.abs(ident.parameters - [0.5, 1.0, 1.0, 1.0]).max() < 0.15
+
+
+@pytest.mark.usefixtures("any_start")
 @pytest.mark.parametrize("seed", range(3))
 def test_a_controller_learned_backwards_is_unlearned(seed: int) -> None:
     u, y = loop_at_rest_first(seed)
@@ -46,6 +64,7 @@ def test_a_controller_learned_backwards_is_unlearned(seed: int) -> None:
     assert np.abs(ident.parameters - [0.5, 1.0, 1.0, 1.0]).max() < 0.15
 
 
+@pytest.mark.usefixtures("any_start")
 def test_outputs_that_a_wrong_model_bridged_are_no_longer_seen() -> None:
     u, y = loop_at_rest_first(0)
     ident = rp.Identifier(rp.Structure(poles=2, zeros=1), DT)

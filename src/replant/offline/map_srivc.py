@@ -155,7 +155,7 @@ def revise(
         return None
     information = PriorInformation(mixed.weight, mixed.weight * (mean - model))
     noise = Autoregression.white(float(done.error @ done.error), record.u.size)
-    root = Root(model, done, noise, done.cost, done.error.size * done.cost, True)
+    root = Root(model, done, noise, done.cost, done.error.size * done.cost, True, True)
     revised = conclude(structure, record, problem.known, root, problem.projection, information)
     return None if revised is None else (revised, float(likelihood[NONE] / likelihood.sum()))
 

@@ -65,6 +65,12 @@ Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
+STALLS = 6
+"""Last whitened steps that may gain nothing to speak of [count].
+Origin: as STALLS of srivc.
+Sensitivity: not measured.
+"""
+
 SHORTENED = 7
 """Times that a whitened step is tried, each time half as long [count].
 Origin: as HALVINGS.
@@ -279,7 +285,9 @@ class Problem:
         done = self.run(model)
         if not math.isfinite(done.cost):
             return None
-        slack, moved = 1.0 + SLACK[self.projection is not None], math.inf
+        slack, settled, moved = 1.0 + SLACK[self.projection is not None], max(renewals, default=0), math.inf
+        costs: list[float] = []
+        stuck = False
         for step in range(steps):
             if self.is_rounding(done):
                 moved = 0.0
@@ -302,13 +310,20 @@ class Problem:
                 if better is not None:
                     break
             if better is None:
+                stuck = step > settled
                 break
             model, done = better
-            if moved < STILL and step >= max(renewals, default=0):
+            if moved < STILL and step >= settled:
                 break
+            if step > settled:
+                costs.append(self.misfit(done))
         white = self.whiten(done.error if self.projection is not None else done.ahead)
         variance = float(white @ white) / white.size
-        return Root(model, done, self.noise, variance, self.misfit(done), moved <= NEARLY_DONE)
+        # without a reference the cost has a bend where a pole crosses the axis, and steps go to and fro about it
+        gained = min(costs[:-STALLS], default=math.inf) - min(costs[-STALLS:], default=-math.inf)
+        gains = not stuck and gained > NEARLY_DONE * variance
+        ends = moved <= NEARLY_DONE or (self.projection is None and not gains)
+        return Root(model, done, self.noise, variance, self.misfit(done), moved <= NEARLY_DONE, ends)
 
     def _shortened(self, model: FloatArray, direction: FloatArray, limit: float) -> tuple[FloatArray, Pass] | None:
         """Return the model after the longest of `SHORTENED` halved steps whose cost is within the limit, or None."""

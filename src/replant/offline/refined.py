@@ -30,6 +30,12 @@ known.
 Sensitivity: not measured.
 """
 
+FASTEST_UNSTABLE = 1.0
+"""Real part of a pole beyond which no estimate starts a recursion [1 / sampling time].
+Derivation: what grows e-fold from sample to sample no sampled controller holds: its sensitivity peaks at e or more.
+Sensitivity: not measured.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class Root:
@@ -48,6 +54,8 @@ class Root:
         See `replant.offline.problem.Problem.misfit`.
     converged : bool
         Whether the last step was short: a third of a standard deviation.
+    ends : bool
+        Whether it was, or the last steps no longer lowered the cost.
     filters : bool
         Whether the model was found with the noise model as a filter.
     """
@@ -58,6 +66,7 @@ class Root:
     innovation: float
     misfit: float
     converged: bool
+    ends: bool
     filters: bool = True
 
     @property
@@ -84,8 +93,12 @@ class Refined:
         Of the residual filtered by the noise model: what it is when the past is known.
     converged : bool
         Whether the iteration converged.
+    ends : bool
+        Whether it did, or no longer lowered the cost.
     uncertainty : float
         Largest relative uncertainty of a coefficient, see `relative_uncertainty`.
+    rightmost : float
+        Largest real part of a pole times the sampling time.
     colour : ColourSlots
         Power and autocorrelation of the filtered residual at the record's end, for a recursion that continues from it.
     path : PathSlots
@@ -108,7 +121,9 @@ class Refined:
     variance: float
     innovation: float
     converged: bool
+    ends: bool
     uncertainty: float
+    rightmost: float
     colour: ColourSlots
     path: PathSlots
     noise: NoiseSlots
@@ -138,7 +153,7 @@ class Refined:
     @property
     def acceptable(self) -> bool:
         """Whether the estimate can start a recursion."""
-        return self.converged and self.uncertainty < ACCEPTABLE
+        return self.ends and self.uncertainty < ACCEPTABLE and self.rightmost < FASTEST_UNSTABLE
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,9 +226,10 @@ def conclude(
     misfit, share, reference = (root.misfit / innovation if innovation > 0.0 else 0.0, math.nan, None)
     if projection is not None:
         share, reference = projection.share, projection.slots
+    rightmost = record.dt * float(roots(np.concatenate([[1.0], model[structure.denominator]])).real.max())
     refined = Refined(
-        model, upper, diagonal, covariance, variance, innovation, root.converged, uncertainty, colour, path, slots,
-        reference, share, misfit,
+        model, upper, diagonal, covariance, variance, innovation, root.converged, root.ends, uncertainty,
+        rightmost, colour, path, slots, reference, share, misfit,
     )  # fmt: skip
     return refined if refined.is_finite else None
 

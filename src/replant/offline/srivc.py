@@ -182,7 +182,7 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
     model, done, converged = problem.polish(tried[0][1])
     problem.renew_noise(done)
     power = done.cost * done.error.size
-    plain = Root(model, done, problem.noise, done.cost, power, converged, filters=False)
+    plain = Root(model, done, problem.noise, done.cost, power, converged, converged, filters=False)
     estimate = conclude(problem.structure, problem.record, problem.known, plain)
     if converged and (problem.noise.order == 0 or not filtered):
         return estimate
