@@ -85,8 +85,7 @@ def hard_loops() -> Iterator[Experiment]:
         loop = replace(beam, disturbances=disturbances)
         yield experiment(f"ball-and-beam {key}", f"7/s^2 under PD, {what}", loop, 50, WITH_R, {ONLINE_R: ALL_WITH_R})
     # 0.8 K/%, 300 s, 30 s of dead time, 48 h; the door opens: another load each hour; set-point anew every 20 min;
-    # sampled at a tenth of the time constant: at a sixtieth the noise model's eight residuals span 40 s, and what a
-    # load leaves for an hour is not whitened (with r 15 to 30 % off)
+    # sampled at a tenth of the time constant
     oven = rp.TransferFunction([0.8 / 300.0], [1.0, 1.0 / 300.0], 30.0)
     load = Disturbance((1.0,), (1.0,), 10.0, at_input=True, held=120)
     thermometer = Disturbance((1.0,), (1.0,), 30.0)
