@@ -66,7 +66,7 @@ faults: $(READY)  ## let every call of a live session fail that can, one a sessi
 accuracy: $(READY)  ## accuracy, Monte Carlo beside what is promised; writes docs/accuracy.md and out/accuracy
 	$(BIN)/python benchmarks/accuracy $(ARGS)
 
-campaign: $(READY)  ## the default on 1,000 random plants; SEED=2 gives others; half an hour
+campaign: $(READY)  ## the default on 1,000 random plants; SEED=2 gives others
 	$(BIN)/python benchmarks/campaign --seed $(or $(SEED),1) $(ARGS)
 
 sensitivity: $(READY)  ## halve and double each tuned constant on a battery of records; half an hour; out/sensitivity.jsonl

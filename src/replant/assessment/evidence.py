@@ -10,6 +10,7 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
 from replant.assessment.verdict import duration
+from replant.engine.dimensions import RECENT
 from replant.engine.record import Record
 from replant.model.structure import Structure
 from replant.model.uncertainty import UncertainMode, Uncertainty
@@ -28,8 +29,7 @@ Origin: ten observations for a regressor, a rule of thumb of regression.
 Sensitivity: not measured.
 """
 
-
-LONGEST_MEMORY = 2500
+LONGEST_MEMORY = RECENT // 4
 """Samples after an alarm that suffice, however slow the model is [samples].
 Derivation: a quarter of the raw samples kept, as where the newer half of a long alarm is looked into.
 Sensitivity: not measured.

@@ -66,8 +66,8 @@ Sensitivity: not measured.
 """
 
 STALLS = 6
-"""Last whitened steps that may gain nothing to speak of [count].
-Origin: as STALLS of srivc.
+"""Steps that may gain nothing to speak of before an iteration counts as ended [count].
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
@@ -286,8 +286,8 @@ class Problem:
         if not math.isfinite(done.cost):
             return None
         slack, settled, moved = 1.0 + SLACK[self.projection is not None], max(renewals, default=0), math.inf
-        costs: list[float] = []
-        stuck = False
+        costs: list[float] = []  # of the steps since the noise model was last renewed
+        stuck = False  # whether no step lowers the last of them
         for step in range(steps):
             if self.is_rounding(done):
                 moved = 0.0
@@ -319,11 +319,10 @@ class Problem:
                 costs.append(self.misfit(done))
         white = self.whiten(done.error if self.projection is not None else done.ahead)
         variance = float(white @ white) / white.size
+        converged = moved <= NEARLY_DONE
         # without a reference the cost has a bend where a pole crosses the axis, and steps go to and fro about it
-        gained = min(costs[:-STALLS], default=math.inf) - min(costs[-STALLS:], default=-math.inf)
-        gains = not stuck and gained > NEARLY_DONE * variance
-        ends = moved <= NEARLY_DONE or (self.projection is None and not gains)
-        return Root(model, done, self.noise, variance, self.misfit(done), moved <= NEARLY_DONE, ends)
+        ends = converged or (self.projection is None and (stuck or _stalls(costs, NEARLY_DONE * variance)))
+        return Root(model, done, self.noise, variance, self.misfit(done), converged, ends)
 
     def _shortened(self, model: FloatArray, direction: FloatArray, limit: float) -> tuple[FloatArray, Pass] | None:
         """Return the model after the longest of `SHORTENED` halved steps whose cost is within the limit, or None."""
@@ -334,6 +333,12 @@ class Problem:
                 if math.isfinite(done.cost) and self.misfit(done) <= limit:
                     return tried, done
         return None
+
+
+def _stalls(costs: Sequence[float], least: float) -> bool:
+    """Return whether the last `STALLS` of some costs lie no more than ``least`` below the lowest before them."""
+    earlier, last = costs[:-STALLS], costs[-STALLS:]
+    return bool(earlier) and min(earlier) - min(last) <= least
 
 
 def _known(record: Record) -> np.ndarray[tuple[int], np.dtype[np.int64]]:

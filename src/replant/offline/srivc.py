@@ -45,7 +45,7 @@ from replant.engine.record import Record
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
 from replant.offline.coloured_residual import is_noise
-from replant.offline.problem import Problem
+from replant.offline.problem import STALLS, Problem
 from replant.offline.refined import Refined, Root, conclude
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.chi2 import chi2_quantile
@@ -77,12 +77,6 @@ Sensitivity: not measured.
 
 PROMISING = 3
 """Starts that are iterated further [count].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
-"""
-
-STALLS = 6
-"""Iterations that may stall [count].
 Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
