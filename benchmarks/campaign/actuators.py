@@ -9,7 +9,7 @@ import numpy as np
 
 import replant as rp
 from campaign.outcome import GOOD, explained
-from campaign.plants import Experiment, drawn_plant
+from campaign.plants import drawn_plant, structure_of
 from replant.arguments import FloatArray
 from replant.signals import multisine, random_steps
 
@@ -56,15 +56,19 @@ class Trusted:
 
     Attributes
     ----------
-    trusted, wrong : int
-        Of ``wrong`` models so many were trusted.
+    wrong : int
+        Models that are wrong.
     cases : tuple of str
-        Those that were.
+        Those of them that were trusted.
     """
 
-    trusted: int
     wrong: int
     cases: tuple[str, ...]
+
+    @property
+    def trusted(self) -> int:
+        """How many were."""
+        return len(self.cases)
 
 
 def behind_actuators(seed: int, each: int) -> Trusted:
@@ -75,13 +79,13 @@ def behind_actuators(seed: int, each: int) -> Trusted:
             rng = np.random.default_rng([seed, 1, number])
             plant, dt, u = _simple(rng)
             clean = plant.simulate(actuator(u), dt)
-            ident, experiment = _identified(rng, plant, dt, u, clean)
-            if ident.status == "starting" or explained(ident.transfer_function, experiment) >= GOOD:
+            ident = _identified(rng, plant, dt, u, clean)
+            if ident.status == "starting" or explained(ident.transfer_function, u, clean, dt) >= GOOD:
                 continue
             wrong += 1
             if ident.assess().status == "trusted":
                 cases.append(f"{name} {number}")
-    return Trusted(len(cases), wrong, tuple(cases))
+    return Trusted(wrong, tuple(cases))
 
 
 def toggling(seed: int, rigs: int) -> Trusted:
@@ -93,7 +97,7 @@ def toggling(seed: int, rigs: int) -> Trusted:
         doubled = np.arange(SAMPLES) // TOGGLES % 2 == 1
         y = plant.simulate(np.where(doubled, 2.0, 1.0) * u, dt)
         y = y + _noise(rng, y)
-        ident, gain = rp.Identifier(_structure(plant), dt), plant.num[-1] / plant.den[-1]
+        ident, gain = rp.Identifier(structure_of(plant), dt), plant.num[-1] / plant.den[-1]
         for k in range(0, SAMPLES, LOOKS):
             ident.update_many(u[k : k + LOOKS], y[k : k + LOOKS])
             if ident.status == "starting":
@@ -104,7 +108,7 @@ def toggling(seed: int, rigs: int) -> Trusted:
                 wrong += 1
                 if ident.assess().status == "trusted":
                     cases.append(f"rig {number}, sample {k + LOOKS}")
-    return Trusted(len(cases), wrong, tuple(cases))
+    return Trusted(wrong, tuple(cases))
 
 
 def smooth_inputs(seed: int, rigs: int) -> Trusted:
@@ -116,14 +120,14 @@ def smooth_inputs(seed: int, rigs: int) -> Trusted:
         poles = np.abs(np.roots(plant.den))
         frequencies = np.geomspace(0.2 * poles.min(), min(3.0 * poles.max(), 1.0 / dt), 12) / (2.0 * np.pi)
         u = multisine(SAMPLES, dt, frequencies, amplitude=0.4)
-        ident, _ = _identified(rng, plant, dt, u, plant.simulate(u, dt, input_hold="foh"))
+        ident = _identified(rng, plant, dt, u, plant.simulate(u, dt, input_hold="foh"))
         truth = np.concatenate([plant.den[1:], plant.num])
         off = np.abs(ident.parameters[: truth.size] / truth - 1.0)
         if not off.max() <= WRONG:
             wrong += 1
             if ident.assess().status == "trusted":
                 cases.append(f"rig {number}")
-    return Trusted(len(cases), wrong, tuple(cases))
+    return Trusted(wrong, tuple(cases))
 
 
 def surplus_poles(seed: int, rigs: int) -> int:
@@ -152,19 +156,15 @@ def _simple(rng: np.random.Generator) -> tuple[rp.TransferFunction, float, Float
     return plant, dt, u
 
 
-def _structure(plant: rp.TransferFunction) -> rp.Structure:
-    return rp.Structure(plant.den.size - 1, plant.num.size - 1)
-
-
 def _noise(rng: np.random.Generator, clean: FloatArray) -> FloatArray:
     return clean.std() * 10.0 ** (-DECIBELS / 20.0) * rng.standard_normal(clean.size)
 
 
 def _identified(
     rng: np.random.Generator, plant: rp.TransferFunction, dt: float, u: FloatArray, clean: FloatArray
-) -> tuple[rp.Identifier, Experiment]:
-    y = clean + _noise(rng, clean)
-    ident = rp.Identifier(_structure(plant), dt)
-    ident.update_many(u, y)
+) -> rp.Identifier:
+    """Return the default after one pass over an output, with noise added, in the structure of ``plant``."""
+    ident = rp.Identifier(structure_of(plant), dt)
+    ident.update_many(u, clean + _noise(rng, clean))
     ident.finish_startup()
-    return ident, Experiment(0, plant, dt, u, y, clean, "", "white", DECIBELS, False)
+    return ident

@@ -67,10 +67,10 @@ def judged(experiment: Experiment) -> Outcome:
     ident.finish_startup()
     starting = ident.status == "starting"
     verdict = ident.assess()
-    online = WORST if starting else explained(ident.transfer_function, experiment)
+    online = WORST if starting else explained(ident.transfer_function, experiment.u, experiment.clean, experiment.dt)
     try:
         fitted = rp.fit(experiment.u, experiment.y, experiment.dt, experiment.structure)
-        offline = explained(fitted.transfer_function, experiment)
+        offline = explained(fitted.transfer_function, experiment.u, experiment.clean, experiment.dt)
     except ReplantError:
         offline = WORST
     off = np.full(experiment.truth.size, math.nan) if starting else ident.parameters[: experiment.truth.size]
@@ -93,11 +93,11 @@ def judged(experiment: Experiment) -> Outcome:
     )
 
 
-def explained(model: rp.TransferFunction, experiment: Experiment) -> float:
-    """Return the simulated fit of the output without noise, in percent."""
+def explained(model: rp.TransferFunction, u: FloatArray, clean: FloatArray, dt: float) -> float:
+    """Return the simulated fit of an output without noise (K,), in percent."""
     with np.errstate(over="ignore", invalid="ignore"):
-        left = experiment.clean - model.simulate(experiment.u, experiment.dt)
-        fit = 100.0 * (1.0 - float(np.linalg.norm(left - left.mean()) / _size(experiment.clean)))
+        left = clean - model.simulate(u, dt)
+        fit = 100.0 * (1.0 - float(np.linalg.norm(left - left.mean()) / _size(clean)))
     return max(fit, WORST) if math.isfinite(fit) else WORST
 
 

@@ -57,12 +57,17 @@ class Experiment:
     @property
     def structure(self) -> rp.Structure:
         """The plant's."""
-        return rp.Structure(self.plant.den.size - 1, self.plant.num.size - 1)
+        return structure_of(self.plant)
 
     @property
     def truth(self) -> FloatArray:
         """The plant's coefficients (P,), as the structure orders them."""
         return np.concatenate([self.plant.den[1:], self.plant.num])
+
+
+def structure_of(plant: rp.TransferFunction) -> rp.Structure:
+    """Return the structure that a plant has."""
+    return rp.Structure(plant.den.size - 1, plant.num.size - 1)
 
 
 def drawn(seed: int, number: int) -> Experiment:

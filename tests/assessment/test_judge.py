@@ -12,7 +12,7 @@ import pytest
 import replant as rp
 import replant.assessment.part as part_module
 from replant.assessment import Assessment, assess_record
-from replant.assessment.evidence import LONGEST_MEMORY, Evidence
+from replant.assessment.evidence import LONGEST_WAIT, Evidence
 from replant.assessment.judge import NEGLIGIBLE, judge
 from replant.assessment.part import LARGEST_PART
 from replant.assessment.verdict import (
@@ -93,7 +93,7 @@ LENGTHS = [(TRUE, 1, True), (SLOW, 0.9, False), ([2.0, 0.0, 2.0], 1, True), ([2.
 @pytest.mark.parametrize(("model", "part", "tells"), LENGTHS, ids=str)
 def test_after_an_alarm_nothing_is_trusted_before_the_gain_can_show(model: Any, part: float, tells: bool) -> None:
     """Over a part of the slowest time constant the fitted initial state may hide it; the wait is bounded."""
-    samples = round(part * min(LONGEST_MEMORY, SAMPLES))
+    samples = round(part * min(LONGEST_WAIT, SAMPLES))
     plant, u = rp.TransferFunction(model[2:], [1.0, *model[:2]]), U[:samples]
     y = plant.simulate(u, DT)
     y = y + 0.01 * y.std() * np.random.default_rng(0).standard_normal(samples)

@@ -52,8 +52,8 @@ def test_every_kind_is_drawn_and_another_seed_gives_others() -> None:
 
 def test_the_truth_explains_everything() -> None:
     for one in DRAWN[:5]:
-        assert explained(one.plant, one) == pytest.approx(100.0)
-        assert explained(replace(one, clean=-one.clean).plant, replace(one, clean=-one.clean)) == WORST
+        assert explained(one.plant, one.u, one.clean, one.dt) == pytest.approx(100.0)
+        assert explained(one.plant, one.u, -one.clean, one.dt) == WORST
 
 
 def test_a_record_is_judged() -> None:
@@ -72,14 +72,25 @@ def test_no_actuator_is_linear(actuator: object) -> None:
     assert np.linalg.norm(out - slope * u) > 0.05 * np.linalg.norm(out)
 
 
+def test_the_special_families_are_carried_out() -> None:
+    """A plant whose gain toggles is wrong at some look; no more models are trusted than are wrong."""
+    behind, toggles = actuators.behind_actuators(7, 1), actuators.toggling(7, 1)
+    assert toggles.wrong > 0
+    for found, most in ((behind, len(actuators.ACTUATORS)), (toggles, 60), (actuators.smooth_inputs(7, 2), 2)):
+        assert 0 <= found.trusted <= found.wrong <= most
+    assert 0 <= actuators.surplus_poles(7, 2) <= 2
+
+
 def test_the_table_counts() -> None:
     right = Outcome(0, "", "white", False, 99.0, 99.0, False, "trusted", "", 1.0, 1.0)
     behind = replace(right, number=1, online=50.0, status="converging", deviation=4.0)
     silent = replace(right, number=2, online=WORST, starting=True, status="converging", deviation=math.nan)
     fooled = replace(right, number=3, online=50.0, offline=50.0)
     rests = replace(right, number=4, status="not excited")
-    none = Trusted(0, 10, ())
-    campaign = Campaign([right, behind, silent, fooled, rests], none, Trusted(3, 65, ("rig 1",)), none, 1, 12)
+    none = Trusted(10, ())
+    campaign = Campaign(
+        [right, behind, silent, fooled, rests], none, Trusted(65, ("rig 1", "rig 2", "rig 3")), none, 1, 12
+    )
     lines = {line.what: line for line in campaign.lines()}
     measured = [line.measured for line in lines.values()]
     assert measured == [

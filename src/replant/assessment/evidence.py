@@ -10,7 +10,6 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
 from replant.assessment.verdict import duration
-from replant.engine.dimensions import RECENT
 from replant.engine.record import Record
 from replant.model.structure import Structure
 from replant.model.uncertainty import UncertainMode, Uncertainty
@@ -29,7 +28,7 @@ Origin: ten observations for a regressor, a rule of thumb of regression.
 Sensitivity: not measured.
 """
 
-LONGEST_MEMORY = RECENT // 4
+LONGEST_WAIT = 2500
 """Samples after an alarm that suffice, however slow the model is [samples].
 Derivation: a quarter of the raw samples kept, as where the newer half of a long alarm is looked into.
 Sensitivity: not measured.
@@ -201,9 +200,9 @@ class Evidence:
 
     @property
     def memory(self) -> int:
-        """The slowest time constant in samples, up to `LONGEST_MEMORY`."""
+        """The slowest time constant in samples, up to `LONGEST_WAIT`."""
         slowest = -float(roots(np.concatenate([[1.0], self.estimate[: self.structure.poles]])).real.max())
-        return LONGEST_MEMORY if slowest * self.dt * LONGEST_MEMORY <= 1.0 else math.ceil(1.0 / (slowest * self.dt))
+        return LONGEST_WAIT if slowest * self.dt * LONGEST_WAIT <= 1.0 else math.ceil(1.0 / (slowest * self.dt))
 
     @property
     def is_young(self) -> bool:
