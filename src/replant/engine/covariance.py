@@ -41,7 +41,7 @@ def slowness(state: State, settings: Settings) -> float:
     """
     if not (settings.instruments and settings.optimizer.keeps_colour):
         return 1.0
-    coloured = np.diag(_by_colour(state))
+    coloured = np.diag(covariance_by_colour(state))
     if not (coloured > 0.0).all():
         return 1.0
     wider = np.sqrt(np.diag(_of_least_squares(state)) / coloured)[: settings.structure.size]
@@ -58,14 +58,14 @@ def _of_least_squares(state: State) -> FloatArray:
 
     See `replant.statistics.batch_means`.
     """
-    coloured = _by_colour(state)
+    coloured = covariance_by_colour(state)
     if state.settings[0] < 1.0:
         return coloured
     return no_less_than_scattered(coloured, *rows_of(state.path, state.theta, np.diag(_kept(state))))
 
 
-def _by_colour(state: State) -> FloatArray:
-    """Return sigma_w^2 P Q P, or where it is larger that of a white residual.
+def covariance_by_colour(state: State) -> FloatArray:
+    """Return sigma_w^2 P Q P (T, T) of the scaled parameters, or where it is larger that of a white residual.
 
     See `replant.kernels.monitoring.residual_colour`.
 

@@ -21,17 +21,16 @@ from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels.schema import Alarm, Doubt
 from replant.offline.srivc import refine
-from replant.online.solve_again import (
+from replant.online.restart import (
     EXPLAINED,
-    MOST_DOUBTED,
     SURE,
     clear_doubt,
     is_driven,
-    is_mature,
     left_by_input,
     restart,
     restart_from_prior,
 )
+from replant.online.solve_again import MOST_DOUBTED, is_mature
 from replant.online.step_disturbance import only_constant_moved, with_new_constant
 from replant.settings import Settings
 from replant.statistics.linear_algebra import quiet, roots

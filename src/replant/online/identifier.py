@@ -25,7 +25,9 @@ from replant.online.change_response import first_look, look
 from replant.online.defaults import settle
 from replant.online.initialization import initialize
 from replant.online.readout import Estimate
-from replant.online.solve_again import REGULAR, next_solution, solve_again
+from replant.online.restart import REGULAR
+from replant.online.review import next_renewal, review
+from replant.online.solve_again import solve_again
 from replant.online.startup import (
     Held,
     awaits_successor,
@@ -103,8 +105,9 @@ class Identifier(Estimate):
     then replaces the present one as soon as it is usable and predicts unseen samples much better.
 
     When the record has grown to 2, 4, 8, ... times the start-up, up to 10000 samples, it is solved again as a whole
-    from the present estimate, so that a poor first model has no lasting effect.  Such a solution takes some tens of
-    milliseconds, every other update about a microsecond.
+    from the present estimate, so that a poor first model has no lasting effect.  Later it is reviewed every 5000
+    samples: where the newest ones contradict the estimate, it begins anew with them.  Such a solution takes some tens
+    of milliseconds, every other update about a microsecond.
 
     Examples
     --------
@@ -343,12 +346,12 @@ class Identifier(Estimate):
         if state.alarm == Alarm.RAISED:
             state.look_at = first_look(state, settings)
         if samples == self._resolve_at:
-            state = self._go_on_with(solve_again(state, settings) or state)
-            self._resolve_at = next_solution(state, settings)
+            state = self._go_on_with(solve_again(state, settings) or review(state, settings) or state)
+            self._resolve_at = next_renewal(state, settings)
         if samples == state.look_at:
             found, look_at = look(state, settings)
             if found is not state:
-                self._resolve_at = next_solution(self._go_on_with(found), settings)
+                self._resolve_at = next_renewal(self._go_on_with(found), settings)
             found.look_at = look_at
 
     def _go_on_with(self, state: State) -> State:
@@ -497,7 +500,7 @@ class Identifier(Estimate):
         self._settings, self._held, self._strays = settings, [], []
         self._work_on(state, regular=not t.size)
         if refined is not None:
-            self._resolve_at = next_solution(state, settings)
+            self._resolve_at = next_renewal(state, settings)
             self._plan()
         return error
 

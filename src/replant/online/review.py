@@ -1,0 +1,118 @@
+r"""Review: the estimate of a long record beside its newest samples, and a new beginning where these contradict it.
+
+An estimate that forgets nothing follows a change the more slowly, the longer the record is.  A change that makes the
+residual grow is noticed by its CUSUM test (`online.change_response`).  A gain that is off by a tenth, or by a quarter
+where the noise is strong, makes it grow little: that shows in the estimate.  Over the newest k of N samples it moves by
+
+.. math:: \Delta\theta = P \sum_{i > N - k} \zeta_i e_i,
+
+of mean zero and covariance C k / N where the model is right, C the estimate's covariance.  Where the movement is no
+chance, a model of the samples kept is solved for.  It takes the place of the estimate if it predicts samples that it
+has not seen better, beyond chance.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.assessment.assess_online import earlier_estimate
+from replant.engine.covariance import covariance_by_colour
+from replant.engine.dimensions import RECENT
+from replant.engine.recent_samples import RecentSamples
+from replant.engine.record import Record
+from replant.engine.state import State
+from replant.kernels.schema import Alarm
+from replant.offline.srivc import refine
+from replant.online.restart import clear_doubt, is_driven, restart
+from replant.online.solve_again import MOST_DOUBTED, next_solution, remembers_all
+from replant.settings import Settings
+from replant.simulation.model_run import run_model
+from replant.statistics.autoregression import Autoregression
+from replant.statistics.chi2 import chi2_quantile
+from replant.statistics.linear_algebra import quiet, solve
+from replant.statistics.udu import compose
+
+EVERY = RECENT // 2
+"""Samples between two reviews, and the fewest that one uses [samples].
+Derivation: half of the samples kept: as far back as the past estimates reach.
+"""
+
+UNLIKELY = 1e-4
+"""Chance that a right estimate is taken for one that has moved: a model is then solved for in vain [probability].
+Level: 0.01 %.
+"""
+
+RATIO = 1e-3
+"""Chance that a model which is no better predicts samples that it has not seen so much better [probability].
+Level: 0.1 %: a likelihood ratio of mean one exceeds 1 / RATIO with no greater probability (Markov's inequality).
+"""
+
+
+def next_renewal(state: State, settings: Settings) -> int:
+    """Return the number of accepted samples at which the record is solved again, or later reviewed; 0: never."""
+    return next_solution(state, settings) or (state.samples + EVERY if remembers_all(state, settings) else 0)
+
+
+@quiet
+def review(old: State, settings: Settings) -> State | None:
+    """Return the state that begins at a model of the newest samples, where these contradict the estimate; else None."""
+    begin = max(old.record_began, old.gap_at)
+    if old.alarm or not old.adapt or old.samples - begin < EVERY or not _has_moved(old, settings):
+        return None
+    kept = RecentSamples.since(old, begin)
+    if kept.doubted > MOST_DOUBTED:
+        return None
+    record = kept.record(settings.dt, settings.filter.input_hold)
+    known = refine(settings.structure, record.first(2 * record.u.size // 3), [old.physical], afresh=True)
+    if known is None or not _predicts_better(settings, known.theta, old.physical, record, 2 * record.u.size // 3):
+        return None
+    refined = refine(settings.structure, record, [known.theta, old.physical])
+    if refined is None or not (refined.acceptable and is_driven(settings, refined, record)):
+        return None
+    new = restart(old, settings, refined, record, old.samples - len(kept))
+    clear_doubt(new, kept)
+    new.past_kept, new.past_due = 0, new.samples
+    new.alarm, new.change_began = Alarm.NONE, new.samples
+    return new
+
+
+def _has_moved(state: State, settings: Settings) -> bool:
+    """Return whether the estimate has moved farther since the oldest one kept than a right one does by chance."""
+    size, length = settings.structure.coefficients, state.learned - state.record_began
+    past, earlier = earlier_estimate(state, settings.structure.size)
+    count = state.learned - past
+    if count <= 0:
+        return False
+    step = state.theta[:size] - earlier[:size] / state.unit[:size]
+    limit = chi2_quantile(1.0 - UNLIKELY, size) * count / length
+    white = state.colour.power / max(state.colour.count, 1.0) * compose(*state.factors)
+    # the residual's colour makes the covariance larger, never smaller, and takes longer to compute
+    return _square(step, white) > limit and _square(step, covariance_by_colour(state)) > limit
+
+
+def _square(step: FloatArray, covariance: FloatArray) -> float:
+    """Return step' C^-1 step for the step's block C of a covariance; 0 where that is singular."""
+    solution = solve(covariance[: step.size, : step.size], step)
+    return 0.0 if solution is None else float(step @ solution)
+
+
+def _predicts_better(settings: Settings, model: FloatArray, other: FloatArray, record: Record, seen: int) -> bool:
+    """Return whether a model predicts the samples after the first ``seen`` better than another, beyond chance.
+
+    Each residual is whitened by a noise model of its own.  What counts is the logarithm of the likelihood ratio,
+    K / 2 log(power of the other / power of the one) for K samples.
+    """
+    size, power = settings.structure.size, []
+    for parameters in (model[:size], other[:size]):
+        run = run_model(settings.structure, parameters, record, settings.dt)
+        if run is None:
+            power.append(math.inf)
+            continue
+        error = run.error[seen:]
+        power.append(Autoregression.of(error - error.mean()).power)
+    least = np.finfo(float).tiny
+    gain = 0.5 * (record.u.size - seen) * math.log(max(power[1], least) / max(power[0], least))
+    return power[0] < math.inf and gain > -math.log(RATIO)

@@ -1,0 +1,77 @@
+"""A long record whose newest samples contradict the estimate: it begins anew there; where they do not, it stays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import replant as rp
+from support.builders import DT, binary
+
+PLANT = rp.TransferFunction([2.0], [1.0, 4.0, 3.0])
+STEADY, SAMPLES = 30_000, 50_000
+NOISE = 0.7
+"""Standard deviation of the noise, part of the output's: the residual hardly grows when the gain is a fifth off."""
+
+
+def noise(kind: str, seed: int, samples: int = SAMPLES) -> np.ndarray:
+    white = np.random.default_rng([seed, 1]).standard_normal(samples)
+    return white if kind == "white" else lfilter([np.sqrt(1.0 - 0.8**2)], [1.0, -0.8], white)
+
+
+def record(kind: str, gain: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """A gain that changes after `STEADY` samples."""
+    u = binary(seed, SAMPLES, 8)
+    y = PLANT.simulate(u, DT)
+    scale = NOISE * float(y.std())
+    y[STEADY:] *= gain
+    return u, y + scale * noise(kind, seed)
+
+
+@pytest.mark.parametrize("kind", ["white", "coloured"])
+@pytest.mark.parametrize("gain", [0.75, 1.3])
+def test_a_change_that_hardly_shows_in_the_residual_is_learned(kind: str, gain: float) -> None:
+    """An estimate that remembers 30,000 samples would need as many again to come half of the way."""
+    u, y = record(kind, gain, 1)
+    ident = rp.Identifier(rp.Structure(2), DT)
+    ident.update_many(u, y)
+    static = ident.transfer_function.num[-1] / ident.transfer_function.den[-1]
+    std = float(np.sqrt(np.diag(ident.covariance)[2])) / ident.parameters[2]
+    assert abs(static / (gain * 2.0 / 3.0) - 1.0) < 4.0 * std < 0.3
+    assert ident.assess().status != "inconsistent"
+
+
+@pytest.mark.parametrize("kind", ["white", "coloured"])
+def test_an_estimate_that_holds_keeps_its_whole_record(kind: str) -> None:
+    """Of some fifty reviews none begins anew: the chance of one is 1e-7, from the levels of the two tests."""
+    for seed in range(3):
+        u = binary(seed, 100_000, 8)
+        y = PLANT.simulate(u, DT)
+        y += NOISE * y.std() * noise(kind, seed, 100_000)
+        ident = rp.Identifier(rp.Structure(2), DT)
+        ident.update_many(u, y)
+        assert ident._state.record_began == 0
+
+
+def test_a_frozen_estimate_is_not_reviewed() -> None:
+    u, y = record("white", 1.3, 1)
+    ident = rp.Identifier(rp.Structure(2), DT)
+    ident.update_many(u[:STEADY], y[:STEADY])
+    ident.freeze()
+    before = ident.parameters.copy()
+    ident.update_many(u[STEADY:], y[STEADY:])
+    assert (ident.parameters == before).all()
+
+
+def test_single_samples_and_a_checkpoint_come_to_the_same_review() -> None:
+    u, y = record("white", 1.3, 1)
+    whole = rp.Identifier(rp.Structure(2), DT)
+    whole.update_many(u[:45_000], y[:45_000])
+    parts = rp.Identifier(rp.Structure(2), DT)
+    parts.update_many(u[:32_000], y[:32_000])
+    parts = rp.Identifier.from_bytes(parts.to_bytes())
+    for k in range(32_000, 45_000):
+        parts.update(float(u[k]), float(y[k]))
+    assert whole._state.record_began > 0
+    assert parts.to_bytes() == whole.to_bytes()
