@@ -28,6 +28,7 @@ from replant.live.outputs.publisher import Outlets
 from replant.live.outputs.sinks import LineSink
 from support.live_command import wait_for
 from support.live_fakes import DT, FakeObserver, FakeSink, FakeSource, JudgingObserver, make, record
+from support.waiting import PATIENCE
 
 TTL = 5.0
 NAMES = ("a0", "b0")
@@ -150,6 +151,29 @@ def test_what_is_not_trusted_stays_so_and_is_not_said_again() -> None:
     for _ in range(10):
         outlets.check()
     assert len(sink.sent) == 1
+
+
+def test_the_end_is_said_once_whoever_says_it() -> None:
+    """Trust expires just as the session ends: the watchdog is about to withdraw it, and sends the last message."""
+    sink, asked = FakeSink(), threading.Event()
+
+    class Slow(Clock):
+        def __call__(self) -> float:
+            if threading.current_thread() is not threading.main_thread():
+                asked.set()
+                outlets._ended.wait(PATIENCE)
+            return self.now
+
+    clock = Slow()
+    outlets = Outlets([sink], None, TTL, notices=Notices(print), on_reader_gone=lambda: None, now=clock)
+    outlets.accepted()
+    outlets.mark()
+    outlets.send(estimate)
+    clock.now += 2.0 * TTL
+    outlets.start(estimate())
+    assert asked.wait(PATIENCE)
+    outlets.end()
+    assert [one.status for one in sink.sent] == ["running", ENDED]
 
 
 def test_a_slow_plant_gets_more_time() -> None:

@@ -33,12 +33,13 @@ GOODBYE = 2.0
 
 @dataclass
 class _Outlet:
-    """A sink and its state: whether a new estimate is pending, when it is due, and whether it may hold trust."""
+    """A sink and its state: whether an estimate is pending, when it is due, whether it may hold trust, and has ended."""
 
     sink: Sink
     pending: bool = False
     due: float = 0.0
     trusted: bool = False
+    ended: bool = False
     lock: threading.Lock = field(default_factory=threading.Lock)
 
 
@@ -131,7 +132,8 @@ class Outlets:
             self._thread.join(GOODBYE)
         for outlet in self._watched:
             if outlet.lock.acquire(timeout=GOODBYE):  # else its connection blocks the watchdog
-                self._transmit(outlet)
+                if not outlet.ended:  # the watchdog may have been about to send, and said it
+                    self._transmit(outlet)
                 outlet.lock.release()
         deadline = time.monotonic() + GOODBYE
         while any(outlet.sink.behind for outlet in self._watched) and time.monotonic() < deadline:
@@ -161,7 +163,7 @@ class Outlets:
         try:
             outlet.sink.send(estimate)
             if not outlet.sink.behind:
-                outlet.trusted = estimate.trusted
+                outlet.trusted, outlet.ended = estimate.trusted, estimate.status == ENDED
         except BrokenPipeError:  # the reader has closed the pipe, as `| head` does
             outlet.trusted = False
             self._on_reader_gone()
