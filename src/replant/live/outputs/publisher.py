@@ -33,7 +33,7 @@ GOODBYE = 2.0
 
 @dataclass
 class _Outlet:
-    """A sink and its state: whether an estimate is pending, when it is due, whether it may hold trust, and has ended."""
+    """A sink and its state: whether an estimate is pending, when it is due, whether it may hold trust, has ended."""
 
     sink: Sink
     pending: bool = False
