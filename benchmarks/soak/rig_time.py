@@ -37,7 +37,7 @@ class Episode:
     wrong : float
         The longest from when "trusted" was wrong at the earliest, to the first look at which it was not.
     worst : float
-        The largest error of abs G while "trusted" was said.
+        The largest error of abs G while "trusted" was said and the plant was excited.
     again : float or None
         From the end of the fault until "trusted" is said of a model that is right.
     """
@@ -91,11 +91,13 @@ class Watch:
         self._looked = self.clock
 
     def _look(self) -> None:
-        self._trusts, off = self.identifier.assess().status == "trusted", 0.0
+        verdict = self.identifier.assess()
+        self._trusts, off = verdict.status == "trusted", 0.0
         self.looks += 1
         if self._trusts:
             off = self.rig.error(self.identifier.transfer_function)
-        is_wrong = self._trusts and not off <= WRONG
+        # while nothing excites the plant no change can show, and the verdict says both
+        is_wrong = self._trusts and verdict.excited and not off <= WRONG
         if is_wrong and self._since is None:
             self._since = self._looked
         if self.episodes:
@@ -108,7 +110,7 @@ class Watch:
         gone = self.clock - episode.at
         if not self._trusts and episode.noticed is None:
             episode.noticed = gone
-        if self._trusts:
+        if self._since is not None:
             episode.worst = max(episode.worst, off)
         if self._since is not None:
             episode.wrong = max(episode.wrong, self.clock - self._since)

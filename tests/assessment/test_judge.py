@@ -58,7 +58,7 @@ def test_a_right_estimate_is_trusted_and_its_figures_are_there() -> None:
     [
         ({"refused": True}, "diverged", "float64"),
         ({"u": np.ones(SAMPLES)}, "not excited", "is constant"),
-        ({"u": np.where(np.arange(SAMPLES) < 2500, U, 1.0)}, "not excited", "hardly moves"),
+        ({"u": np.where(np.arange(SAMPLES) < 400, U, 1.0)}, "not excited", "hardly moves"),
         ({"largest_power": 1e5}, "not excited", "variance"),
         ({"usual_interval": 0.5}, "inconsistent", "time stamps"),
         ({"y": U, "u": Y}, "inconsistent", "swapped"),

@@ -179,3 +179,57 @@ def test_a_dead_sensor_and_a_dead_input_leave_no_noise_to_divide_by() -> None:
     assert ident.status == "running"
     assert is_finite(ident._state)
     assert_positive_definite(ident)
+
+
+# --- the verdict: whether the model is right, and whether anything can be learned now
+
+MOVES, RESTS = 12_000, 40_000
+VERDICTS: dict[str, Any] = {
+    "default": "auto", "forgetting": rp.RecursiveLeastSquares(0.999), "tracking": rp.KalmanTracking(1e-6),
+}  # fmt: skip
+
+
+def resting(moves: int = MOVES, load: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """An input that moves, rests and moves again; a load steps where half of the rest is over."""
+    u = record(PLANT, seed=1, samples=2 * moves + RESTS, dt=DT, hold=8)[0]
+    u[moves : moves + RESTS] = 1.0
+    y = PLANT.simulate(u, DT) + 0.02 * np.random.default_rng(2).standard_normal(u.size)
+    y[moves + RESTS // 2 :] += load
+    return u, y
+
+
+@pytest.mark.parametrize("optimizer", VERDICTS)
+def test_a_model_that_was_trusted_stays_so_and_the_rest_is_said(optimizer: str) -> None:
+    """Also after the samples that showed it are no longer kept, and when the plant moves again."""
+    u, y = resting()
+    ident = rp.Identifier(STRUCTURE, DT, optimizer=VERDICTS[optimizer])
+    ident.update_many(u[:MOVES], y[:MOVES])
+    assert (ident.assess().status, ident.assess().excited) == ("trusted", True)
+    for k in range(MOVES, MOVES + RESTS, 1000):
+        ident.update_many(u[k : k + 1000], y[k : k + 1000])
+        verdict = ident.assess()
+        assert verdict.status == "trusted", verdict.reasons
+        if k >= MOVES + 5000:
+            assert not verdict.excited
+            assert "input" in verdict.reasons[-1]
+    assert rp.Identifier.from_bytes(ident.to_bytes()).assess() == verdict
+    ident.update_many(u[MOVES + RESTS :], y[MOVES + RESTS :])
+    assert (ident.assess().status, ident.assess().excited) == ("trusted", True)
+
+
+def test_what_is_noticed_while_the_input_rests_ends_the_trust() -> None:
+    """The output moves though the input does not: whatever it is, the model is no longer known to be right."""
+    u, y = resting(load=0.5)
+    ident = rp.Identifier(STRUCTURE, DT)
+    noticed = MOVES + RESTS // 2 + 500
+    ident.update_many(u[:noticed], y[:noticed])
+    assert ident.assess().status != "trusted"
+    ident.update_many(u[noticed : MOVES + RESTS], y[noticed : MOVES + RESTS])
+    assert (ident.assess().status, ident.assess().excited) == ("not excited", False)
+
+
+def test_an_input_that_moved_for_less_than_a_start_up_tells_nothing() -> None:
+    u, y = resting(moves=400)
+    ident = rp.Identifier(STRUCTURE, DT)
+    ident.update_many(u[:4000], y[:4000])
+    assert (ident.assess().status, ident.assess().excited) == ("not excited", False)

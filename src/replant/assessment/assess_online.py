@@ -55,7 +55,7 @@ def assess_starting(request: Request, held: Sequence[tuple[float, float, float, 
     if u.size > 1 and not np.isnan(t).any():
         findings += sensor_faults.clock_finding(float(np.median(np.diff(t))), request.dt)
     findings += sensor_faults.level_finding(u, y)
-    return Assessment(*conclude(findings, ""), samples=u.size)
+    return Assessment(*conclude(findings, ""), excited=all(f.status != "not excited" for f in findings), samples=u.size)
 
 
 @quiet
@@ -90,6 +90,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         after_change=_is_after_change(state),
         unsettled=_unsettled(state, settings, known),
         after_alarm=_is_after_alarm(state, in_use, kept, dt),
+        trusted_before=state.trusted_before,
         missing=_missing(in_use),
         stuck=state.stuck_outputs > 0 and samples - state.stuck_last < outliers.CALM,
         usual_interval=float(np.median(in_use.interval[1:])) if len(in_use) > 1 else 0.0,

@@ -34,6 +34,12 @@ Derivation: a quarter of the raw samples kept, as where the newer half of a long
 Sensitivity: not measured.
 """
 
+LEAST_POWER = 1e-4
+"""Variance of the input over the newest samples below which it rests [part of the largest that it has been].
+Origin: a hundredth of the amplitude.
+Sensitivity: not measured.
+"""
+
 UNSTABLE_SIGMAS = 3.0
 """Standard deviations by which a pole must lie right of the imaginary axis for the model to count as unstable: an
 estimate of an integrator lies on either side [standard deviations].
@@ -86,6 +92,8 @@ class Evidence:
         else 0.
     after_alarm : bool
         Whether the record begins where an alarm ended without another model.
+    trusted_before : bool
+        Whether the model was trusted when the input came to rest, and nothing has been noticed since.
     missing : int
         Newest samples in a row that came without an output.
     stuck : bool
@@ -120,6 +128,7 @@ class Evidence:
     after_change: bool = False
     unsettled: float = 0.0
     after_alarm: bool = False
+    trusted_before: bool = False
     missing: int = 0
     stuck: bool = False
     slowness: float = 1.0
@@ -149,6 +158,11 @@ class Evidence:
             output_unit=self.output_unit * of_output,
             measured=None if self.measured is None else self.measured / of_output,
         )
+
+    def as_whole(self) -> Evidence:
+        """Return the same evidence with nothing held out: every sample tests the present estimate."""
+        learned = self.learned + self.unseen
+        return dataclasses.replace(self, earlier=self.estimate, unseen=0, learned=learned, in_sample=True)
 
     @property
     def raw(self) -> FloatArray:
@@ -213,6 +227,13 @@ class Evidence:
     def held_out(self) -> int:
         """How many of the newest samples the earlier estimate is tested on; 0 for all."""
         return 0 if self.in_sample or self.is_young else self.unseen
+
+    @property
+    def moving(self) -> int:
+        """Samples before the input came to rest: what follows stays within a hundredth of its amplitude."""
+        away = np.abs(self.record.u - self.record.u[-1])
+        far = np.flatnonzero(away > math.sqrt(LEAST_POWER * max(self.largest_power, float(np.var(self.record.u)))))
+        return int(far[-1]) + 1 if far.size else 0
 
     @property
     def newest(self) -> slice:

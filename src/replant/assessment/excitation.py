@@ -32,12 +32,6 @@ Origin: standard deviations from them would be ten times those from as many othe
 Sensitivity: not measured.
 """
 
-LEAST_POWER = 1e-4
-"""Variance of the input over the newest samples below which it rests [part of the largest that it has been].
-Origin: a hundredth of the amplitude.
-Sensitivity: not measured.
-"""
-
 
 @dataclass(frozen=True)
 class Excitation:

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -34,8 +35,8 @@ from replant.assessment.estimate_tests import (
     Certainty,
     slow_noise,
 )
-from replant.assessment.evidence import Evidence, Runs
-from replant.assessment.excitation import LEAST_POWER, excitation
+from replant.assessment.evidence import LEAST_POWER, Evidence, Runs
+from replant.assessment.excitation import excitation
 from replant.assessment.loop import COLOURED, Loop
 from replant.assessment.part import LARGEST_PART, Part
 from replant.assessment.reference_test import Reference
@@ -75,13 +76,46 @@ RESTING = 1e-12
 Derivation: some thousand times the precision of float64.
 """
 
+FEWEST_MOVING = 500
+"""Samples before the input came to rest, below which these alone do not speak for a model [samples].
+Origin: the start-up of the default: a model of fewer was never tested by samples that came after it.
+Sensitivity: not measured.
+"""
+
+BEFORE = "the model was trusted when the input came to rest, and the output has shown nothing against it since"
+
 Figures = dict[str, Any]
 
 
 @quiet
 def judge(evidence: Evidence) -> Assessment:
-    """Return the verdict on an estimate from the evidence."""
+    """Return the verdict on an estimate from the evidence.
+
+    Whether the model is right is one question, whether the newest samples can tell is another.  Where these do not
+    excite the plant, as while the input rests, the estimate is judged by all samples; where none of them does, the
+    verdict from before the rest stays.
+    """
     evidence = evidence.in_own_units()
+    verdict = _judged(evidence)
+    if verdict.excited:
+        return verdict
+    if evidence.trusted_before and not _objections(evidence):
+        return replace(verdict, status="trusted", reasons=(BEFORE, verdict.reasons[0]))
+    before = verdict if evidence.in_sample or evidence.moving < FEWEST_MOVING else _judged(evidence.as_whole())
+    if before.excited:
+        return replace(before, excited=False, reasons=(*before.reasons, verdict.reasons[0]))
+    return verdict
+
+
+def _objections(evidence: Evidence) -> list[Finding]:
+    """Return what speaks against a model though the input rests."""
+    return [
+        found for found in _of_samples(evidence) + _of_guard(evidence) if found.status in ("diverged", "inconsistent")
+    ]
+
+
+def _judged(evidence: Evidence) -> Assessment:
+    """Return the verdict by the samples held out, or by all where none is."""
     figures: Figures = {"samples": evidence.samples, "held_out": evidence.held_out}
     findings, in_favour = _of_samples(evidence), ""
     stop = any(finding.status != "converging" for finding in findings) or evidence.samples < evidence.enough
@@ -102,6 +136,7 @@ def judge(evidence: Evidence) -> Assessment:
             findings += _of_model(evidence, runs, loop, figures)
             in_favour = _in_favour(evidence, loop, figures)
     findings += _of_guard(evidence)
+    figures["excited"] = not _lacks_excitation(findings)
     return Assessment(*conclude(findings, in_favour), **figures)
 
 

@@ -35,6 +35,9 @@ class Assessment(Verdict):
 
     Attributes
     ----------
+    excited : bool
+        Whether the newest samples can tell anything of the model, and the estimate can learn from them.  Where they
+        cannot, as while the input rests, the verdict is that of all samples kept, or of those before the rest.
     samples : int
         Samples examined.
     held_out : int
@@ -65,6 +68,7 @@ class Assessment(Verdict):
         Largest relative standard deviation of a coefficient of the denominator.
     """
 
+    excited: bool = True
     samples: int = 0
     held_out: int = 0
     fit: float = math.nan

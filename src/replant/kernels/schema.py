@@ -237,6 +237,9 @@ class StateSlots(Table):
     attention_at = Integer(
         "accepted samples at which the identifier has something to do; 0: nothing planned", IDENTIFIER
     )
+    trusted_before = Flag(
+        "the model was trusted when the input came to rest, and no alarm was raised since", IDENTIFIER
+    )
     attention = Flag("the identifier has something to do now, or the alarm was raised", STEP_KERNEL)
 
     # --- a sample that leaps, held back until its successor confirms it

@@ -15,6 +15,7 @@ from replant.arguments import (
     stamps_of,
     vector,
 )
+from replant.assessment.assess_online import assess_running
 from replant.engine.dimensions import RECENT
 from replant.engine.dispatch import Step, bound_step, step_kernels
 from replant.engine.state import NOTHING, REASONS, State
@@ -26,7 +27,7 @@ from replant.online.defaults import settle
 from replant.online.initialization import initialize
 from replant.online.readout import Estimate
 from replant.online.restart import REGULAR
-from replant.online.review import next_renewal, review
+from replant.online.review import is_at_rest, next_renewal, review
 from replant.online.solve_again import solve_again
 from replant.online.startup import (
     Held,
@@ -345,14 +346,22 @@ class Identifier(Estimate):
         state.attention_at, state.attention = 0, False  # samples that are learned again must not stop for attention
         if state.alarm == Alarm.RAISED:
             state.look_at = first_look(state, settings)
+            state.trusted_before = False
         if samples == self._resolve_at:
             state = self._go_on_with(solve_again(state, settings) or review(state, settings) or state)
             self._resolve_at = next_renewal(state, settings)
+            self._note_verdict(state, settings)
         if samples == state.look_at:
             found, look_at = look(state, settings)
             if found is not state:
                 self._resolve_at = next_renewal(self._go_on_with(found), settings)
             found.look_at = look_at
+
+    def _note_verdict(self, state: State, settings: Settings) -> None:
+        """Note whether the model is trusted while the input rests, before the samples that show it are gone."""
+        at_rest = is_at_rest(state)
+        known = at_rest and state.trusted_before
+        state.trusted_before = known or (at_rest and assess_running(state, settings).status == "trusted")
 
     def _go_on_with(self, state: State) -> State:
         """Replace the present state, unless it is the same one; return it."""

@@ -19,6 +19,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment.assess_online import earlier_estimate
+from replant.assessment.evidence import LEAST_POWER
 from replant.engine.covariance import covariance_by_colour
 from replant.engine.dimensions import RECENT
 from replant.engine.recent_samples import RecentSamples
@@ -31,6 +32,7 @@ from replant.online.solve_again import MOST_DOUBTED, next_solution, remembers_al
 from replant.settings import Settings
 from replant.simulation.model_run import run_model
 from replant.statistics.autoregression import Autoregression
+from replant.statistics.batch_means import no_less_than_scattered, rows_of
 from replant.statistics.chi2 import chi2_quantile
 from replant.statistics.linear_algebra import quiet, solve
 from replant.statistics.udu import compose
@@ -53,14 +55,25 @@ Level: 0.1 %: a likelihood ratio of mean one exceeds 1 / RATIO with no greater p
 
 def next_renewal(state: State, settings: Settings) -> int:
     """Return the number of accepted samples at which the record is solved again, or later reviewed; 0: never."""
-    return next_solution(state, settings) or (state.samples + EVERY if remembers_all(state, settings) else 0)
+    return next_solution(state, settings) or (state.samples + EVERY if settings.optimizer.keeps_covariance else 0)
+
+
+def is_at_rest(state: State) -> bool:
+    """Return whether the input has rested since half of the time between two reviews."""
+    newest = RecentSamples.of(state)[-EVERY // 2 :].input
+    return len(newest) == EVERY // 2 and float(np.var(newest)) < LEAST_POWER * state.largest_power
 
 
 @quiet
 def review(old: State, settings: Settings) -> State | None:
     """Return the state that begins at a model of the newest samples, where these contradict the estimate; else None."""
     begin = max(old.record_began, old.gap_at)
-    if old.alarm or not old.adapt or old.samples - begin < EVERY or not _has_moved(old, settings):
+    if (
+        old.alarm
+        or not (old.adapt and remembers_all(old, settings))
+        or old.samples - begin < EVERY
+        or not _has_moved(old, settings)
+    ):
         return None
     kept = RecentSamples.since(old, begin)
     if kept.doubted > MOST_DOUBTED:
@@ -88,9 +101,26 @@ def _has_moved(state: State, settings: Settings) -> bool:
         return False
     step = state.theta[:size] - earlier[:size] / state.unit[:size]
     limit = chi2_quantile(1.0 - UNLIKELY, size) * count / length
-    white = state.colour.power / max(state.colour.count, 1.0) * compose(*state.factors)
-    # the residual's colour makes the covariance larger, never smaller, and takes longer to compute
-    return _square(step, white) > limit and _square(step, covariance_by_colour(state)) > limit
+    inverse = compose(*state.factors)
+    white = state.colour.power / max(state.colour.count, 1.0) * inverse
+    # colour and slow noise make the covariance larger, never smaller, and take longer to compute
+    return _square(step, white) > limit and _square(step, _scattered(state, inverse, count)) > limit
+
+
+def _scattered(state: State, inverse: FloatArray, count: int) -> FloatArray:
+    """Return the covariance (T, T) by the residual's colour and by the path of the estimate, less its newest part.
+
+    Slow noise, as a drift, moves a right estimate more than the colour says: as it did before.  The newest ``count``
+    samples are left out: a change would excuse itself.
+    """
+    coloured = covariance_by_colour(state)
+    estimates, known = rows_of(state.path, state.theta, np.diag(inverse))
+    before = len(estimates) - 1 - math.ceil(count / max(state.path.step, 1.0))
+    if before < 1:
+        return coloured
+    share = np.diag(inverse) / known[before - 1]
+    scattered = no_less_than_scattered(coloured / np.sqrt(np.outer(share, share)), estimates[:before], known[:before])
+    return scattered * np.sqrt(np.outer(share, share))
 
 
 def _square(step: FloatArray, covariance: FloatArray) -> float:

@@ -61,14 +61,17 @@ def remembers_all(state: State, settings: Settings) -> bool:
 def solve_again(old: State, settings: Settings) -> State | None:
     """Return the state that begins at a solution of the whole record, found from the present estimate.
 
-    None where no usable model is found, or where the record has a gap or too many bridged outputs.  As long as the
-    record is so short that its estimate may be the one that is wrong, the outputs as they were measured are solved too.
+    None where no usable model is found, where older samples are forgotten, or where the record has a gap or too many
+    bridged outputs.  As long as the record is so short that its estimate may be the one that is wrong, the outputs as
+    they were measured are solved too.
     """
+    if not (old.adapt and remembers_all(old, settings)):
+        return None
     if old.was_revised:
-        return _revised_again(old, settings) if old.adapt else None
+        return _revised_again(old, settings)
     origin = old.record_began
     kept = RecentSamples.since(old, origin)
-    if old.gap_at > origin or not old.adapt or old.samples - origin > len(kept):
+    if old.gap_at > origin or old.samples - origin > len(kept):
         return None
     mature = is_mature(old, settings)
     if old.alarm and mature:
