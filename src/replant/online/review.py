@@ -7,8 +7,8 @@ where the noise is strong, makes it grow little: that shows in the estimate.  Ov
 .. math:: \Delta\theta = P \sum_{i > N - k} \zeta_i e_i,
 
 of mean zero and covariance C k / N where the model is right, C the estimate's covariance.  Where the movement is no
-chance, a model of the samples kept is solved for.  It takes the place of the estimate if it predicts samples that it
-has not seen better, beyond chance.
+chance, and would change the output if it went on, a model of the samples kept is solved for.  It takes the place of the
+estimate if it predicts samples that it has not seen better, beyond chance.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ from replant.online.solve_again import MOST_DOUBTED, next_solution, remembers_al
 from replant.settings import Settings
 from replant.simulation.model_run import run_model
 from replant.statistics.autoregression import Autoregression
-from replant.statistics.batch_means import no_less_than_scattered, rows_of
 from replant.statistics.chi2 import chi2_quantile
 from replant.statistics.linear_algebra import quiet, solve
 from replant.statistics.udu import compose
@@ -45,6 +44,12 @@ Derivation: half of the samples kept: as far back as the past estimates reach.
 UNLIKELY = 1e-4
 """Chance that a right estimate is taken for one that has moved: a model is then solved for in vain [probability].
 Level: 0.01 %.
+"""
+
+MATTERS = 0.05
+"""Change of the simulated output below which a change of the plant does not matter [part of the output's amplitude].
+Derivation: half of the error of abs G with which a model is trusted.
+Sensitivity: not measured.
 """
 
 RATIO = 1e-3
@@ -68,19 +73,18 @@ def is_at_rest(state: State) -> bool:
 def review(old: State, settings: Settings) -> State | None:
     """Return the state that begins at a model of the newest samples, where these contradict the estimate; else None."""
     begin = max(old.record_began, old.gap_at)
-    if (
-        old.alarm
-        or not (old.adapt and remembers_all(old, settings))
-        or old.samples - begin < EVERY
-        or not _has_moved(old, settings)
-    ):
+    if old.alarm or not (old.adapt and remembers_all(old, settings)) or old.samples - begin < EVERY:
+        return None
+    asked = _asked_for(old, settings)
+    if asked is None:
         return None
     kept = RecentSamples.since(old, begin)
-    if kept.doubted > MOST_DOUBTED:
-        return None
     record = kept.record(settings.dt, settings.filter.input_hold)
-    known = refine(settings.structure, record.first(2 * record.u.size // 3), [old.physical], afresh=True)
-    if known is None or not _predicts_better(settings, known.theta, old.physical, record, 2 * record.u.size // 3):
+    if kept.doubted > MOST_DOUBTED or not _matters(settings, old.physical, asked, record.last(EVERY // 2)):
+        return None
+    seen = 2 * record.u.size // 3
+    known = refine(settings.structure, record.first(seen), [old.physical], afresh=True)
+    if known is None or not _predicts_better(settings, known.theta, old.physical, record, seen):
         return None
     refined = refine(settings.structure, record, [known.theta, old.physical])
     if refined is None or not (refined.acceptable and is_driven(settings, refined, record)):
@@ -92,35 +96,23 @@ def review(old: State, settings: Settings) -> State | None:
     return new
 
 
-def _has_moved(state: State, settings: Settings) -> bool:
-    """Return whether the estimate has moved farther since the oldest one kept than a right one does by chance."""
+def _asked_for(state: State, settings: Settings) -> FloatArray | None:
+    """Return the change (n + m + 1,) of the coefficients that the samples since the oldest estimate kept ask for.
+
+    None where the estimate has moved no farther since then than a right one does by chance.
+    """
     size, length = settings.structure.coefficients, state.learned - state.record_began
     past, earlier = earlier_estimate(state, settings.structure.size)
     count = state.learned - past
     if count <= 0:
-        return False
+        return None
     step = state.theta[:size] - earlier[:size] / state.unit[:size]
     limit = chi2_quantile(1.0 - UNLIKELY, size) * count / length
-    inverse = compose(*state.factors)
-    white = state.colour.power / max(state.colour.count, 1.0) * inverse
-    # colour and slow noise make the covariance larger, never smaller, and take longer to compute
-    return _square(step, white) > limit and _square(step, _scattered(state, inverse, count)) > limit
-
-
-def _scattered(state: State, inverse: FloatArray, count: int) -> FloatArray:
-    """Return the covariance (T, T) by the residual's colour and by the path of the estimate, less its newest part.
-
-    Slow noise, as a drift, moves a right estimate more than the colour says: as it did before.  The newest ``count``
-    samples are left out: a change would excuse itself.
-    """
-    coloured = covariance_by_colour(state)
-    estimates, known = rows_of(state.path, state.theta, np.diag(inverse))
-    before = len(estimates) - 1 - math.ceil(count / max(state.path.step, 1.0))
-    if before < 1:
-        return coloured
-    share = np.diag(inverse) / known[before - 1]
-    scattered = no_less_than_scattered(coloured / np.sqrt(np.outer(share, share)), estimates[:before], known[:before])
-    return scattered * np.sqrt(np.outer(share, share))
+    white = state.colour.power / max(state.colour.count, 1.0) * compose(*state.factors)
+    # the residual's colour makes the covariance larger, never smaller, and takes longer to compute
+    if not (_square(step, white) > limit and _square(step, covariance_by_colour(state)) > limit):
+        return None
+    return np.asarray(step * state.unit[:size] * (length / count))
 
 
 def _square(step: FloatArray, covariance: FloatArray) -> float:
@@ -129,20 +121,26 @@ def _square(step: FloatArray, covariance: FloatArray) -> float:
     return 0.0 if solution is None else float(step @ solution)
 
 
-def _predicts_better(settings: Settings, model: FloatArray, other: FloatArray, record: Record, seen: int) -> bool:
-    """Return whether a model predicts the samples after the first ``seen`` better than another, beyond chance.
+def _matters(settings: Settings, model: FloatArray, change: FloatArray, record: Record) -> bool:
+    """Return whether a change of the coefficients changes the simulated output by more than `MATTERS`."""
+    run = run_model(settings.structure, model[: settings.structure.size], record, settings.dt)
+    return run is not None and float(np.std(run.zeta @ change)) > MATTERS * float(run.forced.std())
 
-    Each residual is whitened by a noise model of its own.  What counts is the logarithm of the likelihood ratio,
-    K / 2 log(power of the other / power of the one) for K samples.
+
+def _predicts_better(settings: Settings, model: FloatArray, other: FloatArray, record: Record, seen: int) -> bool:
+    """Return whether a model differs from another, and predicts the samples after the first ``seen`` better than it.
+
+    Better is beyond chance.  Each residual is whitened by a noise model of its own.  What counts is the logarithm of
+    the likelihood ratio, K / 2 log(power of the other / power of the one) for K samples.
     """
-    size, power = settings.structure.size, []
-    for parameters in (model[:size], other[:size]):
-        run = run_model(settings.structure, parameters, record, settings.dt)
-        if run is None:
-            power.append(math.inf)
-            continue
-        error = run.error[seen:]
-        power.append(Autoregression.of(error - error.mean()).power)
-    least = np.finfo(float).tiny
-    gain = 0.5 * (record.u.size - seen) * math.log(max(power[1], least) / max(power[0], least))
-    return power[0] < math.inf and gain > -math.log(RATIO)
+    size = settings.structure.size
+    runs = [run_model(settings.structure, parameters[:size], record, settings.dt) for parameters in (model, other)]
+    if runs[0] is None:
+        return False
+    if runs[1] is None:
+        return True
+    if not float(np.std(runs[0].forced - runs[1].forced)) > MATTERS * float(runs[1].forced.std()):
+        return False
+    errors = [run.error[seen:] for run in runs if run is not None]
+    powers = [max(Autoregression.of(error - error.mean()).power, np.finfo(float).tiny) for error in errors]
+    return 0.5 * (record.u.size - seen) * math.log(powers[1] / powers[0]) > -math.log(RATIO)
