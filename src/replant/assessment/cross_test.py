@@ -22,6 +22,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from replant.arguments import FloatArray
 from replant.simulation.model_run import ModelRun
@@ -197,36 +198,72 @@ def _regression(
     return Unexplained(max(power, 0.0), std, part / variance / limit if variance > 0.0 else math.inf)
 
 
+def linear_columns(run: ModelRun, rows: slice, dt: float) -> FloatArray:
+    """Return the columns (K, C) of the small set that stand for linear faults: delayed states and inputs, slopes."""
+    return np.hstack(_Delayed.of(run, rows, dt).linear)
+
+
+@dataclass(frozen=True, eq=False)
+class _Delayed:
+    """The signals of a run over some rows, delayed.
+
+    Attributes
+    ----------
+    run : ModelRun
+    index : (K,) array of int
+        The rows, one sample earlier where they must be late.
+    step : int
+        Step of the states' delays in samples.
+    """
+
+    run: ModelRun
+    index: npt.NDArray[np.int64]
+    step: int
+
+    @classmethod
+    def of(cls, run: ModelRun, rows: slice, dt: float, *, feedback: bool = False) -> _Delayed:
+        """Return those of a run; under feedback a sample late where the output depends on the input of the same one."""
+        samples = len(run.error)
+        begin, end, _ = rows.indices(samples)
+        late = 1 if run.is_direct and feedback else 0
+        _, fastest = _time_constants(run.parameters[: run.structure.poles], samples * dt)
+        step = min(max(1, round(FAST_STEP * fastest / dt)), max(1, int(FARTHEST * samples)))
+        return cls(run, np.arange(begin, end) - late, step)
+
+    def __call__(self, signal: FloatArray, delay: int) -> FloatArray:
+        """Return a signal of the run, so many samples late."""
+        return np.asarray(signal[np.clip(self.index - delay, 0, len(self.run.error) - 1)])
+
+    def inputs(self, delays: Iterable[int]) -> FloatArray:
+        """Return the input at several delays, a column each."""
+        return np.column_stack([self(self.run.u, delay) for delay in delays])
+
+    @property
+    def core_delays(self) -> tuple[int, ...]:
+        """Delays of the input in the small set."""
+        return (0, *CORE_INPUT_DELAYS) if self.run.is_direct else CORE_INPUT_DELAYS
+
+    @property
+    def linear(self) -> list[FloatArray]:
+        """The small set without the powers of the output."""
+        states = [self(self.run.states, delay * self.step) for delay in CORE_STATE_DELAYS]
+        return [*states, self(self.run.zeta[:, : self.run.structure.poles], 0), self.inputs(self.core_delays)]
+
+
 def _columns(run: ModelRun, rows: slice, dt: float, feedback: bool) -> tuple[FloatArray, int]:
     """Return the columns that the residual is regressed on, core columns first, and how many of them are core."""
     samples, n = len(run.error), run.structure.poles
-    begin, end, _ = rows.indices(samples)
-    late = 1 if run.is_direct and feedback else 0
-    index = np.arange(begin, end) - late
-    slowest, fastest = _time_constants(run.parameters[:n], samples * dt)
-    step = min(max(1, round(FAST_STEP * fastest / dt)), max(1, int(FARTHEST * samples)))
+    delayed = _Delayed.of(run, rows, dt, feedback=feedback)
+    slowest, _ = _time_constants(run.parameters[:n], samples * dt)
     far = [max(1, min(round(part * slowest / dt), samples // 4)) for part in SLOW_DELAYS]
-    room = (end - begin) // PER_COLUMN
+    room = delayed.index.size // PER_COLUMN
     states = (room - 5 * n - len(INPUT_DELAYS) - len(far)) // run.states.shape[1]
-
-    def delayed(signal: FloatArray, delay: int) -> FloatArray:
-        return np.asarray(signal[np.clip(index - delay, 0, samples - 1)])
-
-    def inputs(delays: Iterable[int]) -> FloatArray:
-        return np.column_stack([delayed(run.u, delay) for delay in delays])
-
     output = run.forced - run.forced[rows].mean()
-    core = (0, *CORE_INPUT_DELAYS) if run.is_direct else CORE_INPUT_DELAYS
-    parts = [
-        *(delayed(run.states, delay * step) for delay in CORE_STATE_DELAYS),
-        delayed(run.zeta[:, :n], 0),
-        inputs(core),
-        delayed(np.column_stack([output**2, output**3]), 0),
-    ]
+    parts = [*delayed.linear, delayed(np.column_stack([output**2, output**3]), 0)]
     few = sum(part.shape[1] for part in parts)
     if states > 0:  # enough samples for more than the core columns
-        parts += [delayed(run.states, delay * step) for delay in STATE_DELAYS[:states]]
-        parts.append(inputs(sorted({*INPUT_DELAYS, *far} - set(core))))
+        parts += [delayed(run.states, delay * delayed.step) for delay in STATE_DELAYS[:states]]
+        parts.append(delayed.inputs(sorted({*INPUT_DELAYS, *far} - set(delayed.core_delays))))
     return np.hstack(parts), few
 
 

@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 
 from replant.assessment import sensor_faults
+from replant.assessment.actuator_test import actuator_findings
 from replant.assessment.change_tests import burst_finding, growth_finding
 from replant.assessment.estimate_tests import (
     MOST_UNCERTAIN,
@@ -37,6 +38,7 @@ from replant.assessment.estimate_tests import (
 )
 from replant.assessment.evidence import LEAST_POWER, Evidence, Runs
 from replant.assessment.excitation import excitation
+from replant.assessment.hold_test import hold_findings
 from replant.assessment.loop import COLOURED, Loop
 from replant.assessment.part import LARGEST_PART, Part
 from replant.assessment.reference_test import Reference
@@ -223,13 +225,16 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
     figures |= certainty.figures
     model = [
         *_fit(evidence, runs, loop, figures),
+        *([] if loop.is_closed else actuator_findings(evidence, runs)),
         *_unexplained(evidence, runs, loop, figures),
         *growth_finding(evidence, runs, figures, referenced=loop.reference is not None),
         *burst_finding(evidence, runs, referenced=loop.reference is not None),
     ]
     if certainty.improves:  # the present estimate may explain what the earlier one does not
         model = [Finding(max(found.status, "converging", key=_gravity), found.reason) for found in model]
-    return loop.findings + model + certainty.findings
+    held = [] if loop.reference is not None else hold_findings(evidence, runs)
+    # an input that acts half a sample earlier than it was taken to act seems to answer the residual
+    return (held or loop.findings) + model + certainty.findings
 
 
 def _gravity(status: str) -> int:

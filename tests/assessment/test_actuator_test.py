@@ -1,0 +1,79 @@
+"""An actuator that is not linear is named, whatever its curve; a linear one never is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.assessment.actuator_test import play
+from replant.signals import random_steps
+from support.builders import DT, binary
+
+PLANT, STRUCTURE = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]), rp.Structure(2)
+SAMPLES = 6000
+ACTUATORS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "saturate": lambda u: np.clip(u, -0.4, 0.4),
+    "dead zone": lambda u: np.sign(u) * np.maximum(np.abs(u) - 0.4, 0.0),
+    "other direction": lambda u: np.where(u > 0.0, 1.5 * u, 0.5 * u),
+    "play or friction": lambda u: play(u, 0.4),
+}
+
+
+def steps(seed: int, offset: float = 0.0) -> np.ndarray:
+    return offset + random_steps(SAMPLES, shortest=5, longest=40, low=-1.0, high=1.0, seed=seed)
+
+
+def verdict(u: np.ndarray, moved: np.ndarray, seed: int, plant: rp.TransferFunction = PLANT) -> rp.Assessment:
+    """The verdict on a plant that gets ``moved`` where ``u`` is logged, with noise of 3 %."""
+    y = plant.simulate(moved, DT)
+    y += 0.03 * y.std() * np.random.default_rng(seed).standard_normal(y.size)
+    ident = rp.Identifier(rp.Structure(plant.den.size - 1, plant.num.size - 1), DT)
+    ident.update_many(u, y)
+    return ident.assess()
+
+
+@pytest.mark.parametrize("gain", [1.0, -3.0])
+@pytest.mark.parametrize("fault", ACTUATORS)
+def test_it_is_named(fault: str, gain: float) -> None:
+    """Also behind a plant whose gain is negative: a saturation stays one."""
+    u = steps(seed=1)
+    found = verdict(u, gain * ACTUATORS[fault](u), seed=2)
+    assert found.status == "inconsistent"
+    assert any("the actuator" in reason and fault in reason for reason in found.reasons), found.reasons
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_linear_one_is_not(seed: int) -> None:
+    u = steps(seed, offset=0.4 * seed)
+    found = verdict(u, u, seed + 100)
+    assert found.status == "trusted", found.reasons
+    assert not any("actuator" in reason for reason in found.reasons)
+
+
+def test_an_input_of_two_levels_cannot_tell() -> None:
+    """Every curve through two points is a straight line: the linear model is right for such an input."""
+    u = binary(3, SAMPLES, 8)
+    for fault in ("saturate", "other direction"):
+        found = verdict(u, ACTUATORS[fault](u), seed=4)
+        assert found.status == "trusted", found.reasons
+
+
+def test_a_pole_too_few_is_no_actuator() -> None:
+    """What a linear fault leaves of the output is not taken for a curve of the input."""
+    u, third = steps(seed=5), rp.TransferFunction([10.0], np.poly([-1.0, -3.0, -6.0]))
+    y = third.simulate(u, DT)
+    y += 0.03 * y.std() * np.random.default_rng(6).standard_normal(y.size)
+    ident = rp.Identifier(rp.Structure(1), DT)
+    ident.update_many(u, y)
+    found = ident.assess()
+    assert found.status == "inconsistent"
+    assert not any("the actuator seems" in reason for reason in found.reasons), found.reasons
+
+
+def test_a_play_follows_where_it_is_pushed() -> None:
+    """Between the walls nothing moves; from then on the distance to the input is half of the play."""
+    v = np.array([0.0, 0.1, 0.3, 1.0, 0.9, 0.6, -1.0])
+    np.testing.assert_allclose(play(v, 0.2), [0.0, 0.0, 0.1, 0.8, 0.8, 0.8, -0.8])

@@ -1,0 +1,43 @@
+"""An input that runs straight between its samples is found out where it is taken as held; a held one is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.signals import multisine, random_steps
+
+PLANT, STRUCTURE = rp.TransferFunction([2.0, 6.0], [1.0, 1.0, 9.0]), rp.Structure(2, 1)
+SAMPLES = 6000
+
+
+def verdict(u: np.ndarray, dt: float, input_hold: str, seed: int, **options: object) -> rp.Assessment:
+    """The verdict on a record whose input runs as ``input_hold`` says, with noise of 3 %."""
+    y = PLANT.simulate(u, dt, input_hold=input_hold)
+    y += 0.03 * y.std() * np.random.default_rng(seed).standard_normal(y.size)
+    ident = rp.Identifier(STRUCTURE, dt, **options)  # type: ignore[arg-type]
+    ident.update_many(u, y)
+    return ident.assess()
+
+
+def smooth(dt: float) -> np.ndarray:
+    return multisine(SAMPLES, dt, np.geomspace(0.05, 2.0, 12), amplitude=0.4)
+
+
+@pytest.mark.parametrize("dt", [0.05, 0.1])
+def test_a_smooth_input_taken_as_held_is_said(dt: float) -> None:
+    found = verdict(smooth(dt), dt, "foh", seed=1)
+    assert any("run straight between its samples" in reason for reason in found.reasons), found.reasons
+    right = verdict(smooth(dt), dt, "foh", seed=1, filter=rp.RefinedFilter(input_hold="foh"))
+    assert right.status == "trusted", right.reasons
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_held_input_is_right_as_it_is(seed: int) -> None:
+    """Whether it is smooth or not."""
+    steps = random_steps(SAMPLES, shortest=5, longest=40, low=-1.0, high=1.0, seed=seed)
+    for u in (smooth(0.1), steps):
+        found = verdict(u, 0.1, "zoh", seed)
+        assert found.status == "trusted", found.reasons
+        assert not any("straight" in reason for reason in found.reasons)
