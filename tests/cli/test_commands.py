@@ -1,5 +1,6 @@
 """The command line as a person and a script meet it."""
 
+import html
 import json
 import re
 import subprocess
@@ -51,7 +52,8 @@ def test_json_holds_the_contract(capsys, log: Path, command: str) -> None:
         "elapsed_seconds",
     }  # fmt: skip
     assert set(answer["fit"]) == {"one_step", "simulated"}
-    assert set(answer["verdict"]) == {"status", "reasons"}
+    assert set(answer["verdict"]) == {"status", "excited", "reasons"}
+    assert answer["verdict"]["excited"] is True
     assert list(answer["parameters"]) == ["a0", "b0"]
     assert set(answer["parameters"]["a0"]) == {"value", "std"}
     assert answer["samples"] == 2000
@@ -210,11 +212,33 @@ def test_constant_input_is_called_not_excited(capsys, tmp_path: Path, command: s
     path.write_text("u,y\n" + "".join(f"1.5,{3 + 0.01 * e}\n" for e in noise))
     code, out, err = call(capsys, command, path, *COLUMNS, "--dt", 0.1, "--json")
     assert (code, err) == (0, "")
-    assert json.loads(out)["verdict"]["status"] == "not excited"
+    verdict = json.loads(out)["verdict"]
+    assert (verdict["status"], verdict["excited"]) == ("not excited", False)
     _, out, _ = call(capsys, command, path, *COLUMNS, "--dt", 0.1)
     assert "nan" not in out
     if command == "run":  # a fit finds the constant
         assert "No model yet" in out
+
+
+def test_a_model_is_trusted_while_the_input_rests_and_both_are_said(capsys, tmp_path: Path) -> None:
+    """On the screen and in the report once, in the reasons."""
+    u = 3.0 + np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 600), 10)
+    u = np.concatenate([u, np.full(8000, 3.0)])
+    y = (
+        7.0
+        + TransferFunction([2.0], [1.0, 0.5]).simulate(u - 3.0, dt=0.05)
+        + 0.02 * np.random.default_rng(1).standard_normal(u.size)
+    )
+    path = tmp_path / "log.csv"
+    path.write_text("u,y\n" + "".join(f"{a},{b}\n" for a, b in zip(u, y, strict=True)))
+    _, out, _ = call(capsys, "run", path, *COLUMNS, "--dt", 0.05, "--json")
+    verdict = json.loads(out)["verdict"]
+    assert (verdict["status"], verdict["excited"]) == ("trusted", False)
+    rest = " ".join(verdict["reasons"][-1].split()[:5])
+    _, out, _ = call(capsys, "run", path, *COLUMNS, "--dt", 0.05, "--out", tmp_path)
+    assert " ".join(out.split()).count(rest) == 1
+    page = html.unescape((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert page.lower().count(rest) == 1
 
 
 LIMITS = {

@@ -18,6 +18,7 @@ from replant.optimizers import OPTIMIZERS
 from replant.report.figures import draw_overlay, style
 from replant.report.figures.overlay import limits
 from replant.report.html.comparison import write_comparison
+from replant.report.terminal.comparison import cells_of
 from replant.runs.comparison import (
     METHODS,
     USUAL,
@@ -113,6 +114,16 @@ def test_a_person_reads_one_table(capsys: Any, log: Path, monkeypatch: pytest.Mo
         assert abs(value - 0.5) < 5.0 * std
     assert " +- " not in rows["least_squares"]
     assert len({line.index("+-") for line in rows.values() if "+-" in line}) == 1, "signs below each other"
+
+
+def test_a_model_that_is_trusted_while_the_input_rests_is_told_apart(contenders: list[Contender]) -> None:
+    """The table shows no reasons."""
+    moves = next(entry for entry in contenders if entry.name == "default")
+    assert moves.result is not None
+    verdict = dataclasses.replace(moves.result.verdict, excited=False)
+    rests = dataclasses.replace(moves, result=dataclasses.replace(moves.result, verdict=verdict))
+    assert cells_of(moves, 2)[0] == "trusted"
+    assert cells_of(rests, 2)[0] == "trusted, not excited"
 
 
 def test_a_narrow_terminal_breaks_the_table_and_cuts_nothing(

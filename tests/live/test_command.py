@@ -49,6 +49,7 @@ def test_a_pipe_ends_with_the_bits_of_run_on_what_was_recorded(tmp_path: Path, c
     assert kept.to_bytes() == learned(U, Y).to_bytes()
     assert [last["a0"], last["b0"]] == kept.parameters.tolist()
     assert (last["samples"], last["status"], last["trusted"], last["ttl"]) == (U.size, "ended", 0, 0.0)
+    assert last["excited"] == 0
     assert last["verdict"] == "trusted"  # what was found in the end
     assert last["std_a0"] == pytest.approx(kept.uncertainty.std[0], rel=1e-9)
     assert "trusted" in err  # the summary: standard output is taken
@@ -223,7 +224,8 @@ def test_datagrams_in_and_estimates_out(tmp_path: Path) -> None:
     assert saving.load(tmp_path / "rig").identifier.to_bytes() == identifier.to_bytes()
     assert (answers[-1]["trusted"], answers[-1]["ttl"], answers[-1]["status"]) == (0, 0.0, "ended")
     numeric = {name for name, value in answers[-1].items() if not isinstance(value, str)}
-    assert numeric == {"timestamp", "sequence", "samples", "a0", "b0", "std_a0", "std_b0", "trusted", "ttl", "sent"}
+    figures = {"timestamp", "sequence", "samples", "a0", "b0", "std_a0", "std_b0"}
+    assert numeric == figures | {"trusted", "excited", "ttl", "sent"}
 
 
 def answers_left(controller: socket.socket) -> list[dict[str, Any]]:

@@ -96,7 +96,7 @@ def test_a_session_that_is_over_is_not_trusted(
         process.wait(120.0)
     assert last["ttl"] == 0.0
     left = retained(broker)
-    assert (left["trusted"], left["ttl"], left["status"]) == (0, 0.0, ENDED)
+    assert (left["trusted"], left["excited"], left["ttl"], left["status"]) == (0, 0, 0.0, ENDED)
 
 
 def test_a_session_that_is_stopped_and_a_broker_that_was_away(

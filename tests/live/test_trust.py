@@ -35,7 +35,7 @@ NAMES = ("a0", "b0")
 
 
 def estimate(verdict: str = "trusted", samples: int = 1, ttl: float = 0.0) -> EstimateMessage:
-    return EstimateMessage(0.0, None, samples, NAMES, np.ones(2), np.ones(2), "running", verdict, ttl)
+    return EstimateMessage(0.0, None, samples, NAMES, np.ones(2), np.ones(2), "running", verdict, excited=True, ttl=ttl)
 
 
 class Clock:
@@ -134,9 +134,10 @@ def test_the_rest_of_the_time_to_live_goes_along() -> None:
         clock.now += seconds
         outlets.mark()
         outlets.send(estimate)
-    told = [(one.trusted, one.ttl, one.status, one.verdict) for one in sink.sent]
-    nothing = (False, 0.0, WAITING, UNKNOWN)
-    assert told == [nothing, (True, 5.0, "running", "trusted"), (True, 3.765, "running", "trusted"), nothing, nothing]
+    told = [(one.trusted, one.excited, one.ttl, one.status, one.verdict) for one in sink.sent]
+    nothing = (False, False, 0.0, WAITING, UNKNOWN)
+    known = [(True, True, ttl, "running", "trusted") for ttl in (5.0, 3.765)]
+    assert told == [nothing, *known, nothing, nothing]
     for one in sink.sent:
         assert one.sent == pytest.approx(time.time(), abs=3600.0)
 
@@ -237,7 +238,7 @@ def test_without_accepted_samples_trust_is_taken_back(after: Callable[[Paced], I
     try:
         wait_for(lambda: any(one.trusted for one in tuple(sink.sent)))
         last = wait_for(lambda: sink.sent[-1].status == WAITING and sink.sent[-1])
-        assert (last.status, last.verdict, last.ttl) == (WAITING, UNKNOWN, 0.0)
+        assert (last.status, last.verdict, last.excited, last.ttl) == (WAITING, UNKNOWN, False, 0.0)
     finally:
         session.stop()
         running.join()
@@ -289,7 +290,7 @@ def test_however_a_session_ends_its_last_word_is_that_it_has_ended(error: BaseEx
     for sink in sinks:
         assert any(one.trusted for one in sink.sent)
         last = sink.sent[-1]
-        assert (last.trusted, last.ttl, last.status) == (False, 0.0, ENDED)
+        assert (last.trusted, last.excited, last.ttl, last.status) == (False, False, 0.0, ENDED)
         assert sink.closed
 
 
@@ -305,7 +306,7 @@ def test_a_resumed_session_is_not_trusted_before_its_first_sample() -> None:
     u, y = record()
     identifier = rp.Identifier(**vars(make(FakeSource(u, y))[0].identifier.request))
     identifier.update_many(u, y)
-    observer = FakeObserver(SimpleNamespace(verdict="trusted", std=np.ones(2)))
+    observer = FakeObserver(SimpleNamespace(verdict="trusted", excited=True, std=np.ones(2)))
     sink = FakeSink()
     sink.behind = True  # somebody who has just come
     source = Paced(is_silent, samples=0)

@@ -95,7 +95,7 @@ class Feed:
             **{"parameters": ident.parameters, "std": known.std, "num": model.num, "den": model.den, "delay": 0.0},
             **{"poles": [mode.mode.pole for mode in modes], "pole_covariance": [mode.covariance for mode in modes]},
             **{"zeros": [] if starting else model.zeros.tolist(), "dc_gain": gain, "dc_gain_std": known.dc_gain_std},
-            **{"verdict": verdict.status, "reasons": verdict.reasons},
+            **{"verdict": verdict.status, "excited": verdict.excited, "reasons": verdict.reasons},
             **self._window(model, starting),
             "bode": {key: [] for key in _BODE} if starting else _bode(model, known),
             "history": dict(zip(("t", "parameters", "std"), map(list, zip(*self.history, strict=True)), strict=True)),

@@ -118,7 +118,9 @@ class JudgingObserver(FakeObserver):
 
     def hand_over(self, identifier: rp.Identifier, info: SessionInfo, *, learned: bool) -> bool:
         assessment = identifier.assess()
-        self.view = self.last = SimpleNamespace(verdict=assessment.status, std=identifier.uncertainty.std)
+        self.view = self.last = SimpleNamespace(
+            verdict=assessment.status, excited=assessment.excited, std=identifier.uncertainty.std
+        )
         return super().hand_over(identifier, info, learned=learned)
 
 

@@ -9,7 +9,7 @@ from replant.live.observer.history import EstimateHistory
 from replant.live.observer.make_view import make_view
 from replant.live.observer.view import SessionInfo, View
 from replant.live.outputs.message import EstimateMessage
-from support.live_fakes import DT, REQUEST, record
+from support.live_fakes import DT, PLANT, REQUEST, record
 
 FIRST_ORDER = rp.Structure(1)
 
@@ -26,6 +26,15 @@ def viewed(samples: int, structure: rp.Structure = FIRST_ORDER, t: np.ndarray | 
     return found
 
 
+def resting_view() -> View:
+    """A view of a trusted model whose input has come to rest."""
+    u = np.concatenate([record(3000)[0], np.full(2000, 3.0)])
+    y = 7.0 + PLANT.simulate(u - 3.0, DT) + 0.02 * np.random.default_rng(5).standard_normal(u.size)
+    identifier = rp.Identifier(**vars(REQUEST))
+    identifier.update_many(u, y)
+    return make_view(identifier, SessionInfo(at=u.size * DT, source="fake://"), EstimateHistory(2))
+
+
 def estimate(sequence: int | None = 3) -> EstimateMessage:
     values = np.array([0.1 + 0.2, np.nan]), np.array([1e-300, np.nan])
-    return EstimateMessage(0.25, sequence, 4, ("a0", "b0"), *values, "starting", "converging")
+    return EstimateMessage(0.25, sequence, 4, ("a0", "b0"), *values, "starting", "converging", excited=True)

@@ -153,7 +153,7 @@ class Certainty:
             ),
             *_of_movement(evidence, moved, sigmas, improves),
             *_of_distance(evidence, distance, away.statistic),
-            *gain_findings(evidence, runs, known),
+            *gain_findings(evidence, runs, known, away.covariance),
         ]
         return cls(figures, improves, findings)
 

@@ -28,12 +28,6 @@ Origin: ten observations for a regressor, a rule of thumb of regression.
 Sensitivity: not measured.
 """
 
-LONGEST_WAIT = 2500
-"""Samples after an alarm that suffice, however slow the model is [samples].
-Derivation: a quarter of the raw samples kept, as where the newer half of a long alarm is looked into.
-Sensitivity: not measured.
-"""
-
 LEAST_POWER = 1e-4
 """Variance of the input over the newest samples below which it rests [part of the largest that it has been].
 Origin: a hundredth of the amplitude.
@@ -211,12 +205,6 @@ class Evidence:
     def enough(self) -> int:
         """How many samples a test needs."""
         return max(FEWEST, PER_COEFFICIENT * self.coefficients)
-
-    @property
-    def memory(self) -> int:
-        """The slowest time constant in samples, up to `LONGEST_WAIT`."""
-        slowest = -float(roots(np.concatenate([[1.0], self.estimate[: self.structure.poles]])).real.max())
-        return LONGEST_WAIT if slowest * self.dt * LONGEST_WAIT <= 1.0 else math.ceil(1.0 / (slowest * self.dt))
 
     @property
     def is_young(self) -> bool:

@@ -3,9 +3,10 @@ r"""How well abs G is known, and whether the newest samples contradict it, at th
 A coefficient may be known well and abs G badly, or the other way round; whoever uses the model uses G.  After a
 change of the plant a new model is made from few samples.  It is trusted where three standard deviations of abs G fit
 into the error that a trusted model may have.  The relative standard deviation of abs G at a frequency follows from the
-covariance of the coefficients by the delta method.  The excited frequencies are those at which :math:`|G|^2` times the
-input's power density, the power density of the model's output, is at least a hundredth of its largest: a tenth of the
-amplitude.
+covariance of the coefficients by the delta method.  Where an alarm ended and no other model was found, the samples
+since must be able to tell such an error: the standard deviation is then that of an estimate from them alone.  The
+excited frequencies are those at which :math:`|G|^2` times the input's power density, the power density of the model's
+output, is at least a hundredth of its largest: a tenth of the amplitude.
 
 The second test finds a change of the plant that the residual over a long record hides: one Gauss-Newton step
 (`newton_step.newest_distances`) over the newest samples alone, for several lengths, and what it makes of abs G.
@@ -83,15 +84,15 @@ Sensitivity: not measured.
 """
 
 
-def gain_findings(evidence: Evidence, runs: Runs, covariance: FloatArray) -> list[Finding]:
+def gain_findings(evidence: Evidence, runs: Runs, covariance: FloatArray, alone: FloatArray) -> list[Finding]:
     """Say where abs G is not known well enough, and where the newest samples contradict it.
 
     Parameters
     ----------
     evidence : Evidence
     runs : Runs
-    covariance : (n + m + 1, n + m + 1) array
-        Of the estimate's coefficients.
+    covariance, alone : (n + m + 1, n + m + 1) arrays
+        Of the estimate's coefficients, and of those that these samples alone would give.
     """
     omega = excited_frequencies(evidence)
     std = _uncertainty(evidence, covariance).response(omega)[0]
@@ -100,6 +101,12 @@ def gain_findings(evidence: Evidence, runs: Runs, covariance: FloatArray) -> lis
     if evidence.after_change and not SIGMAS * worst <= LARGEST_ERROR:
         reason = f"since the plant has changed abs G is known to {percent(worst)} only (standard deviation)"
         findings.append(Finding("converging", f"{reason}, at a frequency that the input excites"))
+    if evidence.after_alarm:  # what raised it may have been a change that the offset and initial state hide
+        told = _uncertainty(evidence, alone).response(omega)[0]
+        worst = float(told.max()) if np.isfinite(told).all() else np.inf
+        if not CONTRADICTS_SIGMAS * worst <= LARGEST_ERROR:
+            reason = "the residual is as usual again, but the samples since tell abs G"
+            findings.append(Finding("converging", f"{reason} to {percent(worst)} only (standard deviation)"))
     return findings
 
 

@@ -167,10 +167,6 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
         reason = f"{evidence.samples} samples (since the last interruption) are too few for a verdict"
         findings.append(Finding("converging", reason))
         return findings
-    if evidence.after_alarm and evidence.samples < evidence.memory:
-        # over so short a time the initial state, which is fitted, may hide a wrong gain
-        reason = f"{evidence.samples} samples since the residual was as usual again are less than a time constant"
-        findings.append(Finding("converging", f"{reason} of the model, too few to test its gain on"))
     if np.var(u[evidence.newest]) < LEAST_POWER * evidence.largest_power:
         part = percent(float(np.var(u[evidence.newest])) / evidence.largest_power)
         reason = f"the input hardly moves any more: its variance over {evidence.span} is {part} of its largest so far"

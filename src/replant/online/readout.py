@@ -158,6 +158,9 @@ class Estimate:
     def assess(self) -> Assessment:
         """Return the verdict: whether to trust the estimate, why in plain words, and the figures behind it.
 
+        ``status`` says whether the model is right, ``excited`` whether anything can be learned now: a model that was
+        trusted stays so while the input rests.
+
         The state stays as it is.  Takes some tens of milliseconds.  See `replant.assessment.Assessment`.
         """
         if self._settings is None:

@@ -42,6 +42,17 @@ class Finding:
     text: str
 
 
+def without_reasons(status: str, *, excited: bool) -> str:
+    """Return a verdict for a place that does not show its reasons: a trusted model says there that the input rests.
+
+    Examples
+    --------
+    >>> without_reasons("trusted", excited=False), without_reasons("trusted", excited=True)
+    ('trusted, not excited', 'trusted')
+    """
+    return f"{status}, not excited" if status == "trusted" and not excited else status
+
+
 def findings(result: Result, total: int) -> list[Finding]:
     """Return the findings about ``result`` from a record of ``total`` samples, the gravest first."""
     found = [*_of_verdict(result), *_of_samples(result, total), *_of_model(result)]

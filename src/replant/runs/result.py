@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment import Simulation, Verdict, assess_record
+from replant.assessment import Assessment, Simulation, assess_record
 from replant.engine.record import ready_record
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
@@ -67,7 +67,7 @@ class Result:
         Accepted samples.
     rejected : dict
         Number of rejected samples, by reason.
-    verdict : Verdict
+    verdict : Assessment
     elapsed : float
         Duration of the computation in s.
     settings : Settings or None
@@ -91,7 +91,7 @@ class Result:
     simulation: Simulation
     samples: int
     rejected: dict[str, int]
-    verdict: Verdict
+    verdict: Assessment
     elapsed: float
     settings: Settings | None = None
     history: History | None = None
@@ -168,7 +168,7 @@ def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float)
     )
 
 
-def _with_finding(verdict: Verdict, finding: str) -> Verdict:
+def _with_finding(verdict: Assessment, finding: str) -> Assessment:
     """Return the verdict with what a fit has found wrong with its reference, where no reason of it says so."""
     if not finding or any(finding.partition(":")[0] in reason for reason in verdict.reasons):
         return verdict

@@ -75,7 +75,8 @@ def test_the_model_comes_down_with_all_its_digits(dashboard: Dashboard, feed: Fe
     told = json.loads(body)
     assert told["num"] == model.num.tolist()
     assert told["den"] == model.den.tolist()
-    assert told["verdict"] == feed.identifier.assess().status
+    verdict = feed.identifier.assess()
+    assert (told["verdict"], told["excited"]) == (verdict.status, verdict.excited)
 
 
 def test_the_python_download_makes_the_same_model(dashboard: Dashboard, feed: Feed) -> None:

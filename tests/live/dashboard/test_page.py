@@ -58,6 +58,17 @@ def test_what_is_shown_is_what_was_found(opened: Page, feed: Feed) -> None:
     assert opened.text("headline") == {"trusted": "Trusted", "converging": "Still converging"}[view["verdict"]]
 
 
+def test_a_trusted_model_whose_input_rests_is_said_to_learn_nothing(opened: Page, feed: Feed) -> None:
+    rests = "nothing can be learned"
+    for verdict, excited, said in (("trusted", False, True), ("trusted", True, False), ("converging", False, False)):
+        feed.change = {"verdict": verdict, "excited": excited}
+        samples = feed.advance()["samples"]
+        opened.until(lambda samples=samples: opened.text("samples") == f"{samples:,}")
+        assert opened.text("headline") == {"trusted": "Trusted", "converging": "Still converging"}[verdict]
+        assert (rests in opened.text("meaning")) == said
+        assert (rests in (opened.page.locator("#announced").text_content() or "")) == said
+
+
 def test_pausing_holds_the_drawing_and_nothing_else(opened: Page, feed: Feed) -> None:
     button = opened.page.locator("#pause")
     button.click()

@@ -186,7 +186,7 @@ def test_a_look_that_fails_is_one_notice_and_the_next_goes_on(mortal: Observer, 
     for _ in range(2):
         mortal._process.outbox.put(Handover(SessionInfo(at=7.0), (), b"no state at all"))
     doubted = wait_for(lambda: mortal.poll() == [] and mortal.last is not before and mortal.last)
-    assert (doubted.verdict, doubted.at) == ("unknown", 7.0)
+    assert (doubted.verdict, doubted.excited, doubted.at) == ("unknown", False, 7.0)
     assert "the estimate could not be judged" in doubted.reasons[0]
     again = seen(mortal, identifier(1500))
     assert (again.samples, again.verdict) == (1500, identifier(1500).assess().status)

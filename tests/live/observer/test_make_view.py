@@ -13,7 +13,7 @@ from replant.live.observer.history import EstimateHistory
 from replant.live.observer.make_view import POINTS, make_view
 from replant.live.observer.view import SessionInfo, View
 from support.live_fakes import DT, PLANT, REQUEST, record
-from support.live_views import viewed
+from support.live_views import resting_view, viewed
 
 
 def test_a_view_agrees_with_its_identifier() -> None:
@@ -26,7 +26,8 @@ def test_a_view_agrees_with_its_identifier() -> None:
     assert found.poles == [-identifier.parameters[0]]
     assert found.pole_covariance[0, 0, 0] == pytest.approx(identifier.covariance[0, 0])
     assert found.dc_gain == pytest.approx(identifier.parameters[1] / identifier.parameters[0])
-    assert (found.verdict, found.reasons) == (identifier.assess().status, identifier.assess().reasons)
+    verdict = identifier.assess()
+    assert (found.verdict, found.excited, found.reasons) == (verdict.status, verdict.excited, verdict.reasons)
     response = PLANT.response(found.bode.omega)
     np.testing.assert_allclose(found.bode.magnitude_db, 20 * np.log10(np.abs(response)), atol=0.2)
     assert (found.bode.magnitude_low < found.bode.magnitude_db).all()
@@ -77,6 +78,17 @@ def test_what_is_left_out_is_told_by_when_it_came() -> None:
 def test_verdict_and_fit_agree_once_the_sensor_is_free() -> None:
     verdicts = [after_a_stuck_sensor(samples)[1].verdict for samples in (1400, 1900, 4000)]
     assert verdicts == ["trusted", "inconsistent", "trusted"]
+
+
+def test_a_model_is_trusted_while_the_input_rests_and_the_view_says_both() -> None:
+    found = resting_view()
+    assert (found.verdict, found.excited) == ("trusted", False)
+    assert viewed(3000).excited
+
+
+def test_a_view_without_a_verdict_claims_no_excitation() -> None:
+    found = viewed(3000).unjudged("nobody looked")
+    assert (found.verdict, found.excited, found.reasons) == ("unknown", False, ("nobody looked",))
 
 
 def test_a_long_window_is_thinned_and_loses_no_peak() -> None:

@@ -13,7 +13,7 @@ from rich.console import Console
 import replant as rp
 from replant.live.observer.terminal import TerminalStatus, render, status_line
 from support.live_fakes import PLANT
-from support.live_views import viewed
+from support.live_views import resting_view, viewed
 
 
 def test_the_status_says_what_matters_in_one_line() -> None:
@@ -22,6 +22,18 @@ def test_the_status_says_what_matters_in_one_line() -> None:
     assert "3,000 samples" in text
     assert "a0 0.49" in text
     assert "+-" in text
+
+
+def test_that_the_input_rests_is_said_once_beside_the_verdict() -> None:
+    """The line shows no reasons, the screen does."""
+    view = resting_view()
+    assert "; trusted, not excited; " in status_line(view)
+    assert "not excited" not in status_line(viewed(3000))
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(render(view))
+    shown = console.export_text()
+    assert " ".join(view.reasons[-1].split()[:5]) in " ".join(shown.split())
+    assert "not excited" not in shown
 
 
 HUGE = [1e300, -1e300, 1.7e308, 1e-300, np.nan, np.inf]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 from support.live_views import estimate
@@ -10,6 +11,12 @@ from support.live_views import estimate
 def test_an_estimate_is_flat_json_with_every_digit() -> None:
     assert json.loads(estimate().as_json()) == {
         "timestamp": 0.25, "sequence": 3, "samples": 4, "a0": 0.1 + 0.2, "b0": None, "std_a0": 1e-300, "std_b0": None,
-        "trusted": 0, "ttl": 0.0, "status": "starting", "verdict": "converging", "sent": None,
+        "trusted": 0, "excited": 1, "ttl": 0.0, "status": "starting", "verdict": "converging", "sent": None,
     }  # fmt: skip
     assert "sequence" not in json.loads(estimate(None).as_json())
+
+
+def test_a_model_is_trusted_while_the_input_rests_and_both_are_told() -> None:
+    resting = dataclasses.replace(estimate(), verdict="trusted", ttl=5.0, excited=False)
+    told = json.loads(resting.as_json())
+    assert (told["trusted"], told["excited"]) == (1, 0)

@@ -56,14 +56,15 @@ def test_estimates_are_recorded_beside_them(tmp_path: Path) -> None:
     recorder = ParquetRecorder(tmp_path, disk_writer)
     for k in range(3):
         values = np.array([k + 0.5, np.nan]), np.array([0.1, np.nan])
-        recorder.send(EstimateMessage(k * DT, k, k + 1, ("a0", "b0"), *values, "running", "trusted"))
+        recorder.send(EstimateMessage(k * DT, k, k + 1, ("a0", "b0"), *values, "running", "trusted", excited=k > 0))
     recorder.close()
     disk_writer.close()
     frame = pandas.read_parquet(tmp_path / "estimates")
-    assert list(frame) == ["t", "n", "samples", "a0", "b0", "std_a0", "std_b0", "status", "verdict"]
+    assert list(frame) == ["t", "n", "samples", "a0", "b0", "std_a0", "std_b0", "status", "verdict", "excited"]
     np.testing.assert_array_equal(frame["a0"], [0.5, 1.5, 2.5])
     assert frame["b0"].isna().all()
     assert set(frame["verdict"]) == {"trusted"}
+    assert frame["excited"].tolist() == [False, True, True]
 
 
 def test_a_crash_while_a_part_is_written_costs_that_part_alone(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from replant.live.session.end_conditions import Limits
 from replant.live.session.progress import Progress
 from replant.online import saving
 from support.live_fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, make, record
-from support.waiting import PATIENCE
+from support.waiting import PATIENCE, wait_until
 
 
 def learned(u: np.ndarray, y: np.ndarray, t: np.ndarray | None = None) -> bytes:
@@ -29,8 +29,8 @@ def learned(u: np.ndarray, y: np.ndarray, t: np.ndarray | None = None) -> bytes:
     return identifier.to_bytes()
 
 
-def view(verdict: str) -> Any:
-    return SimpleNamespace(verdict=verdict, std=np.array([0.25, 0.5]))
+def view(verdict: str, *, excited: bool = True) -> Any:
+    return SimpleNamespace(verdict=verdict, excited=excited, std=np.array([0.25, 0.5]))
 
 
 # --- what is learned
@@ -193,17 +193,35 @@ def test_estimates_carry_the_newest_verdict_and_the_last_one_always_goes_out() -
     last, farewell = sink.sent[-2:]
     assert (farewell.samples, farewell.status, farewell.trusted) == (u.size, ENDED, False)
     assert (last.samples, last.sequence, last.timestamp) == (u.size, u.size - 1, DT * (u.size - 1))
-    assert (last.verdict, last.trusted) == ("trusted", True)
+    assert (last.verdict, last.trusted, last.excited) == ("trusted", True, True)
     np.testing.assert_array_equal(last.parameters, session.identifier.parameters)
     np.testing.assert_array_equal(last.std, [0.25, 0.5])
     assert [estimate.samples for estimate in slow.sent] == [sink.sent[0].samples, u.size, u.size]
+
+
+def test_that_the_input_rests_is_sent_though_the_verdict_stays() -> None:
+    """Also where no sample comes: the last ones are judged a little later than they are learned."""
+    sink, observer = FakeSink(), FakeObserver(view("trusted"))
+    source = FakeSource(*record(1000), endless=True)
+    session, _ = make(source, observer=observer, sinks=[sink])
+    running = threading.Thread(target=session.run)
+    running.start()
+    try:
+        before = wait_until(lambda: sink.sent and sink.sent[-1].samples == 1000 and sink.sent[-1])
+        observer.view = view("trusted", excited=False)
+        after = wait_until(lambda: sink.sent[-1] is not before and sink.sent[-1])
+    finally:
+        session.stop()
+        running.join()
+    assert [(one.samples, one.trusted) for one in (before, after)] == 2 * [(1000, True)]
+    assert (before.excited, after.excited) == (True, False)
 
 
 def test_without_an_observer_no_verdict_is_claimed() -> None:
     sink = FakeSink()
     session, _ = make(FakeSource(*record()), sinks=[sink])
     session.run()
-    assert {estimate.verdict for estimate in sink.sent} == {UNKNOWN}
+    assert {(estimate.verdict, estimate.excited) for estimate in sink.sent} == {(UNKNOWN, False)}
     assert np.isnan(sink.sent[-1].std).all()
 
 

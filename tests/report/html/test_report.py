@@ -262,7 +262,7 @@ def test_gravest_finding_leads_and_rejected_samples_are_named(plain) -> None:
     result = dataclasses.replace(
         plain.result,
         rejected={"not finite": 600, "too large": 1},
-        verdict=rp.assessment.Verdict("diverged", ("updates left the range",)),
+        verdict=rp.assessment.Assessment("diverged", ("updates left the range",)),
     )
     found = findings(result, 4601)
     assert [finding.gravity for finding in found] == ["bad", "warn"]
@@ -271,7 +271,7 @@ def test_gravest_finding_leads_and_rejected_samples_are_named(plain) -> None:
 
 
 def test_status_that_is_not_known_is_a_warning(plain) -> None:
-    result = dataclasses.replace(plain.result, verdict=rp.assessment.Verdict("biased", ()))
+    result = dataclasses.replace(plain.result, verdict=rp.assessment.Assessment("biased", ()))
     assert [(finding.gravity, finding.headline) for finding in findings(result, 4000)] == [("warn", "Biased")]
 
 

@@ -153,7 +153,8 @@ class Hub:
         view = self.newest or {}
         if not view.get("den"):
             return {}
-        keys = ("num", "den", "delay", "names", "parameters", "std", "verdict", "reasons", "samples", "at", "source")
+        judged = ("verdict", "excited", "reasons")
+        keys = ("num", "den", "delay", "names", "parameters", "std", *judged, "samples", "at", "source")
         return {key: view[key] for key in keys if key in view}
 
     async def report(self) -> bytes:

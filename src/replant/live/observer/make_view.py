@@ -81,6 +81,7 @@ def make_view(identifier: Identifier, info: SessionInfo, history: EstimateHistor
         delay=model.delay,
         **_roots(model, uncertainty if finite else None),
         verdict=verdict.status,
+        excited=verdict.excited,
         reasons=verdict.reasons,
         simulated=simulated,
         window=window,

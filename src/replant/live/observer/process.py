@@ -17,7 +17,6 @@ from replant.errors import ReplantError
 from replant.live.observer.history import EstimateHistory
 from replant.live.observer.make_view import make_view
 from replant.live.observer.view import Rows, SessionInfo, View
-from replant.live.outputs.message import UNKNOWN
 from replant.live.outputs.notices import Notices
 from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
@@ -162,7 +161,7 @@ class _Observing:
         while not self._connection.poll(UNHEARD):
             if self._view is not None:
                 reason = f"the session has not answered for more than {UNHEARD:.0f} s"
-                self._show(dataclasses.replace(self._view, verdict=UNKNOWN, reasons=(reason,)), ())
+                self._show(self._view.unjudged(reason), ())
         handover: Handover | None = self._connection.recv()
         return handover
 
@@ -174,13 +173,10 @@ class _Observing:
             reason = f"the estimate could not be judged: {type(error).__name__}: {one_line(error)}"
             self._notices.say("view", f"replant: {reason}; identification continues")
             if self._view is not None:
-                self._view = dataclasses.replace(
-                    self._view, **vars(handover.info), verdict=UNKNOWN, reasons=(reason,)
-                )  # fmt: skip
+                self._view = dataclasses.replace(self._view, **vars(handover.info)).unjudged(reason)
         view = self._view
         if view is not None and view.silence:
-            reason = f"no sample has been accepted for {view.silence:.0f} s"
-            view = dataclasses.replace(view, verdict=UNKNOWN, reasons=(reason,))
+            view = view.unjudged(f"no sample has been accepted for {view.silence:.0f} s")
         return view
 
     def _update_view(self, handover: Handover) -> None:

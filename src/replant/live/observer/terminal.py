@@ -12,6 +12,7 @@ from typing import Any
 from replant.live.observer.view import View
 from replant.live.outputs.message import UNKNOWN
 from replant.model.transfer_function import TransferFunction
+from replant.report.findings import without_reasons
 from replant.report.number_format import grouped, off_by, with_std
 from replant.report.terminal.summary import fraction, true_parameters, wrapped
 
@@ -103,7 +104,8 @@ def status_line(view: View) -> str:
         for name, value, std in zip(view.names, view.parameters.tolist(), view.std.tolist(), strict=True)
         if math.isfinite(value)
     )
-    parts = [*_progress(view), f"{grouped(view.rate, 0)}/s", _lost(view), view.verdict, figures]
+    verdict = without_reasons(view.verdict, excited=view.excited)
+    parts = [*_progress(view), f"{grouped(view.rate, 0)}/s", _lost(view), verdict, figures]
     if view.source_state != "connected":
         parts.insert(0, view.source_state)
     return "; ".join(part for part in parts if part)

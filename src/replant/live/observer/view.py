@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from replant.arguments import FloatArray
+from replant.live.outputs.message import UNKNOWN
 
 
 @dataclass(frozen=True)
@@ -131,6 +132,8 @@ class View:
     zeros : (m,) complex array
     dc_gain, dc_gain_std : float
     verdict : str
+    excited : bool
+        See `Assessment`; False while the verdict is not known.
     reasons : tuple of str
     simulated : float
         Fit in percent of the model, simulated from the input alone, over those samples of the window that the verdict
@@ -163,11 +166,16 @@ class View:
     dc_gain: float
     dc_gain_std: float
     verdict: str
+    excited: bool
     reasons: tuple[str, ...]
     simulated: float
     window: Window
     bode: Bode
     history: Rows
+
+    def unjudged(self, reason: str) -> View:
+        """Return the view without a verdict, for a reason."""
+        return replace(self, verdict=UNKNOWN, excited=False, reasons=(reason,))
 
     def to_json(self) -> dict[str, Any]:
         """Return the attributes as JSON values under their names; non-finite numbers are None, a root {real, imag}."""

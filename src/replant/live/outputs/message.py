@@ -49,6 +49,8 @@ class EstimateMessage:
     status : {"starting", "running", "diverged", "waiting", "ended"}
         "waiting" while no sample is accepted, "ended" when the session is over.
     verdict : str
+    excited : bool
+        See `Assessment`; False while the verdict is not known.
     ttl : float
         Seconds from the receipt of the message for which a controller may use the model; 0: it may not.
     sent : float or None
@@ -58,8 +60,8 @@ class EstimateMessage:
     --------
     >>> import numpy as np
     >>> known = np.array([2.128]), np.array([0.056])
-    >>> EstimateMessage(0.5, None, 25, ("a0",), *known, "running", "trusted", ttl=5.0, sent=1e9).as_json()
-    b'{"timestamp":0.5,"samples":25,"a0":2.128,"std_a0":0.056,"trusted":1,"ttl":5.0,...'
+    >>> EstimateMessage(0.5, None, 25, ("a0",), *known, "running", "trusted", True, ttl=5.0).as_json()
+    b'{"timestamp":0.5,"samples":25,"a0":2.128,"std_a0":0.056,"trusted":1,"excited":1,"ttl":5.0,...'
     """
 
     timestamp: float
@@ -70,6 +72,7 @@ class EstimateMessage:
     std: FloatArray
     status: str
     verdict: str
+    excited: bool = False
     ttl: float = 0.0
     sent: float | None = None
 
@@ -88,6 +91,7 @@ class EstimateMessage:
             for name, value in zip(self.names, values.tolist(), strict=True):
                 fields[prefix + name] = value if math.isfinite(value) else None
         fields["trusted"] = int(self.trusted)
+        fields["excited"] = int(self.excited)
         fields["ttl"] = self.ttl
         fields["status"] = self.status
         fields["verdict"] = self.verdict

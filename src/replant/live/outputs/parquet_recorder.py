@@ -37,7 +37,7 @@ class ParquetRecorder:
     """Records samples in FOLDER/samples and estimates in FOLDER/estimates.
 
     Columns of samples: n (the device's number, or null), t [s], u, y and, where there is a reference, r.  Columns of
-    estimates: t, n, samples, each parameter and its standard deviation (std_...), status and verdict.
+    estimates: t, n, samples, each parameter and its standard deviation (std_...), status, verdict and excited.
 
     Parameters
     ----------
@@ -202,4 +202,5 @@ def _estimates_table(estimates: list[EstimateMessage]) -> Any:
         columns |= {prefix + name: values[:, k] for k, name in enumerate(names)}
     columns["status"] = [entry.status for entry in estimates]
     columns["verdict"] = [entry.verdict for entry in estimates]
+    columns["excited"] = [entry.excited for entry in estimates]
     return pyarrow.table(columns)

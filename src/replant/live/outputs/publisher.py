@@ -177,6 +177,7 @@ class Outlets:
         sent = round(time.time(), 3)
         if ttl > 0.0:
             return replace(estimate, ttl=ttl, sent=sent)
+        estimate = replace(estimate, ttl=0.0, sent=sent, excited=False)  # without samples nothing can be learned
         if self._ended.is_set():  # the last verdict stays
-            return replace(estimate, ttl=0.0, sent=sent, status=ENDED)
-        return replace(estimate, ttl=0.0, sent=sent, status=WAITING, verdict=UNKNOWN)
+            return replace(estimate, status=ENDED)
+        return replace(estimate, status=WAITING, verdict=UNKNOWN)

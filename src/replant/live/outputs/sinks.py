@@ -29,7 +29,9 @@ BROKER_TIMEOUT = 5.0
 KEEPALIVE = 1, 15
 """Least and longest time in which the broker must hear from the client [s]."""
 #: The message that the broker publishes when the connection to the session breaks.
-WILL = json.dumps({"trusted": 0, "ttl": 0.0, "status": ENDED, "verdict": UNKNOWN}, separators=(",", ":")).encode()
+WILL = json.dumps(
+    {"trusted": 0, "excited": 0, "ttl": 0.0, "status": ENDED, "verdict": UNKNOWN}, separators=(",", ":")
+).encode()
 
 
 class Sink(Protocol):

@@ -77,7 +77,7 @@ class Session:
         self._clock = self.progress.clock(identifier.dt)
         self._learned = False  # whether samples were learned since the last handover to the observer
         self._inconsistent = False  # whether the identifier may hold samples that the progress does not count
-        self._verdict = UNKNOWN
+        self._verdict, self._excited = UNKNOWN, False
 
     def run(self) -> bool:
         """Run until the stream ends, a limit is reached, or SIGINT or SIGTERM asks for the end.
@@ -216,10 +216,10 @@ class Session:
     def _update_verdict(self) -> None:
         """Take the newest verdict from the observer; a new verdict is sent even if no sample comes."""
         view = self._observer.view
-        verdict = UNKNOWN if view is None else view.verdict
-        if verdict != self._verdict and self.progress.taken:
+        before = self._verdict, self._excited
+        self._verdict, self._excited = (UNKNOWN, False) if view is None else (view.verdict, view.excited)
+        if (self._verdict, self._excited) != before and self.progress.taken:
             self._outlets.mark()
-        self._verdict = verdict
 
     def _flush_record(self) -> None:
         if self._recorder is not None:
@@ -242,6 +242,7 @@ class Session:
             unknown if view is None else view.std,
             identifier.status,
             self._verdict,
+            self._excited,
         )
 
     def _obey(self, name: str) -> None:

@@ -11,6 +11,7 @@ from replant.report.findings import (
     GOOD,
     WARN,
     findings,
+    without_reasons,
 )
 from replant.report.number_format import percent, uncertain
 from replant.report.terminal.summary import as_json as result_as_json
@@ -39,7 +40,7 @@ def cells_of(entry: Contender, size: int) -> list[str]:
     known = result.uncertainty
     stds: Sequence[float | None] = [None] * size if known is None else known.std.tolist()
     return [
-        result.verdict.status,
+        without_reasons(result.verdict.status, excited=result.verdict.excited),
         percent(result.simulation.fit),
         percent(result.one_step),
         f"{result.elapsed:.2f} s",

@@ -33,7 +33,11 @@ def as_json(result: Result) -> dict[str, Any]:
         "fit": {"one_step": _finite(result.one_step), "simulated": _finite(result.simulation.fit)},
         "samples": result.samples,
         "rejected": result.rejected,
-        "verdict": {"status": result.verdict.status, "reasons": list(result.verdict.reasons)},
+        "verdict": {
+            "status": result.verdict.status,
+            "excited": result.verdict.excited,
+            "reasons": list(result.verdict.reasons),
+        },
         "elapsed_seconds": round(result.elapsed, 3),
     }
 

@@ -30,10 +30,13 @@ const APART = {
   lost: ["Not connected", "The page shows the last estimate received, which is not judged at present."],
 };
 
+const RESTS = "The input moves too little now: nothing can be learned.";
+
 const sentence = text => (text ? text[0].toUpperCase() + text.slice(1).replace(/\.?$/, ".") : "");
 
 function drawVerdict(view) {
   let [gravity, headline, meaning] = VERDICTS[view.verdict] ?? ["warn", sentence(view.verdict).replace(/\.$/, ""), ""];
+  if (view.verdict === "trusted" && !view.excited) meaning += ` ${RESTS}`; // right as far as is known, and not tested now
   if (view.status === "starting") {
     [gravity, headline, meaning] = ["none", "Collecting the first samples", "The first model is estimated when there are enough samples."];
   }
