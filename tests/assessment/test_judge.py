@@ -90,7 +90,7 @@ def test_each_finding_has_its_word_and_its_reason(changes: dict[str, Any], statu
     ("samples", "noise", "tells"), [(SAMPLES, 0.01, True), (300, 0.5, False), (SAMPLES, 3.0, False)]
 )
 def test_after_an_alarm_nothing_is_trusted_before_the_gain_can_show(samples: int, noise: float, tells: bool) -> None:
-    """What raised it may have been a change that the fitted offset hides: the samples since must show one of a tenth."""
+    """What raised it may have been a change that the fitted offset hides: one of a tenth must be able to show."""
     u = U[:samples]
     y = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]).simulate(u, DT)
     y = y + noise * y.std() * np.random.default_rng(0).standard_normal(samples)
