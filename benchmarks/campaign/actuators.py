@@ -112,7 +112,10 @@ def toggling(seed: int, rigs: int) -> Trusted:
 
 
 def smooth_inputs(seed: int, rigs: int) -> Trusted:
-    """Identify plants whose input is smooth between samples, taken as held; 10 % off in a coefficient is wrong."""
+    """Identify plants whose input is smooth between samples, taken as held; 10 % off in a coefficient is wrong.
+
+    Trusted is what nothing is said of.
+    """
     wrong, cases = 0, []
     for number in range(rigs):
         rng = np.random.default_rng([seed, 3, number])
@@ -125,7 +128,10 @@ def smooth_inputs(seed: int, rigs: int) -> Trusted:
         off = np.abs(ident.parameters[: truth.size] / truth - 1.0)
         if not off.max() <= WRONG:
             wrong += 1
-            if ident.assess().status == "trusted":
+            verdict = ident.assess()
+            if verdict.status == "trusted" and not any(
+                "straight between its samples" in said for said in verdict.reasons
+            ):
                 cases.append(f"rig {number}")
     return Trusted(wrong, tuple(cases))
 

@@ -75,7 +75,7 @@ class Campaign:
         yield Line("error over the Cramer-Rao bound, median of good models", beside)
         yield _trusted("behind actuators that are not linear", self.actuators, 3)
         yield _trusted("looks at a gain that toggles, 25 % off", self.toggling, 2)
-        yield _trusted("smooth input taken as held, 10 % off", self.smooth, 0)
+        yield _trusted("smooth input taken as held, 10 % off, and not said", self.smooth, 0)
         yield _at_most("one pole too many, no noise: no estimate", self.silent, self.surplus, 0.0)
 
     def worst(self) -> Iterator[str]:

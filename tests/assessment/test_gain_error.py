@@ -35,7 +35,7 @@ def noisy(seed: int, noise: float = 0.05) -> tuple[np.ndarray, np.ndarray]:
 def findings(given: Evidence, covariance: np.ndarray = KNOWN) -> list[str]:
     runs = Runs.of(given)
     assert runs is not None
-    return [found.status for found in gain_findings(given, runs, covariance)]
+    return [found.status for found in gain_findings(given, runs, covariance, covariance)]
 
 
 @pytest.mark.parametrize("omega", [0.5, 2.0, 8.0])

@@ -104,3 +104,12 @@ def test_the_table_counts() -> None:
     assert "1: online 50.0 %" in worst
     assert "3: trusted at 50.0 %" in worst
     assert "toggling: rig 1" in worst
+
+
+@pytest.mark.parametrize("number", [53, 110])
+def test_a_chirp_that_shows_the_fast_modes_last_ends_where_the_record_does(number: int) -> None:
+    """What the record gave when it was half as long is another plant; the recursion alone does not find back."""
+    outcome = judged(plants.drawn(101, number))
+    assert outcome.offline > 99.0
+    assert outcome.online > outcome.offline - 1.0
+    assert outcome.status == "trusted"

@@ -200,7 +200,7 @@ def without_past(ident: rp.Identifier) -> dict[str, bytes]:
     ident = ident.clone()
     ident._state.past[:] = 0.0
     ident._state.past_kept = ident._state.past_due = 0
-    ident._state.ready_at = 0.0
+    ident._state.ready_at, ident._state.solved_at = 0.0, 0
     return state(ident)
 
 

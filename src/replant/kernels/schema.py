@@ -237,6 +237,7 @@ class StateSlots(Table):
     attention_at = Integer(
         "accepted samples at which the identifier has something to do; 0: nothing planned", IDENTIFIER
     )
+    solved_at = Integer("accepted samples when the record was last solved as a whole", IDENTIFIER, below="samples + 1")
     trusted_before = Flag(
         "the model was trusted when the input came to rest, and no alarm was raised since", IDENTIFIER
     )

@@ -105,8 +105,8 @@ class Identifier(Estimate):
     Where the residual grows and stays large, `assess` says that something has changed.  A model of the samples since
     then replaces the present one as soon as it is usable and predicts unseen samples much better.
 
-    When the record has grown to 2, 4, 8, ... times the start-up, up to 10000 samples, it is solved again as a whole
-    from the present estimate, so that a poor first model has no lasting effect.  Later it is reviewed every 5000
+    Each time that the record has doubled, up to 10000 samples, it is solved again as a whole, and before where the
+    estimate moves beyond chance, so that a poor first model has no lasting effect.  Later it is reviewed every 5000
     samples: where the newest ones contradict the estimate, it begins anew with them.  Such a solution takes some tens
     of milliseconds, every other update about a microsecond.
 
@@ -505,7 +505,7 @@ class Identifier(Estimate):
                 u = settings.preprocess.call_map(u)
             learn = refined is None or not settings.optimizer.keeps_covariance
             error = float(warm_up(state, u, y, t, r if settings.reference else None, learn=learn)[-1])
-            state.ready_at = state.elapsed
+            state.ready_at, state.solved_at = state.elapsed, state.samples
         self._settings, self._held, self._strays = settings, [], []
         self._work_on(state, regular=not t.size)
         if refined is not None:

@@ -62,7 +62,7 @@ def restart(old: State, settings: Settings, refined: Refined, record: Record, or
         warm_up(new, record.u, record.y, stamps, record.r, learn=False)
     new.ready_at = new.elapsed
     carry_over(old, new)
-    new.record_began = origin
+    new.record_began, new.solved_at = origin, old.samples
     return new
 
 

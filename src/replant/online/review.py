@@ -2,13 +2,9 @@ r"""Review: the estimate of a long record beside its newest samples, and a new b
 
 An estimate that forgets nothing follows a change the more slowly, the longer the record is.  A change that makes the
 residual grow is noticed by its CUSUM test (`online.change_response`).  A gain that is off by a tenth, or by a quarter
-where the noise is strong, makes it grow little: that shows in the estimate.  Over the newest k of N samples it moves by
-
-.. math:: \Delta\theta = P \sum_{i > N - k} \zeta_i e_i,
-
-of mean zero and covariance C k / N where the model is right, C the estimate's covariance.  Where the movement is no
-chance, and would change the output if it went on, a model of the samples kept is solved for.  It takes the place of the
-estimate if it predicts samples that it has not seen better, beyond chance.
+where the noise is strong, makes it grow little: that shows in the estimate.  Where this moves by more than chance
+(`online.movement`), and the change would show in the output if it went on, a model of the samples kept is solved for.
+It takes the place of the estimate if it predicts samples that it has not seen better, beyond chance.
 """
 
 from __future__ import annotations
@@ -18,32 +14,24 @@ import math
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.assess_online import earlier_estimate
 from replant.assessment.evidence import LEAST_POWER
-from replant.engine.covariance import covariance_by_colour
 from replant.engine.dimensions import RECENT
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels.schema import Alarm
 from replant.offline.srivc import refine
+from replant.online.movement import asked_for
 from replant.online.restart import clear_doubt, is_driven, restart
 from replant.online.solve_again import MOST_DOUBTED, next_solution, remembers_all
 from replant.settings import Settings
 from replant.simulation.model_run import run_model
 from replant.statistics.autoregression import Autoregression
-from replant.statistics.chi2 import chi2_quantile
-from replant.statistics.linear_algebra import quiet, solve
-from replant.statistics.udu import compose
+from replant.statistics.linear_algebra import quiet
 
 EVERY = RECENT // 2
 """Samples between two reviews, and the fewest that one uses [samples].
 Derivation: half of the samples kept: as far back as the past estimates reach.
-"""
-
-UNLIKELY = 1e-4
-"""Chance that a right estimate is taken for one that has moved: a model is then solved for in vain [probability].
-Level: 0.01 %.
 """
 
 MATTERS = 0.05
@@ -75,7 +63,7 @@ def review(old: State, settings: Settings) -> State | None:
     begin = max(old.record_began, old.gap_at)
     if old.alarm or not (old.adapt and remembers_all(old, settings)) or old.samples - begin < EVERY:
         return None
-    asked = _asked_for(old, settings)
+    asked = asked_for(old, settings)
     if asked is None:
         return None
     kept = RecentSamples.since(old, begin)
@@ -94,31 +82,6 @@ def review(old: State, settings: Settings) -> State | None:
     new.past_kept, new.past_due = 0, new.samples
     new.alarm, new.change_began = Alarm.NONE, new.samples
     return new
-
-
-def _asked_for(state: State, settings: Settings) -> FloatArray | None:
-    """Return the change (n + m + 1,) of the coefficients that the samples since the oldest estimate kept ask for.
-
-    None where the estimate has moved no farther since then than a right one does by chance.
-    """
-    size, length = settings.structure.coefficients, state.learned - state.record_began
-    past, earlier = earlier_estimate(state, settings.structure.size)
-    count = state.learned - past
-    if count <= 0:
-        return None
-    step = state.theta[:size] - earlier[:size] / state.unit[:size]
-    limit = chi2_quantile(1.0 - UNLIKELY, size) * count / length
-    white = state.colour.power / max(state.colour.count, 1.0) * compose(*state.factors)
-    # the residual's colour makes the covariance larger, never smaller, and takes longer to compute
-    if not (_square(step, white) > limit and _square(step, covariance_by_colour(state)) > limit):
-        return None
-    return np.asarray(step * state.unit[:size] * (length / count))
-
-
-def _square(step: FloatArray, covariance: FloatArray) -> float:
-    """Return step' C^-1 step for the step's block C of a covariance; 0 where that is singular."""
-    solution = solve(covariance[: step.size, : step.size], step)
-    return 0.0 if solution is None else float(step @ solution)
 
 
 def _matters(settings: Settings, model: FloatArray, change: FloatArray, record: Record) -> bool:

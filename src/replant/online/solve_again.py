@@ -14,6 +14,7 @@ from replant.engine.state import State
 from replant.kernels.schema import Alarm
 from replant.offline.refined import Refined
 from replant.offline.srivc import refine
+from replant.online.movement import asked_for
 from replant.online.restart import clear_doubt, restart, restart_from_prior
 from replant.online.startup import without_spikes
 from replant.settings import Settings
@@ -33,6 +34,13 @@ outliers is off by several standard deviations.
 Sensitivity: not measured.
 """
 
+GROWTH = 1.25
+"""Growth of the record after which it is seen to whether the estimate moves [ratio of lengths].
+Origin: three looks between two solutions; on a chirp the last solution of 3,799 samples was at 2,000, and of another
+plant.
+Sensitivity: not measured.
+"""
+
 MATURE = 8
 """Length of the record before which its estimate may itself have gone astray, and goes on to be solved again
 [start-ups].
@@ -42,13 +50,29 @@ Sensitivity: not measured.
 
 
 def next_solution(state: State, settings: Settings) -> int:
-    """Return the number of accepted samples at which the record is solved again, twice as long as now; 0: never."""
-    revised = state.was_revised
-    origin, samples = state.revised_from if revised else state.record_began, state.samples
-    due = 2 * (samples - origin)
-    if revised and samples - origin < RECENT:  # the last solution uses all samples kept, as a slow mode needs them
-        due = min(due, RECENT)
-    return origin + due if remembers_all(state, settings) and due <= RECENT else 0
+    """Return the number of accepted samples at which it is next seen to whether the record is solved; 0: never.
+
+    The record is solved again when it is twice as long as at the last solution, and before where the estimate moves.
+    """
+    origin, samples = _origin(state), state.samples
+    twice = origin + 2 * (state.solved_at - origin)
+    due = origin + math.ceil(GROWTH * (samples - origin))
+    due = min(due, twice) if twice > samples else due
+    if state.was_revised and samples - origin < RECENT:  # the last one uses all samples kept, as a slow mode needs them
+        due = min(due, origin + RECENT)
+    return due if remembers_all(state, settings) and due - origin <= RECENT else 0
+
+
+def _origin(state: State) -> int:
+    """Return the accepted samples before those that a solution uses."""
+    return state.revised_from if state.was_revised else state.record_began
+
+
+def _is_due(state: State, settings: Settings) -> bool:
+    """Return whether the record has doubled since the last solution, or the estimate moves beyond chance."""
+    origin, samples = _origin(state), state.samples
+    is_last = state.was_revised and samples - origin == RECENT
+    return is_last or samples - origin >= 2 * (state.solved_at - origin) or asked_for(state, settings) is not None
 
 
 def remembers_all(state: State, settings: Settings) -> bool:
@@ -65,7 +89,7 @@ def solve_again(old: State, settings: Settings) -> State | None:
     bridged outputs.  As long as the record is so short that its estimate may be the one that is wrong, the outputs as
     they were measured are solved too.
     """
-    if not (old.adapt and remembers_all(old, settings)):
+    if not (old.adapt and remembers_all(old, settings) and _is_due(old, settings)):
         return None
     if old.was_revised:
         return _revised_again(old, settings)
