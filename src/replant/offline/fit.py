@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from replant.arguments import (
+    BoolArray,
     FloatArray,
     one_of,
     record,
@@ -24,6 +26,7 @@ from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
+from replant.offline.bridging import Solution, solved
 from replant.offline.choose_filter import choose_filter
 from replant.offline.least_squares import least_squares
 from replant.offline.reference_use import ReferenceUse, use_of
@@ -35,6 +38,7 @@ from replant.settings import AUTO, Request
 from replant.simulation.prediction import prediction_error, runs_away
 from replant.statistics.autoregression import one_step
 from replant.statistics.linear_algebra import quiet
+from replant.statistics.robust import without_spikes
 
 METHODS = (AUTO, "srivc", "least_squares")
 
@@ -75,6 +79,8 @@ class FitResult:
         The autoregression of the residual; None for least squares.
     reference : ReferenceUse or None
         What the reference was worth; None where none was given.
+    outliers : (N,) array of int
+        Indices of the outputs that were left out as outliers.
     """
 
     structure: Structure
@@ -91,6 +97,7 @@ class FitResult:
     rejected: dict[str, int]
     noise: NoiseModel | None = None
     reference: ReferenceUse | None = None
+    outliers: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -184,16 +191,14 @@ def fit(
     preprocess = preprocess.resolve(u, y)
     use = None
     if method != "least_squares":
-        ready = ready_record(structure, dt, preprocess, u, y, stamps, r=r)
-        use = None if r is None else use_of(r, ready)
-        found = first_model(structure, ready) if use is None or use.used else None
-        if found is None and use is not None:
+        use = None if r is None else use_of(r, ready_record(structure, dt, preprocess, u, y, stamps, r=r))
+        solution = _solution(structure, dt, preprocess, u, y, stamps, r if use is None or use.used else None)
+        if solution.found is None and use is not None:
             use = use.given_up()
-            ready = dataclasses.replace(ready, r=None)
-            found = first_model(structure, ready)
-        if found is not None:
-            use = None if use is None else use.concluded(structure, found)
-            return _refined_result(structure, dt, preprocess, u, y, stamps, ready, found, accepted, rejected, use)
+            solution = _solution(structure, dt, preprocess, u, y, stamps, None)
+        if solution.found is not None:
+            use = None if use is None else use.concluded(structure, solution.found)
+            return _refined_result(structure, dt, preprocess, u, y, stamps, solution, rejected, use)
         if method == "srivc":
             raise InvalidArgumentError(
                 "srivc finds no model for this record: the input hardly moves, or the structure does not fit the plant"
@@ -236,6 +241,43 @@ def _reference(reference: Any, samples: int, method: str) -> FloatArray | None:
     return r
 
 
+def _solution(
+    structure: Structure,
+    dt: float,
+    preprocess: Preprocess,
+    u: FloatArray,
+    y: FloatArray,
+    stamps: FloatArray | None,
+    r: FloatArray | None,
+) -> Solution:
+    """Return the model of a raw record, its outliers and missing outputs bridged."""
+    mapped = preprocess.map_input(u)
+    known, _ = screen(mapped, np.zeros(u.size))
+    usable, _ = screen(mapped, y)
+    missing = known & np.isnan(y) & _between(usable)  # before the first output and behind the last nothing is told
+    linear_input = np.where(known, mapped - float(preprocess.input_offset), np.nan)
+    gross = y.copy()
+    gross[usable] = without_spikes(y[usable])
+
+    def solve(output: FloatArray) -> tuple[Record, Refined | None]:
+        ready = ready_record(structure, dt, preprocess, u, output, stamps, r=r)
+        return ready, first_model(structure, ready)
+
+    def run(found: Refined, output: FloatArray) -> FloatArray | None:
+        model = structure.transfer_function(found.theta[: structure.size])
+        if runs_away(model.den, dt * u.size if stamps is None else float(stamps[-1] - stamps[0])):
+            return None
+        simulated = simulate(model, linear_input, np.where(usable, output, np.nan), dt, t=stamps).output
+        return simulated if np.isfinite(simulated).all() else None
+
+    return solved(linear_input, np.where(usable | missing, y, np.nan), missing, gross, solve, run)
+
+
+def _between(usable: BoolArray) -> BoolArray:
+    """Return which samples (K,) lie between the first usable one and the last."""
+    return np.asarray(np.logical_or.accumulate(usable) & np.logical_or.accumulate(usable[::-1])[::-1])
+
+
 def _refined_result(
     structure: Structure,
     dt: float,
@@ -243,24 +285,27 @@ def _refined_result(
     u: FloatArray,
     y: FloatArray,
     stamps: FloatArray | None,
-    ready: Record,
-    found: Refined,
-    accepted: np.ndarray[tuple[int], np.dtype[np.bool_]],
+    solution: Solution,
     rejected: dict[str, int],
     use: ReferenceUse | None,
 ) -> FitResult:
-    size = structure.size
-    y = np.where(accepted, y, np.nan)
+    size, found, ready = structure.size, solution.found, solution.ready
+    assert found is not None
+    mapped = preprocess.map_input(u)
+    known, accepted = screen(mapped, np.zeros(u.size))[0], screen(mapped, y)[0]
+    in_record = accepted | solution.missing
+    measured = np.where(accepted, y, np.nan)
+    y = np.where(solution.outliers, np.nan, measured)
     model = structure.transfer_function(found.theta[:size])
     error = None
     if runs_away(model.den, ready.span):
         error = prediction_error(structure, found.theta[:size], ready, dt)
     if error is None:
-        linear_input = np.where(accepted, preprocess.map_input(u) - float(preprocess.input_offset), np.nan)
+        linear_input = np.where(known, mapped - float(preprocess.input_offset), np.nan)
         simulation = simulate(model, linear_input, y, dt, t=stamps)
     else:
-        output = y.copy()
-        output[accepted] -= error
+        output = measured.copy()
+        output[in_record] -= error
         simulation = Simulation(output, 0.0, fit_percent(y, output), is_prediction=True)
     return FitResult(
         structure,
@@ -269,14 +314,15 @@ def _refined_result(
         RefinedFilter(),
         preprocess,
         found.theta[:size],
-        found.covariance[:size, :size],
+        solution.widening * found.covariance[:size, :size],
         found.condition(size),
         fit_percent(y, y - one_step(y - simulation.output)),
         simulation,
-        int(accepted.sum()),
-        rejected,
+        int((accepted & ~solution.outliers).sum()),
+        rejected | {"outlier": int(solution.outliers.sum())},
         NoiseModel.of_slots(found.noise, dt),
         use,
+        np.flatnonzero(solution.outliers),
     )
 
 

@@ -36,7 +36,6 @@ from replant.online.startup import (
     lone_inputs,
     modelled,
     warm_up,
-    without_spikes,
 )
 from replant.online.trace import Trace
 from replant.optimizers import Optimizer
@@ -45,6 +44,7 @@ from replant.regressor.filters import Filter
 from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
 from replant.settings import AUTO, LONGEST_STARTUP, NO_USE_OF_REFERENCE, Request, Settings
+from replant.statistics.robust import without_spikes
 
 NAN, INFINITE = math.nan, math.inf
 """NaN and infinity, looked up at every sample [number]."""

@@ -16,10 +16,10 @@ from replant.offline.refined import Refined
 from replant.offline.srivc import refine
 from replant.online.movement import asked_for
 from replant.online.restart import clear_doubt, restart, restart_from_prior
-from replant.online.startup import without_spikes
 from replant.settings import Settings
 from replant.simulation.prediction import prediction_error
 from replant.statistics.linear_algebra import quiet
+from replant.statistics.robust import without_spikes
 
 MOST_DOUBTED = 0.05
 """Share of bridged samples up to which a record is one that can be solved [share of samples].

@@ -20,19 +20,6 @@ from replant.statistics.linear_algebra import quiet
 
 Held = tuple[float, float, float, float]  # a sample (u, y, t, r) held for start-up
 
-GROSS = 2.0
-"""Distance of an output from the median of its neighbours beyond which it is a spike [ranges of that median over the
-record].
-Derivation: nothing that a plant does.
-Sensitivity: not measured.
-"""
-
-SPIKE_NEIGHBOURS = 5
-"""Neighbours whose median tells what an output is without its spikes [samples].
-Derivation: two spikes in a row are outvoted.
-Sensitivity: not measured.
-"""
-
 FAR = 1e3
 """Distance of an input beyond which it was misread [times the largest other one].
 Origin: as INPUT_LEAP of the recursion.
@@ -168,28 +155,6 @@ def warm_up(
     state.past_kept, state.past_due = 0, state.samples
     state.learned = state.samples
     return errors
-
-
-def without_spikes(y: FloatArray) -> FloatArray:
-    """Return an output with gross outliers replaced by the median of five neighbours.
-
-    An outlier is gross if it lies further from that median than twice the median's whole range, as no plant's output
-    does.
-
-    Examples
-    --------
-    >>> without_spikes(np.array([0.0, 1.0, 2.0, 3.0, 1e6, 4.0, 5.0, 6.0]))
-    array([0., 1., 2., 3., 4., 4., 5., 6.])
-    """
-    if y.size < SPIKE_NEIGHBOURS or not np.isfinite(y).all():
-        return y
-    half = SPIKE_NEIGHBOURS // 2
-    windows = np.lib.stride_tricks.sliding_window_view(np.pad(y, half, mode="reflect"), SPIKE_NEIGHBOURS)
-    median = np.median(windows, axis=1)
-    limit = GROSS * float(np.ptp(median))
-    with np.errstate(over="ignore"):
-        gross = (np.abs(y - median) > limit) & (limit > 0.0)
-    return np.where(gross, median, y) if gross.any() else y
 
 
 @quiet

@@ -11,6 +11,19 @@ MEDIAN_TO_STD = 1.4826
 Derivation: 1 / 0.6745, the upper quartile of the standard normal distribution.
 """
 
+GROSS = 2.0
+"""Distance of an output from the median of its neighbours beyond which it is a spike [ranges of that median over the
+record].
+Derivation: nothing that a plant does.
+Sensitivity: not measured.
+"""
+
+SPIKE_NEIGHBOURS = 5
+"""Neighbours whose median tells what an output is without its spikes [samples].
+Derivation: two spikes in a row are outvoted.
+Sensitivity: not measured.
+"""
+
 
 def robust_std(values: FloatArray) -> float:
     """Return the standard deviation of normal numbers (K,) about zero, whatever up to half of them are.
@@ -21,3 +34,25 @@ def robust_std(values: FloatArray) -> float:
     1.0000...
     """
     return MEDIAN_TO_STD * float(np.median(np.abs(values)))
+
+
+def without_spikes(y: FloatArray) -> FloatArray:
+    """Return an output with gross outliers replaced by the median of five neighbours.
+
+    An outlier is gross if it lies further from that median than twice the median's whole range, as no plant's output
+    does.
+
+    Examples
+    --------
+    >>> without_spikes(np.array([0.0, 1.0, 2.0, 3.0, 1e6, 4.0, 5.0, 6.0]))
+    array([0., 1., 2., 3., 4., 4., 5., 6.])
+    """
+    if y.size < SPIKE_NEIGHBOURS or not np.isfinite(y).all():
+        return y
+    half = SPIKE_NEIGHBOURS // 2
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(y, half, mode="reflect"), SPIKE_NEIGHBOURS)
+    median = np.median(windows, axis=1)
+    limit = GROSS * float(np.ptp(median))
+    with np.errstate(over="ignore"):
+        gross = (np.abs(y - median) > limit) & (limit > 0.0)
+    return np.where(gross, median, y) if gross.any() else y

@@ -1,0 +1,90 @@
+"""A fit uses the input of a sample whose output is missing, and finds, names and leaves out outliers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import replant as rp
+from support.builders import DT, binary, true_parameters
+
+PLANT, STRUCTURE = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]), rp.Structure(2)
+TRUE, SAMPLES = true_parameters(PLANT, 0), 1500
+
+
+def noisy(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    u = binary(seed, SAMPLES, 8)
+    y = PLANT.simulate(u, DT)
+    return u, y + 0.05 * y.std() * np.random.default_rng(seed).standard_normal(SAMPLES)
+
+
+def away(result: rp.FitResult, other: rp.FitResult) -> float:
+    """The largest distance of two fits' parameters in standard deviations."""
+    assert other.covariance is not None
+    return float(np.abs((result.parameters - other.parameters) / np.sqrt(np.diag(other.covariance))).max())
+
+
+@pytest.mark.parametrize("size", [5.0, 1e6, -1e12])
+def test_one_outlier_is_named_and_changes_nothing(size: float) -> None:
+    u, y = noisy(1)
+    clean = rp.fit(u, y, DT, STRUCTURE)
+    y[700] = size
+    found = rp.fit(u, y, DT, STRUCTURE)
+    assert found.outliers.tolist() == [700]
+    assert (found.rejected["outlier"], found.samples) == (1, SAMPLES - 1)
+    assert away(found, clean) < 0.2
+    assert found.simulation.fit > clean.simulation.fit - 0.5
+
+
+def test_many_outliers_are_found() -> None:
+    u, y = noisy(2)
+    clean = rp.fit(u, y, DT, STRUCTURE)
+    hit = np.sort(np.random.default_rng(3).choice(SAMPLES // 3, 20, replace=False)) * 3
+    y[hit] += np.random.default_rng(4).choice([-1.0, 1.0], 20) * np.geomspace(1.0, 100.0, 20) * y.std()
+    found = rp.fit(u, y, DT, STRUCTURE)
+    assert found.outliers.tolist() == hit.tolist()
+    assert away(found, clean) < 0.5
+
+
+@pytest.mark.parametrize("where", ["scattered", "in a row"])
+def test_where_the_output_is_missing_the_input_is_used(where: str) -> None:
+    """36 of 1500 missing outputs made errors three times as large when their inputs were left out as well."""
+    u, y = noisy(5)
+    clean = rp.fit(u, y, DT, STRUCTURE)
+    rows = np.random.default_rng(6).choice(SAMPLES, 36, replace=False) if where == "scattered" else np.r_[600:650]
+    y[rows] = np.nan
+    found = rp.fit(u, y, DT, STRUCTURE)
+    assert found.rejected["not finite"] == rows.size
+    assert away(found, clean) < 0.5
+    assert found.simulation.fit == pytest.approx(clean.simulation.fit, abs=0.5)
+    assert found.covariance is not None
+    assert clean.covariance is not None
+    assert (np.diag(found.covariance) > 0.9 * np.diag(clean.covariance)).all()
+
+
+def test_a_record_without_any_is_solved_once_and_as_it_is() -> None:
+    """Noise-free, and with heavy noise: no sample is held against it."""
+    u = binary(7, SAMPLES, 8)
+    for noise in (0.0, 0.01, 1.0):
+        y = PLANT.simulate(u, DT)
+        y += noise * y.std() * np.random.default_rng(8).standard_normal(SAMPLES)
+        found = rp.fit(u, y, DT, STRUCTURE)
+        assert found.outliers.size == 0
+
+
+def test_what_a_missing_direct_path_leaves_is_no_outlier() -> None:
+    """Its residual stands out for a sample wherever the input steps: that is the model's fault, not the sensor's."""
+    u = binary(9, SAMPLES, 25)
+    y = PLANT.simulate(u, DT) + 0.5 * u
+    y[1:] = y[1:] - 0.5 * u[:-1]  # gone after a sample
+    y += 0.005 * np.random.default_rng(10).standard_normal(SAMPLES)
+    assert rp.fit(u, y, DT, STRUCTURE).outliers.size == 0
+
+
+def test_on_an_irregular_clock() -> None:
+    u, y = noisy(11)
+    t = DT * np.arange(SAMPLES) + 0.1 * DT * np.random.default_rng(12).uniform(-1.0, 1.0, SAMPLES)
+    y[[300, 301, 900]] = np.nan, np.nan, 1e3
+    found = rp.fit(u, y, DT, STRUCTURE, t=t)
+    assert found.outliers.tolist() == [900]
+    assert (np.abs(found.parameters / TRUE - 1.0) < 0.1).all()
