@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.runs.result import result_of_fit
 from support.builders import DT, binary, true_parameters
 
 PLANT, STRUCTURE = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]), rp.Structure(2)
@@ -72,6 +73,15 @@ def test_a_record_without_any_is_solved_once_and_as_it_is() -> None:
         assert found.outliers.size == 0
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_on_a_coarse_scale_a_rounded_output_is_no_outlier(seed: int) -> None:
+    """A tenth of the output's range is a step: right outputs jump by two of them."""
+    u, y = noisy(seed)
+    y += 0.1 * y.std() * np.random.default_rng(seed + 20).standard_normal(SAMPLES)
+    step = 0.4 * float(y.std())
+    assert rp.fit(u, step * np.round(y / step), DT, STRUCTURE).outliers.size == 0
+
+
 def test_what_a_missing_direct_path_leaves_is_no_outlier() -> None:
     """Its residual stands out for a sample wherever the input steps: that is the model's fault, not the sensor's."""
     u = binary(9, SAMPLES, 25)
@@ -88,3 +98,17 @@ def test_on_an_irregular_clock() -> None:
     found = rp.fit(u, y, DT, STRUCTURE, t=t)
     assert found.outliers.tolist() == [900]
     assert (np.abs(found.parameters / TRUE - 1.0) < 0.1).all()
+
+
+def test_the_verdict_is_that_of_the_samples_used() -> None:
+    """An outlier of a million is left out of fit, verdict and residual, and shown as left out."""
+    u, y = noisy(13)
+    y[700], y[900:910] = 1e6, np.nan
+    fitted = rp.fit(u, y, DT, STRUCTURE)
+    result = result_of_fit(fitted, u, y, begun=0.0)
+    assert result.verdict.status == "trusted", result.verdict.reasons
+    assert result.left_out.tolist() == [[700, 701], [900, 910]]
+    assert np.isnan(result.residual(y)[[700, 905]]).all()
+    known = fitted.bridged(y)
+    assert np.isfinite(known).all()
+    assert (known != y).sum() == 11

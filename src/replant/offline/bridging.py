@@ -12,6 +12,7 @@ Control Systems Technology 10 (median filter and robust scale).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -37,6 +38,13 @@ LEAST = 0.25
 """The same beside the output, so that what rounding or a small fault of the model leaves is none [part of the output's
 standard deviation].
 Origin: an outlier that is smaller moves no coefficient by more than its deviation in a record of 500 samples.
+Sensitivity: not measured.
+"""
+
+STEPS = 3.0
+"""The same beside the sensor's smallest step: rounded, right outputs lie up to two steps from their neighbours' median
+[steps].
+Derivation: one more than two.
 Sensitivity: not measured.
 """
 
@@ -149,10 +157,11 @@ def _outliers(u: FloatArray, y: FloatArray, error: FloatArray) -> BoolArray:
     half = NEIGHBOURS // 2
     padded = np.pad(np.where(known, error, np.nan)[known], half, mode="reflect")
     away = np.abs(error[known] - np.median(np.lib.stride_tricks.sliding_window_view(padded, NEIGHBOURS), axis=1))
-    # the output's own size, whatever its outliers are
-    size = robust_std(y[known] - np.median(y[known]))
+    steps_of_output = np.abs(np.diff(y[known]))
+    step = float(steps_of_output[steps_of_output > 0.0].min(initial=math.inf))
+    limit = max(SIGMAS * robust_std(away), LEAST * float(np.std(y[known] - error[known])))
     found = nothing.copy()
-    found[known] = away > max(SIGMAS * robust_std(away), LEAST * size)
+    found[known] = away > max(limit, STEPS * step if step < math.inf else 0.0)
     steps = np.abs(np.diff(u, prepend=u[:1])) > JUMP * float(np.ptp(u[np.isfinite(u)]))
     stepped = found & (steps | np.roll(steps, 1))
     if not 0 < int(found.sum()) <= MOST * error.size or 2 * int(stepped.sum()) > int(found.sum()):

@@ -40,6 +40,7 @@ from replant.statistics.autoregression import one_step
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.robust import without_spikes
 
+IntArray = npt.NDArray[np.int64]
 METHODS = (AUTO, "srivc", "least_squares")
 
 
@@ -81,6 +82,8 @@ class FitResult:
         What the reference was worth; None where none was given.
     outliers : (N,) array of int
         Indices of the outputs that were left out as outliers.
+    missing : (N,) array of int
+        Indices of the samples without an output, whose input was used.
     """
 
     structure: Structure
@@ -97,12 +100,20 @@ class FitResult:
     rejected: dict[str, int]
     noise: NoiseModel | None = None
     reference: ReferenceUse | None = None
-    outliers: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    outliers: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    missing: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters, in their order."""
         return self.structure.names
+
+    def bridged(self, y: FloatArray) -> FloatArray:
+        """Return an output (K,) with the model's where it is missing or an outlier: what the model was made from."""
+        rows = np.concatenate([self.outliers, self.missing])
+        y = y.copy()
+        y[rows] = self.simulation.output[rows]
+        return y
 
     @property
     def uncertainty(self) -> Uncertainty | None:
@@ -323,6 +334,7 @@ def _refined_result(
         NoiseModel.of_slots(found.noise, dt),
         use,
         np.flatnonzero(solution.outliers),
+        np.flatnonzero(solution.missing),
     )
 
 

@@ -141,6 +141,9 @@ def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float)
     r = fitted.reference.signal if fitted.reference else None
     if r is not None:
         y = np.where(np.isfinite(r), y, np.nan)
+    used = screen(fitted.preprocess.map_input(u), y)[0]
+    used[fitted.outliers] = False
+    y = fitted.bridged(y)
     record = ready_record(fitted.structure, fitted.dt, fitted.preprocess, u, y, input_hold=hold, r=r)
     return Result(
         fitted.structure,
@@ -164,7 +167,7 @@ def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float)
         time.perf_counter() - begun,
         covariance=fitted.covariance,
         noise=fitted.noise,
-        left_out=stretches_of(~screen(fitted.preprocess.map_input(u), y)[0]),
+        left_out=stretches_of(~used),
     )
 
 
