@@ -112,3 +112,38 @@ def test_the_verdict_is_that_of_the_samples_used() -> None:
     known = fitted.bridged(y)
     assert np.isfinite(known).all()
     assert (known != y).sum() == 11
+
+
+def test_an_answer_to_a_pulse_is_no_outlier() -> None:
+    """It is over after two samples and stands out of its neighbours, each time alike."""
+    u = np.zeros(SAMPLES)
+    u[30::50] = 1.0
+    fast = rp.TransferFunction([900.0], [1.0, 6.0, 900.0])
+    y = fast.simulate(u, 0.1) + 0.002 * np.random.default_rng(14).standard_normal(SAMPLES)
+    found = rp.fit(u, y, 0.1, STRUCTURE)
+    assert found.outliers.size == 0
+    assert found.simulation.fit > 95.0
+
+
+def test_an_input_that_always_moves_does_not_hide_outliers() -> None:
+    u = np.random.default_rng(15).standard_normal(SAMPLES)
+    y = PLANT.simulate(u, DT)
+    y += 0.02 * y.std() * np.random.default_rng(16).standard_normal(SAMPLES)
+    y[[100, 700, 1300]] += 5.0 * y.std()
+    assert rp.fit(u, y, DT, STRUCTURE).outliers.tolist() == [100, 700, 1300]
+
+
+def test_missing_outputs_of_an_unstable_plant_are_not_made_up() -> None:
+    """A model that runs away fills nothing in: the samples are left out with their inputs, as they came."""
+    u, plant = binary(17, 400, 8), rp.TransferFunction([2.0], [1.0, -0.05])
+    y = plant.simulate(u, 0.1) + 0.05 * np.random.default_rng(18).standard_normal(400)
+    y[100:150] = np.nan
+    found = rp.fit(u, y, 0.1, rp.Structure(1))
+    assert found.missing.size == 0
+    assert found.samples == 350
+
+
+def test_where_most_is_missing_nothing_is_filled_in() -> None:
+    u, y = noisy(19)
+    y[np.random.default_rng(20).choice(SAMPLES, SAMPLES // 2, replace=False)] = np.nan
+    assert rp.fit(u, y, DT, STRUCTURE).missing.size == 0

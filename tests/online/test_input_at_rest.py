@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.assessment.judge import BEFORE
 from replant.statistics.udu import compose
 from support.builders import DT, identifier, is_finite, record, true_parameters, two_modes
 
@@ -233,3 +234,21 @@ def test_an_input_that_moved_for_less_than_a_start_up_tells_nothing() -> None:
     ident = rp.Identifier(STRUCTURE, DT)
     ident.update_many(u[:4000], y[:4000])
     assert (ident.assess().status, ident.assess().excited) == ("not excited", False)
+
+
+def test_what_was_trusted_before_a_short_movement_is_not_said_of_the_rest_after_it() -> None:
+    """The gain changes at rest, the input moves for 700 samples, and rests again: the first trust is over."""
+    u, _ = resting()
+    burst = MOVES + RESTS // 2 + 300  # early between two reviews
+    u[burst : burst + 700] = np.repeat(np.random.default_rng(4).choice([-1.0, 1.0], 100), 7)
+    y = PLANT.simulate(u, DT)
+    y[burst - 100 :] += 0.3 * PLANT.simulate(u, DT)[burst - 100 :]
+    y += 0.3 * np.random.default_rng(5).standard_normal(u.size)
+    ident = rp.Identifier(STRUCTURE, DT)
+    ident.update_many(u[: burst - 200], y[: burst - 200])
+    assert (ident.assess().status, ident.assess().excited) == ("trusted", False)
+    for k in range(burst - 200, burst + 6000, 100):
+        ident.update_many(u[k : k + 100], y[k : k + 100])
+        if k > burst + 700:
+            verdict = ident.assess()
+            assert verdict.reasons[0] != BEFORE or verdict.status != "trusted", k - burst

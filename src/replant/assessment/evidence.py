@@ -34,6 +34,12 @@ Origin: a hundredth of the amplitude.
 Sensitivity: not measured.
 """
 
+RESTED = 2500
+"""Samples for which an input must have rested before it is noted whether the model is trusted [samples].
+Derivation: half of the samples between two reviews.
+Sensitivity: not measured.
+"""
+
 UNSTABLE_SIGMAS = 3.0
 """Standard deviations by which a pole must lie right of the imaginary axis for the model to count as unstable: an
 estimate of an integrator lies on either side [standard deviations].
@@ -88,6 +94,8 @@ class Evidence:
         Whether the record begins where an alarm ended without another model.
     trusted_before : bool
         Whether the model was trusted when the input came to rest, and nothing has been noticed since.
+    since_trusted : int
+        Samples since that was last known.
     missing : int
         Newest samples in a row that came without an output.
     stuck : bool
@@ -123,6 +131,7 @@ class Evidence:
     unsettled: float = 0.0
     after_alarm: bool = False
     trusted_before: bool = False
+    since_trusted: int = 0
     missing: int = 0
     stuck: bool = False
     slowness: float = 1.0
@@ -222,6 +231,12 @@ class Evidence:
         away = np.abs(self.record.u - self.record.u[-1])
         far = np.flatnonzero(away > math.sqrt(LEAST_POWER * max(self.largest_power, float(np.var(self.record.u)))))
         return int(far[-1]) + 1 if far.size else 0
+
+    @property
+    def was_trusted(self) -> bool:
+        """Whether the model was trusted when the input came to rest, and it has rested since."""
+        rested = self.samples - self.moving
+        return self.trusted_before and (not self.moving or rested >= self.since_trusted + RESTED)
 
     @property
     def newest(self) -> slice:

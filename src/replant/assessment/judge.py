@@ -101,7 +101,7 @@ def judge(evidence: Evidence) -> Assessment:
     verdict = _judged(evidence)
     if verdict.excited:
         return verdict
-    if evidence.trusted_before and not _objections(evidence):
+    if evidence.was_trusted and not _objections(evidence):
         return replace(verdict, status="trusted", reasons=(BEFORE, verdict.reasons[0]))
     before = verdict if evidence.in_sample or evidence.moving < FEWEST_MOVING else _judged(evidence.as_whole())
     if before.excited:

@@ -238,9 +238,10 @@ class StateSlots(Table):
         "accepted samples at which the identifier has something to do; 0: nothing planned", IDENTIFIER
     )
     solved_at = Integer("accepted samples when the record was last solved as a whole", IDENTIFIER, below="samples + 1")
-    trusted_before = Flag(
-        "the model was trusted when the input came to rest, and no alarm was raised since", IDENTIFIER
-    )
+    trusted_at = Integer(
+        "accepted samples when the model was last known to be trusted while the input rested; 0: it is not",
+        IDENTIFIER, below="samples + 1",
+    )  # fmt: skip
     attention = Flag("the identifier has something to do now, or the alarm was raised", STEP_KERNEL)
 
     # --- a sample that leaps, held back until its successor confirms it

@@ -265,7 +265,9 @@ def _solution(
     mapped = preprocess.map_input(u)
     known, _ = screen(mapped, np.zeros(u.size))
     usable, _ = screen(mapped, y)
-    missing = known & np.isnan(y) & _between(usable)  # before the first output and behind the last nothing is told
+    missing = known & ~usable & _between(usable)  # before the first output and behind the last nothing is told
+    if r is not None:
+        missing &= np.isfinite(r)
     linear_input = np.where(known, mapped - float(preprocess.input_offset), np.nan)
     gross = y.copy()
     gross[usable] = without_spikes(y[usable])
@@ -281,7 +283,8 @@ def _solution(
         simulated = simulate(model, linear_input, np.where(usable, output, np.nan), dt, t=stamps).output
         return simulated if np.isfinite(simulated).all() else None
 
-    return solved(linear_input, np.where(usable | missing, y, np.nan), missing, gross, solve, run)
+    measured = np.where(usable, y, np.nan)
+    return solved(linear_input, measured, missing, np.where(usable, gross, np.nan), solve, run)
 
 
 def _between(usable: BoolArray) -> BoolArray:

@@ -346,7 +346,7 @@ class Identifier(Estimate):
         state.attention_at, state.attention = 0, False  # samples that are learned again must not stop for attention
         if state.alarm == Alarm.RAISED:
             state.look_at = first_look(state, settings)
-            state.trusted_before = False
+            state.trusted_at = 0
         if samples == self._resolve_at:
             state = self._go_on_with(solve_again(state, settings) or review(state, settings) or state)
             self._resolve_at = next_renewal(state, settings)
@@ -359,9 +359,8 @@ class Identifier(Estimate):
 
     def _note_verdict(self, state: State, settings: Settings) -> None:
         """Note whether the model is trusted while the input rests, before the samples that show it are gone."""
-        at_rest = is_at_rest(state)
-        known = at_rest and state.trusted_before
-        state.trusted_before = known or (at_rest and assess_running(state, settings).status == "trusted")
+        trusted = is_at_rest(state) and assess_running(state, settings).status == "trusted"
+        state.trusted_at = state.samples if trusted else 0
 
     def _go_on_with(self, state: State) -> State:
         """Replace the present state, unless it is the same one; return it."""

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.evidence import LEAST_POWER
+from replant.assessment.evidence import LEAST_POWER, RESTED
 from replant.engine.dimensions import RECENT
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
@@ -53,8 +53,8 @@ def next_renewal(state: State, settings: Settings) -> int:
 
 def is_at_rest(state: State) -> bool:
     """Return whether the input has rested since half of the time between two reviews."""
-    newest = RecentSamples.of(state)[-EVERY // 2 :].input
-    return len(newest) == EVERY // 2 and float(np.var(newest)) < LEAST_POWER * state.largest_power
+    newest = RecentSamples.of(state)[-RESTED:].input
+    return len(newest) == RESTED and float(np.var(newest)) < LEAST_POWER * state.largest_power
 
 
 @quiet
@@ -62,6 +62,8 @@ def review(old: State, settings: Settings) -> State | None:
     """Return the state that begins at a model of the newest samples, where these contradict the estimate; else None."""
     begin = max(old.record_began, old.gap_at)
     if old.alarm or not (old.adapt and remembers_all(old, settings)) or old.samples - begin < EVERY:
+        return None
+    if is_at_rest(old):  # nothing that comes now could test another model
         return None
     asked = asked_for(old, settings)
     if asked is None:
