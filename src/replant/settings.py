@@ -145,6 +145,11 @@ class Request:
         return OPTIMIZERS[name].keeps_covariance
 
     @property
+    def input_hold(self) -> str:
+        """How the input goes on between two samples: "zoh" or "foh"."""
+        return self.filter.input_hold if isinstance(self.filter, Filter) else "zoh"
+
+    @property
     def takes_reference(self) -> bool:
         """Whether a reference can be used: by the refined filter with recursive least squares."""
         named = DEFAULT_OPTIMIZER if self.optimizer == AUTO else self.optimizer

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -31,7 +32,13 @@ def assess_running(state: State, settings: Settings) -> Assessment:
     return judge(evidence_of(state, settings))
 
 
-def assess_starting(request: Request, held: Sequence[tuple[float, float, float, float]], wanted: int) -> Assessment:
+def assess_starting(
+    request: Request,
+    held: Sequence[tuple[float, float, float, float]],
+    wanted: int,
+    solved: int = 0,
+    uncertainty: float = math.nan,
+) -> Assessment:
     """Return the verdict during start-up.
 
     Parameters
@@ -41,6 +48,10 @@ def assess_starting(request: Request, held: Sequence[tuple[float, float, float, 
         Raw samples held so far; t is NaN for a regular clock, r where there is no reference.
     wanted : int
         How many samples the first model needs by now.
+    solved : int
+        How many of them the provisional model is made from; 0 while there is none.
+    uncertainty : float
+        Of the provisional model: its largest relative uncertainty.
     """
     if not held:
         return NO_SAMPLE
@@ -50,12 +61,16 @@ def assess_starting(request: Request, held: Sequence[tuple[float, float, float, 
     if wanted > request.startup:
         reason += f"; startup={request.startup} samples gave no usable model"
     findings = [Finding("converging", reason)]
+    if solved:
+        reason = f"the present model is provisional: it is made from {solved} samples and tested on none"
+        findings.append(Finding("converging", reason))
     if np.ptp(u) <= RESTING * np.abs(u).max():
         findings.append(Finding("not excited", "the input is constant: move it"))
     if u.size > 1 and not np.isnan(t).any():
         findings += sensor_faults.clock_finding(float(np.median(np.diff(t))), request.dt)
     findings += sensor_faults.level_finding(u, y)
-    return Assessment(*conclude(findings, ""), excited=all(f.status != "not excited" for f in findings), samples=u.size)
+    excited = all(finding.status != "not excited" for finding in findings)
+    return Assessment(*conclude(findings, ""), excited=excited, samples=u.size, uncertainty=uncertainty)
 
 
 @quiet

@@ -151,9 +151,14 @@ class Refined:
         return all(bool(np.isfinite(part).all()) for part in parts)
 
     @property
+    def settled(self) -> bool:
+        """Whether the iteration has come to a model that a plant may have, however uncertain."""
+        return self.ends and self.rightmost < FASTEST_UNSTABLE
+
+    @property
     def acceptable(self) -> bool:
         """Whether the estimate can start a recursion."""
-        return self.ends and self.uncertainty < ACCEPTABLE and self.rightmost < FASTEST_UNSTABLE
+        return self.settled and self.uncertainty < ACCEPTABLE
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,6 +25,7 @@ from replant.model.structure import Structure
 from replant.online.change_response import first_look, look
 from replant.online.defaults import settle
 from replant.online.initialization import initialize
+from replant.online.provisional import next_provisional
 from replant.online.readout import Estimate
 from replant.online.restart import REGULAR
 from replant.online.review import is_at_rest, next_renewal, review
@@ -48,7 +49,7 @@ from replant.statistics.robust import without_spikes
 
 NAN, INFINITE = math.nan, math.inf
 """NaN and infinity, looked up at every sample [number]."""
-DERIVED = {"_kernel", "_mapped", "_step", "_steps"}  # attributes that follow from the others
+DERIVED = {"_kernel", "_mapped", "_solved", "_step", "_steps"}  # attributes that follow from the others
 
 if TYPE_CHECKING:
     from replant.checkpoint.encoding import Progress
@@ -59,7 +60,8 @@ class Identifier(Estimate):
     r"""Identify G(s) online: samples go in one by one, the estimate is there after each.
 
     Settings left at "auto" are chosen from the first ``startup`` accepted samples.  These are held back and then
-    learned in their order, so that none is lost; until then the estimate is zero and `settings` is None.
+    learned in their order, so that none is lost; until then `settings` is None, and the estimate a provisional one of
+    the samples so far.
 
     Parameters
     ----------
@@ -150,6 +152,7 @@ class Identifier(Estimate):
         self._settings: Settings | None = None
         self._held: list[Held] = []
         self._strays: list[float] = []
+        self._solved = {}
         self._held_rejects = dict.fromkeys(REASONS, 0)
         self._reference = False  # whether the samples come with a reference
         self._resolve_at = 0  # accepted samples at which to solve the record again; 0: not planned
@@ -220,7 +223,7 @@ class Identifier(Estimate):
 
     def __setstate__(self, attributes: dict[str, Any]) -> None:
         self.__dict__.update(attributes)
-        self._step = self._hold_back_one
+        self._step, self._solved = self._hold_back_one, {}
         if self._settings is not None:
             self._work_on(self._state, regular=self._regular)
 
@@ -294,7 +297,7 @@ class Identifier(Estimate):
         trace = Trace(self.names, self.parameters, np.empty((u.size, self.structure.size)), np.full(u.size, np.nan))
         taken = 0
         while self._settings is None and taken < u.size:
-            some = slice(taken, taken + max(self._hold - len(self._held), 1))
+            some = slice(taken, taken + (1 if t.size else self._chunk))
             trace.parameters[some] = self.parameters
             taken += u[some].size
             trace.errors[taken - 1] = self._hold_back(u[some], y[some], t[some], r[some])
@@ -305,6 +308,12 @@ class Identifier(Estimate):
             rest = slice(taken, None)
             taken += self._take(u[rest], y[rest], t[rest], r[rest], trace.errors[rest], trace.parameters[rest])
         return trace
+
+    @property
+    def _chunk(self) -> int:
+        """How many samples to hold back before the start-up ends or the provisional model changes."""
+        held = len(self._held)
+        return max(min(self._hold, next_provisional(self._request, held)) - held, 1)
 
     def _take(
         self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray, errors: FloatArray, parameters: FloatArray
@@ -492,6 +501,7 @@ class Identifier(Estimate):
         if settings.instruments:
             ready, refined = modelled(settings, u, clean, t, r)
             if refined is None or not (refined.acceptable or at_any_rate or 2 * self._hold > LONGEST_STARTUP):
+                self._solved[len(self._held)] = self._held[-1], refined
                 return self._wait_longer()
         state = State.of_settings(settings, RECENT)
         for reason, slot in REASONS.items():
@@ -505,7 +515,7 @@ class Identifier(Estimate):
             learn = refined is None or not settings.optimizer.keeps_covariance
             error = float(warm_up(state, u, y, t, r if settings.reference else None, learn=learn)[-1])
             state.ready_at, state.solved_at = state.elapsed, state.samples
-        self._settings, self._held, self._strays = settings, [], []
+        self._settings, self._held, self._strays, self._solved = settings, [], [], {}
         self._work_on(state, regular=not t.size)
         if refined is not None:
             self._resolve_at = next_renewal(state, settings)

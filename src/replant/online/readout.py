@@ -14,6 +14,8 @@ from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
+from replant.offline.refined import Refined
+from replant.online.provisional import Solved, provisional
 from replant.settings import Request, Settings
 
 
@@ -26,6 +28,7 @@ class Estimate:
     _reference: bool
     _held_rejects: dict[str, int]
     _hold: int
+    _solved: Solved
     _state: State
 
     @property
@@ -54,11 +57,25 @@ class Estimate:
         return self._settings
 
     @property
+    def _provisional(self) -> tuple[int, Refined] | None:
+        """The model during start-up and the number of samples that it is made from, if there is one."""
+        return provisional(self._request, self._held, self._solved, reference=self._reference)
+
+    @property
+    def has_model(self) -> bool:
+        """Whether there is an estimate: during start-up a provisional one, later that of the recursion."""
+        return self._settings is not None or self._provisional is not None
+
+    @property
     def parameters(self) -> FloatArray:
-        """The estimate (P,) in physical units, in the order of `names`."""
+        """The estimate (P,) in physical units, in the order of `names`.
+
+        During start-up it is a provisional one, made from the first samples held; zero while there is none.
+        """
         size = self.structure.size
         if self._settings is None:
-            return np.zeros(size)
+            found = self._provisional
+            return np.zeros(size) if found is None else found[1].theta[:size].copy()
         return np.asarray(self._state.theta[:size] * self._state.unit[:size])
 
     @property
@@ -70,10 +87,11 @@ class Estimate:
     def covariance(self) -> FloatArray:
         """Covariance (P, P) of the estimate in physical units, the residual's colour taken into account.
 
-        NaN during start-up, and without instruments, where noise biases the estimate by an unknown amount.
+        NaN while there is no estimate, and without instruments, where noise biases the estimate by an unknown amount.
         """
         if self._settings is None:
-            return np.full((self.structure.size, self.structure.size), np.nan)
+            found, size = self._provisional, self.structure.size
+            return np.full((size, size), np.nan) if found is None else found[1].covariance[:size, :size].copy()
         return covariance(self._state, self._settings)
 
     @property
@@ -90,6 +108,11 @@ class Estimate:
     def uncertainty(self) -> Uncertainty:
         """Standard deviations of the parameters, poles, gain and frequency response."""
         return Uncertainty(self.structure, self.parameters, self.covariance)
+
+    @property
+    def input_hold(self) -> str:
+        """How the input goes on between two samples: "zoh" or "foh"."""
+        return self._request.input_hold if self._settings is None else self._settings.filter.input_hold
 
     @property
     def reference(self) -> bool:
@@ -164,5 +187,7 @@ class Estimate:
         The state stays as it is.  Takes some tens of milliseconds.  See `replant.assessment.Assessment`.
         """
         if self._settings is None:
-            return assess_starting(self._request, self._held, self._hold)
+            found = self._provisional
+            solved, uncertainty = (0, np.nan) if found is None else (found[0], found[1].uncertainty)
+            return assess_starting(self._request, self._held, self._hold, solved, uncertainty)
         return assess_running(self._state, self._settings)

@@ -113,7 +113,7 @@ def test_stamps_with_jitter_are_simulated_as_they_came() -> None:
     np.testing.assert_allclose(found.window.t - found.window.t[-1], t[:900] - t[899], atol=1e-9)
 
 
-@pytest.mark.parametrize("samples", [0, 1, 150])
+@pytest.mark.parametrize("samples", [0, 1, 20])
 def test_before_the_first_model_nothing_is_claimed(samples: int) -> None:
     found = viewed(samples)
     assert found.status == "starting"
@@ -122,6 +122,16 @@ def test_before_the_first_model_nothing_is_claimed(samples: int) -> None:
     assert found.den.size == found.num.size == found.poles.size == found.bode.omega.size == 0
     assert found.window.y.size == samples
     assert np.isnan(found.window.model).all()
+
+
+def test_a_provisional_model_is_shown_as_what_it_is() -> None:
+    found = viewed(150)
+    assert (found.status, found.verdict) == ("starting", "converging")
+    assert "provisional" in found.reasons[1]
+    assert np.isfinite(found.parameters).all()
+    assert np.isfinite(found.window.model).all()
+    assert found.den.size == found.poles.size + 1
+    assert found.bode.omega.size > 0
 
 
 @pytest.mark.parametrize("samples", [0, 150, 1000])

@@ -51,7 +51,7 @@ def make_view(identifier: Identifier, info: SessionInfo, history: EstimateHistor
     >>> make_view(Identifier(Structure(1), dt=0.1), SessionInfo(source="demo"), EstimateHistory(2)).status
     'starting'
     """
-    known = identifier.settings is not None
+    known = identifier.has_model
     unknown = np.full(identifier.structure.size, np.nan)
     parameters = identifier.parameters if known else unknown
     uncertainty = identifier.uncertainty
@@ -131,12 +131,10 @@ def _window(identifier: Identifier, model: TransferFunction | None, at: float) -
     t = at - (intervals.sum() - np.cumsum(intervals))
     output, fit = np.full(u.size, np.nan), math.nan
     if model is not None and judged.any():
-        settings = identifier.settings
-        assert settings is not None
         stamps = None if regular else t
         known = np.where(judged, y, np.nan)
         with np.errstate(all="ignore"):
-            run = simulate(model, u, known, identifier.dt, input_hold=settings.filter.input_hold, t=stamps)
+            run = simulate(model, u, known, identifier.dt, input_hold=identifier.input_hold, t=stamps)
         output, fit = run.output, run.fit
     left_out = _left_out(t, judged)
     if u.size > POINTS:

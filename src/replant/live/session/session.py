@@ -238,7 +238,7 @@ class Session:
             self.progress.sequence,
             identifier.samples,
             identifier.names,
-            identifier.parameters if identifier.settings is not None else unknown,
+            identifier.parameters if identifier.has_model else unknown,
             unknown if view is None else view.std,
             identifier.status,
             self._verdict,

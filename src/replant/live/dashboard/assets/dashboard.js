@@ -38,7 +38,9 @@ function drawVerdict(view) {
   let [gravity, headline, meaning] = VERDICTS[view.verdict] ?? ["warn", sentence(view.verdict).replace(/\.$/, ""), ""];
   if (view.verdict === "trusted" && !view.excited) meaning += ` ${RESTS}`; // right as far as is known, and not tested now
   if (view.status === "starting") {
-    [gravity, headline, meaning] = ["none", "Collecting the first samples", "The first model is estimated when there are enough samples."];
+    [gravity, headline, meaning] = ["none", "Collecting the first samples", view.den?.length
+      ? "The model shown is provisional: it is made from few samples and tested on none."
+      : "The first model is estimated when there are enough samples."];
   }
   const apart = apartFrom();
   if (apart) [gravity, headline, meaning] = ["none", APART[apart][0], `${APART[apart][1]} The last verdict was: ${headline.toLowerCase()}.`];
@@ -95,7 +97,7 @@ function draw() {
   if (!view || page.paused || document.hidden) return;
   drawVitals(view);
   drawVerdict(view);
-  at("main").dataset.model = view.status === "starting" ? "no" : "yes";
+  at("main").dataset.model = view.den?.length ? "yes" : "no";
   typeset(at("formula"), view);
   write(at("fit"), percent(view.simulated));
   small(at("gain"), uncertain(view.dc_gain, view.dc_gain_std));

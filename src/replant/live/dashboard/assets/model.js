@@ -44,7 +44,7 @@ function polynomial(coefficients) {
 
 /** Typeset G(s) into an element; the letters shrink if it is narrow. */
 export function typeset(room, view) {
-  const usable = view.status !== "starting" && [view.num, view.den].every(p => p?.length && p.every(known)) && view.den.some(value => value !== 0);
+  const usable = [view.num, view.den].every(p => p?.length && p.every(known)) && view.den.some(value => value !== 0);
   if (!usable) {
     const nothing = document.createElement("p");
     nothing.className = "nothing";
