@@ -136,7 +136,7 @@ def test_the_covariance_is_cramer_and_raos_for_white_noise(name: str) -> None:
         for sign in (1.0, -1.0):
             moved = found.theta.copy()
             moved[i] += sign * step
-            ends.append(record.y - problem.run(moved).error)
+            ends.append(-problem.run(moved).error)
         columns.append((ends[0] - ends[1]) / (2 * step))
     psi = np.stack(columns, axis=1)
     bound = found.variance * np.linalg.inv(psi.T @ psi)

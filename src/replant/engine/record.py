@@ -11,6 +11,11 @@ from replant.model.structure import Structure
 from replant.regressor.preprocess import Preprocess, centre, screen
 from replant.statistics.linear_algebra import quiet
 
+SAME = 1e-9
+"""Part of an interval that is rounding [ratio].
+Derivation: some million times the precision of float64.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class Record:
@@ -43,6 +48,21 @@ class Record:
         intervals = self.intervals if self.intervals.size == 1 else self.intervals[-samples:]
         r = None if self.r is None else self.r[-samples:]
         return Record(self.u[-samples:], self.y[-samples:], intervals, self.input_hold, r)
+
+    def unknown(self, delay: float) -> int:
+        """Return how many samples at the beginning answer to inputs before the record, with a dead time in s.
+
+        Examples
+        --------
+        >>> record = Record(np.zeros(9), np.zeros(9), np.array([0.1]))
+        >>> [record.unknown(delay) for delay in (0.0, 0.3, 0.32, 5.0)]
+        [0, 3, 4, 9]
+        """
+        if delay == 0.0:
+            return 0
+        intervals = self.intervals if self.intervals.size > 1 else np.full(self.u.size, self.intervals[0])
+        since = np.cumsum(intervals) - intervals[0]
+        return int(np.count_nonzero(delay - since > SAME * intervals))
 
     @property
     def span(self) -> float:

@@ -238,6 +238,9 @@ class StateSlots(Table):
         "accepted samples at which the identifier has something to do; 0: nothing planned", IDENTIFIER
     )
     solved_at = Integer("accepted samples when the record was last solved as a whole", IDENTIFIER, below="samples + 1")
+    finished_at = Integer(
+        "accepted samples when their record ended, if it was then solved", IDENTIFIER, below="samples + 1"
+    )
     trusted_at = Integer(
         "accepted samples when the model was last known to be trusted while the input rested; 0: it is not",
         IDENTIFIER, below="samples + 1",
@@ -274,6 +277,7 @@ class StateSlots(Table):
     output_scale = Real("sigma_y", LAYOUT, "of y")
     delay = Real("dead time", LAYOUT, "s")
     input_now = Real("the delayed input at the newest sample", FILTERS, "of u")
+    unknown_input = Real("time until the input that acts is one of the record", FILTERS, "s", least=0.0)
     input_by_reference = Real("what it explains of the newest input", FILTERS, "of u")
     output_by_reference = Real("what it explains of the newest output", FILTERS, "of y")
     reference_input_now = Real("what it explains of the delayed input", FILTERS, "of u")

@@ -30,7 +30,7 @@ import numpy.typing as npt
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
-from replant.offline.problem import HALVINGS, NEARLY_DONE, POLISH, Problem
+from replant.offline.problem import HALVINGS, NEARLY_DONE, POLISH, Problem, is_long_enough
 from replant.offline.refined import PriorInformation, Refined, Root, conclude
 from replant.simulation.auxiliary_model import Pass
 from replant.statistics.autoregression import Autoregression
@@ -128,6 +128,8 @@ def revise(
     slowest : float
         Margin of stability in rad/s.
     """
+    if not is_long_enough(structure, record):
+        return None
     problem = Problem(structure, record)
     problem.slowest = min(problem.slowest, slowest)
     if not problem.is_usable(old):
@@ -154,9 +156,9 @@ def revise(
     if not converged:
         return None
     information = PriorInformation(mixed.weight, mixed.weight * (mean - model))
-    noise = Autoregression.white(float(done.error @ done.error), record.u.size)
+    noise = Autoregression.white(float(done.error @ done.error), done.error.size)
     root = Root(model, done, noise, done.cost, done.error.size * done.cost, True, True)
-    revised = conclude(structure, record, problem.known, root, problem.projection, information)
+    revised = conclude(structure, problem.record, problem.known, root, problem.projection, information)
     return None if revised is None else (revised, float(likelihood[NONE] / likelihood.sum()))
 
 

@@ -100,6 +100,8 @@ class Problem:
 
     Attributes
     ----------
+    record : Record
+        Without the samples at its beginning that answer to unknown inputs, because of a dead time.
     slowest, fastest : float
         Bounds of a filter's poles in rad/s: they lie left of -slowest, and their magnitudes are at most fastest.
     projection : Projection or None
@@ -111,20 +113,22 @@ class Problem:
     """
 
     def __init__(self, structure: Structure, record: Record) -> None:
-        self.structure, self.record = structure, record
+        self._whole, self._unknown = record, record.unknown(structure.delay)
+        self.structure, self.record = structure, record.last(record.u.size - self._unknown)
         self.slowest, self.fastest = stability_margin(record), FASTEST / record.dt
         self.projection = None if record.r is None else Projection.of(record)
         referenced = self.projection is not None
         self._model = AuxiliaryModel(
             structure, record.dt, record.input_hold, margin=self.slowest, reference=referenced
         )  # fmt: skip
-        self.known = _known(record)
-        self.noise = Autoregression.white(1.0, record.u.size)
+        self.known = _known(self.record)
+        self.noise = Autoregression.white(1.0, self.record.u.size)
         self._basis: tuple[Autoregression, FloatArray, FloatArray] | None = None
 
     def run(self, model: FloatArray) -> Pass:
         """Return the pass of a model (T,) over the record: parameters, then nuisances."""
-        return self._model.run(model, self.record, None if self.projection is None else self.projection.parts)
+        parts = None if self.projection is None else self.projection.parts
+        return self._model.run(model, self._whole, parts).since(self._unknown)
 
     def is_usable(self, model: FloatArray) -> bool:
         """Return whether the denominator of ``model`` (T,) can be a filter: finite, and not too fast."""
@@ -198,7 +202,7 @@ class Problem:
         Kept as long as the noise model is the same: steps are tried many times with one.
         """
         if self._basis is None or self._basis[0] is not self.noise:
-            functions = self.whiten(projection.functions)
+            functions = self.whiten(projection.functions[self._unknown :])
             self._basis = self.noise, functions, orthogonal(products(functions, functions))
         return self._basis[1:]
 
@@ -333,6 +337,11 @@ class Problem:
                 if math.isfinite(done.cost) and self.misfit(done) <= limit:
                     return tried, done
         return None
+
+
+def is_long_enough(structure: Structure, record: Record) -> bool:
+    """Return whether a record has more samples that say something than a model has parameters and nuisances."""
+    return record.u.size - record.unknown(structure.delay) > 2 * structure.poles + structure.zeros + 3
 
 
 def _stalls(costs: Sequence[float], least: float) -> bool:

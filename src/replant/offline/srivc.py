@@ -45,7 +45,7 @@ from replant.engine.record import Record
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
 from replant.offline.coloured_residual import is_noise
-from replant.offline.problem import STALLS, Problem
+from replant.offline.problem import STALLS, Problem, is_long_enough
 from replant.offline.refined import Refined, Root, conclude
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.chi2 import chi2_quantile
@@ -132,7 +132,7 @@ def refine(
     ----------
     structure : Structure
     record : Record
-        Usable samples, a few more than there are parameters and nuisances.
+        Usable samples.
     given : sequence of (T,) arrays
         Estimates to start from; without any, estimates behind `CUTOFFS` state-variable filters.
     afresh : bool
@@ -148,6 +148,8 @@ def refine(
     >>> refine(Structure(1), Record(u, y, np.array([0.1]))).theta[:2].round(6)
     array([0.5, 2. ])
     """
+    if not is_long_enough(structure, record):
+        return None
     problem = Problem(structure, record)
     starts = [problem.bounded(np.asarray(theta, np.float64)) for theta in given]
     cutoffs = np.geomspace(SLOWEST_CUTOFF / record.span, 1.0 / record.dt, CUTOFFS) if not starts or afresh else ()
@@ -160,7 +162,7 @@ def refine(
         # a strong load leads every start by instruments astray; least squares is biased, but less led by chance
         found = (problem.from_cutoff(float(cutoff), by_reference=False) for cutoff in cutoffs)
         root = _best([root, _by_reference(problem, [start for start in found if start is not None])], referenced=True)
-    return None if root is None else conclude(problem.structure, record, problem.known, root, problem.projection)
+    return None if root is None else conclude(structure, problem.record, problem.known, root, problem.projection)
 
 
 def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered: bool) -> Refined | None:
@@ -238,8 +240,7 @@ def _best(ends: Sequence[Root | None], *, referenced: bool = False) -> Root | No
 
 def first_model(structure: Structure, record: Record) -> Refined | None:
     """Return the refined estimate of a record; None where it is too short, or input or reference constant."""
-    least = 2 * structure.poles + structure.zeros + 3
-    if record.u.size <= least or float(np.ptp(record.u)) == 0.0:
+    if record.u.size == 0 or float(np.ptp(record.u)) == 0.0:
         return None
     if record.r is not None and float(np.ptp(record.r)) == 0.0:
         return None

@@ -45,10 +45,8 @@ def only_constant_moved(state: State, settings: Settings, record: Record) -> boo
     if run is None:
         return False
     usual = max(state.usual_variance, outliers.LEAST * state.largest_output) * settings.scaling.output**2
-    # until the dead time has passed, the input that acts lies before the record
-    intervals = np.broadcast_to(record.intervals, record.u.size)
-    known = np.cumsum(intervals) > settings.structure.delay + intervals
-    if not known.any():
+    known = slice(record.unknown(settings.structure.delay), None)
+    if not record.u[known].size:
         return False
     unforced, nuisances = (record.y - run.forced)[known], run.nuisances[known]
     by_input = without(run.forced[known][:, None], nuisances)
@@ -84,7 +82,6 @@ def with_new_constant(old: State, record: Record) -> State:
     new.last_time -= span
     new.alarm = Alarm.NONE
     interrupt(new.ints, new.reals, new.banks, 0.0)
-    new.learn_from = new.elapsed + new.delay  # until then the input that acts lies before the record
     forget_constant(new.ints, new.reals, new.banks)
     errors, unseen = np.empty(count), np.empty((count, 0))
     _, steps = step_kernels(new, regular=regular)

@@ -66,6 +66,10 @@ class Pass:
     error: FloatArray
     ahead: FloatArray
 
+    def since(self, sample: int) -> Pass:
+        """Return the pass from a sample on."""
+        return self if sample == 0 else Pass(*(signal[sample:] for signal in vars(self).values()))
+
     @property
     def cost(self) -> float:
         """Mean square of measured minus predicted output; infinite where that leaves float64."""
@@ -103,6 +107,7 @@ class AuxiliaryModel:
     ) -> None:
         self._state = State.for_model(structure, dt, input_hold, reference=reference)
         self._state.stability_margin = margin
+        self._delay = structure.delay
 
     @property
     def entries(self) -> int:
@@ -111,6 +116,9 @@ class AuxiliaryModel:
 
     def run(self, theta: FloatArray, record: Record, by_reference: FloatArray | None = None) -> Pass:
         """Run a model over a record from rest.
+
+        Samples that answer to inputs before the record, because of a dead time, say nothing: their rows are zero, and
+        the initial state is that of the first sample after them.
 
         Parameters
         ----------
@@ -135,4 +143,9 @@ class AuxiliaryModel:
         )  # fmt: skip
         ahead = record.y - output
         error = target - phi @ theta if state.serves_reflected else ahead
+        unknown = record.unknown(self._delay)
+        if unknown:
+            output[:unknown] = output[min(unknown, samples - 1)]
+            for signal in (phi, zeta, target, ahead, error):
+                signal[:unknown] = 0.0
         return Pass(phi, zeta, target, output, error, ahead)

@@ -13,8 +13,8 @@ from replant.simulation.auxiliary_model import AuxiliaryModel
 
 def free_run(
     model: TransferFunction, u: FloatArray, intervals: FloatArray, dt: float, input_hold: str = "zoh"
-) -> tuple[FloatArray, FloatArray]:
-    """Return the output (K,) from rest, and the responses (K, n) to an initial state, exact for each interval.
+) -> tuple[FloatArray, FloatArray, int]:
+    """Return what `RecordResponse.take` does, exact for each interval.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def free_run(
 
     Examples
     --------
-    >>> output, free = free_run(TransferFunction([1.0], [1.0, 1.0]), np.ones(3), np.array([1.0, 1.0, 2.0]), 2.0)
+    >>> output, free, _ = free_run(TransferFunction([1.0], [1.0, 1.0]), np.ones(3), np.array([1.0, 1.0, 2.0]), 2.0)
     >>> output.round(4), free.round(4).ravel()
     (array([0.    , 0.6321, 0.9502]), array([1.    , 0.3679, 0.0498]))
     """
@@ -38,5 +38,6 @@ def free_run(
     structure = Structure(n, zeros, model.delay, feedthrough=zeros == n)
     theta = np.concatenate([model.den[1:], model.num, np.zeros(n + 1)])
     simulated = AuxiliaryModel(structure, dt, input_hold, margin=-1.0)
-    done = simulated.run(theta, Record(u, np.zeros(u.size), intervals, input_hold))
-    return done.output, done.phi[:, -n:]
+    record = Record(u, np.zeros(u.size), intervals, input_hold)
+    done = simulated.run(theta, record)
+    return done.output, done.phi[:, -n:], record.unknown(model.delay)

@@ -11,6 +11,7 @@ from replant.arguments import FloatArray, vector
 from replant.errors import InvalidArgumentError
 from replant.model.transfer_function import TransferFunction
 from replant.simulation.free_run import free_run
+from replant.simulation.record_response import RecordResponse
 from replant.statistics.linear_algebra import least_norm, quiet
 
 RANK_TOLERANCE = 1e-12
@@ -94,7 +95,8 @@ def simulate(
     model : TransferFunction
     u, y : (K,) arrays
         Mapped input and measured output.  The working point need not be subtracted: the offset includes it.  An input
-        that is not finite is replaced by the last finite one, an output that is not finite is left out of the fit.
+        that is not finite is replaced by the last finite one.  An output that is not finite is left out of the fit, and
+        with a dead time those that answer to inputs from before the record.
     dt : float
         Sampling time in s.
     input_hold : {"zoh", "foh"}
@@ -112,10 +114,10 @@ def simulate(
     u, _ = bridged(u)
     with np.errstate(over="ignore", invalid="ignore"):
         if t is None:
-            forced = model.simulate(u, dt, input_hold=input_hold)
-            free = model.free_responses(u.size, dt)
+            forced, free, unknown = RecordResponse(model, dt, input_hold).take(u)
         else:
-            forced, free = free_run(model, u, np.diff(t, prepend=t[0] - dt), dt, input_hold)
+            forced, free, unknown = free_run(model, u, np.diff(t, prepend=t[0] - dt), dt, input_hold)
+        y = np.concatenate([np.full(unknown, np.nan), y[unknown:]])
         weights = initial_weights(forced, free, y)
         if weights is None:
             return Simulation(np.full(u.size, np.nan), 0.0, -math.inf)

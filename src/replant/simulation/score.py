@@ -13,9 +13,9 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.kernels.schema import LAGS
-from replant.model.response import Response
 from replant.model.transfer_function import TransferFunction
 from replant.simulation.offset_fit import bridged, initial_weights, with_initial
+from replant.simulation.record_response import RecordResponse
 from replant.statistics.autoregression import LEAST, Autoregression
 
 FITTED = 1 << 18
@@ -45,7 +45,7 @@ class Score:
     """
 
     def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh") -> None:
-        self._response = Response(model, dt, input_hold)
+        self._response = RecordResponse(model, dt, input_hold)
         self._weights = np.zeros(1 + model.den.size - 1)
         self._input, self._batches, self._failed = 0.0, 0, False
         self._error, self._output = _ErrorSums(), _OutputSums()
@@ -54,11 +54,12 @@ class Score:
         """Take the next samples (K,); return the model's output, `shift` not yet added.
 
         The first batch must hold `FITTED` samples, or all if there are fewer.  NaN in ``u`` is replaced by the last
-        input, NaN in ``y`` is left out.
+        input, NaN in ``y`` is left out, and so are the outputs that answer to inputs from before the record.
         """
         u, self._input = bridged(u, self._input)
         with np.errstate(over="ignore", invalid="ignore"):
-            forced, free = self._response.output(u), self._response.free(u.size)
+            forced, free, unknown = self._response.take(u)
+            y = np.concatenate([np.full(unknown, np.nan), y[unknown:]])
             if self._batches == 0:
                 weights = initial_weights(forced, free, y)
                 self._weights = self._weights if weights is None else weights

@@ -41,10 +41,19 @@ Sensitivity: not measured.
 """
 
 
+@inline_source
+def begin_filters(ints, banks):
+    """Put the filters at rest, but for the impulse of the initial state, which comes in now."""
+    for b in range(3):
+        bk.begin(banks[b], ints[at.ORDER], ints[at.ENTRIES])
+
+
 @outlined
 def begin(ints, reals, banks, u, y):
-    """Take the first sample of a record, or the first after a gap: everything at rest, u as it always was."""
-    n, T = ints[at.ORDER], ints[at.ENTRIES]
+    """Take the first sample of a record, or the first after a gap: everything at rest, u as it always was.
+
+    As long as the input that acts lies before the record, the refined filter learns nothing: what acts is not known.
+    """
     for i in range(ints[at.RING_SIZE]):
         reals[ints[at.AT_INPUTS] + i] = u
         reals[ints[at.AT_HELD] + i] = u
@@ -54,12 +63,15 @@ def begin(ints, reals, banks, u, y):
             reals[ints[at.AT_REFERENCE_INPUTS] + i] = reals[at.INPUT_BY_REFERENCE]
             reals[ints[at.AT_REFERENCE_HELD] + i] = reals[at.INPUT_BY_REFERENCE]
         reals[at.REFERENCE_INPUT_NOW] = reals[at.INPUT_BY_REFERENCE]
-    for b in range(3):
-        bk.begin(banks[b], n, T)
+    begin_filters(ints, banks)
     reals[at.LAST_OUTPUT] = y
     reals[at.INPUT_NOW] = u
     ints[at.RING_HEAD] = 0
     ints[at.STARTED] = 1
+    reals[at.UNKNOWN_INPUT] = 0.0
+    if ints[at.REFINED] == 1 and reals[at.DELAY] > 0.0:
+        reals[at.UNKNOWN_INPUT] = reals[at.DELAY]
+        reals[at.LEARN_FROM] = max(reals[at.LEARN_FROM], reals[at.ELAPSED] + reals[at.DELAY])
 
 
 @inline_source
@@ -300,6 +312,11 @@ def observe(ints, reals, banks, u, y, interval):
         begin(ints, reals, banks, u, y)
     else:
         remember_input(ints, reals, u, interval)
+        if reals[at.UNKNOWN_INPUT] > 0.0:  # the state that this input leaves is free, so that the filters begin there
+            first = True
+            begin_filters(ints, banks)
+            left = reals[at.UNKNOWN_INPUT] - interval
+            reals[at.UNKNOWN_INPUT] = left if left > bk.SAME_INTERVAL * interval else 0.0
     before = pointer(reals, ints[at.AT_OUTPUT_BEFORE])
     serving, slot = 0.0, 0
     for b in range(2 if modelled else 0, -1, -1):  # the models first: the fixed filter needs the serving one's output
@@ -328,4 +345,9 @@ def observe(ints, reals, banks, u, y, interval):
             bank[bk.INSTRUMENT] = signal
             bank[bk.MODEL_OUTPUT] = output
     reals[at.LAST_OUTPUT] = y
-    return fill_regressor(ints, reals, banks[ints[at.SERVING_BANK] if refined else 0], y, not refined)
+    target = fill_regressor(ints, reals, banks[ints[at.SERVING_BANK] if refined else 0], y, not refined)
+    if reals[at.UNKNOWN_INPUT] > 0.0:  # such a sample says nothing
+        for i in range(T):
+            reals[ints[at.AT_PHI] + i] = reals[ints[at.AT_ZETA] + i] = 0.0
+        return 0.0
+    return target

@@ -359,7 +359,7 @@ def observe(ints, reals, banks, u, y, interval):
 
     Leaves the error as measured in ERROR, the output that the filters saw in USED, and the reason in DOUBT.
     """
-    first = ints[at.STARTED] == 0
+    first = ints[at.STARTED] == 0 or reals[at.UNKNOWN_INPUT] > 0.0
     settled = not first and reals[at.ELAPSED] >= reals[at.LEARN_FROM]
     away = reals[at.LAST_OUTPUT] - model_output(ints, banks)
     keep_outputs(ints, reals, banks)
