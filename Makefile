@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: demo test slow lint types check bench bench-live regression soak fuzz faults accuracy campaign sensitivity pages clean help
+.PHONY: demo test slow lint types check bench bench-live regression soak fuzz faults accuracy campaign recorded sensitivity pages clean help
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -68,6 +68,9 @@ accuracy: $(READY)  ## accuracy, Monte Carlo beside what is promised; writes doc
 
 campaign: $(READY)  ## the default on 1,000 random plants; SEED=2 gives others
 	$(BIN)/python benchmarks/campaign --seed $(or $(SEED),1) $(ARGS)
+
+recorded: $(READY)  ## `run` beside `fit` on every recorded log
+	$(BIN)/python benchmarks/recorded.py
 
 sensitivity: $(READY)  ## halve and double each tuned constant on a battery of records; half an hour; out/sensitivity.jsonl
 	$(BIN)/python benchmarks/sensitivity $(ARGS)

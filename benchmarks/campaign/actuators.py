@@ -144,7 +144,7 @@ def surplus_poles(seed: int, rigs: int) -> int:
         plant, dt, u = _simple(rng)
         ident = rp.Identifier(rp.Structure(plant.den.size, plant.num.size - 1), dt)
         ident.update_many(u, plant.simulate(u, dt))
-        ident.finish_startup()
+        ident.finish()
         silent += ident.status == "starting"
     return silent
 
@@ -172,5 +172,5 @@ def _identified(
     """Return the default after one pass over an output, with noise added, in the structure of ``plant``."""
     ident = rp.Identifier(structure_of(plant), dt)
     ident.update_many(u, clean + _noise(rng, clean))
-    ident.finish_startup()
+    ident.finish()
     return ident

@@ -64,7 +64,7 @@ def judged(experiment: Experiment) -> Outcome:
     """Identify the plant of an experiment in one pass, and offline."""
     ident = rp.Identifier(experiment.structure, experiment.dt)
     ident.update_many(experiment.u, experiment.y)
-    ident.finish_startup()
+    ident.finish()
     starting = ident.status == "starting"
     verdict = ident.assess()
     online = WORST if starting else explained(ident.transfer_function, experiment.u, experiment.clean, experiment.dt)

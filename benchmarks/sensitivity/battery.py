@@ -204,7 +204,7 @@ def outcome(case: Case) -> Outcome:
         if case.event is not None and end > case.event and math.isinf(late) and ident.assess().status != "trusted":
             late = float(end - case.event)
         alarmed += int(ident._settings is not None and ident._state.alarm != 0)
-    ident.finish_startup()
+    ident.finish()
     state, found = ident._state, ident.parameters[: case.structure.size]
     noticed = state.outliers + state.stuck + alarmed if case.event is None else 0
     error = math.nan

@@ -146,7 +146,7 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         """Use the identifier's model; during its start-up, the model that it would begin with."""
         if ident.settings is None:
             ident = ident.clone()
-            ident.finish_startup()
+            ident.finish()
         self._set_model(ident.transfer_function, ident.parameters, ident.uncertainty.std)
         u, y = self._recent.T
         input_offset = float(ident.settings.preprocess.input_offset) if ident.settings else float(u.mean())

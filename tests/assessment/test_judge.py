@@ -53,6 +53,24 @@ def test_a_right_estimate_is_trusted_and_its_figures_are_there() -> None:
     assert verdict.uncertainty == pytest.approx(0.005 * 3.0 / 3.0, rel=0.3)
 
 
+def test_a_long_record_that_was_solved_again_just_now_is_judged_in_sample() -> None:
+    verdict = judge(evidence(unseen=20))
+    assert (verdict.status, verdict.held_out) == ("trusted", 0)
+    assert "in sample" in verdict.reasons[0]
+    assert judge(evidence(unseen=20, y=np.roll(Y, 20))).status == "inconsistent"
+
+
+def test_a_coefficient_that_is_known_badly_is_said_where_the_model_is_known_well() -> None:
+    """Errors of 16 % that go together leave gain and slow mode alone; by themselves they are errors of the output."""
+    std = 0.16 * TRUE
+    together = std[:, None] * (0.99999 + 0.00001 * np.eye(3)) * std
+    verdict, apart = judge(evidence(covariance=together)), judge(evidence(covariance=np.diag(std**2)))
+    assert verdict.uncertainty == pytest.approx(apart.uncertainty) == pytest.approx(0.16)
+    assert (verdict.status, apart.status) == ("trusted", "converging")
+    assert verdict.reasons[1].startswith("a coefficient has a standard deviation of 16 %, but")
+    assert "rely on G(s) where the input excites it" in verdict.reasons[1]
+
+
 @pytest.mark.parametrize(
     ("changes", "status", "words"),
     [
@@ -70,8 +88,8 @@ def test_a_right_estimate_is_trusted_and_its_figures_are_there() -> None:
         ({"y": np.where(np.arange(SAMPLES) > 3950, 0.5, Y)}, "inconsistent", "constant to the bit"),
         ({"y": Y + np.where(np.arange(SAMPLES) > 3960, 1.0, 0.0)}, "inconsistent", "any earlier stretch"),
         ({"estimate": np.array([-9.0, 3.0, 2.0]), "earlier": np.array([-9.0, 3.0, 2.0])}, "inconsistent", "diverges"),
-        ({"unseen": 20}, "converging", "20 samples"),
-        ({"unseen": 0}, "converging", "has used every sample"),
+        ({"u": U[:900], "y": Y[:900], "unseen": 20}, "converging", "20 samples"),
+        ({"u": U[:900], "y": Y[:900], "unseen": 0}, "converging", "has used every sample"),
         ({"covariance": np.diag((0.5 * TRUE) ** 2)}, "converging", "has a standard deviation of"),
         ({"earlier": TRUE * [1.5, 1.0, 1.0]}, "converging", "has moved"),
         ({"earlier": TRUE * 0.8, "estimate": TRUE * 0.8, "adapts": False}, "inconsistent", "frozen"),

@@ -173,7 +173,7 @@ def test_what_can_be_done_with_an_identifier_can_be_done_with_a_loaded_one(sampl
     data.feed(ident, 0, samples)
     loaded = again(ident)
     assert (loaded.structure, loaded.dt, loaded.settings) == (ident.structure, ident.dt, ident.settings)
-    for act in (rp.Identifier.finish_startup, rp.Identifier.clone, rp.Identifier.reset):
+    for act in (rp.Identifier.finish, rp.Identifier.clone, rp.Identifier.reset):
         for one in (ident, loaded):
             act(one)
         assert_equal(ident, loaded)

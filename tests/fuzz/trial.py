@@ -121,7 +121,7 @@ def _live(ident: rp.Identifier, chance: random.Random, *, plainly: bool) -> None
         return
     if again.to_bytes({"sequence": 1}) != saved:
         raise FindingError("saved and loaded it is another one")
-    _step(again, again.finish_startup)
+    _step(again, again.finish)
     if again.settings is not None and chance.random() < 0.3:
         _step(again, again.freeze)
         _step(again, again.resume)

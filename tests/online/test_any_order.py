@@ -109,7 +109,7 @@ def apply(ident: rp.Identifier, rig: Rig, name: str, value: int, *, one_by_one: 
         ident = ident.clone()
     elif name == "finish":
         if ident.samples > 30:
-            ident.finish_startup()
+            ident.finish()
     elif ident.settings is not None:
         (ident.freeze if name == "freeze" else ident.resume)()
     return ident

@@ -104,7 +104,7 @@ def test_every_way_to_a_model_ends_in_good_order(kind, seed: int) -> None:
     for part in (slice(0, 350), slice(350, None)):
         live.update_many(u[part], y[part])
         make_view(live, SessionInfo(), EstimateHistory(structure.size))
-    live.finish_startup()
+    live.finish()
     view = make_view(live, SessionInfo(), EstimateHistory(structure.size))
     assert view.verdict == live.assess().status
     for way in (

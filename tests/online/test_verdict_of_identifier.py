@@ -186,7 +186,7 @@ def test_a_log_too_short_for_anything() -> None:
     for samples in (1, 5, 40):
         ident = rp.Identifier(rp.Structure(1), DT)
         ident.update_many(*noisy(PLANT, samples, DT, 20.0, seed=1))
-        ident.finish_startup()
+        ident.finish()
         assert ident.assess().status in ("converging", "not excited")
 
 

@@ -109,11 +109,11 @@ def test_transients_hold_the_history_and_the_truth(plain) -> None:
 def test_no_estimate_is_drawn_before_there_is_one(plain) -> None:
     result, _, _, dt = record(plain)
     held = int((result.history.parameters != 0.0).any(axis=1).argmax())
-    assert held == 399  # a tenth of the record went into the first estimate
+    assert held == 49  # an eighth of a tenth of the record went into the first, provisional estimate
     for axis in draw_transients(result, dt):
         t, values = curves(axis)["estimate"].T
-        assert np.isnan(values[t < 19.5]).all()
-        assert np.isfinite(values[t > 20.5]).all()
+        assert np.isnan(values[t < 49 * dt]).all()
+        assert np.isfinite(values[t > 51 * dt]).all()
     never = dataclasses.replace(
         result, history=dataclasses.replace(result.history, parameters=0 * result.history.parameters)
     )

@@ -86,7 +86,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
     newest = kept[len(kept) - record.u.size :]
     learned, earlier = earlier_estimate(state, size)
     known = covariance(state, settings)
-    return Evidence(
+    evidence = Evidence(
         settings.structure,
         dt,
         record,
@@ -113,6 +113,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         measured=newest.output.copy(),
         bridged=newest.is_stuck,
     )
+    return evidence.as_whole() if state.finished_at == samples else evidence
 
 
 def judged(state: State, dt: float) -> BoolArray:

@@ -84,6 +84,12 @@ Origin: the start-up of the default: a model of fewer was never tested by sample
 Sensitivity: not measured.
 """
 
+MANY = 10
+"""Samples from which on a model may be tested on those that it was made from [samples that a test needs].
+Derivation: of a hundred samples for each coefficient, a model explains a hundredth of the noise by chance.
+Sensitivity: not measured.
+"""
+
 BEFORE = "the model was trusted when the input came to rest, and the output has shown nothing against it since"
 
 Figures = dict[str, Any]
@@ -98,6 +104,8 @@ def judge(evidence: Evidence) -> Assessment:
     verdict from before the rest stays.
     """
     evidence = evidence.in_own_units()
+    if evidence.is_young and evidence.samples >= MANY * evidence.enough:  # a long record was solved again just now
+        evidence = evidence.as_whole()
     verdict = _judged(evidence)
     if verdict.excited:
         return verdict

@@ -39,6 +39,7 @@ from replant.online.startup import (
     warm_up,
 )
 from replant.online.trace import Trace
+from replant.online.whole_record import solve_whole
 from replant.optimizers import Optimizer
 from replant.optimizers.replay import Replay
 from replant.regressor.filters import Filter
@@ -385,13 +386,18 @@ class Identifier(Estimate):
         state.attention_at = min((due for due in dues if due), default=0)
         state.attention = False
 
-    def finish_startup(self) -> None:
-        """End the start-up with the samples held so far; without effect afterwards.
+    def finish(self) -> None:
+        """Solve for the estimate with every sample so far, as `replant.fit` does: for the end of a record.
 
-        For records shorter than the start-up.
+        Ends the start-up where it is not over.  The estimate stays where older samples are forgotten or no longer kept
+        (there are more than 10000), and where the plant has changed meanwhile.  Samples may follow.
         """
-        if self._settings is None and self._held:
-            self._begin(at_any_rate=True)
+        if self._settings is None:
+            if self._held:
+                self._begin(at_any_rate=True)
+        elif (found := solve_whole(self._state, self._settings)) is not None:
+            self._resolve_at = next_renewal(self._go_on_with(found), self._settings)
+            self._plan()
 
     def freeze(self) -> None:
         """Stop adapting: the filters still take samples, the estimate stays.
@@ -515,6 +521,7 @@ class Identifier(Estimate):
             learn = refined is None or not settings.optimizer.keeps_covariance
             error = float(warm_up(state, u, y, t, r if settings.reference else None, learn=learn)[-1])
             state.ready_at, state.solved_at = state.elapsed, state.samples
+            state.finished_at = state.samples if at_any_rate else 0
         self._settings, self._held, self._strays, self._solved = settings, [], [], {}
         self._work_on(state, regular=not t.size)
         if refined is not None:

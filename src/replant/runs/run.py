@@ -81,6 +81,8 @@ def run_source(
 ) -> Result:
     """Identify a record of any length in one pass; a second pass simulates the model and computes its fits.
 
+    At the end a record of at most 10000 samples is solved as a whole, see `Identifier.finish`.
+
     With instruments, the start-up is a tenth of the record, at most 20000 samples.  Without them, the settings left at
     "auto" are chosen beforehand from the first million samples.
 
@@ -112,7 +114,9 @@ def run_source(
             sink(trace)
             done += len(trace)
             progress(IDENTIFYING, done)
-    identifier.finish_startup()
+    if startup is None or identifier.settings is None:
+        identifier.finish()
+        history.end(identifier.parameters, identifier.uncertainty.std)
     bridged.note()
     return _result(identifier, request, history.history, source, begun, progress, newest, bridged.stretches)
 
@@ -147,6 +151,13 @@ class _History:
         self._rows.append(trace.parameters[(-1 - self._seen) % self._stride :: self._stride].copy())
         self._bands.append(np.broadcast_to(std, self._rows[-1].shape))
         self._seen += len(trace)
+
+    def end(self, parameters: FloatArray, std: FloatArray) -> None:
+        """Replace the newest row by the estimate that the whole record gave."""
+        if len(self._rows) > 1 and len(self._rows[-1]):
+            self._rows[-1][-1] = parameters
+            self._bands[-1] = self._bands[-1].copy()
+            self._bands[-1][-1] = std
 
     @property
     def history(self) -> History:

@@ -134,7 +134,8 @@ def test_captions_tell_what_is_drawn(uncertain, plain) -> None:
     history = dataclasses.replace(plain.result.history, std=np.full_like(plain.result.history.parameters, np.nan))
     unknown = dataclasses.replace(without, result=dataclasses.replace(plain.result, history=history))
     assert "bands" not in words.of_transients(unknown)
-    assert "The first estimate is made from the first 20 s." in words.of_transients(without)
+    held = int((plain.result.history.parameters != 0.0).any(axis=1).argmax()) + 1
+    assert f"The first estimate is made from the first {held * plain.log.dt:g} s." in words.of_transients(without)
     size = np.sqrt(np.mean((plain.log.output - plain.result.simulation.output) ** 2))
     assert f"root mean square of the residual is {size:.3g} rpm" in words.of_fit(without)
     assert words.of_bode(without).endswith("rpm/V.")

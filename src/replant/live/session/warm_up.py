@@ -48,7 +48,7 @@ def _identify(request: Request) -> None:
     u, y = _simulated_record(request)
     identifier = Identifier(**vars(request))
     identifier.update_many(u, y)
-    identifier.finish_startup()
+    identifier.finish()
     identifier.update_many(u[:2], y[:2])
     identifier.update_many(u[:2], y[:2], request.dt * np.arange(1, 3))
 

@@ -27,8 +27,8 @@ LEGEND = (
     "default's.",
     "normalised: each row of the regression is divided by m of (13), as in the online runs.",
     "J_sum: the article's index (21), summed over the coefficients; a1, the largest coefficient, dominates the sum.",
-    "replant's default makes its first estimate from the first tenth of the record; until then the estimate counts as "
-    "0, which accounts for nearly all of its J.",
+    "replant's default begins to learn with a model of the first tenth of the record; until then provisional models of "
+    "fewer samples count in its J, and 0 before the first of them.",
     "in 10%: time in s from which on every coefficient stays within 10 % of its true value.",
     "rough: standard deviation over the last tenth of the record about the best straight line, in percent of the true "
     "value; the largest of the coefficients.",

@@ -1,0 +1,107 @@
+"""The end of a record: the estimate is then what `fit` makes of it, unless the plant has changed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.arguments import FloatArray
+
+DT = 0.02
+PLANT = rp.TransferFunction([4.0], [1.0, 1.2, 4.0])
+STRUCTURE = rp.Structure(poles=2)
+TRUE = np.array([1.2, 4.0, 4.0])
+
+
+def moved(seed: int, samples: int) -> FloatArray:
+    return np.where(np.cumsum(np.random.default_rng(seed).random(samples) < 0.03) % 2 == 0, 1.0, -1.0)
+
+
+def noisy(seed: int, samples: int, plant: rp.TransferFunction = PLANT) -> tuple[FloatArray, FloatArray]:
+    u = moved(seed, samples)
+    return u, plant.simulate(u, DT) + 0.1 * np.random.default_rng(1000 + seed).standard_normal(samples)
+
+
+def learned(u: FloatArray, y: FloatArray, **settings: object) -> rp.Identifier:
+    ident = rp.Identifier(STRUCTURE, DT, **settings)
+    ident.update_many(u, y)
+    return ident
+
+
+@pytest.mark.parametrize("samples", [60, 300, 700, 3000, 9999])
+def test_it_is_what_fit_gives(samples: int) -> None:
+    u, y = noisy(0, samples)
+    ident = learned(u, y)
+    ident.finish()
+    fitted = rp.fit(u, y, DT, STRUCTURE)
+    assert (np.abs(ident.parameters - fitted.parameters) < 0.02 * fitted.uncertainty.std).all()
+    np.testing.assert_allclose(ident.uncertainty.std, fitted.uncertainty.std, rtol=0.05)
+
+
+def test_the_verdict_is_then_in_sample_until_samples_follow() -> None:
+    u, y = noisy(1, 5000)
+    ident = learned(u[:3000], y[:3000])
+    assert "which the estimate had not used" in ident.assess().reasons[0]
+    ident.finish()
+    assert ident.assess().status == "trusted"
+    assert "in sample" in ident.assess().reasons[0]
+    ident.update_many(u[3000:], y[3000:])
+    verdict = ident.assess()
+    assert verdict.status == "trusted"
+    assert "which the estimate had not used" in verdict.reasons[0]
+    assert (np.abs(ident.parameters - TRUE) < 5.0 * ident.uncertainty.std).all()
+
+
+def test_a_plant_that_changed_keeps_the_model_since() -> None:
+    u = moved(2, 6000)
+    y = np.concatenate(
+        [PLANT.simulate(u, DT)[:3000], rp.TransferFunction([8.0], [1.0, 1.2, 4.0]).simulate(u, DT)[3000:]]
+    )
+    y += 0.05 * np.random.default_rng(0).standard_normal(u.size)
+    ident = learned(u, y)
+    ident.finish()
+    assert ident.parameters == pytest.approx([1.2, 4.0, 8.0], rel=0.05)
+
+
+def test_outputs_of_a_stuck_sensor_stay_bridged() -> None:
+    u, y = noisy(3, 4000)
+    y[2000:2150] = y[2000]
+    ident = learned(u, y)
+    ident.finish()
+    assert (np.abs(ident.parameters - TRUE) < 5.0 * ident.uncertainty.std).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nonlinear_plants_do_not_end_behind_fit(seed: int) -> None:
+    """Of a plant that saturates, alarms leave an estimate of the newest samples; the whole record tells more."""
+    random = np.random.default_rng(seed)
+    u = np.repeat(random.uniform(-1.0, 1.0, 40), 50)
+    y = PLANT.simulate(np.tanh(3.0 * u), DT) + 0.01 * random.standard_normal(u.size)
+    ident = learned(u, y, startup=200)
+    ident.finish()
+    fitted = rp.fit(u, y, DT, STRUCTURE)
+    fits = [
+        rp.assessment.simulate(model, u, y, DT).fit for model in (ident.transfer_function, fitted.transfer_function)
+    ]
+    assert fits[0] > fits[1] - 1.0
+
+
+@pytest.mark.parametrize(
+    ("samples", "settings"),
+    [(10_500, {}), (3000, {"optimizer": rp.RecursiveLeastSquares(0.999)}), (3000, {"optimizer": "adam"})],
+    ids=["long", "forgets", "gradient"],
+)
+def test_where_not_every_sample_is_kept_and_counts_nothing_changes(samples: int, settings: dict[str, object]) -> None:
+    ident = learned(*noisy(4, samples), **settings)
+    before = ident.to_bytes()
+    ident.finish()
+    assert ident.to_bytes() == before
+
+
+def test_a_frozen_estimate_stays() -> None:
+    ident = learned(*noisy(5, 2000))
+    ident.freeze()
+    before = ident.parameters
+    ident.finish()
+    np.testing.assert_array_equal(ident.parameters, before)
