@@ -41,7 +41,7 @@ def test_a_range_is_searched_and_the_table_names_the_choice(capsys, log: Path) -
     assert len([line for line in out.splitlines() if " s " in line and "%" in line]) == 3 * 5
 
 
-def test_json_is_the_chosen_model_alone(capsys, log: Path) -> None:
+def test_json_is_the_chosen_model_and_the_candidates(capsys, log: Path) -> None:
     code, out, err = fit(capsys, log, *COLUMNS, "--poles", "1:2", "--delay", "0.2", "--json")
     assert (code, err) == (0, "")
     answer = json.loads(out)
@@ -50,6 +50,22 @@ def test_json_is_the_chosen_model_alone(capsys, log: Path) -> None:
     for name, true in {"a1": 4.0, "a0": 3.0, "b0": 2.0}.items():
         estimate = answer["parameters"][name]
         assert abs(estimate["value"] - true) < 4 * estimate["std"]
+    tried = [(each["poles"], each["zeros"], each["delay"]) for each in answer["candidates"]]
+    assert tried == [(1, 0, 0.2), (2, 0, 0.2), (2, 1, 0.2)]
+    assert [each["chosen"] for each in answer["candidates"]] == [False, True, False]
+
+
+def test_a_dead_time_is_found_between_the_points_and_the_report_lists_what_was_tried(
+    capsys, log: Path, tmp_path: Path
+) -> None:
+    options = ("--poles", "1:3", "--zeros", "0", "--delay", "0:0.6:0.15", "--out", tmp_path / "out")
+    code, out, err = fit(capsys, log, *COLUMNS, *options)
+    assert (code, err) == (0, "")
+    (said,) = [line for line in out.splitlines() if line.startswith("The dead time between the points")]
+    assert float(said.split(":")[1].split()[0]) == pytest.approx(0.2, abs=0.01)
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Structures tried" in page
+    assert page.count(">chosen<") == 1
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,52 @@ def test_held_out_samples_are_not_fitted() -> None:
     (bad,) = search(U, broken, 0.05, poles=(1,)).candidates
     assert good.criterion == bad.criterion
     assert good.held_out > 90.0
-    assert bad.held_out < 10.0
+    assert bad.held_out < 60.0
+    assert (bad.stretches[:3] > good.stretches[:3] + 4.0).all()  # of the end, by a model of what came before
+
+
+def test_either_end_is_held_out() -> None:
+    """A plant that differs in the first 30 % is as bad for a structure as one that differs in the last."""
+    parts = [rp.TransferFunction([gain], [1.0, 1.0]).simulate(U, 0.05) for gain in (2.0, 3.0)]
+    late, early = np.where(np.arange(U.size) < 1400, *parts), np.where(np.arange(U.size) < 600, *parts[::-1])
+    fits = [search(U, y, 0.05, poles=(1,)).candidates[0].held_out for y in (late, early)]
+    assert max(fits) < 80.0
+    assert fits[0] == pytest.approx(fits[1], abs=10.0)
+
+
+def test_a_structure_with_a_coefficient_that_is_not_known_is_not_chosen() -> None:
+    """Of a lag with noise, a second pole far away fits as well, and nobody knows where it is."""
+    y = rp.TransferFunction([2.0], [1.0, 1.0]).simulate(U, 0.05)
+    y = y + white_noise(U.size, 0.3, seed=6)
+    found = search(U, y, 0.05, poles=(1, 2, 3))
+    assert found.chosen.structure == rp.Structure(1)
+    assert found.chosen.is_known
+    assert any(not candidate.is_known for candidate in found.candidates)
+    alone = search(U, y, 0.05, poles=(3,), zeros=(2,))  # nothing else to choose
+    assert alone.best.structure == rp.Structure(3, 2)
+
+
+@pytest.mark.parametrize("delay", [0.13, 0.31])
+def test_a_dead_time_is_found_between_the_points_of_the_grid(delay: float) -> None:
+    y = rp.TransferFunction([2.0], [1.0, 1.0], delay).simulate(U, 0.05) + white_noise(U.size, 0.05, seed=7)
+    found = search(U, y, 0.05, poles=(1,), delays=(0.0, 0.1, 0.2, 0.3, 0.4))
+    assert abs(found.chosen.structure.delay - delay) < 0.1
+    assert found.best.structure.delay == pytest.approx(delay, abs=0.01)
+
+
+def test_an_integrator_is_kept() -> None:
+    y = rp.TransferFunction([0.5], [1.0, 0.0]).simulate(U, 0.05)
+    y = y + white_noise(U.size, 0.02, seed=8)
+    found = search(U, y, 0.05, poles=(1, 2))
+    assert found.best.structure == rp.Structure(1)
+    assert abs(found.best.parameters[0]) < 0.01
+
+
+def test_progress_begins_before_the_first_structure() -> None:
+    seen: list[tuple[int, int]] = []
+    y = rp.TransferFunction([2.0], [1.0, 1.0]).simulate(U, 0.05) + white_noise(U.size, 0.05, seed=9)
+    search(U, y, 0.05, poles=(1, 2), progress=lambda done, of: seen.append((done, of)))
+    assert seen == [(0, 3), (1, 3), (2, 3), (3, 3)]
 
 
 def test_an_impossible_grid_and_a_dead_record_are_refused() -> None:

@@ -24,7 +24,9 @@ from replant.runs.result import Result
 COMPILING = "compiling (once): later runs start at once"
 
 
-def deliver(result: Result, log: Log, *, as_json: bool, out: Path | None, **report: Any) -> None:
+def deliver(
+    result: Result, log: Log, *, as_json: bool, out: Path | None, more: dict[str, Any] | None = None, **report: Any
+) -> None:
     """Print a result, and write its plots and its report.
 
     Parameters
@@ -36,6 +38,8 @@ def deliver(result: Result, log: Log, *, as_json: bool, out: Path | None, **repo
         Whether to print a JSON object instead of a table.
     out : Path or None
         Folder for plots and report; None: they are not written.
+    more : dict, optional
+        Further entries of the JSON object.
     **report
         Further arguments of `write_report`.
 
@@ -56,7 +60,7 @@ def deliver(result: Result, log: Log, *, as_json: bool, out: Path | None, **repo
             paths = save_figures(out, result, log.input, log.output, log.dt, **names)
             paths.append(write_report(out / "report.html", result, log, command=command_line(), **report))
     if as_json:
-        click.echo(json.dumps(result_as_json(result), allow_nan=False))
+        click.echo(json.dumps(result_as_json(result) | (more or {}), allow_nan=False))
         return
     console = Console()
     print_result(console, result)

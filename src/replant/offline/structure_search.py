@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy import optimize
 
 from replant.arguments import FloatArray, record, vector, whole
-from replant.assessment import fit_percent, simulate
+from replant.assessment import simulate
 from replant.engine.record import ready_record
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
@@ -25,9 +26,28 @@ Origin: a rule of thumb of cross validation.
 Sensitivity: not measured.
 """
 
+STRETCHES = 3
+"""Stretches into which the part held out is cut, at each end of the record [count].
+Derivation: each is then a tenth of the record; of six a standard error is known to a third.
+Sensitivity: not measured.
+"""
+
 ENOUGH = 0.5
 """Held-out fit that more parameters must bring to be worth having [%].
 Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
+UNKNOWN = 1.0
+"""Standard deviation of a coefficient beyond which it may as well be absent: the structure has too many [part of its
+size].
+Derivation: its 68 % interval then holds zero.
+Sensitivity: not measured.
+"""
+
+PRECISION = 0.01
+"""Precision to which the dead time is found between the points of the grid [sampling times].
+Derivation: finer than data tell: a hundredth of a sample moves the output by a hundredth of what it does in one.
 Sensitivity: not measured.
 """
 
@@ -40,15 +60,32 @@ class Candidate:
     ----------
     structure : Structure
     held_out : float
-        Simulated fit in percent over the part of the record that was not fitted, with offset and initial state
-        estimated; of an unstable model, which would run away, the fit of the output predicted one step ahead.
+        Simulated fit in percent over the first and the last 30 % of the record, each by a model of the rest, with
+        offset and initial state estimated; of an unstable model, which would run away, the fit of the output predicted
+        one step ahead.  Minus infinity where there is no model.
+    stretches : (S,) array
+        Logarithm of the residual's power over each stretch held out.
+    uncertainty : float
+        Largest standard deviation of a coefficient of the models, as a part of its size.
     criterion : float
-        Bayesian information criterion of the part that was fitted, K ln(variance) + P ln(K): smaller is better.
+        Bayesian information criterion of the first 70 %, K ln(variance) + P ln(K): smaller is better.
     """
 
     structure: Structure
     held_out: float
+    stretches: FloatArray
+    uncertainty: float
     criterion: float
+
+    @property
+    def is_known(self) -> bool:
+        """Whether every coefficient is known well enough to be there."""
+        return self.uncertainty < UNKNOWN
+
+    def is_behind(self, best: Candidate) -> bool:
+        """Return whether it predicts worse than the best one, by more than a standard error of the difference."""
+        worse = self.stretches - best.stretches
+        return bool(worse.mean() > worse.std(ddof=1) / math.sqrt(worse.size))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +95,14 @@ class SearchResult:
     Attributes
     ----------
     best : FitResult
-        The fit of the chosen structure to the whole record.
+        The fit of the chosen structure to the whole record, its dead time found between the points of the grid.
+    chosen : Candidate
     candidates : tuple of Candidate
         All that were tried, in the order of the grid.
     """
 
     best: FitResult
+    chosen: Candidate
     candidates: tuple[Candidate, ...]
 
 
@@ -78,12 +117,15 @@ def search(
     bias: bool = False,
     preprocess: Preprocess = Preprocess(),  # noqa: B008 - frozen
     reference: Any = None,
+    progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> SearchResult:
     """Fit every structure of a grid by refined instrumental variables, and choose one.
 
-    Each structure is fitted to the first 70 % of the record and simulated over the rest.  Of the structures within half
-    a point of the best held-out fit the one with the fewest parameters is chosen; of several, the one with the least
-    information criterion.
+    Each structure is fitted to the first 70 % of the record and simulated over the rest, and to the last 70 %.  Those
+    with a coefficient that is not known are left out, unless all are.  Of the structures that predict no worse than the
+    best one, by a standard error over six stretches or by half a point of fit, the one with the fewest parameters is
+    chosen; of several, the one with the least information criterion.  Its dead time is then found between the points of
+    the grid, where that lowers the criterion.
 
     Parameters
     ----------
@@ -103,6 +145,8 @@ def search(
         Input map and working point.
     reference : (K,) array, optional
         Where a controller makes the input, see `fit`.
+    progress : callable
+        Called before each structure with how many were tried, of how many.
 
     Raises
     ------
@@ -120,20 +164,63 @@ def search(
 
     References
     ----------
-    Ljung (1999), "System Identification: Theory for the User", section 16.4.
+    Ljung (1999), "System Identification: Theory for the User", section 16.4; Hastie, Tibshirani and Friedman (2009),
+    "The Elements of Statistical Learning", section 7.10 (the rule of one standard error).
     """
     u, y = record(u, y)
-    split = int(TRAINED * u.size)
+    delays = sorted(set(delays))
     grid = _grid(poles, zeros, delays, bias)
     r = None if reference is None else vector("reference", reference)
-    candidates = tuple(_try(structure, u, y, r, dt, split, preprocess) for structure in grid)
-    usable = [candidate for candidate in candidates if math.isfinite(candidate.held_out)]
+    tried = []
+    for done, structure in enumerate(grid):
+        progress(done, len(grid))
+        tried.append(_try(structure, u, y, r, dt, preprocess))
+    progress(len(grid), len(grid))
+    usable = [candidate for candidate in tried if math.isfinite(candidate.held_out)]
     if not usable:
         raise InvalidArgumentError("no structure of the grid explains this record: does the input move the output?")
-    limit = max(candidate.held_out for candidate in usable) - ENOUGH
-    near = [candidate for candidate in usable if candidate.held_out >= limit]
+    usable = [candidate for candidate in usable if candidate.is_known] or usable
+    best = max(usable, key=lambda candidate: candidate.held_out)
+    near = [each for each in usable if each.held_out >= best.held_out - ENOUGH or not each.is_behind(best)]
     chosen = min(near, key=lambda candidate: (_parameters(candidate.structure), candidate.criterion))
-    return SearchResult(fit(u, y, dt, chosen.structure, preprocess=preprocess, reference=r), candidates)
+
+    def fitted(delay: float) -> FitResult:
+        structure = replace(chosen.structure, delay=delay)
+        return fit(u, y, dt, structure, method="srivc", preprocess=preprocess, reference=r)
+
+    return SearchResult(_between_points(fitted, chosen.structure.delay, delays, dt), chosen, tuple(tried))
+
+
+def _between_points(fitted: Callable[[float], FitResult], delay: float, delays: list[float], dt: float) -> FitResult:
+    """Return the fit with the dead time, between the neighbours of one of the grid, that leaves least.
+
+    The grid's own one stays unless another lowers the information criterion: unless K ln(variance) is less by ln(K).
+    """
+    at_point = fitted(delay)
+    k = delays.index(delay)
+    low, high = delays[max(k - 1, 0)], delays[min(k + 1, len(delays) - 1)]
+    if not high > low:
+        return at_point
+    fits: dict[float, FitResult] = {}
+
+    def left(tried: float) -> float:
+        try:
+            fits[tried] = fitted(tried)
+        except InvalidArgumentError:  # no model with this one
+            return math.inf
+        return _variance(fits[tried])
+
+    found = float(optimize.minimize_scalar(left, bounds=(low, high), options={"xatol": PRECISION * dt}).x)
+    if found not in fits:
+        return at_point
+    gain = math.log(max(_variance(at_point), 1e-300) / max(_variance(fits[found]), 1e-300))
+    return fits[found] if at_point.samples * gain > math.log(at_point.samples) else at_point
+
+
+def _variance(fitted: FitResult) -> float:
+    """Return the variance of the noise of a fit: of the innovation, where the noise model tells it."""
+    noise = fitted.noise
+    return math.inf if noise is None else float(noise.variance)
 
 
 def _grid(poles: Iterable[int], zeros: Iterable[int] | None, delays: Iterable[float], bias: bool) -> list[Structure]:
@@ -152,45 +239,73 @@ def _grid(poles: Iterable[int], zeros: Iterable[int] | None, delays: Iterable[fl
 
 @quiet
 def _try(
-    structure: Structure,
-    u: FloatArray,
-    y: FloatArray,
-    r: FloatArray | None,
-    dt: float,
-    split: int,
-    preprocess: Preprocess,
+    structure: Structure, u: FloatArray, y: FloatArray, r: FloatArray | None, dt: float, preprocess: Preprocess
 ) -> Candidate:
-    first = None if r is None else r[:split]
-    try:
-        fitted = fit(u[:split], y[:split], dt, structure, method="srivc", preprocess=preprocess, reference=first)
-    except InvalidArgumentError:  # the record is too short for this structure, or the fit found no model
-        return Candidate(structure, -math.inf, math.inf)
-    model, mapped = fitted.transfer_function, fitted.preprocess.map_input(u)
-    # inputs from before the held-out part act on it through the dead time: they are simulated, their outputs left out
-    start = max(split - math.ceil(structure.delay / dt), 0)
-    unseen = np.where(np.arange(start, y.size) < split, np.nan, y[start:])
-    if runs_away(model.den, split * dt):
-        held_out = _predicted(fitted, u[start:], y[start:], split - start)
-    else:
-        held_out = simulate(model, mapped[start:], unseen, dt).fit
-    residual = y[:split] - fitted.simulation.output
-    residual = residual[np.isfinite(residual)]
-    variance = float(np.mean(residual**2)) if residual.size else 0.0
-    tiny = np.finfo(float).tiny
-    criterion = residual.size * math.log(max(variance, tiny)) + _parameters(structure) * math.log(split)
-    return Candidate(structure, held_out, criterion)
+    """Fit a structure to either end's 70 % of a record, and hold the rest out."""
+    trained = int(TRAINED * u.size)
+    errors, spreads, uncertainties, criteria = [], [], [], []
+    for seen in (slice(0, trained), slice(u.size - trained, u.size)):
+        part = None if r is None else r[seen]
+        try:
+            fitted = fit(u[seen], y[seen], dt, structure, method="srivc", preprocess=preprocess, reference=part)
+        except InvalidArgumentError:  # the record is too short for this structure, or the fit found no model
+            return Candidate(structure, -math.inf, np.full(2 * STRETCHES, np.inf), math.inf, math.inf)
+        unseen = slice(trained, u.size) if seen.start == 0 else slice(0, u.size - trained)
+        error = _error_held_out(fitted, u, y, unseen)
+        errors.append(error)
+        measured = y[unseen][np.isfinite(error)]
+        spreads.append(float(np.sum((measured - measured.mean()) ** 2)) if measured.size else 0.0)
+        uncertainties.append(_uncertainty(fitted))
+        residual = y[seen] - fitted.simulation.output
+        residual = residual[np.isfinite(residual)]
+        variance = float(np.mean(residual**2)) if residual.size else 0.0
+        tiny = np.finfo(float).tiny
+        criteria.append(residual.size * math.log(max(variance, tiny)) + _parameters(structure) * math.log(trained))
+    left = sum(float(np.nansum(error**2)) for error in errors)
+    usable = all(np.isfinite(error).any() for error in errors) and sum(spreads) > 0.0
+    held_out = 100.0 * (1.0 - math.sqrt(left / sum(spreads))) if usable and math.isfinite(left) else -math.inf
+    powers = [float(np.nanmean(part**2)) for error in errors for part in np.array_split(error, STRETCHES)]
+    stretches = np.log(np.maximum(np.nan_to_num(powers, nan=np.inf), np.finfo(float).tiny))
+    return Candidate(structure, held_out, stretches, max(uncertainties), criteria[0])
 
 
-def _predicted(fitted: FitResult, u: FloatArray, y: FloatArray, skipped: int) -> float:
-    """Return the fit in percent of the output predicted one step ahead, over the samples (K,) but the first ones."""
+def _error_held_out(fitted: FitResult, u: FloatArray, y: FloatArray, unseen: slice) -> FloatArray:
+    """Return measured minus modelled output over a stretch that was not fitted; NaN where there is no output."""
+    structure, dt = fitted.structure, fitted.dt
+    # inputs from before the stretch act on it through the dead time: they are simulated, their outputs left out
+    start = max(unseen.start - math.ceil(structure.delay / dt), 0)
+    skipped, whole_part = unseen.start - start, slice(start, unseen.stop)
+    if runs_away(fitted.transfer_function.den, dt * (unseen.stop - unseen.start)):
+        return _predicted(fitted, u[whole_part], y[whole_part])[skipped:]
+    mapped = fitted.preprocess.map_input(u[whole_part])
+    measured = np.where(np.arange(start, unseen.stop) < unseen.start, np.nan, y[whole_part])
+    return (measured - simulate(fitted.transfer_function, mapped, measured, dt).output)[skipped:]
+
+
+def _uncertainty(fitted: FitResult) -> float:
+    """Return the largest standard deviation of a coefficient as a part of its size.
+
+    Of a_i the size is that of the coefficient of prod(s + abs(pole)), as it would be if all poles were real; of b_j it
+    is its own.
+    """
+    uncertainty, structure = fitted.uncertainty, fitted.structure
+    if uncertainty is None or not np.isfinite(uncertainty.std).all():
+        return math.inf
+    std = uncertainty.std
+    poles = np.maximum(np.abs(fitted.transfer_function.poles), 1.0 / (fitted.dt * max(fitted.samples, 1)))
+    sizes = np.concatenate([np.poly(-poles)[1:], np.abs(fitted.parameters[structure.numerator])])
+    return float((std[: sizes.size] / np.maximum(sizes, 1e-300)).max())
+
+
+def _predicted(fitted: FitResult, u: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the error (K,) of the output predicted one step ahead; NaN where there is no output, or no prediction."""
     ready = ready_record(fitted.structure, fitted.dt, fitted.preprocess, u, y)
     error = prediction_error(fitted.structure, fitted.parameters, ready, fitted.dt)
-    if error is None:
-        return -math.inf
-    accepted, _ = screen(fitted.preprocess.map_input(u), y)
-    output = np.where(accepted, y, np.nan)
-    output[accepted] -= error
-    return fit_percent(y[skipped:], output[skipped:])
+    found = np.full(y.size, np.nan)
+    if error is not None:
+        accepted, _ = screen(fitted.preprocess.map_input(u), y)
+        found[accepted] = error
+    return found
 
 
 def _parameters(structure: Structure) -> int:

@@ -58,6 +58,7 @@ def write_report(
     command: str = "",
     python: str = "",
     title: str = "",
+    candidates: tuple[Sequence[str], Sequence[Sequence[str]]] | None = None,
 ) -> Path:
     """Write the report of ``result`` into one self-contained HTML file, and return its path.
 
@@ -77,6 +78,8 @@ def write_report(
         settings of an online run.
     title : str
         By default the file's name.
+    candidates : (headings, rows), optional
+        The structures that a search has tried, in words.
 
     Raises
     ------
@@ -90,6 +93,11 @@ def write_report(
     material = Material(result, log, filter, preprocess or Preprocess(), truth)
     with np.errstate(all="ignore"):  # figures that are not finite are reported in words
         fields = _fields(material, title or log.path.name or "Simulated record", command, python)
+    fields["candidates"] = ""
+    if candidates is not None:
+        headings, rows = candidates
+        tried = tables.table(headings, rows, "Structures tried", "table wide")
+        fields["candidates"] = f"<section><h2>Structures tried</h2>{tried}</section>"
     page = Template(asset("report.html")).substitute(fields)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(page, encoding="utf-8")
