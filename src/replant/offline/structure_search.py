@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import optimize
 
 from replant.arguments import FloatArray, record, vector, whole
 from replant.assessment import simulate
@@ -196,6 +195,8 @@ def _between_points(fitted: Callable[[float], FitResult], delay: float, delays: 
 
     The grid's own one stays unless another lowers the information criterion: unless K ln(variance) is less by ln(K).
     """
+    from scipy import optimize  # slow to import
+
     at_point = fitted(delay)
     k = delays.index(delay)
     low, high = delays[max(k - 1, 0)], delays[min(k + 1, len(delays) - 1)]
