@@ -39,18 +39,34 @@ def test_it_is_what_fit_gives(samples: int) -> None:
     np.testing.assert_allclose(ident.uncertainty.std, fitted.uncertainty.std, rtol=0.05)
 
 
-def test_the_verdict_is_then_in_sample_until_samples_follow() -> None:
+def test_the_verdict_tests_an_earlier_estimate_on_what_it_had_not_used() -> None:
     u, y = noisy(1, 5000)
     ident = learned(u[:3000], y[:3000])
-    assert "which the estimate had not used" in ident.assess().reasons[0]
     ident.finish()
     assert ident.assess().status == "trusted"
-    assert "in sample" in ident.assess().reasons[0]
+    assert "which the estimate had not used" in ident.assess().reasons[0]
     ident.update_many(u[3000:], y[3000:])
     verdict = ident.assess()
     assert verdict.status == "trusted"
     assert "which the estimate had not used" in verdict.reasons[0]
     assert (np.abs(ident.parameters - TRUE) < 5.0 * ident.uncertainty.std).all()
+
+
+def test_a_short_record_is_judged_in_sample() -> None:
+    ident = learned(*noisy(7, 300))
+    ident.finish()
+    verdict = ident.assess()
+    assert verdict.status == "trusted"
+    assert "in sample" in verdict.reasons[0]
+
+
+def test_a_step_is_judged_by_what_it_showed_before_the_rest() -> None:
+    u = np.where(np.arange(700) < 60, 0.0, 1.0)
+    y = PLANT.simulate(u, DT) + 0.01 * np.random.default_rng(0).standard_normal(700)
+    ident = learned(u, y, startup=70)
+    ident.finish()
+    verdict = ident.assess()
+    assert (verdict.status, verdict.excited) == ("trusted", False)
 
 
 def test_a_plant_that_changed_keeps_the_model_since() -> None:

@@ -86,7 +86,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
     newest = kept[len(kept) - record.u.size :]
     learned, earlier = earlier_estimate(state, size)
     known = covariance(state, settings)
-    evidence = Evidence(
+    return Evidence(
         settings.structure,
         dt,
         record,
@@ -107,13 +107,13 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         after_alarm=_is_after_alarm(state, in_use, kept, dt),
         trusted_before=state.trusted_at > 0,
         since_trusted=samples - state.trusted_at,
+        finished=state.finished_at == samples,
         missing=_missing(in_use),
         stuck=state.stuck_outputs > 0 and samples - state.stuck_last < outliers.CALM,
         usual_interval=float(np.median(in_use.interval[1:])) if len(in_use) > 1 else 0.0,
         measured=newest.output.copy(),
         bridged=newest.is_stuck,
     )
-    return evidence.as_whole() if state.finished_at == samples else evidence
 
 
 def judged(state: State, dt: float) -> BoolArray:

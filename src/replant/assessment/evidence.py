@@ -96,6 +96,8 @@ class Evidence:
         Whether the model was trusted when the input came to rest, and nothing has been noticed since.
     since_trusted : int
         Samples since that was last known.
+    finished : bool
+        Whether the record has ended, and the estimate was then made from all of it.
     missing : int
         Newest samples in a row that came without an output.
     stuck : bool
@@ -132,6 +134,7 @@ class Evidence:
     after_alarm: bool = False
     trusted_before: bool = False
     since_trusted: int = 0
+    finished: bool = False
     missing: int = 0
     stuck: bool = False
     slowness: float = 1.0

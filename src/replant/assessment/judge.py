@@ -104,14 +104,16 @@ def judge(evidence: Evidence) -> Assessment:
     verdict from before the rest stays.
     """
     evidence = evidence.in_own_units()
-    if evidence.is_young and evidence.samples >= MANY * evidence.enough:  # a long record was solved again just now
+    # a long record was solved again just now, or no sample will follow
+    if evidence.is_young and (evidence.finished or evidence.samples >= MANY * evidence.enough):
         evidence = evidence.as_whole()
     verdict = _judged(evidence)
     if verdict.excited:
         return verdict
     if evidence.was_trusted and not _objections(evidence):
         return replace(verdict, status="trusted", reasons=(BEFORE, verdict.reasons[0]))
-    before = verdict if evidence.in_sample or evidence.moving < FEWEST_MOVING else _judged(evidence.as_whole())
+    few = 0 if evidence.finished else FEWEST_MOVING
+    before = verdict if evidence.in_sample or evidence.moving < few else _judged(evidence.as_whole())
     if before.excited:
         return replace(before, excited=False, reasons=(*before.reasons, verdict.reasons[0]))
     return verdict

@@ -82,6 +82,8 @@ class Result:
         Of the residual, where the method has one.
     left_out : (R, 2) array of int
         Samples that the fits leave out, as rows [begin, end) of the record: bridged, rejected, or without an output.
+    finished : bool
+        Whether an online run ended with `Identifier.finish`.
     """
 
     structure: Structure
@@ -99,6 +101,7 @@ class Result:
     overview: Overview | None = None
     noise: NoiseModel | None = None
     left_out: IntArray = field(default_factory=NONE.copy)
+    finished: bool = False
 
     def left_out_over_time(self, dt: float) -> FloatArray:
         """Return begin and end of the stretches left out, (L, 2) in s; those too close for a plot are joined."""

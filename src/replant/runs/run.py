@@ -114,11 +114,12 @@ def run_source(
             sink(trace)
             done += len(trace)
             progress(IDENTIFYING, done)
-    if startup is None or identifier.settings is None:
+    finished = startup is None or identifier.settings is None
+    if finished:
         identifier.finish()
         history.end(identifier.parameters, identifier.uncertainty.std)
     bridged.note()
-    return _result(identifier, request, history.history, source, begun, progress, newest, bridged.stretches)
+    return _result(identifier, request, history.history, source, begun, progress, newest, bridged.stretches, finished)
 
 
 def _needs_stamps(request: Request, source: Source) -> bool:
@@ -208,6 +209,7 @@ def _result(
     progress: Callable[[str, int], None],
     newest: int | None,
     bridged: IntArray,
+    finished: bool,
 ) -> Result:
     """Return the result of an online run; ``begun`` is the value of `time.perf_counter` at its start."""
     settings = identifier.settings
@@ -243,6 +245,7 @@ def _result(
         kept.overview(score.shift),
         identifier.noise,
         np.concatenate(left_out),
+        finished,
     )
 
 

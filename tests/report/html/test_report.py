@@ -157,7 +157,7 @@ def test_python_in_the_report_repeats_the_run(plain, tmp_path) -> None:
     program = escaping.unescape(re.search(r'<pre class="python"[^>]*><code>(.*?)</code>', text, re.DOTALL)[1])
     names: dict = {}
     exec(program.replace("print(", "repr("), names)
-    assert names["ident"].parameters == pytest.approx(plain.result.parameters, rel=1e-3)
+    assert names["ident"].parameters == pytest.approx(plain.result.parameters, rel=1e-5)
 
 
 def test_nothing_is_fetched(good) -> None:

@@ -38,6 +38,7 @@ def run_as_python(result: Result, log: Log) -> str:
     lines = [
         identifier_as_python(result.settings),
         f"trace = ident.update_many({_signals(log)}{_reference(log, 'r')})",
+        *(["ident.finish()"] if result.finished else []),
         "print(ident.transfer_function)",
     ]
     return "\n".join([_open(log), *lines])
