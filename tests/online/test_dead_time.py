@@ -8,6 +8,8 @@ import pytest
 import replant as rp
 from replant.arguments import FloatArray
 from replant.assessment import simulate
+from replant.engine.record import Record
+from replant.simulation.prediction import prediction_error
 
 DT = 0.05
 PLANT = rp.TransferFunction([2.0], [1.0, 0.5], delay=3.0)
@@ -85,14 +87,77 @@ def test_after_a_gap_nothing_is_learned_until_the_input_is_known() -> None:
     np.testing.assert_array_equal(trace.parameters[2000:2055], np.tile(trace.parameters[1999], (55, 1)))
 
 
+def test_after_a_gap_no_alarm_comes_of_outputs_that_nobody_can_know() -> None:
+    random = np.random.default_rng(3)
+    u = np.where(np.cumsum(random.random(6000) < 0.02) % 2 == 0, 1.0, -1.0)
+    y = PLANT.simulate(u, DT) + 0.3 * random.standard_normal(6000)
+    t = DT * np.arange(6000)
+    kept = (np.arange(6000) < 3000) | (np.arange(6000) >= 3045)
+    u, y, t = u[kept], y[kept], t[kept]
+    ident = rp.Identifier(STRUCTURE, DT)
+    ident.update_many(u[:3000], y[:3000], t[:3000])
+    assert ident.assess().status == "trusted"
+    for k in range(3000, 3800, 20):
+        ident.update_many(u[k : k + 20], y[k : k + 20], t[k : k + 20])
+        verdict = ident.assess()
+        assert verdict.status != "inconsistent", verdict.reasons
+        assert verdict.status != "not excited" or verdict.reasons[0].startswith(("the input is", "the input hardly"))
+    assert verdict.status == "trusted"
+
+
+def test_missing_outputs_are_bridged_while_the_input_is_not_known() -> None:
+    random = np.random.default_rng(4)
+    u = np.where(np.cumsum(random.random(4000) < 0.02) % 2 == 0, 1.0, -1.0)
+    y = PLANT.simulate(u, DT) + NOISE * random.standard_normal(4000)
+    t = DT * np.arange(4000) + np.where(np.arange(4000) < 2000, 0.0, 200 * DT)
+    y[2010:2018] = np.nan
+    ident = rp.Identifier(STRUCTURE, DT)
+    ident.update_many(u, y, t)
+    assert ident.rejected["no output"] == 8
+    assert np.isfinite(ident.recent).all()
+    assert ident.bridged.sum() == 8
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5])
+def test_the_verdict_does_not_count_outputs_that_nobody_can_know(share: float) -> None:
+    """Noise as large as the output shows: the fit is that of the outputs that answer to known inputs."""
+    random = np.random.default_rng(5)
+    delay = share * 1500 * DT
+    plant, structure = rp.TransferFunction(PLANT.num, PLANT.den, delay), rp.Structure(1, delay=delay)
+    u = np.where(np.cumsum(random.random(1500) < 0.02) % 2 == 0, 1.0, -1.0)
+    y = plant.simulate(u, DT) + random.standard_normal(1500)
+    fitted = rp.fit(u, y, DT, structure)
+    ident = rp.Identifier(structure, DT)
+    ident.update_many(u, y)
+    ident.finish()
+    assert rp.assessment.simulate(fitted.transfer_function, u, y, DT).fit == pytest.approx(fitted.simulation.fit)
+    if ident.assess().held_out == 0:
+        assert ident.assess().fit == pytest.approx(fitted.simulation.fit, abs=1.0)
+    assert ident.assess().status != "inconsistent"
+
+
 @pytest.mark.parametrize("samples", [5, 60, 63])
 def test_a_record_no_longer_than_the_dead_time_gives_no_model(samples: int) -> None:
     u, y = running(0.0)
-    with pytest.raises(rp.ReplantError):
+    with pytest.raises(rp.ReplantError, match="the dead time of 3 s" if samples < 62 else "srivc finds no model"):
         rp.fit(u[:samples], y[:samples], DT, STRUCTURE, method="srivc")
     ident = rp.Identifier(STRUCTURE, DT)
     ident.update_many(u[:samples], y[:samples])
     assert not ident.has_model
+
+
+@pytest.mark.parametrize("hold", ["zoh", "foh"])
+@pytest.mark.parametrize("delay", [0.05, 0.3, 0.32, 0.38])
+def test_the_first_sample_that_answers_to_known_inputs_is_exact(hold: str, delay: float) -> None:
+    """As many zeros as poles: the output holds the delayed input of the same instant."""
+    random = np.random.default_rng(6)
+    plant = rp.TransferFunction([1.0, 2.0, 3.0], [1.0, 1.2, 4.0], delay)
+    u = random.uniform(-1.0, 1.0, 320)
+    y = plant.simulate(u, 0.1, input_hold=hold)[20:]
+    record = Record(u[20:], y, np.array([0.1]), hold)
+    structure = rp.Structure(2, 2, delay=delay, feedthrough=True)
+    error = prediction_error(structure, np.concatenate([plant.den[1:], plant.num]), record, 0.1)
+    np.testing.assert_allclose(error, 0.0, atol=1e-13)
 
 
 def test_a_first_difference_is_not_taken_for_the_plant() -> None:

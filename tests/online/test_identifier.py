@@ -235,6 +235,17 @@ def test_a_short_record_can_end_start_up(method: dict[str, Any]) -> None:
     assert state(early) == before
 
 
+def test_an_end_that_gives_no_model_loses_no_sample() -> None:
+    u, y = record(G1, seed=1, samples=600, dt=0.1)
+    ident = rp.Identifier(rp.Structure(1), 0.1)
+    ident.update_many(np.zeros(60), np.zeros(60))
+    for _ in range(6):
+        ident.finish()
+    assert (ident.status, ident.samples) == ("starting", 60)
+    ident.update_many(u, y)
+    assert ident.status == "running"
+
+
 def test_what_needs_no_data_waits_for_none() -> None:
     assert identifier().status == "running"
     assert identifier("rmsprop", replay="auto").status == "running"

@@ -164,7 +164,9 @@ def _behind_the_plant(evidence: Evidence, run: ModelRun, curves: FloatArray) -> 
     """Return the model's outputs (K, C) where the input is replaced by each of the curves (K, C)."""
     outputs = np.zeros_like(curves)
     for column, curve in enumerate(curves.T):
-        ran = run_model(run.structure, run.parameters, replace(evidence.record, u=curve.copy()), evidence.dt)
+        ran = run_model(
+            run.structure, run.parameters, replace(evidence.record, u=curve.copy(), before=None), evidence.dt
+        )
         if ran is not None:
             outputs[:, column] = ran.forced
     return outputs

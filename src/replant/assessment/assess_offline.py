@@ -53,7 +53,7 @@ def assess_record(
     evidence = Evidence(
         structure,
         dt,
-        record.last(MOST_SAMPLES),
+        record.last(MOST_SAMPLES).answering(structure.delay),
         estimate=parameters,
         covariance=None if covariance is None or not np.isfinite(covariance).all() else covariance,
         earlier=parameters,

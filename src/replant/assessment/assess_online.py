@@ -83,6 +83,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
     kept = in_use.since_last_gap(dt)
     record = kept.without_stuck().record(dt, settings.filter.input_hold)
     record = record if record.intervals.size == 1 else record.last(MOST_IRREGULAR)
+    record = record.answering(settings.structure.delay)
     newest = kept[len(kept) - record.u.size :]
     learned, earlier = earlier_estimate(state, size)
     known = covariance(state, settings)

@@ -154,6 +154,11 @@ class Evidence:
         factors[:n] = 1.0
         factors[self.coefficients :] = 1.0 / of_output
         record = dataclasses.replace(self.record, u=self.record.u / of_input, y=self.record.y / of_output)
+        if record.before is not None:
+            before = record.before
+            record = dataclasses.replace(
+                record, before=dataclasses.replace(before, u=before.u / of_input, y=before.y / of_output)
+            )
         return dataclasses.replace(
             self,
             record=record,

@@ -157,7 +157,7 @@ def _lacks_excitation(findings: list[Finding]) -> bool:
 
 
 def _input_is_constant(evidence: Evidence) -> bool:
-    u = evidence.record.u
+    u = evidence.record.joined.u
     return bool(np.ptp(u) <= RESTING * np.abs(u).max())
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,8 @@ class Record:
     input_hold : str
     r : (K,) array, optional
         Reference; None where there is none.
+    before : Record, optional
+        The samples before it, whose inputs still act on it because of a dead time.
     """
 
     u: FloatArray
@@ -36,6 +38,7 @@ class Record:
     intervals: FloatArray
     input_hold: str = "zoh"
     r: FloatArray | None = None
+    before: Record | None = None
 
     def first(self, samples: int) -> Record:
         """Return the record's beginning."""
@@ -45,9 +48,35 @@ class Record:
 
     def last(self, samples: int) -> Record:
         """Return the record's end."""
-        intervals = self.intervals if self.intervals.size == 1 else self.intervals[-samples:]
-        r = None if self.r is None else self.r[-samples:]
-        return Record(self.u[-samples:], self.y[-samples:], intervals, self.input_hold, r)
+        rest = slice(max(self.u.size - samples, 0), None)
+        intervals = self.intervals if self.intervals.size == 1 else self.intervals[rest]
+        r = None if self.r is None else self.r[rest]
+        return Record(self.u[rest], self.y[rest], intervals, self.input_hold, r)
+
+    def answering(self, delay: float) -> Record:
+        """Return the samples that answer to inputs of the record, those before them as `before`; at least the newest.
+
+        Parameters
+        ----------
+        delay : float
+            Dead time in s.
+        """
+        unknown = min(self.unknown(delay), self.u.size - 1)
+        if unknown <= 0:
+            return self
+        return replace(self.last(self.u.size - unknown), before=self.first(unknown))
+
+    @property
+    def joined(self) -> Record:
+        """The record with the samples before it."""
+        if self.before is None:
+            return self
+        parts = self.before, self
+        u, y = (np.concatenate([getattr(part, name) for part in parts]) for name in ("u", "y"))
+        regular = self.intervals.size == 1 and self.u.size > 1
+        intervals = self.intervals if regular else np.concatenate([part.intervals for part in parts])
+        r = None if self.r is None or self.before.r is None else np.concatenate([self.before.r, self.r])
+        return Record(u, y, intervals, self.input_hold, r)
 
     def unknown(self, delay: float) -> int:
         """Return how many samples at the beginning answer to inputs before the record, with a dead time in s.

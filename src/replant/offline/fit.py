@@ -199,6 +199,11 @@ def fit(
         y = np.where(np.isfinite(r), y, np.nan)
     accepted, rejected = screen(preprocess.map_input(u), y)
     _check_length(int(accepted.sum()), structure)
+    lasts = dt * (u.size - 1) if stamps is None else float(stamps[-1] - stamps[0])
+    if not structure.delay < lasts:
+        raise InvalidArgumentError(
+            f"the dead time of {structure.delay:g} s is no shorter than the record, which lasts {lasts:.6g} s"
+        )
     preprocess = preprocess.resolve(u, y)
     use = None
     if method != "least_squares":

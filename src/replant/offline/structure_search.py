@@ -37,6 +37,11 @@ Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
+LEAST_SHARED = 0.5
+"""Share of the stretches that two structures must share to be compared [share].
+Derivation: fewer than three differences have no standard error.
+"""
+
 UNKNOWN = 1.0
 """Standard deviation of a coefficient beyond which it may as well be absent: the structure has too many [part of its
 size].
@@ -83,7 +88,10 @@ class Candidate:
 
     def is_behind(self, best: Candidate) -> bool:
         """Return whether it predicts worse than the best one, by more than a standard error of the difference."""
-        worse = self.stretches - best.stretches
+        shared = np.isfinite(self.stretches) & np.isfinite(best.stretches)
+        if shared.sum() < LEAST_SHARED * shared.size:
+            return True
+        worse = (self.stretches - best.stretches)[shared]
         return bool(worse.mean() > worse.std(ddof=1) / math.sqrt(worse.size))
 
 
@@ -265,8 +273,9 @@ def _try(
     left = sum(float(np.nansum(error**2)) for error in errors)
     usable = all(np.isfinite(error).any() for error in errors) and sum(spreads) > 0.0
     held_out = 100.0 * (1.0 - math.sqrt(left / sum(spreads))) if usable and math.isfinite(left) else -math.inf
-    powers = [float(np.nanmean(part**2)) for error in errors for part in np.array_split(error, STRETCHES)]
-    stretches = np.log(np.maximum(np.nan_to_num(powers, nan=np.inf), np.finfo(float).tiny))
+    parts = [part[np.isfinite(part)] for error in errors for part in np.array_split(error, STRETCHES)]
+    powers = np.array([float(np.mean(part**2)) if part.size else math.inf for part in parts])
+    stretches = np.log(np.maximum(powers, np.finfo(float).tiny))
     return Candidate(structure, held_out, stretches, max(uncertainties), criteria[0])
 
 
@@ -276,11 +285,14 @@ def _error_held_out(fitted: FitResult, u: FloatArray, y: FloatArray, unseen: sli
     # inputs from before the stretch act on it through the dead time: they are simulated, their outputs left out
     start = max(unseen.start - math.ceil(structure.delay / dt), 0)
     skipped, whole_part = unseen.start - start, slice(start, unseen.stop)
-    if runs_away(fitted.transfer_function.den, dt * (unseen.stop - unseen.start)):
-        return _predicted(fitted, u[whole_part], y[whole_part])[skipped:]
     mapped = fitted.preprocess.map_input(u[whole_part])
-    measured = np.where(np.arange(start, unseen.stop) < unseen.start, np.nan, y[whole_part])
-    return (measured - simulate(fitted.transfer_function, mapped, measured, dt).output)[skipped:]
+    if runs_away(fitted.transfer_function.den, dt * (unseen.stop - unseen.start)):
+        error = _predicted(fitted, u[whole_part], y[whole_part])
+    else:
+        measured = np.where(np.arange(start, unseen.stop) < unseen.start, np.nan, y[whole_part])
+        error = measured - simulate(fitted.transfer_function, mapped, measured, dt).output
+    error[: math.ceil(structure.delay / dt)] = np.nan  # answers to inputs that are not known
+    return error[skipped:]
 
 
 def _uncertainty(fitted: FitResult) -> float:

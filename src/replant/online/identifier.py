@@ -389,8 +389,9 @@ class Identifier(Estimate):
     def finish(self) -> None:
         """Solve for the estimate with every sample so far, as `replant.fit` does: for the end of a record.
 
-        Ends the start-up where it is not over.  The estimate stays where older samples are forgotten or no longer kept
-        (there are more than 10000), and where the plant has changed meanwhile.  Samples may follow.
+        Ends the start-up where it is not over and the samples give a model.  The estimate stays where it is frozen,
+        where older samples are forgotten or no longer kept (there are more than 10000), after a gap, with a method that
+        is not the default, and where the plant has changed meanwhile.  Samples may follow.
         """
         if self._settings is None:
             if self._held:
@@ -506,6 +507,8 @@ class Identifier(Estimate):
         refined = None
         if settings.instruments:
             ready, refined = modelled(settings, u, clean, t, r)
+            if refined is None and at_any_rate:  # the samples held are kept: others may follow
+                return NAN
             if refined is None or not (refined.acceptable or at_any_rate or 2 * self._hold > LONGEST_STARTUP):
                 self._solved[len(self._held)] = self._held[-1], refined
                 return self._wait_longer()

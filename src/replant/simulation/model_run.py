@@ -83,7 +83,9 @@ def run_model(
     theta[full.denominator] = parameters[structure.denominator]
     own = slice(full.coefficients - structure.zeros - 1, full.coefficients)
     theta[own] = parameters[structure.numerator]
-    done = model.run(theta, record)
+    whole = record.joined
+    known = whole.u.size - record.u.size
+    done = model.run(theta, whole).since(known)
     slopes_of_a = done.zeta[:, full.denominator]
     columns = np.hstack([slopes_of_a, done.phi[:, n:]])
     if not (np.isfinite(columns).all() and np.isfinite(done.output).all() and np.abs(columns).max() < LARGEST):
@@ -95,6 +97,7 @@ def run_model(
     instruments = None
     if by_reference is not None:
         apart = AuxiliaryModel(full, dt, record.input_hold, reference=True)
-        zeta = apart.run(theta, record, by_reference).zeta
+        by_reference = np.pad(by_reference, ((known, 0), (0, 0)), mode="edge")
+        zeta = apart.run(theta, whole, by_reference).since(known).zeta
         instruments = np.hstack([zeta[:, full.denominator], zeta[:, own]])
     return ModelRun(structure, parameters, record.u, error, done.output, states, slopes, nuisances, direct, instruments)

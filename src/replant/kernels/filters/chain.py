@@ -166,6 +166,16 @@ def advance_reference_input(ints, reals, bank, interval, slot, work):
     reals[at.REFERENCE_INPUT_NOW] = parts[newest]
 
 
+@outlined
+def follow_input(ints, reals, banks, interval):
+    """Find the delayed input at the newest sample, and what a reference explains of it, before the filters begin."""
+    n, T, bank, work = ints[at.ORDER], ints[at.ENTRIES], banks[ints[at.SERVING_BANK]], reals[ints[at.AT_WORK] :]
+    slot = bk.discretization(bank, n, T, interval, work)
+    advance_delayed_input(ints, reals, bank, interval, slot, work, bk.INPUT)
+    if ints[at.HAS_REFERENCE] == 1:
+        advance_delayed_input(ints, reals, bank, interval, slot, work, bk.REFERENCE_INPUT)
+
+
 @inline_source
 def advance_bank(ints, reals, bank, interval, y, channels):
     """Carry the channels of a bank but MODEL, whose newest value is not known yet, over the newest interval.
@@ -314,6 +324,7 @@ def observe(ints, reals, banks, u, y, interval):
         remember_input(ints, reals, u, interval)
         if reals[at.UNKNOWN_INPUT] > 0.0:  # the state that this input leaves is free, so that the filters begin there
             first = True
+            follow_input(ints, reals, banks, interval)
             begin_filters(ints, banks)
             left = reals[at.UNKNOWN_INPUT] - interval
             reals[at.UNKNOWN_INPUT] = left if left > bk.SAME_INTERVAL * interval else 0.0

@@ -372,7 +372,7 @@ def observe(ints, reals, banks, u, y, interval):
     if stands(ints, reals, y, modelled):
         doubt = Doubt.STUCK
         ints[at.STUCK] += 1
-    if is_outlier(ints, reals, error, settled):
+    if is_outlier(ints, reals, error, settled) or math.isnan(y):
         doubt = reason_of(ints, y, doubt)
     if doubt != Doubt.NONE:
         bridged = reals[at.USED_OUTPUT]
