@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
+from replant.live.outputs import notices as module
 from replant.live.outputs.notices import AGAIN, Notices
 
 
 def test_the_same_thing_is_said_once_a_minute(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [1000.0]
-    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    # the module's clock alone: a server in another thread of this process would sleep for hours by it
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: now[0]))
     said: list[str] = []
     notices = Notices(said.append)
     notices.say("disk", "full")
