@@ -250,7 +250,8 @@ def _times_are_sound(state: State) -> bool:
     began = not state.started or bool(((state.intervals > 0.0) & (state.intervals >= least)).all())
     past = state.past[: min(state.past_kept, PAST), 0]
     known = bool(((past >= 0.0) & (past <= state.samples)).all())
-    return began and known and not math.isnan(state.ready_at)
+    waits = 0.0 <= state.unknown_input <= (state.delay if state.refined else 0.0)
+    return began and known and waits and not math.isnan(state.ready_at)
 
 
 def _numbers_are_sound(state: State) -> bool:
