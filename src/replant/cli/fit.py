@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-import math
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
 
-from replant.assessment.verdict import percent
 from replant.cli.options import (
     open_log,
     preprocess_of,
     read,
     search_options,
 )
-from replant.cli.output import deliver, make_folder
+from replant.cli.output import deliver, make_folder, progress_bar
 from replant.data.logs import Log
 from replant.offline.fit import METHODS, FitResult, fit
-from replant.offline.structure_search import Candidate, SearchResult, search
+from replant.offline.structure_search import SearchResult, search
 from replant.report.html.python_program import fit_as_python
+from replant.report.terminal import candidates
 from replant.runs.result import result_of_fit
 
 
@@ -39,6 +35,8 @@ def command(as_json: bool, out: Path | None, method: str, **options: Any) -> Non
     the one with the fewest parameters is chosen; among equals the one with the smallest criterion (BIC).  Its dead time
     is then found between the points of the grid.
     """
+    from rich.console import Console
+
     begun, found = time.perf_counter(), None
     if any(len(options[name] or ()) > 1 for name in ("poles", "zeros", "delay")):
         if method == "least_squares":
@@ -48,7 +46,7 @@ def command(as_json: bool, out: Path | None, method: str, **options: Any) -> Non
         found = _search(log, options)
         fitted = found.best
         if not as_json:
-            _print_candidates(found)
+            candidates.print_candidates(Console(), found)
     else:
         log, request = open_log(options)
         make_folder(out)
@@ -63,7 +61,8 @@ def _search(log: Log, options: dict[str, Any]) -> SearchResult:
     zeros = options["zeros"]
     if zeros is None and len(options["poles"]) == 1:
         zeros = (0,)
-    with _progress() as show:
+    with progress_bar() as bar:
+        task = bar.add_task("structures", total=None)
         return search(
             log.input,
             log.output,
@@ -73,20 +72,9 @@ def _search(log: Log, options: dict[str, Any]) -> SearchResult:
             delays=options["delay"],
             bias=options["bias"],
             preprocess=preprocess_of(options),
-            progress=show,
+            progress=lambda done, of: bar.update(task, completed=done, total=of),
             **_reference(log),
         )
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[int, int], None]]:
-    """Show on a terminal how many structures were tried; elsewhere nothing."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task("structures", total=None)
-        yield lambda done, of: bar.update(task, completed=done, total=of)
 
 
 def _reference(log: Log) -> dict[str, Any]:
@@ -101,52 +89,6 @@ def _deliver(
     }  # fmt: skip
     more = {}
     if found is not None:
-        report["candidates"] = HEADINGS, _candidates(found)
-        more["candidates"] = [_as_json(candidate, found) for candidate in found.candidates]
+        report["candidates"] = candidates.HEADINGS, candidates.rows_of(found)
+        more["candidates"] = candidates.as_json(found)
     deliver(result_of_fit(fitted, log.input, log.output, begun), log, as_json=as_json, out=out, more=more, **report)
-
-
-HEADINGS = ("poles", "zeros", "dead time", "held-out fit", "least known coefficient", "criterion", "")
-
-
-def _candidates(found: SearchResult) -> list[tuple[str, ...]]:
-    """Return the structures that were tried as rows of a table; the chosen one is marked."""
-    rows: list[tuple[str, ...]] = []
-    for candidate in found.candidates:
-        structure, failed = candidate.structure, math.isinf(candidate.held_out)
-        size = (str(structure.poles), str(structure.zeros), f"{structure.delay:g} s")
-        figures = ("no model", "", "")
-        if not failed:
-            known = f"± {percent(candidate.uncertainty)}"
-            figures = (f"{candidate.held_out:.1f} %", known, f"{candidate.criterion:.0f}")
-        mark = "chosen" if candidate is found.chosen else "" if failed or candidate.is_known else "not known"
-        rows.append((*size, *figures, mark))
-    return rows
-
-
-def _as_json(candidate: Candidate, found: SearchResult) -> dict[str, Any]:
-    """Return a structure that was tried as an object of JSON; a figure that is not finite becomes null."""
-    structure = candidate.structure
-    figures = {name: getattr(candidate, name) for name in ("held_out", "uncertainty", "criterion")}
-    return {
-        "poles": structure.poles,
-        "zeros": structure.zeros,
-        "delay": structure.delay,
-        **{name: value if math.isfinite(value) else None for name, value in figures.items()},
-        "chosen": candidate is found.chosen,
-    }
-
-
-def _print_candidates(found: SearchResult) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for heading in HEADINGS:
-        table.add_column(heading, justify="right")
-    for row in _candidates(found):
-        table.add_row(*row, style="bold" if row[-1] == "chosen" else None)
-    Console().print(table)
-    delay = found.best.structure.delay
-    if delay != found.chosen.structure.delay:
-        click.echo(f"\nThe dead time between the points of the grid: {delay:.4g} s")

@@ -24,13 +24,13 @@ def as_json(result: Result) -> dict[str, Any]:
         "den": model.den.tolist(),
         "delay": model.delay,
         "parameters": {
-            name: {"value": _finite(value), "std": _finite(std)}
+            name: {"value": finite(value), "std": finite(std)}
             for name, value, std in zip(result.structure.names, result.parameters.tolist(), _stds(result), strict=True)
         },
         "poles": [_pole(pole) for pole in model.poles.tolist()],
         "zeros": [{"real": zero.real, "imag": zero.imag} for zero in model.zeros.tolist()],
-        "dc_gain": _finite(model.dc_gain),
-        "fit": {"one_step": _finite(result.one_step), "simulated": _finite(result.simulation.fit)},
+        "dc_gain": finite(model.dc_gain),
+        "fit": {"one_step": finite(result.one_step), "simulated": finite(result.simulation.fit)},
         "samples": result.samples,
         "rejected": result.rejected,
         "verdict": {
@@ -182,7 +182,8 @@ def _stds(result: Result) -> list[float]:
     return [math.nan] * result.structure.size if result.uncertainty is None else result.uncertainty.std.tolist()
 
 
-def _finite(value: float) -> float | None:
+def finite(value: float) -> float | None:
+    """Return a figure for JSON: None where it is not finite."""
     return value if math.isfinite(value) else None
 
 
