@@ -14,6 +14,7 @@ from replant.errors import ArgumentTypeError, InvalidArgumentError
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int64]
 
 
 def keep(instance: object, name: str, check: Callable[..., Any], *limits: Any, called: str = "", **how: Any) -> None:

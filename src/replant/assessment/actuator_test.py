@@ -55,14 +55,15 @@ LOOSE = "the actuator seems to have play or friction (move it by more, or so tha
 def actuator_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     """Name the actuator's fault that explains most of the residual over all samples, if it is more than chance."""
     run, rows = runs.now, evidence.known
-    power, v = max(float(np.var(evidence.record.y[rows])), float(np.finfo(float).tiny)), _scaled(run.u)
+    power, whole = max(float(np.var(evidence.record.y[rows])), float(np.finfo(float).tiny)), evidence.record.joined
+    v, before = _scaled(whole.u), whole.u.size - evidence.samples  # what acts comes through the actuator, too
     residual = Residual.of(run, rows, evidence.dt)
     surest, part, fault = 0.0, 0.0, ""
     for curves, (inward, outward) in _curves(v):
-        weights, statistic, explained = residual.explained(_behind_the_plant(evidence, run, curves)[rows])
+        weights, statistic, explained = residual.explained(_behind_the_plant(evidence, run, curves)[before:][rows])
         if statistic > surest:
             surest, part = statistic, explained / power
-            fault = outward if _grows_outward(v[rows], curves[rows] @ weights) else inward
+            fault = outward if _grows_outward(v[before:][rows], curves[before:][rows] @ weights) else inward
     # where linear columns explain more, it is the model that is wrong
     if not part > max(LARGEST_PART, residual.linear_part / power):
         return []
@@ -161,12 +162,10 @@ def _grows_outward(v: FloatArray, curve: FloatArray) -> bool:
 
 
 def _behind_the_plant(evidence: Evidence, run: ModelRun, curves: FloatArray) -> FloatArray:
-    """Return the model's outputs (K, C) where the input is replaced by each of the curves (K, C)."""
-    outputs = np.zeros_like(curves)
+    """Return the model's outputs (K, C) where the input is replaced by each of the curves (K, C), from the first on."""
+    outputs, whole = np.zeros_like(curves), evidence.record.joined
     for column, curve in enumerate(curves.T):
-        ran = run_model(
-            run.structure, run.parameters, replace(evidence.record, u=curve.copy(), before=None), evidence.dt
-        )
+        ran = run_model(run.structure, run.parameters, replace(whole, u=curve.copy()), evidence.dt)
         if ran is not None:
             outputs[:, column] = ran.forced
     return outputs

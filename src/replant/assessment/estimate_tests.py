@@ -45,6 +45,12 @@ Origin: a choice of what a user may rely on.
 Sensitivity: not measured.
 """
 
+MINOR_SCATTER = 0.5 * MOST_SCATTER
+"""The same up to which the model is known, whatever a single coefficient is [root mean square, part of the output's].
+Derivation: two standard deviations are then no more than MOST_SCATTER.
+Sensitivity: not measured.
+"""
+
 MOST_MOVED = 0.1
 """Movement of a coefficient below which the estimate stands still [part of its size].
 Origin: a choice of what a user may rely on.
@@ -256,7 +262,7 @@ def _of_uncertainty(uncertainty: float, most: float, scatter: float, slow: str) 
     if uncertainty <= most:
         return []
     reason = f"a coefficient has a standard deviation of {percent(uncertainty)}{slow}"
-    if 2.0 * scatter <= MOST_SCATTER and uncertainty <= MAY_BE_ABSENT:
+    if scatter <= MINOR_SCATTER and uncertainty <= MAY_BE_ABSENT:
         known = f"but the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output only"
         return [Finding("trusted", f"{reason}, {known}: rely on G(s) where the input excites it, not on coefficients")]
     advice = "take more samples, move the input more, or ask for fewer poles and zeros"

@@ -101,10 +101,10 @@ def judge(evidence: Evidence) -> Assessment:
 
     Whether the model is right is one question, whether the newest samples can tell is another.  Where these do not
     excite the plant, as while the input rests, the estimate is judged by all samples; where none of them does, the
-    verdict from before the rest stays.
+    verdict from before the rest stays.  By all samples it is judged as well where too few came since it was made, if
+    the record is long or has ended.
     """
     evidence = evidence.in_own_units()
-    # a long record was solved again just now, or no sample will follow
     if evidence.is_young and (evidence.finished or evidence.samples >= MANY * evidence.enough):
         evidence = evidence.as_whole()
     verdict = _judged(evidence)

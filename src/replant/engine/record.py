@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.model.dead_time import unknown_outputs
 from replant.model.structure import Structure
 from replant.regressor.preprocess import Preprocess, centre, screen
 from replant.statistics.linear_algebra import quiet
@@ -87,11 +88,10 @@ class Record:
         >>> [record.unknown(delay) for delay in (0.0, 0.3, 0.32, 5.0)]
         [0, 3, 4, 9]
         """
-        if delay == 0.0:
-            return 0
-        intervals = self.intervals if self.intervals.size > 1 else np.full(self.u.size, self.intervals[0])
-        since = np.cumsum(intervals) - intervals[0]
-        return int(np.count_nonzero(delay - since > SAME * intervals))
+        if self.intervals.size == 1:
+            return min(unknown_outputs(delay, float(self.intervals[0])), self.u.size)
+        since = np.cumsum(self.intervals) - self.intervals[0]
+        return int(np.count_nonzero(delay - since > SAME * self.intervals))
 
     @property
     def span(self) -> float:

@@ -15,9 +15,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from replant.arguments import FloatArray
+from replant.arguments import FloatArray, IntArray
 from replant.engine.dimensions import Dimensions, entries_of, reference_sizes, ring_of
 from replant.kernels.schema import FIXED, StateSlots
 from replant.kernels.slot_tables import Block, Slot
@@ -25,8 +24,6 @@ from replant.model.structure import Structure
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess
 from replant.settings import Settings
-
-IntArray = npt.NDArray[np.int64]
 
 NOTHING = np.zeros(0)
 

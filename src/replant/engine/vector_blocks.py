@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from replant.arguments import FloatArray
-from replant.engine.state import IntArray, State
+from replant.arguments import FloatArray, IntArray
+from replant.engine.state import State
 from replant.kernels.schema import LAYOUT, LINE, StateSlots
 
 TILE = 256

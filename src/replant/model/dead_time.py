@@ -8,6 +8,18 @@ Derivation: some million times the precision of float64: a decimal fraction of a
 """
 
 
+def unknown_outputs(delay: float, dt: float) -> int:
+    """Return how many outputs of a record answer to inputs from before it, with a dead time in s.
+
+    Examples
+    --------
+    >>> unknown_outputs(0.3, 0.1), unknown_outputs(0.32, 0.1)
+    (3, 4)
+    """
+    samples, fraction = split_delay(delay, dt)
+    return samples + (fraction > 0.0)
+
+
 def split_delay(delay: float, dt: float) -> tuple[int, float]:
     """Return a dead time in s as whole samples and a fraction of one; a fraction below 1e-9 is rounded away.
 

@@ -21,14 +21,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.arguments import FloatArray, IntArray
 from replant.assessment.cross_test import unexplained
 from replant.assessment.feedback_test import FALSE_ALARM, LEFT, PAST, PER_COLUMN
 from replant.engine.record import Record
 from replant.model.structure import Structure
 from replant.offline.refined import Refined
 from replant.simulation.model_run import run_model
-from replant.statistics.autoregression import IntArray
 from replant.statistics.chi2 import chi2_quantile
 from replant.statistics.linear_algebra import quiet, roots
 from replant.statistics.projections import lengths_of, orthogonal, products, without

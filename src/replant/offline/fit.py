@@ -5,14 +5,15 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from replant.arguments import (
     BoolArray,
     FloatArray,
+    IntArray,
     one_of,
     record,
     stamps_of,
@@ -40,7 +41,6 @@ from replant.statistics.autoregression import one_step
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.robust import without_spikes
 
-IntArray = npt.NDArray[np.int64]
 METHODS = (AUTO, "srivc", "least_squares")
 
 
@@ -207,14 +207,15 @@ def fit(
     preprocess = preprocess.resolve(u, y)
     use = None
     if method != "least_squares":
-        use = None if r is None else use_of(r, ready_record(structure, dt, preprocess, u, y, stamps, r=r))
-        solution = _solution(structure, dt, preprocess, u, y, stamps, r if use is None or use.used else None)
+        raw = RawRecord(structure, dt, preprocess, u, y, stamps)
+        use = None if r is None else use_of(r, raw.made_ready(y, r))
+        solution = _solution(raw, r if use is None or use.used else None)
         if solution.found is None and use is not None:
             use = use.given_up()
-            solution = _solution(structure, dt, preprocess, u, y, stamps, None)
+            solution = _solution(raw, None)
         if solution.found is not None:
             use = None if use is None else use.concluded(structure, solution.found)
-            return _refined_result(structure, dt, preprocess, u, y, stamps, solution, rejected, use)
+            return _refined_result(raw, solution, rejected, use)
         if method == "srivc":
             raise InvalidArgumentError(
                 "srivc finds no model for this record: the input hardly moves, or the structure does not fit the plant"
@@ -257,39 +258,77 @@ def _reference(reference: Any, samples: int, method: str) -> FloatArray | None:
     return r
 
 
-def _solution(
-    structure: Structure,
-    dt: float,
-    preprocess: Preprocess,
-    u: FloatArray,
-    y: FloatArray,
-    stamps: FloatArray | None,
-    r: FloatArray | None,
-) -> Solution:
-    """Return the model of a raw record, its outliers and missing outputs bridged."""
-    mapped = preprocess.map_input(u)
-    known, _ = screen(mapped, np.zeros(u.size))
-    usable, _ = screen(mapped, y)
-    missing = known & ~usable & _between(usable)  # before the first output and behind the last nothing is told
+@dataclass(frozen=True, eq=False)
+class RawRecord:
+    """A record as it was given, and a structure to fit to it.
+
+    Attributes
+    ----------
+    structure : Structure
+    dt : float
+        Sampling time in s.
+    preprocess : Preprocess
+        With numbers for the working point.
+    u, y : (K,) arrays
+    stamps : (K,) array or None
+        Time stamps in s; None for a regular clock.
+    """
+
+    structure: Structure
+    dt: float
+    preprocess: Preprocess
+    u: FloatArray
+    y: FloatArray
+    stamps: FloatArray | None
+
+    @cached_property
+    def mapped(self) -> FloatArray:
+        """The input (K,) behind its map."""
+        return self.preprocess.map_input(self.u)
+
+    @cached_property
+    def known(self) -> BoolArray:
+        """Which inputs (K,) can be used."""
+        return screen(self.mapped, np.zeros(self.u.size))[0]
+
+    @cached_property
+    def usable(self) -> BoolArray:
+        """Which samples (K,) can be used."""
+        return screen(self.mapped, self.y)[0]
+
+    def made_ready(self, y: FloatArray, r: FloatArray | None) -> Record:
+        """Return the record with another output (K,), and a reference (K,) or None."""
+        return ready_record(self.structure, self.dt, self.preprocess, self.u, y, self.stamps, r=r)
+
+    def simulated(self, model: TransferFunction, y: FloatArray) -> Simulation:
+        """Return a model run from the input, offset and initial state fitted to the outputs (K,) that are not NaN."""
+        linear_input = np.where(self.known, self.mapped - float(self.preprocess.input_offset), np.nan)
+        return simulate(model, linear_input, y, self.dt, t=self.stamps)
+
+
+def _solution(raw: RawRecord, r: FloatArray | None) -> Solution:
+    """Return the model of a record, its outliers and missing outputs bridged."""
+    usable, y = raw.usable, raw.y
+    missing = raw.known & ~usable & _between(usable)  # before the first output and behind the last nothing is told
     if r is not None:
         missing &= np.isfinite(r)
-    linear_input = np.where(known, mapped - float(preprocess.input_offset), np.nan)
     gross = y.copy()
     gross[usable] = without_spikes(y[usable])
+    span = raw.dt * y.size if raw.stamps is None else float(raw.stamps[-1] - raw.stamps[0])
 
     def solve(output: FloatArray) -> tuple[Record, Refined | None]:
-        ready = ready_record(structure, dt, preprocess, u, output, stamps, r=r)
-        return ready, first_model(structure, ready)
+        ready = raw.made_ready(output, r)
+        return ready, first_model(raw.structure, ready)
 
     def run(found: Refined, output: FloatArray) -> FloatArray | None:
-        model = structure.transfer_function(found.theta[: structure.size])
-        if runs_away(model.den, dt * u.size if stamps is None else float(stamps[-1] - stamps[0])):
+        model = raw.structure.transfer_function(found.theta[: raw.structure.size])
+        if runs_away(model.den, span):
             return None
-        simulated = simulate(model, linear_input, np.where(usable, output, np.nan), dt, t=stamps).output
+        simulated = raw.simulated(model, np.where(usable, output, np.nan)).output
         return simulated if np.isfinite(simulated).all() else None
 
-    measured = np.where(usable, y, np.nan)
-    return solved(linear_input, measured, missing, np.where(usable, gross, np.nan), solve, run)
+    inputs = np.where(raw.known, raw.mapped, np.nan)
+    return solved(inputs, np.where(usable, y, np.nan), missing, np.where(usable, gross, np.nan), solve, run)
 
 
 def _between(usable: BoolArray) -> BoolArray:
@@ -298,30 +337,20 @@ def _between(usable: BoolArray) -> BoolArray:
 
 
 def _refined_result(
-    structure: Structure,
-    dt: float,
-    preprocess: Preprocess,
-    u: FloatArray,
-    y: FloatArray,
-    stamps: FloatArray | None,
-    solution: Solution,
-    rejected: dict[str, int],
-    use: ReferenceUse | None,
+    raw: RawRecord, solution: Solution, rejected: dict[str, int], use: ReferenceUse | None
 ) -> FitResult:
+    structure, dt, accepted = raw.structure, raw.dt, raw.usable
     size, found, ready = structure.size, solution.found, solution.ready
     assert found is not None
-    mapped = preprocess.map_input(u)
-    known, accepted = screen(mapped, np.zeros(u.size))[0], screen(mapped, y)[0]
     in_record = accepted | solution.missing
-    measured = np.where(accepted, y, np.nan)
+    measured = np.where(accepted, raw.y, np.nan)
     y = np.where(solution.outliers, np.nan, measured)
     model = structure.transfer_function(found.theta[:size])
     error = None
     if runs_away(model.den, ready.span):
         error = prediction_error(structure, found.theta[:size], ready, dt)
     if error is None:
-        linear_input = np.where(known, mapped - float(preprocess.input_offset), np.nan)
-        simulation = simulate(model, linear_input, y, dt, t=stamps)
+        simulation = raw.simulated(model, y)
     else:
         output = measured.copy()
         output[in_record] -= error
@@ -331,7 +360,7 @@ def _refined_result(
         dt,
         "srivc",
         RefinedFilter(),
-        preprocess,
+        raw.preprocess,
         found.theta[:size],
         solution.widening * found.covariance[:size, :size],
         found.condition(size),

@@ -7,18 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.arguments import FloatArray, IntArray
 from replant.engine.record import Record
 from replant.kernels.schema import FIXED, LAGS, ColourSlots, NoiseSlots, PathSlots, ReferenceSlots
 from replant.model.structure import Structure
 from replant.offline.projection import Projection
 from replant.simulation.auxiliary_model import Pass
-from replant.statistics.autoregression import Autoregression, IntArray
+from replant.statistics.autoregression import Autoregression
 from replant.statistics.batch_means import no_less_than_scattered, path_of_record, rows_of
 from replant.statistics.linear_algebra import (
     eigenvalues,
     inverse_of,
     quiet,
+    real_coefficients,
     roots,
 )
 from replant.statistics.udu import compose, factor_information, larger
@@ -272,8 +273,7 @@ def relative_uncertainty(
     record : Record
     """
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    magnitudes = np.abs(roots(np.concatenate([[1.0], model[structure.denominator]])))
-    sizes = np.poly(-np.maximum(magnitudes, 1.0 / record.span))[1:]
+    sizes = real_coefficients(model[structure.denominator], 1.0 / record.span)
     relative = std[structure.denominator] / np.maximum(sizes, 1e-300)
     outputs = 0.5 * std * np.linalg.norm(phi, axis=0) / max(float(np.linalg.norm(record.y)), 1e-300)
     of_a = np.minimum(relative, outputs[structure.denominator])

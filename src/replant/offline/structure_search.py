@@ -11,13 +11,15 @@ import numpy as np
 
 from replant.arguments import FloatArray, record, vector, whole
 from replant.assessment import simulate
+from replant.assessment.estimate_tests import MAY_BE_ABSENT
 from replant.engine.record import ready_record
 from replant.errors import InvalidArgumentError
+from replant.model.dead_time import unknown_outputs
 from replant.model.structure import Structure
 from replant.offline.fit import FitResult, fit
 from replant.regressor.preprocess import Preprocess, screen
 from replant.simulation.prediction import prediction_error, runs_away
-from replant.statistics.linear_algebra import quiet
+from replant.statistics.linear_algebra import quiet, real_coefficients
 
 TRAINED = 0.7
 """Part of the record that models are fitted to; the rest is held out [share].
@@ -40,13 +42,6 @@ Sensitivity: not measured.
 LEAST_SHARED = 0.5
 """Share of the stretches that two structures must share to be compared [share].
 Derivation: fewer than three differences have no standard error.
-"""
-
-UNKNOWN = 1.0
-"""Standard deviation of a coefficient beyond which it may as well be absent: the structure has too many [part of its
-size].
-Derivation: its 68 % interval then holds zero.
-Sensitivity: not measured.
 """
 
 PRECISION = 0.01
@@ -83,8 +78,8 @@ class Candidate:
 
     @property
     def is_known(self) -> bool:
-        """Whether every coefficient is known well enough to be there."""
-        return self.uncertainty < UNKNOWN
+        """Whether no coefficient may as well be absent."""
+        return self.uncertainty < MAY_BE_ABSENT
 
     def is_behind(self, best: Candidate) -> bool:
         """Return whether it predicts worse than the best one, by more than a standard error of the difference."""
@@ -281,9 +276,10 @@ def _try(
 
 def _error_held_out(fitted: FitResult, u: FloatArray, y: FloatArray, unseen: slice) -> FloatArray:
     """Return measured minus modelled output over a stretch that was not fitted; NaN where there is no output."""
-    structure, dt = fitted.structure, fitted.dt
+    dt = fitted.dt
     # inputs from before the stretch act on it through the dead time: they are simulated, their outputs left out
-    start = max(unseen.start - math.ceil(structure.delay / dt), 0)
+    unknown = unknown_outputs(fitted.structure.delay, dt)
+    start = max(unseen.start - unknown, 0)
     skipped, whole_part = unseen.start - start, slice(start, unseen.stop)
     mapped = fitted.preprocess.map_input(u[whole_part])
     if runs_away(fitted.transfer_function.den, dt * (unseen.stop - unseen.start)):
@@ -291,7 +287,7 @@ def _error_held_out(fitted: FitResult, u: FloatArray, y: FloatArray, unseen: sli
     else:
         measured = np.where(np.arange(start, unseen.stop) < unseen.start, np.nan, y[whole_part])
         error = measured - simulate(fitted.transfer_function, mapped, measured, dt).output
-    error[: math.ceil(structure.delay / dt)] = np.nan  # answers to inputs that are not known
+    error[:unknown] = np.nan  # answers to inputs that are not known
     return error[skipped:]
 
 
@@ -304,10 +300,9 @@ def _uncertainty(fitted: FitResult) -> float:
     uncertainty, structure = fitted.uncertainty, fitted.structure
     if uncertainty is None or not np.isfinite(uncertainty.std).all():
         return math.inf
-    std = uncertainty.std
-    poles = np.maximum(np.abs(fitted.transfer_function.poles), 1.0 / (fitted.dt * max(fitted.samples, 1)))
-    sizes = np.concatenate([np.poly(-poles)[1:], np.abs(fitted.parameters[structure.numerator])])
-    return float((std[: sizes.size] / np.maximum(sizes, 1e-300)).max())
+    denominator = real_coefficients(fitted.parameters[structure.denominator], 1.0 / (fitted.dt * fitted.samples))
+    sizes = np.concatenate([denominator, np.abs(fitted.parameters[structure.numerator])])
+    return float((uncertainty.std[: sizes.size] / np.maximum(sizes, np.finfo(float).tiny)).max())
 
 
 def _predicted(fitted: FitResult, u: FloatArray, y: FloatArray) -> FloatArray:

@@ -506,7 +506,7 @@ class Identifier(Estimate):
         settings = settle(self._request, u, clean, reference=self._reference)
         refined = None
         if settings.instruments:
-            ready, refined = modelled(settings, u, clean, t, r)
+            ready, refined = modelled(self._request, settings.preprocess, u, clean, t, r if self._reference else None)
             if refined is None and at_any_rate:  # the samples held are kept: others may follow
                 return NAN
             if refined is None or not (refined.acceptable or at_any_rate or 2 * self._hold > LONGEST_STARTUP):

@@ -10,13 +10,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from replant.engine.record import ready_record
 from replant.offline.refined import Refined
-from replant.offline.srivc import first_model
-from replant.online.startup import Held
-from replant.regressor.preprocess import centre
+from replant.online.startup import Held, modelled
 from replant.settings import Request
-from replant.statistics.linear_algebra import quiet
 from replant.statistics.robust import without_spikes
 
 Solved = dict[int, tuple[Held, Refined | None]]
@@ -32,12 +28,10 @@ def next_provisional(request: Request, held: int) -> int:
     >>> [next_provisional(Request(Structure(1), 0.1), held) for held in (0, 31, 100, 500)]
     [31, 62, 125, 1000]
     """
-    size = request.first_hold
-    while size <= held:
-        size *= 2
-    while size // 2 > held and size // 2 >= request.least_startup:
-        size //= 2
-    return size
+    later = request.first_hold
+    while later <= held:
+        later *= 2
+    return min((size for size in _sizes(request, later) if size > held), default=later)
 
 
 def provisional(request: Request, held: list[Held], solved: Solved, *, reference: bool) -> tuple[int, Refined] | None:
@@ -76,13 +70,8 @@ def _sizes(request: Request, held: int) -> Iterator[int]:
         size //= 2
 
 
-@quiet
 def _solve(request: Request, held: list[Held], *, reference: bool) -> Refined | None:
     u, y, t, r = np.array(held, np.float64).T.copy()
     y = without_spikes(y)
     preprocess = request.preprocess.resolve(u, y)
-    if not request.structure.bias:
-        preprocess = centre(preprocess, u, y)
-    stamps = None if np.isnan(t).any() else t
-    made_ready = u, y, stamps, request.input_hold, r if reference else None
-    return first_model(request.structure, ready_record(request.structure, request.dt, preprocess, *made_ready))
+    return modelled(request, preprocess, u, y, t, r if reference else None)[1]

@@ -14,8 +14,8 @@ from replant.engine.state import NOTHING, State
 from replant.kernels.schema import BELIEVED, FARTHEST, LARGEST, LEAP, MOST_EARLIER
 from replant.offline.refined import Refined
 from replant.offline.srivc import first_model
-from replant.regressor.preprocess import screen
-from replant.settings import Request, Settings
+from replant.regressor.preprocess import Preprocess, screen
+from replant.settings import Request
 from replant.statistics.linear_algebra import quiet
 
 Held = tuple[float, float, float, float]  # a sample (u, y, t, r) held for start-up
@@ -159,20 +159,23 @@ def warm_up(
 
 @quiet
 def modelled(
-    settings: Settings, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray
+    request: Request, preprocess: Preprocess, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray | None
 ) -> tuple[Record, Refined | None]:
     """Return held samples as a record, and their `first_model`.
 
     Parameters
     ----------
-    settings : Settings
-    u, y, t, r : (K,) arrays
-        Raw samples; t in s, NaN where there is no stamp; the reference r, NaN where there is none.
+    request : Request
+    preprocess : Preprocess
+        With numbers for the working point.
+    u, y, t : (K,) arrays
+        Raw samples; t in s, NaN where there is no stamp.
+    r : (K,) array, optional
+        Reference.
     """
-    stamps, hold = None if np.isnan(t).any() else t, settings.filter.input_hold
-    reference = r if settings.reference else None
-    record = ready_record(settings.structure, settings.dt, settings.preprocess, u, y, stamps, hold, reference)
-    return record, first_model(settings.structure, record)
+    stamps = None if np.isnan(t).any() else t
+    record = ready_record(request.structure, request.dt, preprocess, u, y, stamps, request.input_hold, r)
+    return record, first_model(request.structure, record)
 
 
 def carry_over(old: State, new: State) -> None:

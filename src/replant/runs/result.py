@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.arguments import FloatArray, IntArray
 from replant.assessment import Assessment, Simulation, assess_record
 from replant.engine.record import ready_record
 from replant.model.noise import NoiseModel
@@ -22,7 +22,6 @@ from replant.runs.overview import Overview
 from replant.settings import Settings
 from replant.simulation.stretches import (
     NONE,
-    IntArray,
     flags_of,
     joined,
     stretches_of,

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from replant.arguments import BoolArray, FloatArray
+from replant.arguments import BoolArray, FloatArray, IntArray
 from replant.assessment import Simulation
 from replant.online.defaults import settle
 from replant.online.identifier import Identifier
@@ -22,7 +22,6 @@ from replant.settings import LONGEST_STARTUP, Request
 from replant.simulation.score import FITTED, Score
 from replant.simulation.stretches import (
     NONE,
-    IntArray,
     flags_of,
     stretches_of,
 )

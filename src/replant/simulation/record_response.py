@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.model.dead_time import split_delay
+from replant.model.dead_time import split_delay, unknown_outputs
 from replant.model.response import Response
 from replant.model.transfer_function import TransferFunction
 
@@ -35,7 +35,7 @@ class RecordResponse:
     def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh") -> None:
         self._lag, fraction = split_delay(model.delay, dt)
         self._response = Response(TransferFunction(model.num, model.den, fraction * dt), dt, input_hold)
-        self._unknown = self._lag + (fraction > 0.0)  # outputs still to come that answer to unknown inputs
+        self._unknown = unknown_outputs(model.delay, dt)  # outputs still to come that answer to unknown inputs
         self._waiting = np.zeros(0)  # inputs that have not acted yet
 
     def take(self, u: FloatArray) -> tuple[FloatArray, FloatArray, int]:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from replant.arguments import BoolArray
-
-IntArray = npt.NDArray[np.int64]
+from replant.arguments import BoolArray, IntArray
 
 NONE: IntArray = np.zeros((0, 2), np.int64)
 

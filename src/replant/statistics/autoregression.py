@@ -13,9 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from replant.arguments import FloatArray
+from replant.arguments import FloatArray, IntArray
 from replant.kernels.schema import LAGS
 from replant.statistics.chi2 import chi2_quantile
 from replant.statistics.linear_algebra import quiet, roots
@@ -36,8 +35,6 @@ LEAST = 4 * (LAGS + 1)
 Origin: four for each number that a model of the largest order has.
 Sensitivity: not measured.
 """
-
-IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,6 +31,28 @@ def roots(polynomial: FloatArray) -> npt.NDArray[np.complex128]:
 
 
 @quiet
+def real_coefficients(denominator: FloatArray, least: float) -> FloatArray:
+    """Return the coefficients (n,) of prod(s + abs(pole)).
+
+    It is the size that those of the denominator would have if all poles were real.
+
+    Parameters
+    ----------
+    denominator : (n,) array
+        a_{n-1} .. a_0.
+    least : float
+        A pole whose magnitude is less counts as this, in rad/s.
+
+    Examples
+    --------
+    >>> real_coefficients(np.array([0.2, 4.0]), 0.1).round(9)
+    array([4., 4.])
+    """
+    magnitudes = np.abs(roots(np.concatenate([[1.0], denominator])))
+    return np.asarray(np.poly(-np.maximum(magnitudes, least))[1:])
+
+
+@quiet
 def eigenvalues(symmetric: FloatArray) -> FloatArray:
     """Return the eigenvalues (T,) of a symmetric matrix (T, T), ascending; NaN where the matrix is not finite.
 

@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from replant.arguments import BoolArray, FloatArray
-
-IntArray = npt.NDArray[np.int64]
+from replant.arguments import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
