@@ -8,7 +8,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 
-from replant.report.palette import (
+from replant.plotting.palette import (
     BLUE,
     GREEN,
     ORANGE,

@@ -23,12 +23,12 @@ ORDER = [
     # the kernels: arrays in, arrays out
     *("kernels", "kernels.codegen", "kernels.optimizers", "kernels.filters", "kernels.monitoring", "kernels.step"),
     # the stages from a sample to the regressor, and what they share
-    *("interop", "statistics", "optimizers", "model", "regressor"),
+    *("interop", "log", "statistics", "optimizers", "model", "regressor"),
     *("signals", "rigs", "settings"),
     # the kernels' arrays
     "engine",
     # estimators and their judgement
-    *("checkpoint", "simulation", "assessment", "offline", "online"),
+    *("checkpoint", "simulation", "plotting", "assessment", "identified", "offline", "online"),
     # what touches the outside
     *("data", "data.logs", "data.streams", "runs", "sklearn"),
     *("report", "report.figures", "report.terminal", "report.html"),
@@ -37,13 +37,24 @@ ORDER = [
     *("public", "__init__", "cli", "__main__"),
 ]
 #: Read and write files, and speak to the person at the terminal: these and nothing else.
-OUTSIDE = {"checkpoint.files", "data", "runs.full_trace", "report", "live", "paper", "cli", "__main__"}
+OUTSIDE = {
+    "checkpoint.files",
+    "identified.model_file",
+    "data",
+    "runs.full_trace",
+    "report",
+    "live",
+    "paper",
+    "cli",
+    "__main__",
+    "log",  # it names its file
+}
 #: Of Python's own, what kernels may import.
 PLAIN = {"__future__", "collections", "contextlib", "enum", "math", "operator", "typing"}
 #: May be imported anywhere, at any time; everything else that is not Python's own or replant's is heavy.
 LIGHT = {"numpy"}
 HEAVY = {"numba", "llvmlite", "scipy", "matplotlib", "control", "pyarrow", "pandas", "xarray", "sklearn"}
-HEAVY |= {"paho", "serial", "starlette", "uvicorn"}
+HEAVY |= {"paho", "serial", "starlette", "sympy", "uvicorn"}
 #: Modules that are made of another package's classes: nothing of ours imports them but where it uses them.
 ADAPTERS = {
     "sklearn": {"sklearn"},

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from replant.plotting.palette import BLACK, BLUE, GREEN, ORANGE, TRUE, VERMILION, font, symbol
 from replant.report.figures.style import INK, MUTED, legend, logarithmic, new_axes, tidy
-from replant.report.palette import BLACK, BLUE, GREEN, ORANGE, TRUE, VERMILION, font, symbol
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "closed-loop.md"

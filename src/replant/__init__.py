@@ -30,6 +30,8 @@ __all__ = [
     "LogError",
     "MissingCheckpointError",
     "MissingDependencyError",
+    "Model",
+    "ModelFileError",
     "NAdam",
     "NoiseModel",
     "Preprocess",
@@ -46,10 +48,12 @@ __all__ = [
     "TransferFunction",
     "Uncertainty",
     "UnsupportedDependencyError",
+    "Validation",
     "__version__",
     "fit",
     "fit_percent",
     "load",
+    "load_model",
     "read_log",
 ]
 

@@ -259,6 +259,24 @@ def truth(name: str, value: Any) -> bool:
     return bool(value)
 
 
+def text(name: str, value: Any) -> str:
+    """Return ``value`` as a plain str.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it is not a str.
+
+    Examples
+    --------
+    >>> text("input_name", np.str_("voltage [V]"))
+    'voltage [V]'
+    """
+    if not isinstance(value, str):
+        raise ArgumentTypeError(f"{name} must be a str, got {value!r}")
+    return str(value)
+
+
 def instance(name: str, value: Any, *kinds: Any) -> Any:
     """Return ``value`` if it is an instance of a class, or equal to a word or None.
 

@@ -19,6 +19,10 @@ class LogError(ReplantError, ValueError):
     """A log file cannot be read: the message names the file, and column and row where they matter."""
 
 
+class ModelFileError(ReplantError, ValueError):
+    """A model cannot be written to a file or read from one: the message names the file and what is wrong."""
+
+
 class MissingDependencyError(ReplantError, ImportError):
     """An optional package is not installed: the message names the extra that installs it."""
 

@@ -11,6 +11,7 @@ from replant.errors import (
     LogError as LogError,
     MissingCheckpointError as MissingCheckpointError,
     MissingDependencyError as MissingDependencyError,
+    ModelFileError as ModelFileError,
     ReplantError as ReplantError,
     SystemRefusedError as SystemRefusedError,
     UnsupportedDependencyError as UnsupportedDependencyError,
@@ -18,7 +19,10 @@ from replant.errors import (
 from replant.regressor.filters import RefinedFilter as RefinedFilter, StateVariableFilter as StateVariableFilter
 from replant.online.identifier import Identifier as Identifier
 from replant.data.logs import Log as Log, read_log as read_log
-from replant.offline.fit import FitResult as FitResult, fit as fit
+from replant.identified.model import Model as Model, load_model as load_model
+from replant.identified.validation import Validation as Validation
+from replant.offline.fit import fit as fit
+from replant.offline.fit_result import FitResult as FitResult
 from replant.optimizers import (
     AdaDelta as AdaDelta,
     AdaGrad as AdaGrad,

@@ -1,5 +1,6 @@
 """The command line as a person and a script meet it."""
 
+import hashlib
 import html
 import json
 import re
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import replant as rp
 from replant.cli import main
 from replant.cli.output import COMPILING
 from replant.model.transfer_function import TransferFunction
@@ -47,10 +49,13 @@ def test_json_holds_the_contract(capsys, log: Path, command: str) -> None:
     code, out, err = call(capsys, command, log, *COLUMNS, "--json")
     assert (code, err) == (0, "")
     answer = json.loads(out)
-    assert set(answer) == {
+    assert set(answer) >= {
         "num", "den", "delay", "parameters", "poles", "zeros", "dc_gain", "fit", "samples", "rejected", "verdict",
-        "elapsed_seconds",
+        "elapsed_seconds", "schema_version",
     }  # fmt: skip
+    model = rp.Model.from_json(out)
+    assert (model.input_name, model.output_name, model.provenance.source) == ("u", "y", "log.csv")
+    assert model.provenance.sha256 == hashlib.sha256(log.read_bytes()).hexdigest()
     assert set(answer["fit"]) == {"one_step", "simulated"}
     assert set(answer["verdict"]) == {"status", "excited", "reasons"}
     assert answer["verdict"]["excited"] is True

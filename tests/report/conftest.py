@@ -15,6 +15,7 @@ from replant.report.html.report import write_report
 from replant.runs.result import History, Result
 from replant.runs.run import run_online
 from replant.settings import Request
+from support.builders import with_model
 
 DT = 0.05
 PLANT = rp.TransferFunction([3.0, 6.0], [1.0, 1.6, 4.0])
@@ -39,7 +40,8 @@ def identify(u: np.ndarray, y: np.ndarray, **request: Any) -> Result:
 def without_covariance(result: Result) -> Result:
     """Return the result as of an estimator that does not tell how sure it is."""
     assert result.history is not None
-    return dataclasses.replace(result, covariance=None, history=dataclasses.replace(result.history, std=None))
+    history = dataclasses.replace(result.history, std=None)
+    return dataclasses.replace(with_model(result, covariance=None), history=history)
 
 
 def with_covariance(result: Result, relative: float = 0.03) -> Result:
@@ -50,7 +52,7 @@ def with_covariance(result: Result, relative: float = 0.03) -> Result:
     covariance = root @ root.T
     fading = 1.0 + 20.0 * np.exp(-np.linspace(0.0, 8.0, result.history.samples.size))
     history = History(result.history.samples, result.history.parameters, fading[:, None] * np.sqrt(np.diag(covariance)))
-    return dataclasses.replace(result, covariance=covariance, history=history)
+    return dataclasses.replace(with_model(result, covariance=covariance), history=history)
 
 
 def as_log(u: np.ndarray, y: np.ndarray, path: str | Path = "log.csv", dt: float = DT) -> rp.Log:

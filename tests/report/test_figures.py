@@ -12,12 +12,7 @@ import replant as rp
 from replant.errors import InvalidArgumentError
 from replant.model.noise import NoiseModel
 from replant.model.uncertainty import Uncertainty
-from replant.report.diagnostics import (
-    BAND_95,
-    BAND_99,
-    correlations,
-    excitation,
-)
+from replant.report.diagnostics import excitation
 from replant.report.figures import (
     draw_bode,
     draw_correlations,
@@ -30,6 +25,8 @@ from replant.report.figures import (
     style,
 )
 from replant.report.figures.poles import regions, zero_covariance
+from replant.statistics.correlations import BAND_95, BAND_99, correlations
+from support.builders import with_model
 
 
 def curves(axis) -> dict[str, np.ndarray]:
@@ -146,7 +143,7 @@ def test_poles_and_zeros(plain, uncertain) -> None:
 
 
 def test_ellipses_hold_95_percent_of_the_poles_drawn_from_the_covariance(uncertain) -> None:
-    result = dataclasses.replace(uncertain.result, covariance=uncertain.result.covariance / 100)  # where it is linear
+    result = with_model(uncertain.result, covariance=uncertain.result.covariance / 100)  # where it is linear
     pole, covariance = next((root, known) for root, known in regions(result) if root.imag > 0)
     drawn = np.random.default_rng(0).multivariate_normal(result.parameters, result.covariance, 4000)
     upper = np.array([max(np.roots([1.0, *row[:2]]), key=lambda root: root.imag) for row in drawn])
@@ -171,9 +168,8 @@ def test_covariance_of_zeros_is_that_of_numerical_derivatives() -> None:
 @pytest.mark.filterwarnings("error")
 def test_double_pole_and_unknown_covariance_have_no_region(uncertain) -> None:
     double = np.array([4.0, 4.0, 1.0, 3.0])  # (s + 2)^2
-    model = uncertain.result.structure.transfer_function(double)
-    result = dataclasses.replace(uncertain.result, parameters=double, transfer_function=model)
-    unknown = dataclasses.replace(result, covariance=np.full((4, 4), np.nan))
+    result = with_model(uncertain.result, parameters=double)
+    unknown = with_model(result, covariance=np.full((4, 4), np.nan))
     for each in (result, unknown):
         axis = draw_poles_and_zeros(each)
         draw_bode(each, 0.05)

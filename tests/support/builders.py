@@ -11,6 +11,7 @@ import pytest
 import replant as rp
 from replant.engine.state import State
 from replant.optimizers import OPTIMIZERS
+from replant.runs.result import Result
 
 #: The article's G1 and G2, (20) and (22).
 G1 = rp.TransferFunction([1.25], [1.0, 0.5])
@@ -156,3 +157,8 @@ AWKWARD = {
         rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5), 2.37 * DT),
     ),
 }
+
+
+def with_model(result: Result, **changes: Any) -> Result:
+    """The same result with some fields of its model changed."""
+    return dataclasses.replace(result, model=dataclasses.replace(result.model, **changes))

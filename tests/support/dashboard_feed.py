@@ -9,6 +9,7 @@ import numpy as np
 
 import replant as rp
 from replant.assessment import fit_percent, simulate
+from replant.identified.model_json import as_object
 from replant.live.dashboard import Hub
 
 DT = 0.01
@@ -98,6 +99,7 @@ class Feed:
             **{"verdict": verdict.status, "excited": verdict.excited, "reasons": verdict.reasons},
             **self._window(model, starting),
             "bode": {key: [] for key in _BODE} if starting else _bode(model, known),
+            "model": {} if starting else as_object(ident.model),
             "history": dict(zip(("t", "parameters", "std"), map(list, zip(*self.history, strict=True)), strict=True)),
         }
 

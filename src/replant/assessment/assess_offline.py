@@ -23,8 +23,9 @@ def assess_record(
     covariance: FloatArray | None = None,
     *,
     instruments: bool = True,
+    unseen: bool = False,
 ) -> Assessment:
-    """Return the verdict on a model fitted to a record.
+    """Return the verdict on a model by a record.
 
     Parameters
     ----------
@@ -32,13 +33,15 @@ def assess_record(
     parameters : (P,) array
         In the order of ``structure.names``.
     record : Record
-        The record that it was fitted to, made ready.
+        The record that it was fitted to, or another one, made ready.
     dt : float
         Nominal sampling time in s.
     covariance : (P, P) array, optional
         Of the parameters.
     instruments : bool
         False for least squares, which noise biases.
+    unseen : bool
+        Whether the record is another one, which the model was not fitted to.
 
     Examples
     --------
@@ -50,16 +53,18 @@ def assess_record(
     ('trusted', 100.0)
     """
     irregular = record.intervals.size > 1
+    looked_at = record.last(MOST_SAMPLES).answering(structure.delay)
     evidence = Evidence(
         structure,
         dt,
-        record.last(MOST_SAMPLES).answering(structure.delay),
+        looked_at,
         estimate=parameters,
         covariance=None if covariance is None or not np.isfinite(covariance).all() else covariance,
         earlier=parameters,
-        unseen=0,
+        unseen=looked_at.u.size if unseen else 0,
         learned=record.u.size,
-        in_sample=True,
+        in_sample=not unseen,
+        adapts=not unseen,
         instruments=instruments,
         usual_interval=float(np.median(record.intervals[1:])) if irregular else 0.0,
     )

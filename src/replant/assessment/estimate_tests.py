@@ -288,7 +288,7 @@ def _of_distance(evidence: Evidence, distance: float, statistic: float) -> list[
         return []
     reason = f"the samples give a coefficient that differs by {percent(distance)}"
     if not evidence.adapts:
-        return [Finding("inconsistent", f"{reason}: the estimate is frozen, and the plant has changed")]
+        return [Finding("inconsistent", f"{reason}: the plant has changed since, or is another one")]
     if not evidence.instruments:
         return [Finding("inconsistent", f"{reason}: noise biases an estimate without instruments")]
     return [Finding("converging", f"{reason}: the estimate has not converged to them yet")]

@@ -23,10 +23,14 @@ class Verdict:
     status : {"trusted", "converging", "not excited", "inconsistent", "diverged"}
     reasons : tuple of str
         In plain words, with figures; the gravest first.
+    excited : bool
+        Whether the newest samples can tell anything of the model, and the estimate can learn from them.  Where they
+        cannot, as while the input rests, the verdict is that of all samples kept, or of those before the rest.
     """
 
     status: str
     reasons: tuple[str, ...]
+    excited: bool = True
 
 
 @dataclass(frozen=True)
@@ -35,9 +39,6 @@ class Assessment(Verdict):
 
     Attributes
     ----------
-    excited : bool
-        Whether the newest samples can tell anything of the model, and the estimate can learn from them.  Where they
-        cannot, as while the input rests, the verdict is that of all samples kept, or of those before the rest.
     samples : int
         Samples examined.
     held_out : int
@@ -68,7 +69,6 @@ class Assessment(Verdict):
         Largest relative standard deviation of a coefficient of the denominator.
     """
 
-    excited: bool = True
     samples: int = 0
     held_out: int = 0
     fit: float = math.nan

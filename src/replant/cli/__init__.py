@@ -20,6 +20,8 @@ COMMANDS = {
     "run": ("run", "Identify G(s) online, in one pass over a recorded log."),
     "fit": ("fit", "Fit G(s) to a whole recorded log at once (batch); search structures."),
     "compare": ("compare", "Compare methods on the same recorded log."),
+    "validate": ("validate", "Compare a saved model with other logs."),
+    "show": ("show", "Print a saved model."),
     "live": ("live", "Identify G(s) from live samples (serial, TCP, UDP, MQTT, pipe), with a dashboard."),
     "demo": ("demo", "Identify a simulated actuator while it runs, with plots."),
     "reproduce": ("reproduce", "Reproduce the article's tables, beside the published figures."),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import click
 
+from replant.cli.keeping import kept
 from replant.cli.options import log_options, open_log
 from replant.cli.output import (
     command_line,
@@ -27,6 +29,7 @@ from replant.runs.comparison import (
     Contender,
     compare,
 )
+from replant.runs.result import Result
 from replant.settings import Request
 
 
@@ -72,8 +75,13 @@ def _deliver(contenders: Sequence[Contender], log: Log, request: Request, *, as_
             paths.append(save_overlay(out / "parameters.png", contenders, log, request.preprocess))
             paths.append(write_comparison(out / "report.html", contenders, log, request.preprocess, command_line()))
     if as_json:
-        click.echo(json.dumps(comparison_as_json(contenders), allow_nan=False))
+        named = [dataclasses.replace(entry, result=_named(entry.result, log)) for entry in contenders]
+        click.echo(json.dumps(comparison_as_json(named), allow_nan=False))
         return
     print_comparison(Console(), contenders, request.structure, len(log))
     for path in paths:
         click.echo(f"wrote {path}")
+
+
+def _named(result: Result | None, log: Log) -> Result | None:
+    return result and dataclasses.replace(result, model=kept(result.model, log))

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from replant.cli.keeping import Keeping, keeping_options
 from replant.cli.options import (
     open_log,
     preprocess_of,
@@ -16,7 +17,8 @@ from replant.cli.options import (
 )
 from replant.cli.output import deliver, make_folder, progress_bar
 from replant.data.logs import Log
-from replant.offline.fit import METHODS, FitResult, fit
+from replant.offline.fit import METHODS, fit
+from replant.offline.fit_result import FitResult
 from replant.offline.structure_search import SearchResult, search
 from replant.report.html.python_program import fit_as_python
 from replant.report.terminal import candidates
@@ -26,6 +28,7 @@ from replant.runs.result import result_of_fit
 @click.command(name="fit")
 @search_options
 @click.option("--method", type=click.Choice(METHODS), default="auto", show_default=True, help="Method of the fit.")
+@keeping_options
 def command(as_json: bool, out: Path | None, method: str, **options: Any) -> None:
     """Fit G(s) to all of LOG (csv, txt, parquet, mat, npz): refined instrumental variables, or least squares.
 
@@ -37,7 +40,7 @@ def command(as_json: bool, out: Path | None, method: str, **options: Any) -> Non
     """
     from rich.console import Console
 
-    begun, found = time.perf_counter(), None
+    keeping, begun, found = Keeping.of(options), time.perf_counter(), None
     if any(len(options[name] or ()) > 1 for name in ("poles", "zeros", "delay")):
         if method == "least_squares":
             raise click.UsageError("a range of structures is searched by srivc: drop --method least_squares")
@@ -54,7 +57,7 @@ def command(as_json: bool, out: Path | None, method: str, **options: Any) -> Non
             log.input, log.output, log.dt, request.structure, method=method, preprocess=request.preprocess,
             **_reference(log),
         )  # fmt: skip
-    _deliver(fitted, log, begun, found, as_json=as_json, out=out)
+    _deliver(fitted, log, begun, found, keeping, as_json=as_json, out=out)
 
 
 def _search(log: Log, options: dict[str, Any]) -> SearchResult:
@@ -82,7 +85,14 @@ def _reference(log: Log) -> dict[str, Any]:
 
 
 def _deliver(
-    fitted: FitResult, log: Log, begun: float, found: SearchResult | None, *, as_json: bool, out: Path | None
+    fitted: FitResult,
+    log: Log,
+    begun: float,
+    found: SearchResult | None,
+    keeping: Keeping,
+    *,
+    as_json: bool,
+    out: Path | None,
 ) -> None:
     report: dict[str, Any] = {
         "filter": fitted.fixed_filter, "preprocess": fitted.preprocess, "python": fit_as_python(fitted, log)
@@ -91,4 +101,5 @@ def _deliver(
     if found is not None:
         report["candidates"] = candidates.HEADINGS, candidates.rows_of(found)
         more["candidates"] = candidates.as_json(found)
-    deliver(result_of_fit(fitted, log.input, log.output, begun), log, as_json=as_json, out=out, more=more, **report)
+    result = result_of_fit(fitted, log.input, log.output, begun)
+    deliver(result, log, keeping, as_json=as_json, out=out, more=more, **report)

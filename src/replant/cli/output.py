@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shlex
 import sys
@@ -13,27 +14,41 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from replant.cli.keeping import Keeping, kept
 from replant.cli.options import Range
 from replant.data.logs import Log
 from replant.report.html.python_program import identifier_as_python
 from replant.report.number_format import with_prefix
 from replant.report.terminal.summary import as_json as result_as_json
 from replant.report.terminal.summary import print_result
+from replant.report.terminal.validation import as_json as validation_as_json
+from replant.report.terminal.validation import print_validation
 from replant.runs.result import Result
 
+#: Options that say what is done with a result, not how it is made.
+OF_OUTPUT = ("as_json", "out", "full_trace", "saved", "other_logs", "required")
 COMPILING = "compiling (once): later runs start at once"
 
 
 def deliver(
-    result: Result, log: Log, *, as_json: bool, out: Path | None, more: dict[str, Any] | None = None, **report: Any
+    result: Result,
+    log: Log,
+    keeping: Keeping,
+    *,
+    as_json: bool,
+    out: Path | None,
+    more: dict[str, Any] | None = None,
+    **report: Any,
 ) -> None:
-    """Print a result, and write its plots and its report.
+    """Print a result, write its plots and its report, save and validate its model.
 
     Parameters
     ----------
     result : Result
     log : Log
         The record of the result.
+    keeping : Keeping
+        What is to be done with the model.
     as_json : bool
         Whether to print a JSON object instead of a table.
     out : Path or None
@@ -50,24 +65,35 @@ def deliver(
     """
     from rich.console import Console
 
+    result = dataclasses.replace(result, model=kept(result.model, log))
+    validations = keeping.validated(result.model)
     paths = []
+    if keeping.saved is not None:
+        result.model.save(keeping.saved)
+        paths.append(keeping.saved)
     if out is not None:
         from replant.report.figures import save_figures
         from replant.report.html.report import write_report
 
         names: Any = {"input_label": log.input_name, "output_label": log.output_name}
         with write_errors_reported(out):
-            paths = save_figures(out, result, log.input, log.output, log.dt, **names)
+            paths += save_figures(out, result, log.input, log.output, log.dt, **names)
             paths.append(write_report(out / "report.html", result, log, command=command_line(), **report))
     if as_json:
-        click.echo(json.dumps(result_as_json(result) | (more or {}), allow_nan=False))
-        return
-    console = Console()
-    print_result(console, result)
-    if result.settings is not None:
-        click.echo(f"\nSettings chosen from the data; in Python:\n{identifier_as_python(result.settings)}")
-    for path in paths:
-        click.echo(f"wrote {path}")
+        whole = result_as_json(result) | (more or {})
+        if validations:
+            whole["validations"] = [validation_as_json(each, path.name) for path, each in validations]
+        click.echo(json.dumps(whole, allow_nan=False))
+    else:
+        console = Console()
+        print_result(console, result)
+        for path, each in validations:
+            print_validation(console, each, path.name)
+        if result.settings is not None:
+            click.echo(f"\nSettings chosen from the data; in Python:\n{identifier_as_python(result.settings)}")
+        for path in paths:
+            click.echo(f"wrote {path}")
+    keeping.end([result.verdict, *(each.verdict for _, each in validations)])
 
 
 @contextmanager
@@ -167,7 +193,10 @@ def command_line() -> str:
         name = parameter.name or ""
         value: Any = context.params.get(name)
         source = context.get_parameter_source(name)
-        if name in ("as_json", "out", "full_trace") or source is not ParameterSource.COMMANDLINE:
+        if (
+            name in ("as_json", "out", "full_trace", "saved", "other_logs", "required")
+            or source is not ParameterSource.COMMANDLINE
+        ):
             continue
         if isinstance(parameter, click.Argument):
             words += map(str, value if isinstance(value, tuple) else (value,))

@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from replant.cli.keeping import Keeping, keeping_options
 from replant.cli.options import (
     OPTIMIZER,
     log_options,
@@ -40,11 +41,13 @@ from replant.simulation.score import FITTED
     metavar="FILE",
     help="Write the estimate after each sample (.parquet).",
 )
+@keeping_options
 def command(as_json: bool, out: Path | None, full_trace: Path | None, startup: int | None, **options: Any) -> None:
     """Identify G(s) online from LOG (csv, txt, parquet or a folder of it, mat, npz), sample by sample in one pass.
 
     Settings that no option gives are chosen from the data, and printed as Python code.  LOG may be larger than memory.
     """
+    keeping = Keeping.of(options)
     with progress_bar(rate=True) as bar:
         task = bar.add_task("checking", total=None)
 
@@ -62,9 +65,9 @@ def command(as_json: bool, out: Path | None, full_trace: Path | None, startup: i
     shown = result.overview
     log = recording.held if shown is None else recording.newest(shown.newest_input, shown.newest_output)
     assert log is not None
-    deliver(result, log, as_json=as_json, out=out)
     if full_trace is not None and not as_json:
         click.echo(f"wrote {full_trace}")
+    deliver(result, log, keeping, as_json=as_json, out=out)
 
 
 def _with_total(progress: Callable[[str, int, int], None], total: int, stage: str, done: int) -> None:

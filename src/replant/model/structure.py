@@ -13,7 +13,7 @@ from replant.arguments import (
     truth,
     whole,
 )
-from replant.errors import InvalidArgumentError
+from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.model.transfer_function import TransferFunction
 
 
@@ -72,6 +72,30 @@ class Structure:
         if zeros > poles or (zeros == poles and not self.feedthrough):
             hint = "; if the input acts on the output at once, set feedthrough=True" if zeros == poles else ""
             raise InvalidArgumentError(f"zeros must be fewer than poles, got {zeros} zeros and {poles} poles{hint}")
+
+    @classmethod
+    def wanted(cls, structure: Structure | None, poles: int | None, zeros: int, delay: float) -> Structure:
+        """Return a structure that was given, or the one with so many poles and zeros.
+
+        Raises
+        ------
+        ArgumentTypeError
+            If none is given.
+        InvalidArgumentError
+            If both are.
+
+        Examples
+        --------
+        >>> Structure.wanted(None, 2, 1, 0.0)
+        Structure(poles=2, zeros=1, delay=0.0, bias=False, feedthrough=False)
+        """
+        if structure is None:
+            if poles is None:
+                raise ArgumentTypeError("give the number of poles, poles=2, or structure=Structure(poles=2)")
+            return cls(poles, zeros, delay)
+        if poles is not None or zeros or delay:
+            raise InvalidArgumentError("give either a structure, or poles, zeros and delay")
+        return structure
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -241,23 +241,61 @@ class TransferFunction:
 
         return ScipyTransferFunction(self.num, self.den)
 
-    def to_control(self) -> Any:
-        """Return a `control.TransferFunction`, which cannot have a dead time; `control.pade` approximates one.
+    def to_control(self, pade: int | None = None) -> Any:
+        """Return a `control.TransferFunction`, which cannot have a dead time.
+
+        Parameters
+        ----------
+        pade : int, optional
+            Order of the Pade approximation that takes the place of the dead time: its phase is right up to about
+            ``pade / delay`` rad/s.
 
         Raises
         ------
         InvalidArgumentError
-            If ``delay`` is not 0.
+            If ``delay`` is not 0, and no order is given.
         MissingDependencyError
             If python-control is not installed.
+
+        Examples
+        --------
+        >>> TransferFunction([2.0], [1.0, 1.0], delay=0.1).to_control(pade=1).poles().real
+        array([-20.,  -1.])
         """
-        if self.delay:
+        if self.delay and pade is None:
             raise InvalidArgumentError(
                 f"python-control's transfer functions have no dead time, this one has {self.delay:g} s: "
-                "convert it without delay and multiply by control.tf(*control.pade(delay, 3))"
+                "approximate it, to_control(pade=3)"
             )
         try:
             import control
         except ImportError as cause:
             raise MissingDependencyError("to_control needs python-control: pip install 'replant[control]'") from cause
-        return control.tf(self.num, self.den)
+        rational = control.tf(self.num, self.den)
+        if not self.delay:
+            return rational
+        return rational * control.tf(*control.pade(self.delay, whole("pade", pade, 1)))
+
+    def to_sympy(self) -> Any:
+        """Return G(s) as an expression of SymPy in the symbol s, the dead time as exp(-delay s).
+
+        Raises
+        ------
+        MissingDependencyError
+            If SymPy is not installed.
+
+        Examples
+        --------
+        >>> TransferFunction([2.0], [1.0, 4.0, 3.0]).to_sympy()
+        2.0/(1.0*s**2 + 4.0*s + 3.0)
+        """
+        try:
+            import sympy
+        except ImportError as cause:
+            raise MissingDependencyError("to_sympy needs SymPy: pip install 'replant[sympy]'") from cause
+        s = sympy.Symbol("s")
+        num, den = (
+            sum(value * s**power for power, value in enumerate(reversed(polynomial.tolist())))
+            for polynomial in (self.num, self.den)
+        )
+        return num / den * sympy.exp(-self.delay * s) if self.delay else num / den

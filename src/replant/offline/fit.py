@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -13,7 +13,6 @@ import numpy as np
 from replant.arguments import (
     BoolArray,
     FloatArray,
-    IntArray,
     one_of,
     record,
     stamps_of,
@@ -22,18 +21,19 @@ from replant.arguments import (
 from replant.assessment import Simulation, fit_percent, simulate
 from replant.engine.offline_regressors import regressors
 from replant.engine.record import Record, ready_record
-from replant.errors import InvalidArgumentError
+from replant.errors import ArgumentTypeError, InvalidArgumentError
+from replant.log import Log
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
-from replant.model.uncertainty import Uncertainty
 from replant.offline.bridging import Solution, solved
 from replant.offline.choose_filter import choose_filter
+from replant.offline.fit_result import FitResult
 from replant.offline.least_squares import least_squares
 from replant.offline.reference_use import ReferenceUse, use_of
 from replant.offline.refined import Refined
 from replant.offline.srivc import first_model
-from replant.regressor.filters import Filter, RefinedFilter, StateVariableFilter
+from replant.regressor.filters import RefinedFilter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
 from replant.settings import AUTO, Request
 from replant.simulation.prediction import prediction_error, runs_away
@@ -44,100 +44,16 @@ from replant.statistics.robust import without_spikes
 METHODS = (AUTO, "srivc", "least_squares")
 
 
-@dataclass(frozen=True, eq=False)
-class FitResult:
-    """The result of `fit`.
-
-    Attributes
-    ----------
-    structure : Structure
-    dt : float
-        Sampling time in s.
-    method : str
-        "srivc" or "least_squares".
-    filter : StateVariableFilter or RefinedFilter
-        The filter used, chosen from the record or given.
-    preprocess : Preprocess
-        Input map and working point used, the latter as numbers.
-    parameters : (P,) array
-        In physical units, in the order of ``structure.names``.
-    covariance : (P, P) array or None
-        Of the parameters; None for least squares, which noise biases.
-    condition : float
-        Condition number of the scaled regressors; infinite if the input does not excite every parameter.
-    one_step : float
-        Fit in percent of the output predicted one step ahead: by (8), or with "srivc" by the free run and an
-        autoregression of its residual.
-    simulation : Simulation
-        The free run from the input alone, with offset and initial state estimated.  Of an unstable model, which would
-        run away, the output predicted one step ahead: the one that makes the residual A/D y - B/D u zero, where D is A
-        with its unstable poles reflected.
-    samples : int
-        Samples used.
-    rejected : dict
-        Number of samples left out, by reason.
-    noise : NoiseModel or None
-        The autoregression of the residual; None for least squares.
-    reference : ReferenceUse or None
-        What the reference was worth; None where none was given.
-    outliers : (N,) array of int
-        Indices of the outputs that were left out as outliers.
-    missing : (N,) array of int
-        Indices of the samples without an output, whose input was used.
-    """
-
-    structure: Structure
-    dt: float
-    method: str
-    filter: Filter
-    preprocess: Preprocess
-    parameters: FloatArray
-    covariance: FloatArray | None
-    condition: float
-    one_step: float
-    simulation: Simulation
-    samples: int
-    rejected: dict[str, int]
-    noise: NoiseModel | None = None
-    reference: ReferenceUse | None = None
-    outliers: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-    missing: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters, in their order."""
-        return self.structure.names
-
-    def bridged(self, y: FloatArray) -> FloatArray:
-        """Return an output (K,) with the model's where it is missing or an outlier: what the model was made from."""
-        rows = np.concatenate([self.outliers, self.missing])
-        y = y.copy()
-        y[rows] = self.simulation.output[rows]
-        return y
-
-    @property
-    def uncertainty(self) -> Uncertainty | None:
-        """Standard deviations of parameters, poles, gain and response; None for least squares, which noise biases."""
-        return None if self.covariance is None else Uncertainty(self.structure, self.parameters, self.covariance)
-
-    @property
-    def fixed_filter(self) -> StateVariableFilter:
-        """The filter used; 1/A of the result if it was the refined filter."""
-        return self.filter.fixed_at(self.transfer_function.den, self.dt)
-
-    @property
-    def transfer_function(self) -> TransferFunction:
-        """The estimate as G(s)."""
-        return self.structure.transfer_function(self.parameters)
-
-
 @quiet
 def fit(
     u: Any,
-    y: Any,
-    dt: float,
-    structure: Structure,
+    y: Any = None,
+    dt: float | None = None,
+    structure: Structure | None = None,
     *,
+    poles: int | None = None,
+    zeros: int = 0,
+    delay: float = 0.0,
     method: str = AUTO,
     filter: StateVariableFilter | str = AUTO,  # noqa: A002 - the field's word
     preprocess: Preprocess = Preprocess(),  # noqa: B008 - frozen
@@ -155,11 +71,18 @@ def fit(
 
     Parameters
     ----------
-    u, y : (K,) arrays
-        Input and output; samples that are not finite are left out.
+    u : (K,) array or Log
+        Raw input, or a log with input, output and sampling time.
+    y : (K,) array
+        Output; samples that are not finite are left out.
     dt : float
         Sampling time in s.
     structure : Structure
+        Or ``poles``, ``zeros`` and ``delay`` in its place.
+    poles, zeros : int
+        Number of poles and of zeros.
+    delay : float
+        Dead time in s.
     method : {"auto", "srivc", "least_squares"}
         "auto" is "srivc", and least squares if that finds no model, for example if the input hardly moves.
     filter : StateVariableFilter or "auto"
@@ -175,6 +98,8 @@ def fit(
 
     Raises
     ------
+    ArgumentTypeError
+        If an argument is missing or of the wrong type.
     InvalidArgumentError
         If the record is too short for the parameters, "srivc" finds no model, or an argument is not valid.
 
@@ -182,15 +107,25 @@ def fit(
     --------
     >>> true = TransferFunction([2.0], [1.0, 0.5])
     >>> u = np.where(np.arange(400) // 50 % 2 == 0, 1.0, -1.0)
-    >>> print(fit(u, true.simulate(u, dt=0.1), dt=0.1, structure=Structure(poles=1)).transfer_function)
-    2 / (s + 0.5)
+    >>> found = fit(u, true.simulate(u, dt=0.1), dt=0.1, poles=1)
+    >>> print(found.transfer_function, found.verdict.status)
+    2 / (s + 0.5) trusted
 
     References
     ----------
     Bernat and Kolota (2023), section 4; Garnier and Wang (2008), "Identification of Continuous-time Models from
     Sampled Data", chapters 1 and 4.
     """
+    structure = Structure.wanted(structure, poles, zeros, delay)
+    names: dict[str, Any] = {}
     method = one_of("method", method, METHODS)
+    if isinstance(u, Log):
+        if any(given is not None for given in (y, dt, t, reference)):
+            raise InvalidArgumentError("a log has its own output, clock and reference: leave out y, dt, t, reference")
+        names = {"input_name": u.input_name, "output_name": u.output_name, "source": u.path.name}
+        u, y, dt, reference = u.input, u.output, u.dt, u.reference
+    elif y is None or dt is None:
+        raise ArgumentTypeError("give a Log, or input u, output y and sampling time dt: fit(u, y, dt, poles=2)")
     dt = Request(structure, dt, filter=filter, preprocess=preprocess).dt
     u, y = record(u, y)
     stamps = _stamps(t, u.size)
@@ -215,7 +150,7 @@ def fit(
             solution = _solution(raw, None)
         if solution.found is not None:
             use = None if use is None else use.concluded(structure, solution.found)
-            return _refined_result(raw, solution, rejected, use)
+            return _with_record(_refined_result(raw, solution, rejected, use), raw, names)
         if method == "srivc":
             raise InvalidArgumentError(
                 "srivc finds no model for this record: the input hardly moves, or the structure does not fit the plant"
@@ -225,7 +160,15 @@ def fit(
     if not isinstance(filter, StateVariableFilter):
         filter = choose_filter(structure, dt, preprocess, u, y)  # noqa: A001
     result = _least_squares_result(structure, dt, filter, preprocess, u, y, accepted, rejected)
-    return dataclasses.replace(result, reference=use)
+    raw = RawRecord(structure, dt, preprocess, u, y, None)
+    return _with_record(dataclasses.replace(result, reference=use), raw, names)
+
+
+def _with_record(result: FitResult, raw: RawRecord, names: dict[str, Any]) -> FitResult:
+    """Return a result with the record that its verdict looks at, and the names of its signals."""
+    signal = result.reference.signal if result.reference else None
+    record = raw.made_ready(result.bridged(raw.y), signal, result.filter.input_hold)
+    return dataclasses.replace(result, record=record, **names)
 
 
 def _check_length(samples: int, structure: Structure) -> None:
@@ -296,9 +239,9 @@ class RawRecord:
         """Which samples (K,) can be used."""
         return screen(self.mapped, self.y)[0]
 
-    def made_ready(self, y: FloatArray, r: FloatArray | None) -> Record:
+    def made_ready(self, y: FloatArray, r: FloatArray | None, input_hold: str = "zoh") -> Record:
         """Return the record with another output (K,), and a reference (K,) or None."""
-        return ready_record(self.structure, self.dt, self.preprocess, self.u, y, self.stamps, r=r)
+        return ready_record(self.structure, self.dt, self.preprocess, self.u, y, self.stamps, input_hold, r)
 
     def simulated(self, model: TransferFunction, y: FloatArray) -> Simulation:
         """Return a model run from the input, offset and initial state fitted to the outputs (K,) that are not NaN."""

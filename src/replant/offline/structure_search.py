@@ -16,7 +16,8 @@ from replant.engine.record import ready_record
 from replant.errors import InvalidArgumentError
 from replant.model.dead_time import unknown_outputs
 from replant.model.structure import Structure
-from replant.offline.fit import FitResult, fit
+from replant.offline.fit import fit
+from replant.offline.fit_result import FitResult
 from replant.regressor.preprocess import Preprocess, screen
 from replant.simulation.prediction import prediction_error, runs_away
 from replant.statistics.linear_algebra import quiet, real_coefficients

@@ -19,12 +19,14 @@ from replant.assessment.assess_online import assess_running
 from replant.engine.dimensions import RECENT
 from replant.engine.dispatch import Step, bound_step, step_kernels
 from replant.engine.state import NOTHING, REASONS, State
-from replant.errors import InvalidArgumentError
+from replant.errors import ArgumentTypeError, InvalidArgumentError
+from replant.identified.model import Model
 from replant.kernels.schema import BELIEVED, Alarm, Attention
 from replant.model.structure import Structure
 from replant.online.change_response import first_look, look
 from replant.online.defaults import settle
 from replant.online.initialization import initialize
+from replant.online.model_of import model_of
 from replant.online.provisional import next_provisional
 from replant.online.readout import Estimate
 from replant.online.restart import REGULAR
@@ -67,8 +69,13 @@ class Identifier(Estimate):
     Parameters
     ----------
     structure : Structure
+        Or ``poles``, ``zeros`` and ``delay`` in its place.
     dt : float
         Sampling time in s.
+    poles, zeros : int
+        Number of poles and of zeros.
+    delay : float
+        Dead time in s.
     filter : RefinedFilter, StateVariableFilter or "auto"
         "auto" is the refined filter for optimizers that keep a covariance, and else (s + cutoff)^n with the cutoff
         chosen from the data.
@@ -115,11 +122,11 @@ class Identifier(Estimate):
 
     Examples
     --------
-    >>> from replant import Structure, TransferFunction
+    >>> from replant import TransferFunction
     >>> true = TransferFunction([2.0], [1.0, 0.5])
     >>> u = np.where(np.arange(4000) // 125 % 2 == 0, 1.0, -1.0)
     >>> y = true.simulate(u, dt=0.01)
-    >>> ident = Identifier(Structure(poles=1), dt=0.01)
+    >>> ident = Identifier(poles=1, dt=0.01)
     >>> trace = ident.update_many(u, y)
     >>> print(ident.transfer_function)
     2 / (s + 0.5)
@@ -131,9 +138,12 @@ class Identifier(Estimate):
 
     def __init__(
         self,
-        structure: Structure,
-        dt: float,
+        structure: Structure | None = None,
+        dt: float | None = None,
         *,
+        poles: int | None = None,
+        zeros: int = 0,
+        delay: float = 0.0,
         filter: Filter | str = AUTO,  # noqa: A002 - the field's word
         scaling: Scaling | str | None = AUTO,
         optimizer: Optimizer | str = AUTO,
@@ -143,6 +153,9 @@ class Identifier(Estimate):
         preprocess: Preprocess = Preprocess(),  # noqa: B008 - frozen
         startup: int = 500,
     ) -> None:
+        structure = Structure.wanted(structure, poles, zeros, delay)
+        if dt is None:
+            raise ArgumentTypeError("give the sampling time in s, dt: Identifier(poles=2, dt=0.01)")
         self._request = Request(
             structure, dt, filter, scaling, optimizer, replay, instruments, normalize, preprocess, startup
         )
@@ -315,6 +328,14 @@ class Identifier(Estimate):
         """How many samples to hold back before the start-up ends or the provisional model changes."""
         held = len(self._held)
         return max(min(self._hold, next_provisional(self._request, held)) - held, 1)
+
+    @property
+    def model(self) -> Model:
+        """What is worth keeping: G(s) with working point, uncertainty, noise model, fit and verdict.
+
+        Fit and working point are those of the newest samples, at most 10000.  Takes some tens of milliseconds.
+        """
+        return model_of(self)
 
     def _take(
         self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray, errors: FloatArray, parameters: FloatArray

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from replant.offline.fit import FitResult
+from replant.offline.fit_result import FitResult
 from replant.paper.actuator import experiment as rig
 from replant.paper.tables.figures import (
     FIGURES,
@@ -114,7 +114,7 @@ def save(outcome: Outcome, names: Sequence[str], folder: Path) -> Iterator[tuple
     folder : Path
         An existing folder.
     """
-    from replant.report.palette import font
+    from replant.plotting.palette import font
 
     with font():
         for name, canvas in drawings(outcome, names):

@@ -11,7 +11,8 @@ from typing import Any
 
 from replant.arguments import FloatArray, one_of
 from replant.errors import ReplantError
-from replant.offline.fit import FitResult, fit
+from replant.offline.fit import fit
+from replant.offline.fit_result import FitResult
 from replant.optimizers import OPTIMIZERS
 from replant.runs.result import Result, result_of_fit
 from replant.runs.run import run_online

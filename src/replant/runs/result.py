@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from replant.arguments import FloatArray, IntArray
-from replant.assessment import Assessment, Simulation, assess_record
-from replant.engine.record import ready_record
+from replant.assessment import Assessment, Simulation
+from replant.identified.model import Model
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
-from replant.offline.fit import FitResult
+from replant.offline.fit_result import FitResult
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import screen
 from replant.runs.overview import Overview
@@ -26,7 +25,6 @@ from replant.simulation.stretches import (
     joined,
     stretches_of,
 )
-from replant.statistics.linear_algebra import quiet
 
 MOST_SHADES = 1000
 """Stretches left out that a plot tells apart [count]."""
@@ -52,16 +50,16 @@ class History:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """An identified model with the figures that its quality is judged by.
+    """An identified model with the record of its identification.
 
     Attributes
     ----------
-    structure : Structure
-    parameters : (P,) array
-    transfer_function : TransferFunction
-    one_step, simulated : float
-        Fit in percent: one step ahead, and from the input alone.
+    model : Model
+        What is worth keeping: G(s), its uncertainty, its noise.
+    one_step : float
+        Fit in percent, one step ahead.
     simulation : Simulation
+        The model's output beside the record, with its fit in percent.
     samples : int
         Accepted samples.
     rejected : dict
@@ -73,21 +71,15 @@ class Result:
         Of an online run.
     history : History or None
         Of an online run.
-    covariance : (P, P) array or None
-        Of the parameters, in their units squared, if the estimator gives it.
     overview : Overview or None
         Of a record that is too long for memory; the simulation then holds only its newest samples.
-    noise : NoiseModel or None
-        Of the residual, where the method has one.
     left_out : (R, 2) array of int
         Samples that the fits leave out, as rows [begin, end) of the record: bridged, rejected, or without an output.
     finished : bool
         Whether an online run ended with `Identifier.finish`.
     """
 
-    structure: Structure
-    parameters: FloatArray
-    transfer_function: TransferFunction
+    model: Model
     one_step: float
     simulation: Simulation
     samples: int
@@ -96,11 +88,34 @@ class Result:
     elapsed: float
     settings: Settings | None = None
     history: History | None = None
-    covariance: FloatArray | None = None
     overview: Overview | None = None
-    noise: NoiseModel | None = None
     left_out: IntArray = field(default_factory=NONE.copy)
     finished: bool = False
+
+    @property
+    def structure(self) -> Structure:
+        """The structure of the model."""
+        return self.model.structure
+
+    @property
+    def parameters(self) -> FloatArray:
+        """The parameters (P,)."""
+        return self.model.parameters
+
+    @property
+    def transfer_function(self) -> TransferFunction:
+        """The model as G(s)."""
+        return self.model.transfer_function
+
+    @property
+    def covariance(self) -> FloatArray | None:
+        """Of the parameters (P, P), in their units squared, if the estimator gives it."""
+        return self.model.covariance
+
+    @property
+    def noise(self) -> NoiseModel | None:
+        """The model of the residual, where the method has one."""
+        return self.model.noise
 
     def left_out_over_time(self, dt: float) -> FloatArray:
         """Return begin and end of the stretches left out, (L, 2) in s; those too close for a plot are joined."""
@@ -117,7 +132,7 @@ class Result:
     @property
     def uncertainty(self) -> Uncertainty | None:
         """Standard deviations of parameters, poles, gain and response, if the estimator gives them."""
-        return None if self.covariance is None else Uncertainty(self.structure, self.parameters, self.covariance)
+        return self.model.uncertainty
 
     @property
     def fixed_filter(self) -> StateVariableFilter | None:
@@ -127,7 +142,6 @@ class Result:
         return self.settings.filter.fixed_at(self.transfer_function.den, self.settings.dt)
 
 
-@quiet
 def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float) -> Result:
     """Return the result of an offline fit.
 
@@ -139,42 +153,17 @@ def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float)
     begun : float
         Value of `time.perf_counter` at the start, in s.
     """
-    hold = fitted.filter.input_hold
-    r = fitted.reference.signal if fitted.reference else None
-    if r is not None:
-        y = np.where(np.isfinite(r), y, np.nan)
+    if fitted.reference:
+        y = np.where(np.isfinite(fitted.reference.signal), y, np.nan)
     used = screen(fitted.preprocess.map_input(u), y)[0]
     used[fitted.outliers] = False
-    y = fitted.bridged(y)
-    record = ready_record(fitted.structure, fitted.dt, fitted.preprocess, u, y, input_hold=hold, r=r)
     return Result(
-        fitted.structure,
-        fitted.parameters,
-        fitted.transfer_function,
+        fitted.model,
         fitted.one_step,
         fitted.simulation,
         fitted.samples,
         fitted.rejected,
-        _with_finding(
-            assess_record(
-                fitted.structure,
-                fitted.parameters,
-                record,
-                fitted.dt,
-                fitted.covariance,
-                instruments=fitted.method != "least_squares",
-            ),
-            fitted.reference.finding if fitted.reference else "",
-        ),
+        fitted.verdict,
         time.perf_counter() - begun,
-        covariance=fitted.covariance,
-        noise=fitted.noise,
         left_out=stretches_of(~used),
     )
-
-
-def _with_finding(verdict: Assessment, finding: str) -> Assessment:
-    """Return the verdict with what a fit has found wrong with its reference, where no reason of it says so."""
-    if not finding or any(finding.partition(":")[0] in reason for reason in verdict.reasons):
-        return verdict
-    return dataclasses.replace(verdict, reasons=(*verdict.reasons, finding))

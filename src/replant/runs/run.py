@@ -12,6 +12,7 @@ from replant.arguments import BoolArray, FloatArray, IntArray
 from replant.assessment import Simulation
 from replant.online.defaults import settle
 from replant.online.identifier import Identifier
+from replant.online.model_of import model_of
 from replant.online.trace import Trace
 from replant.regressor.filters import Filter
 from replant.regressor.preprocess import screen
@@ -227,22 +228,19 @@ def _result(
         modelled = score.take(np.where(accepted, mapped - float(preprocess.input_offset), np.nan), measured)
         kept.take(u, y, modelled, used)
         progress(TESTING, kept.samples)
-    covariance = identifier.covariance
+    verdict = identifier.assess()
+    simulation = Simulation(kept.output(score.shift), score.offset, score.simulated)
     return Result(
-        identifier.structure,
-        identifier.parameters,
-        identifier.transfer_function,
+        model_of(identifier, simulation, score.one_step, verdict),
         score.one_step,
-        Simulation(kept.output(score.shift), score.offset, score.simulated),
+        simulation,
         identifier.samples,
         identifier.rejected,
-        identifier.assess(),
+        verdict,
         time.perf_counter() - begun,
         settings,
         history,
-        covariance if np.isfinite(covariance).all() else None,
         kept.overview(score.shift),
-        identifier.noise,
         np.concatenate(left_out),
         finished,
     )

@@ -243,6 +243,34 @@ def one_step(residual: FloatArray) -> FloatArray:
     return np.where(usable, error, residual)
 
 
+def ahead(coefficients: FloatArray, residual: FloatArray, horizon: int) -> FloatArray:
+    """Return what the residual (K,) is expected to be, from those ``horizon`` samples ago and earlier.
+
+    The prediction is the first row of C^horizon times the newest p known residuals, C the companion matrix of the
+    autoregression.  Residuals from before the record count as zero.
+
+    Parameters
+    ----------
+    coefficients : (p + 1,) array
+        1, d_1 .. d_p.
+    residual : (K,) array
+    horizon : int
+        In samples, 1 or more.
+
+    Examples
+    --------
+    >>> ahead(np.array([1.0, -0.5]), np.array([8.0, 4.0, 2.0]), horizon=2)
+    array([0., 0., 2.])
+    """
+    order = coefficients.size - 1
+    if order == 0:
+        return np.zeros(residual.size)
+    companion = np.eye(order, k=-1)
+    companion[0] = -coefficients[1:]
+    weights = np.concatenate([np.zeros(horizon), np.linalg.matrix_power(companion, horizon)[0]])
+    return np.convolve(weights, residual)[: residual.size]
+
+
 def whiteness(error: FloatArray) -> float:
     r"""Return the portmanteau statistic :math:`N \sum_\tau \hat r_e^2(\tau)` of a residual (K,) over its 99 % limit.
 

@@ -76,7 +76,8 @@ def test_the_model_comes_down_with_all_its_digits(dashboard: Dashboard, feed: Fe
     assert told["num"] == model.num.tolist()
     assert told["den"] == model.den.tolist()
     verdict = feed.identifier.assess()
-    assert (told["verdict"], told["excited"]) == (verdict.status, verdict.excited)
+    assert (told["verdict"]["status"], told["verdict"]["excited"]) == (verdict.status, verdict.excited)
+    assert rp.Model.from_json(body) == feed.identifier.model
 
 
 def test_the_python_download_makes_the_same_model(dashboard: Dashboard, feed: Feed) -> None:
@@ -90,7 +91,8 @@ def test_the_python_download_makes_the_same_model(dashboard: Dashboard, feed: Fe
 
 
 def test_words_cannot_leave_the_comment_of_the_python_download() -> None:
-    model = {"num": [1.0], "den": [1.0, 2.0], "delay": 0.0, "samples": 1, "verdict": "x\nimport os\r\nos.abort()\x0c1"}
+    model = {"num": [1.0], "den": [1.0, 2.0], "delay": 0.0, "samples": 1}
+    model["verdict"] = {"status": "x\nimport os\r\nos.abort()\x0c1"}
     assert [type(node) for node in ast.parse(app.python_of(model)).body] == [ast.ImportFrom, ast.Assign, ast.Expr]
 
 

@@ -22,6 +22,7 @@ from replant.report.findings import findings
 from replant.report.html import report as module
 from replant.report.html.plot_data import charts
 from replant.report.html.report import write_report
+from support.builders import with_model
 
 
 class Page(HTMLParser):
@@ -277,8 +278,7 @@ def test_status_that_is_not_known_is_a_warning(plain) -> None:
 
 
 def test_unstable_model_is_named(plain) -> None:
-    model = rp.TransferFunction([1.0], [1.0, -0.2, 4.0])
-    found = findings(dataclasses.replace(plain.result, transfer_function=model), 4000)
+    found = findings(with_model(plain.result, parameters=[-0.2, 4.0, 0.0, 1.0]), 4000)
     assert "0.1 ± 1.997i rad/s" in found[0].text
 
 

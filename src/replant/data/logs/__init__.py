@@ -1,6 +1,5 @@
 """Recorded logs: CSV, Parquet, MATLAB and npz files read into input, output and sampling time."""
 
-from replant.data.logs.log import Log
 from replant.data.logs.read import (
     open_recording,
     read_columns,
@@ -9,5 +8,6 @@ from replant.data.logs.read import (
 )
 from replant.data.logs.recording import Recording
 from replant.data.logs.table import Table
+from replant.log import Log
 
 __all__ = ["Log", "Recording", "Table", "open_recording", "read_columns", "read_log", "stamped_interval"]

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.data.logs import parquet
-from replant.data.logs.log import Log
 from replant.data.logs.recording import MOST_HELD, Recording
 from replant.data.logs.sampling_time import (
     SamplingTime,
@@ -25,6 +24,7 @@ from replant.data.logs.sampling_time import (
 )
 from replant.data.logs.table import Table, listed, unreadable_error
 from replant.errors import InvalidArgumentError, LogError
+from replant.log import Log
 
 # For each suffix the module that has the function read(path) -> Table; it is imported when such a file is opened
 FORMATS = {

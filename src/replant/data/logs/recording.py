@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs.log import Log
 from replant.data.logs.table import Table
+from replant.log import Log
 
 MOST_HELD = 1 << 20
 """Length up to which a log is held in memory: 24 MB [samples]."""

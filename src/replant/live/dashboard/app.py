@@ -184,7 +184,8 @@ def python_of(model: dict[str, Any]) -> str:
 
     Examples
     --------
-    >>> print(python_of({"num": [1.25], "den": [1.0, 0.5], "delay": 0.0, "verdict": "trusted", "samples": 7}))
+    >>> verdict = {"status": "trusted"}
+    >>> print(python_of({"num": [1.25], "den": [1.0, 0.5], "delay": 0.0, "verdict": verdict, "samples": 7}))
     # identified by replant from 7 samples; verdict: trusted
     from replant import TransferFunction
     <BLANKLINE>
@@ -194,7 +195,7 @@ def python_of(model: dict[str, Any]) -> str:
     """
     num, den = ([float(value) for value in model[key]] for key in ("num", "den"))
     return (
-        f"# identified by replant from {int(model['samples'])} samples; verdict: {_line(model['verdict'])}\n"
+        f"# identified by replant from {int(model['samples'])} samples; verdict: {_line(model['verdict']['status'])}\n"
         "from replant import TransferFunction\n\n"
         f"G = TransferFunction(num={num}, den={den}, delay={float(model['delay'])})\n"
         "print(G)\n"

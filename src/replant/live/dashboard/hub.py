@@ -128,6 +128,7 @@ class Hub:
         if view is not None and (self._frame is None or self._frame.number != number):
             shown = {key: _rounded(value) if key in _DRAWN else value for key, value in view.items()}
             history = shown.pop("history", None)
+            shown.pop("model", None)  # only for whoever downloads it
             self._frame = Frame(number, _text({"view": shown}), _text({"history": history}))
         return self._frame
 
@@ -150,12 +151,8 @@ class Hub:
 
     def model(self) -> dict[str, Any]:
         """Return the newest model with all its digits; empty before there is one."""
-        view = self.newest or {}
-        if not view.get("den"):
-            return {}
-        judged = ("verdict", "excited", "reasons")
-        keys = ("num", "den", "delay", "names", "parameters", "std", *judged, "samples", "at", "source")
-        return {key: view[key] for key in keys if key in view}
+        model: dict[str, Any] = (self.newest or {}).get("model", {})
+        return model
 
     async def report(self) -> bytes:
         """Return a report of the identification as HTML; takes seconds, in a thread.

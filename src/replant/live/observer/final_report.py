@@ -13,6 +13,7 @@ from replant.data.logs import Log
 from replant.errors import ReplantError
 from replant.live.observer.view import View
 from replant.online.identifier import Identifier
+from replant.online.model_of import model_of
 from replant.runs.result import History, Result
 from replant.simulation.stretches import stretches_of
 from replant.statistics.autoregression import one_step
@@ -61,20 +62,16 @@ def _result(identifier: Identifier, view: View) -> Result:
     # the report's log holds the newest samples only, so rows are numbered from its first sample
     samples = np.round((rows.t - view.at) / identifier.dt).astype(np.int64) + u.size
     known &= samples > 0
-    covariance = identifier.covariance
+    verdict, ahead = identifier.assess(), fit_percent(y, y - one_step(y - simulation.output))
     return Result(
-        identifier.structure,
-        identifier.parameters,
-        identifier.transfer_function,
-        fit_percent(y, y - one_step(y - simulation.output)),
+        model_of(identifier, simulation, ahead, verdict),
+        ahead,
         simulation,
         identifier.samples,
         identifier.rejected,
-        identifier.assess(),
+        verdict,
         0.0,
         seen,
         History(samples[known], rows.parameters[known], rows.std[known]),
-        covariance if np.isfinite(covariance).all() else None,
-        noise=identifier.noise,
         left_out=stretches_of(~judged),
     )

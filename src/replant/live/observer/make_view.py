@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
-from replant.assessment import simulate
+from replant.assessment import Simulation, Verdict, simulate
+from replant.identified.model_json import as_object
 from replant.live.observer.history import EstimateHistory
 from replant.live.observer.view import (
     Bode,
@@ -19,6 +20,7 @@ from replant.live.observer.view import (
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.online.identifier import Identifier
+from replant.online.model_of import model_of
 from replant.runs.thinning import thin
 from replant.simulation.stretches import joined, stretches_of
 
@@ -58,7 +60,7 @@ def make_view(identifier: Identifier, info: SessionInfo, history: EstimateHistor
     std = uncertainty.std
     model = identifier.transfer_function
     finite = known and bool(np.isfinite(parameters).all())
-    window, simulated = _window(identifier, model if finite else None, info.at)
+    window, simulation = _window(identifier, model if finite else None, info.at)
     verdict = identifier.assess()
     history.append(info.at, parameters, std)
     return View(
@@ -83,11 +85,19 @@ def make_view(identifier: Identifier, info: SessionInfo, history: EstimateHistor
         verdict=verdict.status,
         excited=verdict.excited,
         reasons=verdict.reasons,
-        simulated=simulated,
+        simulated=math.nan if simulation is None else simulation.fit,
         window=window,
         bode=_bode(model if finite else None, uncertainty, identifier.dt),
         history=history.rows(),
+        model=_kept(identifier, simulation, verdict) if finite else {},
     )
+
+
+def _kept(identifier: Identifier, simulation: Simulation | None, verdict: Verdict) -> dict[str, Any]:
+    """Return the model to be kept as an object of JSON; empty where its input map is a Python function."""
+    if callable(identifier.request.preprocess.input_map):
+        return {}
+    return as_object(model_of(identifier, simulation, math.nan, verdict))
 
 
 def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str, Any]:
@@ -118,8 +128,8 @@ def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str
     }
 
 
-def _window(identifier: Identifier, model: TransferFunction | None, at: float) -> tuple[Window, float]:
-    """Return the newest samples with the model's output, and its fit in percent."""
+def _window(identifier: Identifier, model: TransferFunction | None, at: float) -> tuple[Window, Simulation | None]:
+    """Return the newest samples with the model's output, and how it was simulated, if it was."""
     u, y, intervals = identifier.recent.T
     kept = identifier.recent_reference
     r = np.zeros(0) if kept is None else kept
@@ -129,19 +139,19 @@ def _window(identifier: Identifier, model: TransferFunction | None, at: float) -
         u, y, intervals, r = (signal[-LONGEST_IRREGULAR:] for signal in (u, y, intervals, r))
         judged = judged[-LONGEST_IRREGULAR:]
     t = at - (intervals.sum() - np.cumsum(intervals))
-    output, fit = np.full(u.size, np.nan), math.nan
+    output, run = np.full(u.size, np.nan), None
     if model is not None and judged.any():
         stamps = None if regular else t
         known = np.where(judged, y, np.nan)
         with np.errstate(all="ignore"):
             run = simulate(model, u, known, identifier.dt, input_hold=identifier.input_hold, t=stamps)
-        output, fit = run.output, run.fit
+        output = run.output
     left_out = _left_out(t, judged)
     if u.size > POINTS:
         drawn = [thin(signal, POINTS) for signal in (u, y, output)]
         t, (u, y, output) = t[drawn[0].indices(t.size)], (signal.values for signal in drawn)
         r = thin(r, POINTS).values if r.size else r
-    return Window(t, u, y, output, left_out, r), fit
+    return Window(t, u, y, output, left_out, r), run
 
 
 def _left_out(t: FloatArray, judged: BoolArray) -> FloatArray:

@@ -141,6 +141,8 @@ class View:
     window : Window
     bode : Bode
     history : Rows
+    model : mapping
+        The model to be kept, as JSON; empty while there is none.
     """
 
     at: float
@@ -172,10 +174,13 @@ class View:
     window: Window
     bode: Bode
     history: Rows
+    model: Mapping[str, Any]
 
     def unjudged(self, reason: str) -> View:
         """Return the view without a verdict, for a reason."""
-        return replace(self, verdict=UNKNOWN, excited=False, reasons=(reason,))
+        verdict = {"status": "converging", "excited": False, "reasons": [reason]}
+        model = {**self.model, "verdict": verdict} if self.model else {}
+        return replace(self, verdict=UNKNOWN, excited=False, reasons=(reason,), model=model)
 
     def to_json(self) -> dict[str, Any]:
         """Return the attributes as JSON values under their names; non-finite numbers are None, a root {real, imag}."""

@@ -18,7 +18,8 @@ from replant.assessment import simulate
 from replant.engine.offline_regressors import regressors
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
-from replant.offline.fit import FitResult, fit
+from replant.offline.fit import fit
+from replant.offline.fit_result import FitResult
 from replant.offline.least_squares import least_squares
 from replant.online.identifier import Identifier
 from replant.optimizers import (

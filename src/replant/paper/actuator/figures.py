@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from replant.offline.fit import FitResult
+from replant.offline.fit_result import FitResult
 from replant.paper.actuator.experiment import GAINS, Actuator, Record
 from replant.paper.drawing.curves import curve
 from replant.paper.drawing.panels import draw_panel, legend_above
-from replant.report.palette import (
+from replant.plotting.palette import (
     BLUE,
     GREY,
     NAVY,

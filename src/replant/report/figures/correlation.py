@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.report.diagnostics import BAND_95, BAND_99, Correlations
 from replant.report.figures import style
 from replant.runs.thinning import thin
+from replant.statistics.correlations import BAND_95, BAND_99, Correlations
 
 WIDE = 0.2
 """Correlation that can be seen on an axis that reaches to 1 [number]."""
@@ -26,7 +26,7 @@ def draw_correlations(found: Correlations | None, dt: float, *, axes: Any = None
     Parameters
     ----------
     found : Correlations or None
-        From `replant.report.diagnostics.correlations`.
+        From `replant.statistics.correlations.correlations`.
     dt : float
         Sampling time in s.
     axes : two matplotlib axes, optional

@@ -12,8 +12,8 @@ from replant.arguments import FloatArray
 from replant.interop.units import unit_of as unit_of
 from replant.interop.units import without_unit
 from replant.model.structure import Structure
+from replant.plotting.palette import BLUE, VERMILION, blank_figure
 from replant.report.number_format import number
-from replant.report.palette import BLUE, VERMILION, blank_figure
 from replant.runs.result import History, Result
 
 # what was measured is wide and pale, the model thin and dark: told apart in grey as well

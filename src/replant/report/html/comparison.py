@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from replant.data.logs import Log
+from replant.plotting.palette import blank_figure
 from replant.regressor.preprocess import Preprocess
 from replant.report.figures import draw_overlay, style
 from replant.report.figures.overlay import legend_columns
@@ -34,7 +35,6 @@ from replant.report.html.svg import (
     variable,
 )
 from replant.report.number_format import duration, number, percent
-from replant.report.palette import blank_figure
 from replant.report.terminal.comparison import OUTCOME, cells_of, gravity_of
 from replant.runs.comparison import Contender, best
 from replant.runs.result import Result

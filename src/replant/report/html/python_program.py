@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any
 
 from replant.data.logs import Log
-from replant.offline.fit import FitResult
+from replant.offline.fit_result import FitResult
 from replant.regressor.scaling import Scaling
 from replant.runs.result import Result
 from replant.settings import Settings

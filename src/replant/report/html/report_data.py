@@ -13,17 +13,11 @@ from replant.errors import ReplantError
 from replant.model.uncertainty import Uncertainty
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess
-from replant.report.diagnostics import (
-    Correlations,
-    Excitation,
-    correlation_lags,
-    correlations,
-    excitation,
-    regressors_of,
-)
+from replant.report.diagnostics import Excitation, excitation, regressors_of
 from replant.report.figures import style
 from replant.report.figures.poles import usable_uncertainty
 from replant.runs.result import Result
+from replant.statistics.correlations import Correlations, correlation_lags, correlations
 
 
 class OverTime(NamedTuple):
@@ -115,7 +109,8 @@ class Material:
     @cached_property
     def correlations(self) -> Correlations | None:
         """Correlations of the residual with itself and with the mapped input."""
-        lags = correlation_lags(self.result, self.y.size, self.dt)
+        modes = self.result.transfer_function.modes
+        lags = correlation_lags([mode.time_constant for mode in modes], self.y.size, self.dt)
         return correlations(self.residual, self.preprocess.map_input(self.u), lags)
 
     @cached_property

@@ -7,6 +7,7 @@ import io
 import re
 from typing import Any
 
+from replant.plotting.palette import blank_figure
 from replant.report.figures import (
     draw_bode,
     draw_correlations,
@@ -18,7 +19,6 @@ from replant.report.figures import (
 )
 from replant.report.figures.over_time import draw_transients
 from replant.report.html.report_data import Material
-from replant.report.palette import blank_figure
 
 HALF, WHOLE = 4.5, 7.4
 """Half and whole width of the page [inches]."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import html
 import math
 import platform
@@ -13,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from replant.data.logs import Log
+from replant.data.logs.digest import digest
 from replant.report.figures import style
 from replant.report.figures.poles import regions
 from replant.report.html.page import Html, facts, words
@@ -134,11 +134,7 @@ def of_record(log: Log) -> list[tuple[str, str]]:
 
 def fingerprint(path: Path) -> str:
     """Return the SHA-256 of a file, in hexadecimal; a remark if there is no file."""
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
-        return "none: there is no file"
+    return digest(path) or "none: there is no file"
 
 
 def versions() -> str:

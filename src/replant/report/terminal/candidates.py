@@ -6,9 +6,9 @@ import math
 from typing import Any
 
 from replant.assessment.verdict import percent as share
+from replant.identified.model_json import finite
 from replant.offline.structure_search import Candidate, SearchResult
 from replant.report.number_format import percent
-from replant.report.terminal.summary import finite
 
 HEADINGS = ("poles", "zeros", "dead time", "held-out fit", "least known coefficient", "criterion", "")
 CHOSEN = "chosen"

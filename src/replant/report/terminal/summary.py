@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from replant.assessment.verdict import Verdict
+from replant.identified import model_json
+from replant.identified.model import Model
 from replant.model.transfer_function import TransferFunction
 from replant.report.number_format import off_by, percent, with_std
 from replant.runs.result import Result
@@ -17,29 +20,8 @@ REASON_INDENT = 9
 
 
 def as_json(result: Result) -> dict[str, Any]:
-    """Return the JSON object of `run` and `fit`; figures that are not finite become null."""
-    model = result.transfer_function
-    return {
-        "num": model.num.tolist(),
-        "den": model.den.tolist(),
-        "delay": model.delay,
-        "parameters": {
-            name: {"value": finite(value), "std": finite(std)}
-            for name, value, std in zip(result.structure.names, result.parameters.tolist(), _stds(result), strict=True)
-        },
-        "poles": [_pole(pole) for pole in model.poles.tolist()],
-        "zeros": [{"real": zero.real, "imag": zero.imag} for zero in model.zeros.tolist()],
-        "dc_gain": finite(model.dc_gain),
-        "fit": {"one_step": finite(result.one_step), "simulated": finite(result.simulation.fit)},
-        "samples": result.samples,
-        "rejected": result.rejected,
-        "verdict": {
-            "status": result.verdict.status,
-            "excited": result.verdict.excited,
-            "reasons": list(result.verdict.reasons),
-        },
-        "elapsed_seconds": round(result.elapsed, 3),
-    }
+    """Return the JSON object of `run` and `fit`: that of the model, and how long it took."""
+    return model_json.as_object(result.model) | {"elapsed_seconds": round(result.elapsed, 3)}
 
 
 def print_result(console: Any, result: Result, *, truth: TransferFunction | None = None) -> None:
@@ -54,31 +36,59 @@ def print_result(console: Any, result: Result, *, truth: TransferFunction | None
     """
     console.print()
     if result.parameters.any():
-        _print_model(console, result, truth)
+        _print_model(console, result.model, truth)
+        simulated, one_step = (percent(fit, ascii_only=True) for fit in (result.simulation.fit, result.one_step))
+        console.print(f"Fit      {simulated} {result.simulation.how}, {one_step} one step ahead", highlight=False)
     else:
         console.print("No model yet: the record gave no estimate.\n", highlight=False)
-    rejected = ", ".join(f"{count} {reason}" for reason, count in result.rejected.items() if count)
-    samples = f"{result.samples:,}" + (f", rejected: {rejected}" if rejected else "")
-    console.print(f"Samples  {samples}", highlight=False)
-    colour = "green" if result.verdict.status == "trusted" else "yellow" if _mild(result) else "red"
-    console.print(f"Verdict  [bold {colour}]{result.verdict.status}[/]", highlight=False)
-    for reason in result.verdict.reasons:
+    _print_samples(console, result.samples, result.rejected)
+    print_verdict(console, result.verdict)
+
+
+def print_kept_model(console: Any, model: Model) -> None:
+    """Print a model that was kept: G(s), coefficients, poles, fit, verdict, and where it comes from."""
+    console.print()
+    _print_model(console, model, None)
+    fits = (percent(fit, ascii_only=True) for fit in (model.simulated_fit, model.one_step_fit))
+    console.print("Fit      {} simulated, {} one step ahead".format(*fits), highlight=False)
+    _print_samples(console, model.provenance.samples, dict(model.rejected))
+    mapped = f" (map: {model.input_map})" if model.input_map != "identity" else ""
+    signals = f"{model.input_name}{mapped} -> {model.output_name}, dt {model.dt:g} s"
+    made = model.provenance
+    console.print(f"Signals  {signals}", highlight=False, markup=False)
+    rest = f"output {model.output_level:.5g} at input {model.input_level:.5g}"
+    console.print(f"Rest     {rest}", highlight=False)
+    source = f"{made.source or 'samples'}, {made.method}, replant {made.version}, {made.date}"
+    console.print(f"Made of  {source}", highlight=False, markup=False)
+    print_verdict(console, model.verdict)
+
+
+def print_verdict(console: Any, verdict: Verdict) -> None:
+    """Print a verdict's status in its colour, and its reasons below."""
+    mild = verdict.status == "converging"
+    colour = "green" if verdict.status == "trusted" else "yellow" if mild else "red"
+    console.print(f"Verdict  [bold {colour}]{verdict.status}[/]", highlight=False)
+    for reason in verdict.reasons:
         for line in wrapped(reason, console.width - REASON_INDENT):
             console.print(" " * REASON_INDENT + line, highlight=False, markup=False, soft_wrap=True)
 
 
-def _print_model(console: Any, result: Result, truth: TransferFunction | None) -> None:
-    for line in fraction(result.transfer_function):
+def _print_samples(console: Any, samples: int, rejected: Mapping[str, int]) -> None:
+    left_out = ", ".join(f"{count} {reason}" for reason, count in rejected.items() if count)
+    console.print(f"Samples  {samples:,}" + (f", rejected: {left_out}" if left_out else ""), highlight=False)
+
+
+def _print_model(console: Any, model: Model, truth: TransferFunction | None) -> None:
+    for line in fraction(model.transfer_function):
         console.print(line, highlight=False, markup=False)
     console.print()
-    console.print(_parameter_table(result, truth))
+    console.print(_parameter_table(model, truth))
     console.print()
-    console.print(_mode_table(result))
+    console.print(_mode_table(model))
     console.print()
-    gain = with_std(result.transfer_function.dc_gain, _dc_gain_std(result))
+    known = model.uncertainty
+    gain = with_std(model.transfer_function.dc_gain, known.dc_gain_std if known else math.nan)
     console.print(f"DC gain  {gain}", highlight=False)
-    simulated, one_step = (percent(fit, ascii_only=True) for fit in (result.simulation.fit, result.one_step))
-    console.print(f"Fit      {simulated} {result.simulation.how}, {one_step} one step ahead", highlight=False)
 
 
 def wrapped(text: str, width: int) -> list[str]:
@@ -106,13 +116,13 @@ def _table(*headings: str) -> Any:
     return table
 
 
-def _parameter_table(result: Result, truth: TransferFunction | None) -> Any:
+def _parameter_table(model: Model, truth: TransferFunction | None) -> Any:
     """Return the table of coefficients, with standard deviations and true values if known."""
-    known = result.uncertainty is not None
+    known = model.uncertainty is not None
     headings = ["coefficient", "identified", *(["std"] if known else []), *(["true", "off by"] if truth else [])]
     table = _table(*headings)
-    true = true_parameters(truth) if truth else [math.nan] * result.structure.size
-    for name, value, std, target in zip(result.structure.names, result.parameters, _stds(result), true, strict=False):
+    true = true_parameters(truth) if truth else [math.nan] * model.structure.size
+    for name, value, std, target in zip(model.structure.names, model.parameters, _stds(model), true, strict=False):
         cells = [name, f"{value:.4g}", *([f"{std:.2g}"] if known else [])]
         if truth:
             cells += [f"{target:.4g}", off_by(value, target)]
@@ -120,11 +130,11 @@ def _parameter_table(result: Result, truth: TransferFunction | None) -> Any:
     return table
 
 
-def _mode_table(result: Result) -> Any:
+def _mode_table(model: Model) -> Any:
     """Return the table of poles: frequency, damping and time constant, with standard deviations if known."""
     table = _table("pole [rad/s]", "frequency [Hz]", "damping", "time constant [s]")
-    uncertain = result.uncertainty.modes if result.uncertainty else None
-    for i, mode in enumerate(result.transfer_function.modes):
+    uncertain = model.uncertainty.modes if model.uncertainty else None
+    for i, mode in enumerate(model.transfer_function.modes):
         stds = (
             (uncertain[i].frequency_std, uncertain[i].damping_std, uncertain[i].time_constant_std) if uncertain else ()
         )
@@ -135,10 +145,6 @@ def _mode_table(result: Result) -> Any:
             shown[1] = f"{mode.damping:.3g}"  # of a real pole it is exactly 1 or -1
         table.add_row(pole, *shown)
     return table
-
-
-def _dc_gain_std(result: Result) -> float:
-    return result.uncertainty.dc_gain_std if result.uncertainty else math.nan
 
 
 def fraction(model: TransferFunction) -> list[str]:
@@ -167,25 +173,5 @@ def true_parameters(truth: TransferFunction) -> Sequence[float]:
     return [*truth.den[1:].tolist(), *truth.num.tolist()]
 
 
-def _pole(pole: complex) -> dict[str, Any]:
-    magnitude = abs(pole)
-    return {
-        "real": pole.real,
-        "imag": pole.imag,
-        "frequency_hz": magnitude / (2 * math.pi),
-        "damping": -pole.real / magnitude if magnitude else None,
-        "time_constant": -1 / pole.real if pole.real else None,
-    }
-
-
-def _stds(result: Result) -> list[float]:
-    return [math.nan] * result.structure.size if result.uncertainty is None else result.uncertainty.std.tolist()
-
-
-def finite(value: float) -> float | None:
-    """Return a figure for JSON: None where it is not finite."""
-    return value if math.isfinite(value) else None
-
-
-def _mild(result: Result) -> bool:
-    return result.verdict.status == "converging"
+def _stds(model: Model) -> list[float]:
+    return [math.nan] * model.structure.size if model.uncertainty is None else model.uncertainty.std.tolist()

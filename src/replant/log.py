@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,9 @@ from replant.arguments import (
     whole,
 )
 from replant.interop import frames
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +47,7 @@ class Log:
 
     Examples
     --------
+    >>> from pathlib import Path
     >>> log = Log(np.array([0.0, 1.0]), np.array([0.0, 0.1]), 0.5, None, "u", "y", Path("log.csv"))
     >>> len(log), log.dt
     (2, 0.5)
@@ -86,6 +89,7 @@ class Log:
 
         Examples
         --------
+        >>> from pathlib import Path
         >>> Log(np.array([0.0, 1.0]), np.array([0.0, 0.1]), 0.5, None, "u", "y", Path("log.csv")).to_pandas()
                     u    y
         time [s]
@@ -106,6 +110,7 @@ class Log:
 
         Examples
         --------
+        >>> from pathlib import Path
         >>> log = Log(np.array([0.0, 1.0]), np.array([0.0, 0.1]), 0.5, None, "u", "speed [rpm]", Path("log.csv"))
         >>> log.to_xarray()["output"].attrs
         {'long_name': 'speed', 'units': 'rpm'}

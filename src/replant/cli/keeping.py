@@ -1,0 +1,107 @@
+"""What `run` and `fit` do with their model: save it, validate it on another log, demand a verdict."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from replant.assessment.verdict import Verdict
+from replant.data.logs import Log
+from replant.data.logs.digest import digest
+from replant.errors import InvalidArgumentError
+from replant.identified.model import Model
+from replant.identified.validation import Validation
+
+NOT_REQUIRED = 3
+"""Exit code where a verdict is not the one that `--require` asks for."""
+
+OPTIONS: list[Callable[[Any], Any]] = [
+    click.option(
+        "--validate",
+        "other_logs",
+        type=click.Path(path_type=Path),
+        multiple=True,
+        metavar="LOG2",
+        help="Compare the model with another log of the same columns; repeat the option for several.",
+    ),
+    click.option("--save", "saved", type=click.Path(path_type=Path), metavar="FILE", help="Write the model (.json)."),
+    click.option(
+        "--require",
+        "required",
+        type=click.Choice(["trusted"]),
+        help="Exit with code 3 where a verdict is another one.",
+    ),
+]
+
+
+def keeping_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Decorate a click command with the options of this module, which `Keeping` takes."""
+    for option in reversed(OPTIONS):
+        command = option(command)
+    return command
+
+
+@dataclass(frozen=True)
+class Keeping:
+    """What is to be done with a model.
+
+    Attributes
+    ----------
+    saved : Path or None
+        File to write it to.
+    other_logs : tuple of Path
+        Logs to validate it on.
+    required : str or None
+        The verdict that is asked for.
+    columns : dict
+        The options that name the columns and the clock of the logs.
+    """
+
+    saved: Path | None
+    other_logs: tuple[Path, ...]
+    required: str | None
+    columns: dict[str, Any]
+
+    @classmethod
+    def of(cls, options: dict[str, Any]) -> Keeping:
+        """Take the options of this module out of those of a command.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the file to write to is in a folder that does not exist: a mistake costs no time.
+        """
+        saved, logs, required = (options.pop(name) for name in ("saved", "other_logs", "required"))
+        if saved is not None and not saved.absolute().parent.is_dir():
+            raise InvalidArgumentError(f"--save {saved}: there is no folder {saved.absolute().parent}")
+        return cls(saved, logs, required, dict(options))
+
+    def validated(self, model: Model) -> list[tuple[Path, Validation]]:
+        """Return each of the other logs with the model's validation on it.
+
+        Raises
+        ------
+        LogError
+            If a log cannot be read.
+        """
+        from replant.cli.options import read
+
+        return [(path, model.validate(read({**self.columns, "log": path}))) for path in self.other_logs]
+
+    def end(self, verdicts: list[Verdict]) -> None:
+        """Exit with code 3 where a verdict is not the one that was asked for."""
+        if self.required is None or all(verdict.status == self.required for verdict in verdicts):
+            return
+        found = ", ".join(verdict.status for verdict in verdicts)
+        click.echo(f"replant: the verdict is {found}, --require asks for {self.required}", err=True)
+        sys.exit(NOT_REQUIRED)
+
+
+def kept(model: Model, log: Log) -> Model:
+    """Return a model with the names of a log's signals, and the name and digest of its file."""
+    return model.of_log(log.input_name, log.output_name, log.path.name, digest(log.path))

@@ -1,0 +1,1 @@
+"""The identified model: what is kept of an identification, its JSON, its responses, its validation."""

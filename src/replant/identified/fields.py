@@ -1,0 +1,150 @@
+"""ModelFields: the data of a model, checked, and what follows from them at once."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from replant.arguments import (
+    FloatArray,
+    finite,
+    instance,
+    keep,
+    number,
+    one_of,
+    owned,
+    positive,
+    text,
+    vector,
+    whole,
+)
+from replant.assessment.verdict import Verdict
+from replant.errors import InvalidArgumentError
+from replant.identified.provenance import Provenance
+from replant.model.noise import NoiseModel
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import Uncertainty
+from replant.regressor.preprocess import InputMap, Preprocess
+
+NOT_JUDGED = Verdict("converging", ("no verdict was asked for",))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ModelFields:
+    r"""What is kept of an identification, and what follows from it at once; see `Model`.
+
+    .. math:: y = \mathrm{output\_level} + G(s)\,(\mathrm{map}(u) - \mathrm{input\_level})
+    """
+
+    structure: Structure
+    parameters: FloatArray
+    dt: float
+    covariance: FloatArray | None = None
+    noise: NoiseModel | None = None
+    input_hold: str = "zoh"
+    input_map: InputMap = "identity"
+    input_level: float = 0.0
+    output_level: float = 0.0
+    input_name: str = "u"
+    output_name: str = "y"
+    simulated_fit: float = math.nan
+    one_step_fit: float = math.nan
+    rejected: tuple[tuple[str, int], ...] = ()
+    verdict: Verdict = NOT_JUDGED
+    provenance: Provenance = field(default_factory=lambda: Provenance("given"))
+
+    def __post_init__(self) -> None:
+        keep(self, "structure", instance, Structure)
+        keep(self, "dt", positive)
+        size = self.structure.size
+        keep(self, "parameters", owned, (size,))
+        if not np.isfinite(self.parameters).all():
+            raise InvalidArgumentError(f"parameters must be finite, got {self.parameters.tolist()}")
+        if self.covariance is not None:
+            covariance = owned("covariance", self.covariance, (size, size))
+            # one that is not known is none: what is kept can be written down to the bit
+            object.__setattr__(self, "covariance", covariance if np.isfinite(covariance).all() else None)
+        keep(self, "noise", instance, NoiseModel, None)
+        keep(self, "input_hold", one_of, ("zoh", "foh"))
+        object.__setattr__(self, "input_map", Preprocess(self.input_map).input_map)
+        for name in ("input_level", "output_level"):
+            keep(self, name, finite)
+        for name in ("input_name", "output_name"):
+            keep(self, name, text)
+        for name in ("simulated_fit", "one_step_fit"):
+            keep(self, name, _known)
+        counts = tuple((text("rejected", reason), whole("rejected", count, 0)) for reason, count in self.rejected)
+        object.__setattr__(self, "rejected", counts)
+        keep(self, "verdict", instance, Verdict)
+        keep(self, "provenance", instance, Provenance)
+
+    @property
+    def transfer_function(self) -> TransferFunction:
+        """G(s), from the mapped input to the output, both as deviations from the working point."""
+        return self.structure.transfer_function(self.parameters)
+
+    @property
+    def num(self) -> FloatArray:
+        """Numerator (m + 1,), in descending powers of s."""
+        return self.transfer_function.num
+
+    @property
+    def den(self) -> FloatArray:
+        """Denominator (n + 1,), monic, in descending powers of s."""
+        return self.transfer_function.den
+
+    @property
+    def delay(self) -> float:
+        """Dead time in s."""
+        return self.structure.delay
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, in their order."""
+        return self.structure.names
+
+    @property
+    def uncertainty(self) -> Uncertainty | None:
+        """Standard deviations of parameters, poles, gain and response; None without a covariance."""
+        return None if self.covariance is None else Uncertainty(self.structure, self.parameters, self.covariance)
+
+    @property
+    def preprocess(self) -> Preprocess:
+        """Input map and working point."""
+        return Preprocess(self.input_map, self.input_level, self.output_level)
+
+    def linear_input(self, u: Any) -> FloatArray:
+        """Return the input (K,) of G(s): mapped, working point taken off; NaN where it is not finite."""
+        mapped = self.preprocess.map_input(vector("u", u))
+        return np.where(np.isfinite(mapped), mapped - self.input_level, np.nan)
+
+    def __eq__(self, other: object) -> bool:
+        return self._key == other._key if isinstance(other, ModelFields) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        noise = self.noise
+        numbers = [self.dt, self.input_level, self.output_level, self.simulated_fit, self.one_step_fit]
+        return (
+            self.structure,
+            self.parameters.tobytes(),
+            None if self.covariance is None else self.covariance.tobytes(),
+            noise and (noise.coefficients.tobytes(), noise.variance, noise.residual_variance, noise.dt),
+            (self.input_hold, self.input_map, self.input_name, self.output_name),
+            np.array(numbers).tobytes(),
+            self.rejected,
+            (self.verdict.status, self.verdict.reasons, self.verdict.excited),
+            self.provenance,
+        )
+
+
+def _known(name: str, value: Any) -> float:
+    value = number(name, value)
+    return value if math.isfinite(value) else math.nan

@@ -1,0 +1,345 @@
+"""Model: an identified plant with everything that is worth keeping of its identification."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from replant.arguments import FloatArray, record, stamps_of, whole
+from replant.errors import InvalidArgumentError, ModelFileError
+from replant.identified import model_file, model_json, notation
+from replant.identified.fields import ModelFields
+from replant.identified.model_file import AnyPath
+from replant.identified.responses import Bode, ImpulseResponse, Nyquist, PoleMap, StepResponse, time_of
+from replant.identified.validation import Validation, validate
+from replant.log import Log
+from replant.simulation.beside import beside
+from replant.simulation.free_run import free_run
+from replant.simulation.offset_fit import bridged
+from replant.simulation.prediction import runs_away
+from replant.statistics.autoregression import ahead
+from replant.statistics.linear_algebra import quiet
+
+
+class Model(ModelFields):
+    r"""An identified plant in the units of its signals.
+
+    .. math:: y = \mathrm{output\_level} + G(s)\,(\mathrm{map}(u) - \mathrm{input\_level})
+
+    Parameters
+    ----------
+    structure : Structure
+    parameters : (P,) array
+        In physical units, in the order of ``structure.names``.
+    dt : float
+        Sampling time in s of the record that the model was made from.
+    covariance : (P, P) array or None
+        Of the parameters; None where the estimator gives none.
+    noise : NoiseModel or None
+        Of the residual, where the method has one.
+    input_hold : {"zoh", "foh"}
+        What the input does between samples.
+    input_map : {"identity", "square"} or callable
+        A static nonlinearity ahead of G(s).
+    input_level, output_level : float
+        Working point: with the mapped input at the one, the output rests at the other.
+    input_name, output_name : str
+        Names of the signals, with their units in brackets at the end.
+    simulated_fit, one_step_fit : float
+        Fit in percent to the record that the model was made from; NaN where it is not known.
+    rejected : tuple of (str, int)
+        How many samples were left out, by reason.
+    verdict : Verdict
+    provenance : Provenance
+
+    Examples
+    --------
+    >>> import replant as rp
+    >>> u = np.repeat([1.0, 3.0, 2.0, 4.0, 1.0], 40)
+    >>> y = 7.0 + rp.TransferFunction([2.0], [1.0, 0.5]).simulate(u - 1.0, dt=0.1)
+    >>> model = rp.fit(u, y, 0.1, poles=1).model
+    >>> model
+    <Model 2 / (s + 0.5): u -> y, fit 100.0 %, trusted>
+    >>> model.simulate([1.0, 1.0, 2.0, 2.0]).round(3)          # in absolute units
+    array([7.   , 7.   , 7.   , 7.195])
+    """
+
+    @quiet
+    def simulate(self, u: Any, t: Any = None, *, y: Any = None) -> FloatArray:
+        """Return the output (K,) from the input alone, in absolute units.
+
+        Without ``y`` the plant begins at rest at the first input; one that integrates or is unstable has no such rest,
+        and begins at its working point.  With ``y`` offset and initial state are estimated.
+
+        Parameters
+        ----------
+        u : (K,) array
+            Raw input; one that is not finite is replaced by the last finite one.
+        t : (K,) array, optional
+            Time stamps in s, strictly increasing; without them samples are `dt` apart.
+        y : (K,) array, optional
+            Measured output; NaN where there is none.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the arrays differ in length, or the stamps do not increase.
+
+        Examples
+        --------
+        >>> from replant import Structure
+        >>> model = Model(Structure(1), [1.0, 2.0], dt=1.0, input_level=3.0, output_level=10.0)
+        >>> model.simulate([3.0, 4.0, 4.0]).round(3)
+        array([10.   , 10.   , 11.264])
+        >>> model.simulate([5.0, 5.0])
+        array([14., 14.])
+        """
+        v = self.linear_input(u)
+        stamps = increasing(t, v.size)
+        if y is not None:
+            u, y = record(u, y)
+            return beside(self.transfer_function, v, y, self.dt, input_hold=self.input_hold, t=stamps).output
+        v, g = bridged(v)[0], self.transfer_function
+        at_rest = float(v[0]) if v.size and g.is_stable else 0.0
+        v = v - at_rest
+        if stamps is None:
+            forced = g.simulate(v, self.dt, input_hold=self.input_hold)
+        else:
+            intervals = np.diff(stamps, prepend=stamps[0] - self.dt)
+            forced = free_run(g, v, intervals, self.dt, self.input_hold)[0]
+        return np.asarray(self.output_level + (g.dc_gain * at_rest if at_rest else 0.0) + forced)
+
+    @quiet
+    def predict(self, u: Any, y: Any, horizon: int = 1, t: Any = None) -> FloatArray:
+        """Return the output (K,) predicted ``horizon`` samples ahead: from the input, and the output until then.
+
+        What the simulated output leaves is predicted by the noise model; without one this is the simulated output.
+
+        Parameters
+        ----------
+        u, y : (K,) arrays
+            Raw input and measured output.
+        horizon : int
+            In samples, 1 or more.
+        t : (K,) array, optional
+            Time stamps in s, strictly increasing.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the horizon is longer than 1 for an unstable model, whose simulation runs away.
+        """
+        u, y = record(u, y)
+        horizon, stamps = whole("horizon", horizon, 1), increasing(t, u.size)
+        span = self.dt * (u.size - 1) if stamps is None else float(stamps[-1] - stamps[0])
+        if runs_away(self.den, span):
+            if horizon > 1:
+                raise InvalidArgumentError(
+                    f"horizon must be 1 for an unstable model, got {horizon}: what it predicts runs away"
+                )
+            return self._beside(u, y, stamps)
+        output = self._beside(u, y, stamps)
+        if self.noise is None:
+            return output
+        return output + ahead(self.noise.coefficients, np.where(np.isfinite(y), y - output, 0.0), horizon)
+
+    def _beside(self, u: FloatArray, y: FloatArray, stamps: FloatArray | None) -> FloatArray:
+        v = self.linear_input(u)
+        return beside(self.transfer_function, v, y, self.dt, input_hold=self.input_hold, t=stamps).output
+
+    def of_log(self, input_name: str, output_name: str, source: str, sha256: str = "") -> Model:
+        """Return the same model with the names of its signals, and the name and digest of the log's file.
+
+        Parameters
+        ----------
+        input_name, output_name : str
+            With the units in brackets at the end.
+        source, sha256 : str
+        """
+        made = dataclasses.replace(self.provenance, source=source, sha256=sha256)
+        return dataclasses.replace(self, input_name=input_name, output_name=output_name, provenance=made)
+
+    def step(self, duration: float | None = None) -> StepResponse:
+        """Return the output by a unit step of the mapped input, with its standard deviation.
+
+        Parameters
+        ----------
+        duration : float, optional
+            In s; by default until the slowest mode has settled.
+        """
+        return StepResponse.of(self.transfer_function, self.uncertainty, time_of(self.transfer_function, duration))
+
+    def impulse(self, duration: float | None = None) -> ImpulseResponse:
+        """Return the output by a unit impulse of the mapped input, with its standard deviation.
+
+        Parameters
+        ----------
+        duration : float, optional
+            In s; by default until the slowest mode has settled.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If there are as many zeros as poles: the output then holds an impulse itself.
+        """
+        return ImpulseResponse.of(self.transfer_function, self.uncertainty, time_of(self.transfer_function, duration))
+
+    def bode(self, frequency: Any = None) -> Bode:
+        """Return magnitude and phase over frequency in rad/s, with their standard deviations.
+
+        Parameters
+        ----------
+        frequency : (F,) array, optional
+            In rad/s; by default from below the slowest pole or zero to above the fastest, at most Nyquist's.
+        """
+        return Bode.of(self.transfer_function, self.uncertainty, self.dt, frequency)
+
+    def nyquist(self, frequency: Any = None) -> Nyquist:
+        """Return G(i omega) in the complex plane, with its standard deviations.
+
+        Parameters
+        ----------
+        frequency : (F,) array, optional
+            In rad/s; by default as for `bode`.
+        """
+        return Nyquist.of(self.transfer_function, self.uncertainty, self.dt, frequency)
+
+    def poles(self) -> PoleMap:
+        """Return poles and zeros in rad/s, with the covariances of the poles."""
+        return PoleMap.of(self.transfer_function, self.uncertainty)
+
+    def validate(self, log: Log | Any, y: Any = None, t: Any = None) -> Validation:
+        """Compare the model with another record; offset and initial state are estimated, nothing else.
+
+        Parameters
+        ----------
+        log : Log or (K,) array
+            The record, or its raw input.
+        y : (K,) array, optional
+            Measured output, where ``log`` is an array.
+        t : (K,) array, optional
+            Time stamps in s, where ``log`` is an array; without them samples are `dt` apart.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the record is too short, or has no input and output.
+        """
+        return validate(self, *_signals(log, y, t, self.dt))
+
+    def score(self, log: Log | Any, y: Any = None, t: Any = None) -> float:
+        """Return the simulated fit in percent to another record; see `validate`."""
+        return self.validate(log, y, t).fit
+
+    def to_control(self, pade: int | None = None) -> Any:
+        """Return G(s) as `control.TransferFunction`, in deviations from the working point.
+
+        See `TransferFunction.to_control`.
+        """
+        return self.transfer_function.to_control(pade)
+
+    def to_scipy(self) -> Any:
+        """Return G(s) as `scipy.signal.TransferFunction`, in deviations from the working point."""
+        return self.transfer_function.to_scipy()
+
+    def to_sympy(self) -> Any:
+        """Return G(s) as an expression of SymPy in the symbol s."""
+        return self.transfer_function.to_sympy()
+
+    def to_json(self) -> str:
+        """Return the model as one JSON object; see docs/json.md.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the input map is a Python function, which no file can hold.
+        """
+        return model_json.dumps(self)
+
+    @classmethod
+    def from_json(cls, written: str | bytes) -> Model:
+        """Return the model that `to_json` has written, equal to the bit.
+
+        Raises
+        ------
+        ModelFileError
+            If it is no such JSON, or of a newer version.
+        """
+        return cls(**model_json.loads(written))
+
+    def save(self, path: AnyPath) -> None:
+        """Write the model as JSON; the file is whole at every moment.
+
+        Raises
+        ------
+        ModelFileError
+            If the file cannot be written.
+        InvalidArgumentError
+            If the input map is a Python function.
+        """
+        model_file.write(path, self.to_json())
+
+    def __repr__(self) -> str:
+        return notation.one_line(self)
+
+    def _repr_latex_(self) -> str:
+        return f"$\\displaystyle {notation.latex(self.transfer_function)}$"
+
+    def _repr_html_(self) -> str:
+        return notation.html(self)
+
+
+def load_model(path: AnyPath) -> Model:
+    """Return the model in a file that `Model.save` or ``replant ... --save`` has written.
+
+    Raises
+    ------
+    ModelFileError
+        If the file cannot be read, holds no model, or is of a newer version.
+
+    Examples
+    --------
+    >>> load_model("no-such-file.json")
+    Traceback (most recent call last):
+    replant.errors.ModelFileError: no-such-file.json: no such file
+    """
+    written = model_file.read(path)
+    try:
+        return Model.from_json(written)
+    except ModelFileError as error:
+        raise ModelFileError(f"{path}: {error}") from error
+
+
+def increasing(t: Any, samples: int) -> FloatArray | None:
+    """Return time stamps, checked, or None where there are none.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If there is not one for each sample, or they do not increase.
+
+    Examples
+    --------
+    >>> increasing(None, 3), increasing([0.0, 0.1], 2)
+    (None, array([0. , 0.1]))
+    """
+    if t is None:
+        return None
+    stamps = stamps_of(t, samples)
+    if not np.isfinite(stamps).all() or not (np.diff(stamps) > 0).all():
+        raise InvalidArgumentError("t must be finite and strictly increasing")
+    return stamps
+
+
+def _signals(log: Any, y: Any, t: Any, dt: float) -> tuple[FloatArray, FloatArray, FloatArray | None, float]:
+    """Return input, output, stamps and sampling time of a log, or of arrays."""
+    if isinstance(log, Log):
+        if y is not None or t is not None:
+            raise InvalidArgumentError("a log has its own output and time: leave out y and t")
+        return log.input, log.output, None, log.dt
+    if y is None:
+        raise InvalidArgumentError("give a Log, or the input and the output: model.validate(u, y)")
+    u, y = record(log, y)
+    return u, y, increasing(t, u.size), dt

@@ -1,0 +1,302 @@
+"""The JSON of a model: one object, versioned, from which the model is rebuilt to the bit.
+
+What follows from other entries, as ``num``, ``den``, ``poles`` and each ``std``, is written for readers of other
+programs, and compared when the model is read.  `schema/model-1.json` describes every entry.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.assessment.verdict import STATUSES, Verdict
+from replant.errors import InvalidArgumentError, ModelFileError, ReplantError
+from replant.identified.fields import ModelFields
+from replant.identified.provenance import Provenance
+from replant.model.noise import NoiseModel
+from replant.model.structure import Structure
+from replant.statistics.linear_algebra import quiet
+
+VERSION = 1
+"""Version of the layout; raised where an entry changes its meaning or goes away [count]."""
+
+
+def dumps(model: ModelFields) -> str:
+    """Return a model as JSON, indented.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the input map is a Python function.
+    """
+    return json.dumps(as_object(model), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+@quiet
+def as_object(model: ModelFields) -> dict[str, Any]:
+    """Return a model as an object of JSON; what is not known is null.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the input map is a Python function.
+
+    Examples
+    --------
+    >>> as_object(ModelFields(Structure(1), [1.0, 2.0], dt=0.1))["num"]
+    [2.0]
+    """
+    if callable(model.input_map):
+        raise InvalidArgumentError(
+            "the input map is a Python function, which JSON cannot hold: "
+            "map the input before the identification, or use input_map='square'"
+        )
+    g, known = model.transfer_function, model.uncertainty
+    std = [math.nan] * model.structure.size if known is None else known.std.tolist()
+    return {
+        "schema_version": VERSION,
+        "num": g.num.tolist(),
+        "den": g.den.tolist(),
+        "delay": g.delay,
+        "structure": {
+            "poles": model.structure.poles,
+            "zeros": model.structure.zeros,
+            "delay": model.structure.delay,
+            "bias": model.structure.bias,
+            "feedthrough": model.structure.feedthrough,
+        },
+        "parameters": {
+            name: {"value": value, "std": finite(each)}
+            for name, value, each in zip(model.names, model.parameters.tolist(), std, strict=True)
+        },
+        "covariance": None if model.covariance is None else model.covariance.tolist(),
+        "poles": [_pole(pole) for pole in g.poles.tolist()],
+        "zeros": [{"real": finite(zero.real), "imag": finite(zero.imag)} for zero in g.zeros.tolist()],
+        "dc_gain": finite(g.dc_gain),
+        "dt": model.dt,
+        "input_hold": model.input_hold,
+        "input": {"name": model.input_name, "map": model.input_map, "level": model.input_level},
+        "output": {"name": model.output_name, "level": model.output_level},
+        "noise": None if model.noise is None else _noise(model.noise),
+        "fit": {"one_step": finite(model.one_step_fit), "simulated": finite(model.simulated_fit)},
+        "samples": model.provenance.samples,
+        "rejected": dict(model.rejected),
+        "verdict": verdict_object(model.verdict),
+        "provenance": {
+            "method": model.provenance.method,
+            "source": model.provenance.source,
+            "sha256": model.provenance.sha256,
+            "version": model.provenance.version,
+            "date": model.provenance.date,
+        },
+    }
+
+
+def loads(written: str | bytes) -> dict[str, Any]:
+    """Return the fields of the model in a JSON text.
+
+    Raises
+    ------
+    ModelFileError
+        If it is no JSON, no model, damaged, or of a newer version.
+
+    Examples
+    --------
+    >>> loads(dumps(ModelFields(Structure(1), [1.0, 2.0], dt=0.1)))["parameters"]
+    array([1., 2.])
+    """
+    try:
+        read = json.loads(written, parse_constant=_refuse)
+    except (ValueError, RecursionError) as error:  # also of bytes that are no text
+        raise ModelFileError(f"it is not JSON: {error}") from error
+    return fields_of(read)
+
+
+def fields_of(read: Any) -> dict[str, Any]:
+    """Return the fields of the model in an object of JSON; entries that a model does not have are passed over.
+
+    Raises
+    ------
+    ModelFileError
+        If an entry is missing, of the wrong kind, or contradicts another, or the version is newer.
+    """
+    if not isinstance(read, dict) or "den" not in read:
+        raise ModelFileError("it holds no model: an object with 'num', 'den' and 'parameters' is expected")
+    if "schema_version" not in read:
+        raise ModelFileError(
+            "it has no 'schema_version', and so no working point and no sampling time: identify again with --save"
+        )
+    layout = _entry(read, "schema_version", int)
+    if layout > VERSION:
+        raise ModelFileError(
+            f"its layout has version {layout}, this replant reads up to version {VERSION}: "
+            f"install a newer replant (this is {version('replant')})"
+        )
+    if layout < 1:
+        raise ModelFileError(f"schema_version must be 1 or more, got {layout}")
+    try:
+        found = _fields(read)
+        model = ModelFields(**found)
+    except ModelFileError:
+        raise
+    except ReplantError as error:
+        raise ModelFileError(f"it holds no valid model: {error}") from error
+    for name, expected in (("num", model.num), ("den", model.den)):
+        if not _same(read.get(name), expected):
+            raise ModelFileError(f"'{name}' contradicts 'parameters': change both, or neither")
+    return found
+
+
+def verdict_object(verdict: Verdict) -> dict[str, Any]:
+    """Return a verdict as an object of JSON."""
+    return {"status": verdict.status, "excited": verdict.excited, "reasons": list(verdict.reasons)}
+
+
+def finite(value: float) -> float | None:
+    """Return a figure for JSON: None where it is not finite."""
+    return value if math.isfinite(value) else None
+
+
+def _fields(read: dict[str, Any]) -> dict[str, Any]:
+    shape = _entry(read, "structure", dict)
+    structure = Structure(**{name: _entry(shape, name, *kinds) for name, kinds in STRUCTURE.items()})
+    values = _entry(read, "parameters", dict)
+    if set(values) != set(structure.names):
+        raise ModelFileError(f"'parameters' must be {', '.join(structure.names)}, got {', '.join(values) or 'none'}")
+    entered, given = _entry(read, "input", dict), _entry(read, "output", dict)
+    fits, source = _entry(read, "fit", dict), _entry(read, "provenance", dict)
+    return {
+        "structure": structure,
+        "parameters": np.array([_real(_entry(values, name, dict), "value") for name in structure.names]),
+        "dt": _real(read, "dt"),
+        "covariance": _matrix(read.get("covariance"), structure.size),
+        "noise": _noise_of(read.get("noise")),
+        "input_hold": _entry(read, "input_hold", str),
+        "input_map": _entry(entered, "map", str),
+        "input_level": _real(entered, "level"),
+        "output_level": _real(given, "level"),
+        "input_name": _entry(entered, "name", str),
+        "output_name": _entry(given, "name", str),
+        "simulated_fit": _perhaps(fits, "simulated"),
+        "one_step_fit": _perhaps(fits, "one_step"),
+        "rejected": tuple(_entry(read, "rejected", dict).items()),
+        "verdict": _verdict(_entry(read, "verdict", dict)),
+        "provenance": Provenance(
+            samples=_entry(read, "samples", int),
+            **{name: _entry(source, name, str) for name in ("method", "source", "sha256", "version", "date")},
+        ),
+    }
+
+
+STRUCTURE: dict[str, tuple[type, ...]] = {
+    "poles": (int,),
+    "zeros": (int,),
+    "delay": (float, int),
+    "bias": (bool,),
+    "feedthrough": (bool,),
+}
+
+
+def _entry(where: dict[str, Any], name: str, *kinds: type) -> Any:
+    if name not in where:
+        raise ModelFileError(f"the entry '{name}' is missing")
+    value = where[name]
+    if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
+        wanted = " or ".join(JSON_KINDS[kind] for kind in kinds)
+        raise ModelFileError(f"the entry '{name}' must be {wanted}, got {json.dumps(value)[:40]}")
+    return value
+
+
+JSON_KINDS: dict[type, str] = {
+    int: "a whole number",
+    float: "a number",
+    str: "a text",
+    bool: "true or false",
+    dict: "an object",
+    list: "a list",
+}
+
+
+def _real(where: dict[str, Any], name: str) -> float:
+    try:
+        return float(_entry(where, name, float, int))
+    except OverflowError as error:
+        raise ModelFileError(f"the entry '{name}' leaves float64") from error
+
+
+def _perhaps(where: dict[str, Any], name: str) -> float:
+    return math.nan if where.get(name) is None else _real(where, name)
+
+
+def _array(values: Any) -> FloatArray:
+    try:
+        return np.array(values, np.float64)
+    except OverflowError as error:
+        raise ModelFileError("a number leaves float64") from error
+
+
+def _matrix(read: Any, size: int) -> FloatArray | None:
+    if read is None:
+        return None
+    rows = read if isinstance(read, list) else []
+    if len(rows) != size or not all(_is_vector(row, size) for row in rows):
+        raise ModelFileError(f"the entry 'covariance' must be {size} lists of {size} numbers, or null")
+    return _array(rows)
+
+
+def _is_vector(read: Any, size: int | None = None) -> bool:
+    fits = isinstance(read, list) and (len(read) == size or size is None)
+    return fits and all(isinstance(value, float | int) and not isinstance(value, bool) for value in read)
+
+
+def _same(read: Any, expected: FloatArray) -> bool:
+    return _is_vector(read, expected.size) and np.array_equal(_array(read), expected)
+
+
+def _noise(noise: NoiseModel) -> dict[str, Any]:
+    return {
+        "coefficients": noise.coefficients.tolist(),
+        "variance": noise.variance,
+        "residual_variance": noise.residual_variance,
+        "dt": noise.dt,
+    }
+
+
+def _noise_of(read: Any) -> NoiseModel | None:
+    if read is None:
+        return None
+    where = _entry({"noise": read}, "noise", dict)
+    coefficients = _entry(where, "coefficients", list)
+    if not _is_vector(coefficients):
+        raise ModelFileError("the entry 'coefficients' of the noise must be a list of numbers")
+    numbers = {name: _real(where, name) for name in ("variance", "residual_variance", "dt")}
+    return NoiseModel(_array(coefficients), **numbers)
+
+
+def _verdict(where: dict[str, Any]) -> Verdict:
+    status, reasons = _entry(where, "status", str), _entry(where, "reasons", list)
+    if status not in STATUSES:
+        raise ModelFileError(f"the verdict's status must be one of {', '.join(STATUSES)}, got {status!r}")
+    if not all(isinstance(reason, str) for reason in reasons):
+        raise ModelFileError("the verdict's reasons must be texts")
+    return Verdict(status, tuple(reasons), _entry(where, "excited", bool))
+
+
+def _pole(pole: complex) -> dict[str, Any]:
+    magnitude = math.hypot(pole.real, pole.imag)  # abs() raises where it leaves float64
+    return {
+        "real": finite(pole.real),
+        "imag": finite(pole.imag),
+        "frequency_hz": finite(magnitude / (2 * math.pi)),
+        "damping": finite(-pole.real / magnitude) if magnitude else None,
+        "time_constant": finite(-1.0 / pole.real) if pole.real else None,
+    }
+
+
+def _refuse(constant: str) -> Any:
+    raise ValueError(f"{constant} is no number of JSON")

@@ -1,0 +1,66 @@
+"""Notation: a model in one line, as LaTeX, and as HTML for notebooks."""
+
+from __future__ import annotations
+
+import html as escaped
+import math
+
+from replant.arguments import FloatArray
+from replant.identified.fields import ModelFields
+from replant.model.transfer_function import TransferFunction
+
+
+def one_line(model: ModelFields) -> str:
+    """Return a model's G(s), signals, fit and verdict."""
+    fit = "" if math.isnan(model.simulated_fit) else f", fit {model.simulated_fit:.1f} %"
+    signals = f"{model.input_name} -> {model.output_name}"
+    return f"<Model {model.transfer_function}: {signals}{fit}, {model.verdict.status}>"
+
+
+def latex(model: TransferFunction) -> str:
+    r"""Return G(s) as mathematical text of LaTeX.
+
+    Examples
+    --------
+    >>> print(latex(TransferFunction([2.0], [1.0, 0.5, 3e-5], delay=0.1)))
+    G(s) = \frac{2}{s^{2} + 0.5\, s + 3 \cdot 10^{-5}}\, e^{-0.1\, s}
+    """
+    dead_time = rf"\, e^{{-{_number(model.delay)}\, s}}" if model.delay else ""
+    return rf"G(s) = \frac{{{_polynomial(model.num)}}}{{{_polynomial(model.den)}}}{dead_time}"
+
+
+def html(model: ModelFields) -> str:
+    """Return G(s), the coefficients with their standard deviations, the poles and the verdict as HTML."""
+    std = None if model.uncertainty is None else model.uncertainty.std
+    rows = []
+    for i, name in enumerate(model.names):
+        known = "" if std is None else f"± {std[i]:.2g}"
+        rows.append(f"<tr><td>{name}</td><td>{model.parameters[i]:.5g}</td><td>{known}</td></tr>")
+    poles = ", ".join(f"{pole:.4g}" for pole in model.transfer_function.poles.tolist())
+    fit = "not known" if math.isnan(model.simulated_fit) else f"{model.simulated_fit:.1f} %"
+    reasons = "".join(f"<li>{escaped.escape(reason)}</li>" for reason in model.verdict.reasons)
+    signals = escaped.escape(f"{model.input_name} → {model.output_name}")
+    return (
+        f"<div><p><b>G(s)</b> = {escaped.escape(str(model.transfer_function))}<br>{signals}, dt {model.dt:g} s</p>"
+        f"<table>{''.join(rows)}</table>"
+        f"<p>poles {poles} rad/s<br>fit {fit}<br>verdict <b>{model.verdict.status}</b></p><ul>{reasons}</ul></div>"
+    )
+
+
+def _polynomial(coefficients: FloatArray) -> str:
+    """Return a polynomial in s, descending powers."""
+    terms: list[str] = []
+    for power, value in zip(range(coefficients.size - 1, -1, -1), coefficients.tolist(), strict=True):
+        if value == 0.0 and coefficients.size > 1:
+            continue
+        letter = "" if power == 0 else "s" if power == 1 else f"s^{{{power}}}"
+        size = _number(abs(value))
+        body = letter if letter and size == "1" else rf"{size}\, {letter}" if letter else size
+        sign = "-" if value < 0 else "+" if terms else ""
+        terms.append(f" {sign} {body}" if terms else f"{sign}{body}")
+    return "".join(terms) or "0"
+
+
+def _number(value: float) -> str:
+    mantissa, _, exponent = f"{value:.5g}".partition("e")
+    return rf"{mantissa} \cdot 10^{{{int(exponent)}}}" if exponent else mantissa

@@ -1,0 +1,289 @@
+r"""Responses of a model: step, impulse, Bode, Nyquist, poles, each with standard deviations where they are known.
+
+The standard deviation of a response y(t) follows from the covariance C of the coefficients to first order (delta
+method), :math:`\sqrt{s^T C s}` with the sensitivities :math:`s = \partial y(t) / \partial \theta`, which are responses
+themselves: :math:`\partial G / \partial a_i = -s^i B / A^2`, :math:`\partial G / \partial b_j = s^j / A`.
+
+Source: Ljung (1999), "System Identification: Theory for the User", sections 4.3 and 9.4.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from replant.arguments import FloatArray, array_of_reals, positive
+from replant.errors import InvalidArgumentError
+from replant.model.mode import Mode
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import UncertainMode, Uncertainty
+from replant.statistics.linear_algebra import quiet
+
+POINTS = 400
+"""Points of a response [count]."""
+SETTLED = 6.0
+"""Time constants of the slowest mode after which a step response has settled: 0.25 % is left [time constants]."""
+BEYOND = 30.0
+"""How far a frequency response reaches beyond the slowest and the fastest root [ratio]."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepResponse:
+    """The output by a unit step, from rest.
+
+    Attributes
+    ----------
+    time : (N,) array
+        In s.
+    output : (N,) array
+    std : (N,) array or None
+        Standard deviation of the output; None where it is not known.
+    """
+
+    time: FloatArray
+    output: FloatArray
+    std: FloatArray | None
+
+    @classmethod
+    def of(cls, model: TransferFunction, known: Uncertainty | None, time: FloatArray) -> Self:
+        """Return the response of a model at times (N,), which begin at 0 and are equally spaced, in s."""
+        return cls(time, *_over_time(model, known, time))
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the response with its band of +-2 standard deviations; return the axes of matplotlib.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, optional
+            Drawn into; without it a figure is made.
+        """
+        from replant.plotting.responses import draw_over_time
+
+        return draw_over_time(self.time, self.output, self.std, "step response", ax)
+
+
+@dataclass(frozen=True, eq=False)
+class ImpulseResponse(StepResponse):
+    """The output by a unit impulse, from rest.
+
+    Attributes
+    ----------
+    time : (N,) array
+        In s.
+    output : (N,) array
+    std : (N,) array or None
+        Standard deviation of the output; None where it is not known.
+    """
+
+    @classmethod
+    def of(cls, model: TransferFunction, known: Uncertainty | None, time: FloatArray) -> Self:
+        """Return the response of a model at times (N,), which begin at 0 and are equally spaced, in s.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the model has as many zeros as poles.
+        """
+        if model.num.size == model.den.size:
+            raise InvalidArgumentError(
+                "G(s) has as many zeros as poles: its impulse response holds an impulse; use step()"
+            )
+        return cls(time, *_over_time(model, known, time, impulse=True))
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the response with its band of +-2 standard deviations; return the axes of matplotlib.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, optional
+            Drawn into; without it a figure is made.
+        """
+        from replant.plotting.responses import draw_over_time
+
+        return draw_over_time(self.time, self.output, self.std, "impulse response", ax)
+
+
+@dataclass(frozen=True, eq=False)
+class Bode:
+    """A frequency response.
+
+    Attributes
+    ----------
+    frequency : (F,) array
+        In rad/s.
+    response : (F,) complex array
+        G(i omega).
+    relative_std, phase_std : (F,) array or None
+        Standard deviations of ln abs G and of the phase in rad; None where they are not known.
+    """
+
+    frequency: FloatArray
+    response: npt.NDArray[np.complex128]
+    relative_std: FloatArray | None
+    phase_std: FloatArray | None
+
+    @classmethod
+    def of(cls, model: TransferFunction, known: Uncertainty | None, dt: float, frequency: Any = None) -> Self:
+        """Return the response of a model; without ``frequency`` (F,) in rad/s, from below its roots to above them."""
+        omega = frequencies(model, dt) if frequency is None else array_of_reals("frequency", frequency).ravel()
+        relative, phase = (None, None) if known is None else known.response(omega)
+        return cls(omega, model.response(omega), relative, phase)
+
+    @property
+    def magnitude(self) -> FloatArray:
+        """Abs G (F,)."""
+        return np.abs(self.response)
+
+    @property
+    def phase(self) -> FloatArray:
+        """Phase (F,) in rad, continuous over frequency."""
+        phase = np.unwrap(np.angle(self.response))
+        return np.asarray(phase - math.tau * round(float(phase[0]) / math.tau)) if phase.size else phase
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw magnitude and phase with their bands of +-2 standard deviations; return two axes of matplotlib.
+
+        Parameters
+        ----------
+        ax : two matplotlib axes, optional
+            Drawn into; without them a figure is made.
+        """
+        from replant.plotting.responses import draw_bode
+
+        return draw_bode(self.frequency, self.magnitude, self.phase, self.relative_std, self.phase_std, ax)
+
+
+@dataclass(frozen=True, eq=False)
+class Nyquist(Bode):
+    """A frequency response in the complex plane.
+
+    Attributes
+    ----------
+    frequency : (F,) array
+        In rad/s.
+    response : (F,) complex array
+        G(i omega).
+    relative_std, phase_std : (F,) array or None
+        Standard deviations of ln abs G and of the phase in rad; None where they are not known.
+    """
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw G(i omega) in the complex plane, with regions of 2 standard deviations; return the axes of matplotlib.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, optional
+            Drawn into; without it a figure is made.
+        """
+        from replant.plotting.responses import draw_nyquist
+
+        return draw_nyquist(self.response, self.relative_std, self.phase_std, ax)
+
+
+@dataclass(frozen=True, eq=False)
+class PoleMap:
+    """Poles and zeros.
+
+    Attributes
+    ----------
+    values, zeros : complex arrays
+        In rad/s.
+    modes : tuple of Mode
+        The poles as frequency, damping and time constant, slowest first; one entry for a conjugate pair.
+    uncertain : tuple of UncertainMode
+        The same with their standard deviations; empty where they are not known.
+    """
+
+    values: npt.NDArray[np.complex128]
+    zeros: npt.NDArray[np.complex128]
+    modes: tuple[Mode, ...]
+    uncertain: tuple[UncertainMode, ...]
+
+    @classmethod
+    def of(cls, model: TransferFunction, known: Uncertainty | None) -> Self:
+        """Return the poles and zeros of a model."""
+        return cls(model.poles, model.zeros, model.modes, () if known is None else known.modes)
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw poles and zeros in the complex plane, with the poles' 95 % regions; return the axes of matplotlib.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, optional
+            Drawn into; without it a figure is made.
+        """
+        from replant.plotting.responses import draw_poles
+
+        regions = [(mode.mode.pole, mode.covariance) for mode in self.uncertain]
+        return draw_poles(self.values, self.zeros, regions, ax)
+
+
+def time_of(model: TransferFunction, duration: float | None = None) -> FloatArray:
+    """Return times (N,) from 0 to ``duration`` in s, by default until the slowest mode of the model has settled.
+
+    Examples
+    --------
+    >>> time_of(TransferFunction([1.0], [1.0, 0.5]))[[0, -1]]
+    array([ 0., 12.])
+    """
+    if duration is None:
+        slowest = np.abs(model.poles.real)
+        speeds = np.where(slowest > 1e-6 * np.abs(model.poles), slowest, np.abs(model.poles))
+        speeds = speeds[np.isfinite(speeds) & (speeds > 0.0)]
+        duration = model.delay + (SETTLED / float(speeds.min()) if speeds.size else 1.0)
+    return np.linspace(0.0, positive("duration", duration), POINTS)
+
+
+def frequencies(model: TransferFunction, dt: float) -> FloatArray:
+    """Return angular frequencies (F,) from 1/30 of the slowest root to 30 times the fastest, at most Nyquist's.
+
+    Parameters
+    ----------
+    model : TransferFunction
+    dt : float
+        Sampling time in s.
+
+    Examples
+    --------
+    >>> frequencies(TransferFunction([1.0], [1.0, 3.0]), dt=0.1)[[0, -1]].round(2)
+    array([ 0.1 , 31.42])
+    """
+    sizes = np.abs(np.concatenate([model.poles, model.zeros]))
+    nyquist = math.pi / dt
+    sizes = sizes[np.isfinite(sizes) & (sizes > 1e-9 * nyquist) & (sizes < 1e3 * nyquist)]
+    low, high = nyquist / 1e4, nyquist
+    if sizes.size:
+        low, high = float(sizes.min()) / BEYOND, float(sizes.max()) * BEYOND
+    high = max(min(high, nyquist), 10 * low)
+    return np.asarray(np.geomspace(low, high, POINTS))
+
+
+@quiet
+def _over_time(
+    model: TransferFunction, known: Uncertainty | None, time: FloatArray, *, impulse: bool = False
+) -> tuple[FloatArray, FloatArray | None]:
+    """Return a response (N,) to a step or an impulse, and its standard deviation."""
+    output = _response(model.num, model, time, impulse=impulse)
+    if known is None:
+        return output, None
+    n, m = known.structure.poles, known.structure.zeros
+    slopes = np.zeros((time.size, known.structure.size))
+    squared = TransferFunction(model.num, np.asarray(np.polymul(model.den, model.den), np.float64), model.delay)
+    for i in range(n):
+        slopes[:, n - 1 - i] = -_response(np.append(model.num, np.zeros(i)), squared, time, impulse=impulse)
+    for j in range(m + 1):
+        slopes[:, n + m - j] = _response(np.append(1.0, np.zeros(j)), model, time, impulse=impulse)
+    variance = np.einsum("ti,ij,tj->t", slopes, known.covariance, slopes)
+    return output, np.sqrt(np.maximum(variance, 0.0))
+
+
+def _response(num: FloatArray, model: TransferFunction, time: FloatArray, *, impulse: bool) -> FloatArray:
+    """Return the response (N,) of num(s) over the denominator of a model, with its dead time."""
+    if impulse:  # of s num / den the step response is the impulse response of num / den
+        num = np.append(num, 0.0)
+    part = TransferFunction(num, model.den, model.delay)
+    return part.simulate(np.ones(time.size), float(time[1] - time[0]))

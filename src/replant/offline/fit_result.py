@@ -1,0 +1,156 @@
+"""FitResult: what `fit` gives, and the model that is kept of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from replant.arguments import FloatArray, IntArray
+from replant.assessment import Assessment, Simulation, assess_record
+from replant.engine.record import Record
+from replant.identified.model import Model
+from replant.identified.provenance import Provenance
+from replant.model.noise import NoiseModel
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import Uncertainty
+from replant.offline.reference_use import ReferenceUse
+from replant.regressor.filters import Filter, StateVariableFilter
+from replant.regressor.preprocess import Preprocess
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """The result of `fit`.
+
+    Attributes
+    ----------
+    structure : Structure
+    dt : float
+        Sampling time in s.
+    method : str
+        "srivc" or "least_squares".
+    filter : StateVariableFilter or RefinedFilter
+        The filter used, chosen from the record or given.
+    preprocess : Preprocess
+        Input map and working point used, the latter as numbers.
+    parameters : (P,) array
+        In physical units, in the order of ``structure.names``.
+    covariance : (P, P) array or None
+        Of the parameters; None for least squares, which noise biases.
+    condition : float
+        Condition number of the scaled regressors; infinite if the input does not excite every parameter.
+    one_step : float
+        Fit in percent of the output predicted one step ahead: by (8), or with "srivc" by the free run and an
+        autoregression of its residual.
+    simulation : Simulation
+        The free run from the input alone, with offset and initial state estimated.  Of an unstable model, which would
+        run away, the output predicted one step ahead: the one that makes the residual A/D y - B/D u zero, where D is A
+        with its unstable poles reflected.
+    samples : int
+        Samples used.
+    rejected : dict
+        Number of samples left out, by reason.
+    noise : NoiseModel or None
+        The autoregression of the residual; None for least squares.
+    reference : ReferenceUse or None
+        What the reference was worth; None where none was given.
+    outliers : (N,) array of int
+        Indices of the outputs that were left out as outliers.
+    missing : (N,) array of int
+        Indices of the samples without an output, whose input was used.
+    record : Record or None
+        The record made ready, with the model's outputs where they are missing or outliers: what the verdict looks at.
+    input_name, output_name : str
+        Names of the signals, with their units in brackets at the end.
+    source, sha256 : str
+        Name and digest of the log's file, where there is one.
+    """
+
+    structure: Structure
+    dt: float
+    method: str
+    filter: Filter
+    preprocess: Preprocess
+    parameters: FloatArray
+    covariance: FloatArray | None
+    condition: float
+    one_step: float
+    simulation: Simulation
+    samples: int
+    rejected: dict[str, int]
+    noise: NoiseModel | None = None
+    reference: ReferenceUse | None = None
+    outliers: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    missing: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    record: Record | None = None
+    input_name: str = "u"
+    output_name: str = "y"
+    source: str = ""
+    sha256: str = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, in their order."""
+        return self.structure.names
+
+    @cached_property
+    def verdict(self) -> Assessment:
+        """Whether to trust the model, why in plain words, and the figures behind it."""
+        assert self.record is not None, "`fit` keeps the record"
+        instruments = self.method != "least_squares"
+        verdict = assess_record(
+            self.structure, self.parameters, self.record, self.dt, self.covariance, instruments=instruments
+        )
+        finding = self.reference.finding if self.reference else ""
+        if not finding or any(finding.partition(":")[0] in reason for reason in verdict.reasons):
+            return verdict
+        return dataclasses.replace(verdict, reasons=(*verdict.reasons, finding))
+
+    @cached_property
+    def model(self) -> Model:
+        """What is worth keeping: G(s) with working point, names, uncertainty, fit and verdict."""
+        rest = self.preprocess.output_offset if self.simulation.is_prediction else self.simulation.offset
+        return Model(
+            self.structure,
+            self.parameters,
+            self.dt,
+            covariance=self.covariance,
+            noise=self.noise,
+            input_hold=self.filter.input_hold,
+            input_map=self.preprocess.input_map,
+            input_level=float(self.preprocess.input_offset),
+            output_level=float(rest),
+            input_name=self.input_name,
+            output_name=self.output_name,
+            simulated_fit=self.simulation.fit,
+            one_step_fit=self.one_step,
+            rejected=tuple(self.rejected.items()),
+            verdict=self.verdict,
+            provenance=Provenance(self.method, self.source, self.sha256, self.samples),
+        )
+
+    def bridged(self, y: FloatArray) -> FloatArray:
+        """Return an output (K,) with the model's where it is missing or an outlier: what the model was made from."""
+        rows = np.concatenate([self.outliers, self.missing])
+        y = y.copy()
+        y[rows] = self.simulation.output[rows]
+        return y
+
+    @property
+    def uncertainty(self) -> Uncertainty | None:
+        """Standard deviations of parameters, poles, gain and response; None for least squares, which noise biases."""
+        return None if self.covariance is None else Uncertainty(self.structure, self.parameters, self.covariance)
+
+    @property
+    def fixed_filter(self) -> StateVariableFilter:
+        """The filter used; 1/A of the result if it was the refined filter."""
+        return self.filter.fixed_at(self.transfer_function.den, self.dt)
+
+    @property
+    def transfer_function(self) -> TransferFunction:
+        """The estimate as G(s)."""
+        return self.structure.transfer_function(self.parameters)

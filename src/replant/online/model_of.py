@@ -1,0 +1,94 @@
+"""The model that is kept of a running identification."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from replant.assessment.verdict import Verdict
+from replant.identified.model import Model
+from replant.identified.provenance import Provenance
+from replant.online.readout import Estimate
+from replant.simulation.beside import beside
+from replant.simulation.offset_fit import Simulation, fit_percent
+from replant.statistics.autoregression import one_step
+from replant.statistics.linear_algebra import quiet
+
+IRREGULAR = 1e-6
+"""Deviation of an interval from the sampling time that is more than rounding [part of the sampling time].
+Derivation: stamps of some 1e9 s have a resolution of 1e-7 s.
+"""
+LONGEST_IRREGULAR = 2000
+"""Newest samples simulated on an irregular clock, where each needs a matrix exponential [samples]."""
+
+
+def model_of(
+    estimate: Estimate,
+    simulation: Simulation | None = None,
+    one_step_fit: float = np.nan,
+    verdict: Verdict | None = None,
+) -> Model:
+    """Return the model of a running identification.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    simulation : Simulation, optional
+        Of the record; without it that of the newest samples is made.
+    one_step_fit : float
+        Fit one step ahead, of that simulation.
+    verdict : Verdict, optional
+        Without it one is asked for.
+    """
+    if simulation is None:
+        simulation, one_step_fit = _newest(estimate)
+    settings, verdict = estimate.settings, estimate.assess() if verdict is None else verdict
+    preprocess = estimate.request.preprocess if settings is None else settings.preprocess
+    # during start-up the working point may not be known yet: the simulation's offset is then that of all inputs
+    entered, given = (_number(level) for level in (preprocess.input_offset, preprocess.output_offset))
+    return Model(
+        estimate.structure,
+        estimate.parameters,
+        estimate.dt,
+        covariance=estimate.covariance,
+        noise=estimate.noise,
+        input_hold=estimate.input_hold,
+        input_map=preprocess.input_map,
+        input_level=entered,
+        output_level=given if simulation.is_prediction else simulation.offset,
+        simulated_fit=simulation.fit,
+        one_step_fit=one_step_fit,
+        rejected=tuple(estimate.rejected.items()),
+        verdict=Verdict(verdict.status, verdict.reasons, verdict.excited),
+        provenance=Provenance(_method(estimate), samples=estimate.samples),
+    )
+
+
+def _number(level: float | str) -> float:
+    return 0.0 if isinstance(level, str) else float(level)
+
+
+@quiet
+def _newest(estimate: Estimate) -> tuple[Simulation, float]:
+    """Return the simulation over the newest samples, and its fit one step ahead."""
+    u, y, intervals = estimate.recent.T
+    y = np.where(estimate.judged, y, np.nan)
+    regular = bool((np.abs(intervals[1:] - estimate.dt) <= IRREGULAR * estimate.dt).all())
+    if not regular:
+        u, y, intervals = (signal[-LONGEST_IRREGULAR:] for signal in (u, y, intervals))
+    if u.size == 0:
+        return Simulation(u, 0.0, np.nan), np.nan
+    preprocess = estimate.request.preprocess if estimate.settings is None else estimate.settings.preprocess
+    level = _number(preprocess.input_offset)
+    t = None if regular else np.cumsum(intervals)
+    found = beside(estimate.transfer_function, u - level, y, estimate.dt, input_hold=estimate.input_hold, t=t)
+    return found, found.fit if found.is_prediction else fit_percent(y, y - one_step(y - found.output))
+
+
+def _method(estimate: Estimate) -> str:
+    settings = estimate.settings
+    if settings is None:
+        return "srivc"  # the provisional model of the samples held
+    name = type(settings.optimizer).__name__
+    if settings.instruments:
+        return "recursive srivc" if settings.filter.follows_estimate else f"{name} with instruments"
+    return name

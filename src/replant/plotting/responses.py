@@ -1,0 +1,162 @@
+"""Plots of responses: over time, Bode, Nyquist, poles; matplotlib's own style, so that they fit a notebook."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from replant.arguments import FloatArray
+from replant.plotting.palette import BLUE, GREY, VERMILION, blank_figure, open_frame
+
+SIGMAS = 2.0
+"""Half-width of every band [standard deviations]."""
+RADIUS_95 = 2.448
+"""Radius of the 95 % ellipse of two normal variables [standard deviations].
+Level: 95 %: the square root of the quantile of chi squared with two degrees of freedom.
+"""
+WIDEST_DB, WIDEST_DEGREES = 60.0, 180.0
+"""Half-width at which a band is cut: beyond it nothing is known anyway [dB, degrees]."""
+
+ComplexArray = npt.NDArray[np.complex128]
+
+
+def draw_over_time(time: FloatArray, output: FloatArray, std: FloatArray | None, what: str, ax: Any = None) -> Any:
+    """Draw an output over time in s with a band of +-2 standard deviations; return the axes.
+
+    Parameters
+    ----------
+    time, output : (N,) arrays
+    std : (N,) array or None
+    what : str
+        Label of the output.
+    ax : matplotlib axes, optional
+    """
+    axis = blank_figure(6.2, 3.4).subplots() if ax is None else ax
+    if std is not None:
+        low, high = output - SIGMAS * std, output + SIGMAS * std
+        axis.fill_between(time, low, high, color=BLUE, alpha=0.22, lw=0, label="± 2σ")
+    axis.plot(time, output, color=BLUE, lw=1.6, label="model")
+    axis.set_xlim(float(time[0]), float(time[-1]))
+    axis.set_xlabel("time [s]")
+    axis.set_ylabel(what)
+    axis.legend(frameon=False)
+    open_frame(axis)
+    return axis
+
+
+def draw_bode(
+    frequency: FloatArray,
+    magnitude: FloatArray,
+    phase: FloatArray,
+    relative_std: FloatArray | None,
+    phase_std: FloatArray | None,
+    ax: Any = None,
+) -> Any:
+    """Draw magnitude in dB and phase in degrees over frequency in rad/s, with bands of +-2 standard deviations.
+
+    Parameters
+    ----------
+    frequency, magnitude, phase : (F,) arrays
+        In rad/s, in output over input, in rad.
+    relative_std, phase_std : (F,) array or None
+        Of ln magnitude, and of the phase in rad.
+    ax : two matplotlib axes, optional
+
+    Returns
+    -------
+    array of two axes
+    """
+    axes = blank_figure(6.2, 4.8).subplots(2, 1, sharex=True) if ax is None else ax
+    top, bottom = np.asarray(axes, dtype=object).ravel()
+    with np.errstate(divide="ignore"):
+        decibels, degrees = 20.0 * np.log10(magnitude), np.degrees(phase)
+    for axis, values, std, widest, unit in (
+        (top, decibels, relative_std, WIDEST_DB, 20.0 / math.log(10.0)),
+        (bottom, degrees, phase_std, WIDEST_DEGREES, 180.0 / math.pi),
+    ):
+        if std is not None:
+            band = np.minimum(SIGMAS * unit * std, widest)
+            axis.fill_between(frequency, values - band, values + band, color=BLUE, alpha=0.22, lw=0, label="± 2σ")
+        axis.semilogx(frequency, values, color=BLUE, lw=1.6, label="model")
+        open_frame(axis)
+    top.set_ylabel("magnitude [dB]")
+    top.legend(frameon=False)
+    bottom.set_ylabel("phase [°]")
+    bottom.set_xlabel("frequency [rad/s]")
+    bottom.set_xlim(float(frequency[0]), float(frequency[-1]))
+    return np.array([top, bottom], dtype=object)
+
+
+def draw_nyquist(
+    response: ComplexArray, relative_std: FloatArray | None, phase_std: FloatArray | None, ax: Any = None
+) -> Any:
+    """Draw a frequency response in the complex plane, with regions of 2 standard deviations; return the axes.
+
+    Parameters
+    ----------
+    response : (F,) complex array
+    relative_std, phase_std : (F,) array or None
+        Of ln magnitude, and of the phase in rad.
+    ax : matplotlib axes, optional
+    """
+    axis = blank_figure(5.0, 4.6).subplots() if ax is None else ax
+    if relative_std is not None and phase_std is not None:
+        angle = np.linspace(0.0, math.tau, 61)
+        every = max(1, response.size // 60)
+        chosen = zip(response[::every], relative_std[::every], phase_std[::every], strict=True)
+        for number, (middle, relative, turn) in enumerate(chosen):
+            # along the radius and across it; that the two errors are correlated is left out
+            ellipse = middle * (1.0 + SIGMAS * (relative * np.cos(angle) + 1j * turn * np.sin(angle)))
+            label = "" if number else "2σ"
+            axis.fill(ellipse.real, ellipse.imag, color=BLUE, alpha=0.08, lw=0, label=label or None)
+    axis.plot(response.real, response.imag, color=BLUE, lw=1.6, label="model")
+    axis.plot([-1.0], [0.0], "+", color=VERMILION, ms=9, mew=1.6, label="-1")
+    axis.set_xlabel("real part")
+    axis.set_ylabel("imaginary part")
+    axis.legend(frameon=False)
+    open_frame(axis)
+    return axis
+
+
+def draw_poles(
+    poles: ComplexArray, zeros: ComplexArray, regions: list[tuple[complex, FloatArray]], ax: Any = None
+) -> Any:
+    """Draw poles (crosses) and zeros (circles) in rad/s, with 95 % regions of the poles; return the axes.
+
+    Parameters
+    ----------
+    poles, zeros : complex arrays
+    regions : list of (complex, (2, 2) array)
+        A pole of the upper half-plane, and the covariance of its real and imaginary part.
+    ax : matplotlib axes, optional
+    """
+    axis = blank_figure(5.2, 4.6).subplots() if ax is None else ax
+    axis.axhline(0.0, color=GREY, lw=0.8)
+    axis.axvline(0.0, color=GREY, lw=0.8)
+    labels = iter(["95 % region"])
+    for pole, covariance in regions:
+        if not np.isfinite(covariance).all():
+            continue
+        for outline in _outlines(pole, covariance):
+            axis.fill(outline.real, outline.imag, color=BLUE, alpha=0.25, lw=2, label=next(labels, None))
+    axis.plot(poles.real, poles.imag, "x", color=BLUE, ms=9, mew=2.0, label="poles")
+    if zeros.size:
+        axis.plot(zeros.real, zeros.imag, "o", color=VERMILION, ms=8, mew=1.8, mfc="none", label="zeros")
+    axis.set_xlabel("real part [rad/s]")
+    axis.set_ylabel("imaginary part [rad/s]")
+    axis.legend(frameon=False)
+    open_frame(axis)
+    return axis
+
+
+def _outlines(pole: complex, covariance: FloatArray) -> list[ComplexArray]:
+    """Return the outline of a pole's region, and that of its conjugate."""
+    values, vectors = np.linalg.eigh(covariance)
+    angle = np.linspace(0.0, math.tau, 181)
+    unit = np.stack([np.cos(angle), np.sin(angle)]) * RADIUS_95 * np.sqrt(np.maximum(values, 0.0))[:, None]
+    parts = vectors @ unit
+    outline = pole + parts[0] + 1j * parts[1]
+    return [outline, outline.conj()] if pole.imag else [outline]

@@ -1,0 +1,122 @@
+"""A model saved, shown and validated at the command line: the figures are those of Python."""
+
+from __future__ import annotations
+
+import json
+from importlib.resources import files
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.cli import main
+
+SCHEMA = json.loads(files("replant.identified").joinpath("schema/model-1.json").read_text())
+COLUMNS = ("--input", "voltage [V]", "--output", "speed")
+
+
+def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    code = 0
+    try:
+        main([str(argument) for argument in arguments])
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def write(path: Path, seed: int, gain: float = 2.0) -> Path:
+    generator = np.random.default_rng(seed)
+    u = np.repeat(generator.choice([1.0, 2.0], 60), 25)
+    y = 5.0 + rp.TransferFunction([gain], [1.0, 0.5]).simulate(u - 1.0, 0.1) + 0.02 * generator.standard_normal(u.size)
+    rows = np.column_stack([0.1 * np.arange(u.size), u, y])
+    np.savetxt(path, rows, delimiter=",", header="t,voltage [V],speed", comments="")
+    return path
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
+    """The log of a plant, another one of the same plant, and one of another plant."""
+    folder = tmp_path_factory.mktemp("logs")
+    return write(folder / "a.csv", 0), write(folder / "b.csv", 1), write(folder / "c.csv", 2, gain=4.0)
+
+
+@pytest.mark.parametrize("command", ["run", "fit"])
+def test_from_a_log_to_a_validated_model(
+    capsys: pytest.CaptureFixture[str], logs: tuple[Path, Path, Path], tmp_path: Path, command: str
+) -> None:
+    first, second, other = logs
+    file = tmp_path / "motor.json"
+    arguments = (command, first, *COLUMNS, "--poles", 1, "--save", file, "--validate", second)
+    code, out, err = call(capsys, *arguments, "--json", "--require", "trusted")
+    assert (code, err) == (0, "")
+    printed = json.loads(out)
+    jsonschema.Draft202012Validator(SCHEMA).validate(printed)
+    model = rp.load_model(file)
+    assert rp.Model.from_json(out) == model
+    validation = model.validate(rp.read_log(second, input="voltage [V]", output="speed"))
+    assert printed["validations"][0]["fit"]["simulated"] == validation.fit
+    code, out, _ = call(capsys, "validate", file, second, other, "--json")  # the columns are the model's
+    assert code == 0
+    same, different = json.loads(out)
+    assert same == printed["validations"][0]
+    assert (same["verdict"]["status"], different["verdict"]["status"]) == ("trusted", "inconsistent")
+    for each in (same, different):
+        jsonschema.Draft202012Validator({**SCHEMA["$defs"]["validation"], "$defs": SCHEMA["$defs"]}).validate(each)
+
+
+def test_read_by_a_person(capsys: pytest.CaptureFixture[str], logs: tuple[Path, Path, Path], tmp_path: Path) -> None:
+    first, second, other = logs
+    file = tmp_path / "motor.json"
+    code, out, _ = call(capsys, "fit", first, *COLUMNS, "--poles", 1, "--save", file, "--validate", second)
+    assert (code, f"wrote {file}" in out.replace("\n", ""), "On b.csv" in out) == (0, True, True)
+    code, out, _ = call(capsys, "show", file)
+    assert code == 0
+    for words in ("G(s) = ", "voltage [V] -> speed", "a.csv", "srivc", "trusted"):
+        assert words in out
+    assert call(capsys, "show", file, "--json")[1] == file.read_text()
+    code, out, _ = call(capsys, "validate", file, second, other, "--out", tmp_path / "out")
+    assert [path.name for path in sorted((tmp_path / "out").iterdir())] == ["b-validation.png", "c-validation.png"]
+    for words in ("On c.csv", "inconsistent", "beside the model's working point"):
+        assert words in out
+
+
+def test_a_verdict_that_is_required_and_missed_ends_with_3(
+    capsys: pytest.CaptureFixture[str], logs: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
+    first, second, other = logs
+    file = tmp_path / "motor.json"
+    arguments = ("fit", first, *COLUMNS, "--poles", 1, "--require", "trusted", "--save", file)
+    assert call(capsys, *arguments, "--validate", second)[0] == 0
+    code, _, err = call(capsys, *arguments, "--validate", other)
+    assert (code, err) == (3, "replant: the verdict is trusted, inconsistent, --require asks for trusted\n")
+    assert file.exists()
+    assert call(capsys, "validate", file, other, "--require", "trusted")[0] == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("show", "none.json"), "none.json: no such file"),
+        (("validate", "LOG", "LOG"), "it is not JSON"),
+        (("validate", "MODEL", "none.csv"), "none.csv"),
+        (("validate", "MODEL", "LOG", "--input", "flow"), "flow"),
+        (("fit", "LOG", *COLUMNS, "--poles", "1", "--save", "no/m.json"), "there is no folder"),
+        (("fit", "LOG", *COLUMNS, "--poles", "1", "--validate", "none.csv"), "none.csv"),
+    ],
+)
+def test_mistakes_are_one_line(
+    capsys: pytest.CaptureFixture[str],
+    logs: tuple[Path, Path, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: tuple[str, ...],
+    words: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    call(capsys, "fit", logs[0], *COLUMNS, "--poles", 1, "--save", "MODEL")
+    code, out, err = call(capsys, *[str(logs[0]) if word == "LOG" else word for word in arguments])
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert words in err

@@ -1,0 +1,128 @@
+"""Validation: right models pass on records that they were not made from, wrong ones are named."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import replant as rp
+
+TRUE = rp.TransferFunction([2.0, 3.0], [1.0, 1.2, 4.0], delay=0.1)
+DT = 0.05
+
+
+def record(seed: int, plant: rp.TransferFunction = TRUE, level: float = 7.0) -> tuple[np.ndarray, np.ndarray]:
+    generator = np.random.default_rng(seed)
+    u = np.repeat(generator.choice([1.0, 3.0], 160), 25)
+    return u, level + plant.simulate(u - 1.5, DT) + 0.05 * generator.standard_normal(u.size)
+
+
+@pytest.fixture(scope="module")
+def model() -> rp.Model:
+    return rp.fit(*record(0), DT, poles=2, zeros=1, delay=0.1).model
+
+
+def test_a_right_model_passes_on_other_records(model: rp.Model) -> None:
+    for seed in range(1, 6):
+        found = model.validate(*record(seed))
+        assert found.verdict.status == "trusted"
+        assert found.fit == pytest.approx(95.5, abs=1.0)
+        assert max(found.outside) < 0.25
+        assert found.by_frequency is not None
+        # it has a standard deviation of 0.2 %, and the largest of some twenty frequencies is looked at
+        assert found.by_frequency.worst < 0.05
+
+
+def test_another_working_point_is_no_fault(model: rp.Model) -> None:
+    u, y = record(1)
+    shifted = model.validate(u, y + 100.0)
+    assert shifted.verdict.status == "trusted"
+    assert shifted.offset - model.validate(u, y).offset == pytest.approx(100.0)
+    assert shifted.fit == pytest.approx(model.validate(u, y).fit)
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [
+        rp.TransferFunction([3.0, 4.5], [1.0, 1.2, 4.0], delay=0.1),  # half as much gain again
+        rp.TransferFunction([2.0, 3.0], [1.0, 1.2, 5.0], delay=0.1),  # stiffer
+        rp.TransferFunction([2.0, 3.0], [1.0, 1.2, 4.0], delay=0.4),  # later
+        rp.TransferFunction([-2.0, -3.0], [1.0, 1.2, 4.0], delay=0.1),  # the other way round
+    ],
+    ids=["gain", "stiffness", "delay", "sign"],
+)
+def test_a_model_of_another_plant_does_not_pass(model: rp.Model, plant: rp.TransferFunction) -> None:
+    found = model.validate(*record(1, plant))
+    assert found.verdict.status == "inconsistent"
+    assert found.by_frequency is not None
+    assert found.by_frequency.worst > 0.1
+
+
+def test_the_error_by_frequency_is_that_of_the_model(model: rp.Model) -> None:
+    double = rp.TransferFunction([4.0, 6.0], [1.0, 1.2, 4.0], delay=0.1)
+    found = model.validate(*record(1, double)).by_frequency
+    assert found is not None
+    np.testing.assert_allclose(found.error[found.frequency > 1.0], 1.0, atol=0.15)  # below leakage adds to it
+
+
+def test_missing_outputs_and_an_irregular_clock(model: rp.Model) -> None:
+    u, y = record(1)
+    whole = model.validate(u, y)
+    holed = y.copy()
+    holed[np.random.default_rng(0).random(y.size) < 0.2] = np.nan
+    found = model.validate(u, holed)
+    assert (found.verdict.status, found.samples) == ("trusted", int(np.isfinite(holed).sum()))
+    assert found.fit == pytest.approx(whole.fit, abs=0.5)
+    generator = np.random.default_rng(1)
+    t = np.cumsum(DT * generator.uniform(0.6, 1.4, u.size))
+    grid = np.arange(0.0, t[-1] + 1.0, DT / 20)
+    dense = u[np.maximum(np.searchsorted(t, grid, side="right") - 1, 0)]
+    output = np.interp(t, grid, 7.0 + TRUE.simulate(dense - 1.5, DT / 20)) + 0.05 * generator.standard_normal(t.size)
+    irregular = model.validate(u, output, t)
+    assert irregular.by_frequency is None
+    assert irregular.fit == pytest.approx(whole.fit, abs=1.0)
+    assert model.validate(u, output).fit < irregular.fit - 2.0  # the stamps left out
+
+
+def test_an_unstable_model_is_validated_by_its_prediction() -> None:
+    plant = rp.TransferFunction([1.0], [1.0, -1.0])
+    u, x = np.zeros(3000), 0.0
+    y = np.zeros(3000)
+    generator = np.random.default_rng(0)
+    reference = np.repeat(generator.choice([-1.0, 1.0], 60), 50)
+    for k in range(3000):
+        y[k] = x + 0.01 * generator.standard_normal()
+        u[k] = -3.0 * y[k] + reference[k]
+        x = np.exp(DT) * x + (np.exp(DT) - 1.0) * u[k]
+    model = rp.Model(rp.Structure(1), [-1.0, 1.0], DT)
+    found = model.validate(u, y)
+    assert found.is_prediction
+    assert found.fit > 80.0
+    wrong = dataclasses.replace(model, parameters=[-1.0, 2.0]).validate(u, y)
+    assert wrong.fit < found.fit
+    assert plant.poles[0] == 1.0
+
+
+def test_too_short_a_record_is_refused(model: rp.Model) -> None:
+    with pytest.raises(rp.InvalidArgumentError, match="4 usable samples, a validation needs 5"):
+        model.validate(np.arange(4.0), np.arange(4.0))
+    assert model.validate(np.arange(20.0), np.arange(20.0)).verdict.status != "trusted"
+    assert model.validate(np.zeros(500), np.zeros(500)).verdict.status == "not excited"
+
+
+@pytest.mark.parametrize(
+    ("made_of", "tested_on", "fit"),
+    [
+        ("un_dcmotor/DCmotor_prbs_open_exp.csv", "un_dcmotor/DCmotor_step_open_exp.csv", 62.6),
+        ("un_thermal/dcmotor2_prbs_open_exp.csv", "un_thermal/dcmotor2_step_open_exp.csv", 40.9),
+    ],
+)
+def test_motors(datasets: Path, made_of: str, tested_on: str, fit: float) -> None:
+    """The step record stands at another speed, where the motor's friction makes another gain."""
+    log, other = (rp.read_log(datasets / path, input="u", output="y") for path in (made_of, tested_on))
+    found = rp.fit(log, poles=1).model.validate(other)
+    assert found.fit > fit - 0.1
+    assert found.verdict.status == "inconsistent"
