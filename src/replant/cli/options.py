@@ -2,95 +2,29 @@
 
 from __future__ import annotations
 
-import math
+import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
+from replant.cli.missing import check_complete
+from replant.cli.ranges import Seconds, Whole
 from replant.data.logs import (
     Log,
     Recording,
+    doubtful_unit,
     open_recording,
     read_log,
     stamped_interval,
 )
+from replant.data.logs.time_unit import COARSE
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.optimizers import OPTIMIZERS
 from replant.regressor.preprocess import Preprocess
 from replant.settings import Request
-
-
-class Range(click.ParamType[tuple[Any, ...]]):
-    """The type of options that are a number, or a range first:last or first:last:step."""
-
-    number: type = float
-    example = ""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[Any, ...]:
-        """Return every number of the range, including the last.
-
-        Parameters
-        ----------
-        value : str or tuple
-        param : click.Parameter or None
-            The option, for the message.
-        ctx : click.Context or None
-            The command's context, for the message.
-
-        Examples
-        --------
-        >>> Whole().convert("1:4", None, None)
-        (1, 2, 3, 4)
-        """
-        if isinstance(value, tuple):
-            return value
-        try:
-            parts = [self.number(part) for part in str(value).split(":")]
-        except ValueError:
-            self.fail(f"{value!r} is neither a {self.name} nor a range such as {self.example}", param, ctx)
-        if len(parts) == 1:
-            return (parts[0],)
-        first, last, step = parts[0], parts[1], parts[2] if len(parts) == 3 else self.number(1)
-        if len(parts) > 3 or not step > 0 or not first <= last or not math.isfinite(last - first):
-            self.fail(f"{value!r} is not a valid range; write {self.example}", param, ctx)
-        if (last - first) / step > MOST_TRIED:
-            self.fail(f"{value!r} has more than {MOST_TRIED} numbers: take a larger step", param, ctx)
-        count = int((last - first) / step * (1 + 1e-12)) + 1
-        return tuple(self.number(first + k * step) for k in range(count))
-
-    def written(self, values: tuple[Any, ...]) -> str:
-        """Return numbers as `convert` reads them.
-
-        Examples
-        --------
-        >>> Whole().written((2,)), Seconds().written(Seconds().convert("0:1:0.1", None, None))
-        ('2', '0.0:1.0:0.1')
-        """
-        if len(values) == 1:
-            return str(values[0])
-        return f"{values[0]}:{values[-1]}:{(values[-1] - values[0]) / (len(values) - 1):.12g}"
-
-
-class Whole(Range):
-    """Whole numbers."""
-
-    name = "whole number"
-    example = "1:4"
-    number = int
-
-
-class Seconds(Range):
-    """Times in s."""
-
-    name = "time in s"
-    example = "0:1:0.1"
-
-
-MOST_TRIED = 1000
-"""Structures that a search may try [count]."""
 
 MOST_OFF = 0.1
 """Difference of the time stamps' usual interval from the sampling time given that needs no word: jitter and lost
@@ -115,8 +49,8 @@ OPTIMIZER = click.option(
 
 _COLUMNS: list[Callable[[Any], Any]] = [
     click.argument("log", type=click.Path(path_type=Path)),
-    click.option("--input", "input_column", required=True, metavar="COL", help="Column of the input: name or index."),
-    click.option("--output", "output_column", required=True, metavar="COL", help="Column of the output."),
+    click.option("-i", "--input", "input_column", metavar="COL", help="Column of the input: name or index."),
+    click.option("-o", "--output", "output_column", metavar="COL", help="Column of the output."),
     click.option(
         "--reference",
         "reference_column",
@@ -125,12 +59,12 @@ _COLUMNS: list[Callable[[Any], Any]] = [
     ),
 ]
 _STRUCTURE: list[Callable[[Any], Any]] = [
-    click.option("--poles", type=Whole(), required=True, metavar="N", help="Number of poles."),
+    click.option("-p", "--poles", type=Whole(), metavar="N", help="Number of poles."),
     click.option("--zeros", type=Whole(), metavar="M", help="Number of zeros.  [default: 0]"),
     click.option("--delay", type=Seconds(), default="0", metavar="S", help="Dead time in s.  [default: 0]"),
 ]
 _STRUCTURES: list[Callable[[Any], Any]] = [
-    click.option("--poles", type=Whole(), required=True, metavar="N", help="Number of poles, or a range such as 1:4."),
+    click.option("-p", "--poles", type=Whole(), metavar="N", help="Number of poles, or a range such as 1:4."),
     click.option(
         "--zeros",
         type=Whole(),
@@ -174,9 +108,15 @@ def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _decorated(command: Callable[..., Any], options: list[Callable[[Any], Any]]) -> Callable[..., Any]:
+    @functools.wraps(command)
+    def checked(**given: Any) -> Any:
+        check_complete(given)
+        return command(**given)
+
+    decorated: Callable[..., Any] = checked
     for option in reversed(options):
-        command = option(command)
-    return command
+        decorated = option(decorated)
+    return decorated
 
 
 def open_log(options: dict[str, Any]) -> tuple[Log, Request]:
@@ -214,6 +154,7 @@ def recording_of(options: dict[str, Any], progress: Callable[[int, int], None]) 
     _check_one_of_each(options)
     recording = open_recording(options["log"], **_columns(options), progress=progress)
     _note_another_clock(options)
+    _note_doubtful_unit(options, recording.dt)
     return recording
 
 
@@ -246,6 +187,7 @@ def read(options: dict[str, Any]) -> Log:
     """
     log = read_log(options["log"], **_columns(options))
     _note_another_clock(options)
+    _note_doubtful_unit(options, log.dt)
     return log
 
 
@@ -257,6 +199,16 @@ def _note_another_clock(options: dict[str, Any]) -> None:
         name, usual = interval
         contradiction = f"{options['log']}: column {name!r} steps by {usual:.4g} s, but --dt is {dt:.4g} s"
         click.echo(f"replant: note: {contradiction}; --dt is used", err=True)
+
+
+def _note_doubtful_unit(options: dict[str, Any], dt: float) -> None:
+    """Print a note on standard error if the time stamps' unit is guessed; ``dt`` is the sampling time in s."""
+    if options["dt"] is not None or dt < COARSE:
+        return
+    found = doubtful_unit(options["log"], options["time_column"])
+    if found is not None:
+        name, unit = found
+        click.echo(f"replant: note: {options['log']}: column {name!r}: {unit.doubt}; {unit.remedy}", err=True)
 
 
 def _columns(options: dict[str, Any]) -> dict[str, Any]:

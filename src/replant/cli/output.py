@@ -15,7 +15,7 @@ import click
 from click.core import ParameterSource
 
 from replant.cli.keeping import Keeping, kept
-from replant.cli.options import Range
+from replant.cli.ranges import Range
 from replant.data.logs import Log
 from replant.report.html.python_program import identifier_as_python
 from replant.report.number_format import with_prefix
@@ -185,18 +185,15 @@ def announced_compiling() -> Iterator[None]:
         yield
 
 
-def command_line() -> str:
-    """Return the command that is running, as typed, without the options of its output."""
+def command_line(*, with_output: bool = False) -> str:
+    """Return the command that is running, as typed, without the options of its output unless they are asked for."""
     context = click.get_current_context()
     words = ["replant", context.info_name or ""]
     for parameter in context.command.params:
         name = parameter.name or ""
         value: Any = context.params.get(name)
         source = context.get_parameter_source(name)
-        if (
-            name in ("as_json", "out", "full_trace", "saved", "other_logs", "required")
-            or source is not ParameterSource.COMMANDLINE
-        ):
+        if (name in OF_OUTPUT and not with_output) or source is not ParameterSource.COMMANDLINE:
             continue
         if isinstance(parameter, click.Argument):
             words += map(str, value if isinstance(value, tuple) else (value,))

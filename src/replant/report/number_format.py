@@ -71,6 +71,22 @@ def duration(seconds: float) -> str:
     return text + (f" ({seconds / 3600:.3g} h)" if seconds >= 7200 else "")
 
 
+def interval(seconds: float) -> str:
+    """Return a short length of time in s, ms or us, in ASCII.
+
+    Examples
+    --------
+    >>> interval(0.001), interval(0.8), interval(2.5e-5), interval(math.nan)
+    ('1 ms', '0.8 s', '25 us', 'no figure')
+    """
+    if not math.isfinite(seconds):
+        return "no figure"
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
+        if abs(seconds) >= 0.1 * size or not seconds:
+            return f"{seconds / size:.4g} {unit}"
+    return f"{seconds / 1e-9:.4g} ns"
+
+
 def percent(value: float, *, ascii_only: bool = False) -> str:
     """Return a fit in percent; ``ascii_only`` writes the minus sign as a hyphen, for a terminal.
 

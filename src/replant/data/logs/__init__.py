@@ -1,6 +1,7 @@
 """Recorded logs: CSV, Parquet, MATLAB and npz files read into input, output and sampling time."""
 
 from replant.data.logs.read import (
+    doubtful_unit,
     open_recording,
     read_columns,
     read_log,
@@ -10,4 +11,13 @@ from replant.data.logs.recording import Recording
 from replant.data.logs.table import Table
 from replant.log import Log
 
-__all__ = ["Log", "Recording", "Table", "open_recording", "read_columns", "read_log", "stamped_interval"]
+__all__ = [
+    "Log",
+    "Recording",
+    "Table",
+    "doubtful_unit",
+    "open_recording",
+    "read_columns",
+    "read_log",
+    "stamped_interval",
+]

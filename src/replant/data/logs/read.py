@@ -6,7 +6,7 @@ import importlib
 import math
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from replant.data.logs.sampling_time import (
     unit_in_seconds,
 )
 from replant.data.logs.table import Table, listed, unreadable_error
+from replant.data.logs.time_unit import StampUnit, check_unit, unit_of_stamps
 from replant.errors import InvalidArgumentError, LogError
 from replant.log import Log
 
@@ -195,7 +196,10 @@ def open_recording(
     stamps = None
     if sampling_time is not None:
         number = roles["time"]
+        again: Callable[[], Iterator[NDArray[np.float64]]]
         again = (lambda: iter([kept[-1]])) if kept else (lambda: (block for (block,) in table.stream([number])))
+        if number not in table.in_seconds:
+            check_unit(table.path, table.names[number], next(again()))
         unit = 1.0 if number in table.in_seconds else unit_in_seconds(table.names[number])
         step = float(f"{sampling_time.interval(again) * unit:.12g}")
         stamps = kept[-1] * unit if kept else None
@@ -242,6 +246,40 @@ def stamped_interval(path: str | os.PathLike[str]) -> tuple[str, float] | None:
     with np.errstate(invalid="ignore", over="ignore"):
         interval = float(np.median(np.diff(stamps))) * unit if stamps.size > 1 else math.nan
     return (name, interval) if interval > 0.0 else None
+
+
+def doubtful_unit(path: str | os.PathLike[str], time: str | None = None) -> tuple[str, StampUnit] | None:
+    r"""Return the name of the time column and its unit, if that is guessed; None if it is stated.
+
+    Parameters
+    ----------
+    path : path
+    time : str, optional
+        The time column; without it the one called t, time or timestamp.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "log.csv")
+    ...     _ = file.write_text("t,u,y\n0,1,0\n20,1,0.5\n40,1,0.75\n")
+    ...     name, unit = doubtful_unit(file)
+    >>> name, unit.doubt
+    ('t', 'its name states no unit; its steps of 20 are taken as seconds, and may be milliseconds or less')
+    """
+    table = read_columns(path)
+    found = time_candidates(table.names) if time is None else [table.find(time)]
+    if not found or found[0] in table.in_seconds:
+        return None
+    name, blocks = table.names[found[0]], table.stream([found[0]])
+    try:
+        (stamps,) = next(blocks)
+    except (LogError, StopIteration):
+        return None
+    finally:
+        blocks.close()
+    unit = unit_of_stamps(name, stamps)
+    return (name, unit) if unit.doubt else None
 
 
 def _checked(

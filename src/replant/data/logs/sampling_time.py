@@ -20,7 +20,10 @@ TOLERANCE = 0.01
 
 _UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
 _UNITS |= {"ns": 1e-9, "min": 60.0, "h": 3600.0}
-_UNIT = rf"(?:\s*[\[(/]\s*({'|'.join(_UNITS)})\s*[\])]?|_(s|ms|us|ns))"
+_UNITS |= {"msec": 1e-3, "millis": 1e-3, "milliseconds": 1e-3, "usec": 1e-6, "micros": 1e-6, "microseconds": 1e-6}
+_UNITS |= {"nsec": 1e-9, "nanos": 1e-9, "nanoseconds": 1e-9, "minutes": 60.0, "hours": 3600.0}
+_AFTER_UNDERSCORE = "s|sec|seconds|[mun]s|[mun]sec|millis|micros|nanos|milliseconds|microseconds|nanoseconds"
+_UNIT = rf"(?:\s*[\[(/]\s*({'|'.join(_UNITS)})\s*[\])]?|_({_AFTER_UNDERSCORE}))"
 _UNIT_AT_END = re.compile(rf".*{_UNIT}", re.IGNORECASE)
 _TIME_NAME = re.compile(rf"(?:.*\.)?(?:t|time|timestamp){_UNIT}?", re.IGNORECASE)
 
@@ -54,6 +57,17 @@ def unit_in_seconds(name: str) -> float:
     """
     match = _UNIT_AT_END.fullmatch(name.strip())
     return _UNITS[(match[1] or match[2]).lower()] if match else 1.0
+
+
+def has_unit(name: str) -> bool:
+    """Return whether a time column's name states a unit of time.
+
+    Examples
+    --------
+    >>> has_unit("t [ms]"), has_unit("t"), has_unit("t [rev]")
+    (True, False, False)
+    """
+    return _UNIT_AT_END.fullmatch(name.strip()) is not None
 
 
 def check_dt(dt: object) -> float:

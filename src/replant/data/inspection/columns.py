@@ -1,0 +1,222 @@
+"""The columns of a log: what each holds, its range, its missing samples and its resolution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from itertools import islice
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.data.logs.table import Table
+from replant.errors import LogError
+
+MOST_CELLS = 1 << 24
+"""Cells of a log that are held at once: 128 MB [count]."""
+MOST_ROWS = 1 << 20
+"""Rows of a log that are looked at [rows]."""
+FEWEST_ROWS = 1 << 10
+"""The same where a log has very many columns [rows]."""
+MOST_STEPS = 10_000
+"""Steps in its range up to which a column is called quantised: 13 bits and less [count]."""
+ROUND_OFF = 1e-9
+"""Difference of two values that is a rounding error [part of the largest value]."""
+ON_GRID = 0.01
+"""Distance from a grid up to which a value lies on it [part of the grid's step]."""
+
+
+class Kind(Enum):
+    """What a column holds."""
+
+    WHOLE = "whole"
+    REAL = "real"
+    CONSTANT = "constant"
+    EMPTY = "empty"
+    TEXT = "text"
+
+
+@dataclass(frozen=True)
+class Column:
+    """What one column of a log holds.
+
+    Attributes
+    ----------
+    number : int
+        Its 0-based number.
+    name : str
+        Its name in the file.
+    kind : Kind
+    rows : int
+        Rows that were looked at.
+    missing : int
+        Those of them without a finite number.
+    low, high : float
+        The least and the greatest value; NaN if there is none.
+    levels : int
+        Number of different values.
+    step : float
+        The smallest difference of two different values; NaN if there are no two.
+    quantised : bool
+        Whether all values lie on a grid with this step, of at most `MOST_STEPS` steps.
+    held : float
+        Part of the rows whose value is that of the row before.
+    problem : str
+        Why a text column cannot be read as numbers; empty for the others.
+    """
+
+    number: int
+    name: str
+    kind: Kind
+    rows: int
+    missing: int
+    low: float = np.nan
+    high: float = np.nan
+    levels: int = 0
+    step: float = np.nan
+    quantised: bool = False
+    held: float = 0.0
+    problem: str = ""
+
+    @property
+    def is_signal(self) -> bool:
+        """Whether the column holds numbers that change."""
+        return self.kind in (Kind.WHOLE, Kind.REAL)
+
+
+def describe(number: int, name: str, values: FloatArray) -> Column:
+    """Return what a column of numbers ``values`` (K,) holds.
+
+    Examples
+    --------
+    >>> column = describe(1, "u", np.array([0.0, 0.5, 0.5, np.nan, 2.0]))
+    >>> column.kind.value, column.low, column.high, column.missing, column.step, column.quantised, column.held
+    ('real', 0.0, 2.0, 1, 0.5, True, 0.333...)
+    """
+    known = values[np.isfinite(values)]
+    missing = int(values.size - known.size)
+    if not known.size:
+        return Column(number, name, Kind.EMPTY, int(values.size), missing)
+    levels = np.unique(known)
+    step = _smallest_step(levels)
+    whole = bool((levels == np.rint(levels)).all())
+    kind = Kind.CONSTANT if levels.size == 1 else Kind.WHOLE if whole else Kind.REAL
+    held = float((known[1:] == known[:-1]).mean()) if known.size > 1 else 0.0
+    return Column(
+        number, name, kind, int(values.size), missing, float(levels[0]), float(levels[-1]), int(levels.size), step,
+        _on_grid(levels, step), held,
+    )  # fmt: skip
+
+
+def _smallest_step(levels: FloatArray) -> float:
+    """Return the smallest difference of sorted values that is no rounding error; NaN if there is none."""
+    with np.errstate(over="ignore"):
+        steps = np.diff(levels)
+    steps = steps[steps > ROUND_OFF * max(abs(float(levels[0])), abs(float(levels[-1])))]
+    return float(f"{steps.min():.9g}") if steps.size else np.nan
+
+
+def _on_grid(levels: FloatArray, step: float) -> bool:
+    if not 0.0 < step < np.inf:
+        return False
+    with np.errstate(over="ignore"):
+        places = (levels - levels[0]) / step
+    if places[-1] > MOST_STEPS:
+        return False
+    return bool((np.abs(places - np.rint(places)) <= ON_GRID).all())
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """The columns of a log, described, with the values of those that are numbers.
+
+    Attributes
+    ----------
+    columns : tuple of Column
+    values : dict of int to array
+        The numbers of each column that is no text, by the column's number.
+    whole : bool
+        Whether all rows were looked at.
+    """
+
+    columns: tuple[Column, ...]
+    values: dict[int, FloatArray]
+    whole: bool
+
+    @property
+    def usual_length(self) -> int:
+        """The length that most columns have; of two that are as usual the longer one."""
+        sizes = [values.size for values in self.values.values()]
+        return max(sizes, key=lambda size: (sizes.count(size), size), default=0)
+
+
+def read_contents(table: Table) -> Contents:
+    """Read the first rows of a log, as many as are held in memory at once, and describe its columns.
+
+    A column with a cell that is not a number is described as text, and the others are read without it.
+
+    Raises
+    ------
+    LogError
+        If no column can be read.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> data = [np.array([0.0, 0.1]), np.array([5.0, 5.0])]
+    >>> table = Table(Path("log.npz"), ("u", "y"), lambda numbers: iter([[data[n] for n in numbers]]))
+    >>> [column.kind.value for column in read_contents(table).columns]
+    ['real', 'constant']
+    """
+    every = range(len(table.names))
+    most = min(MOST_ROWS, max(FEWEST_ROWS, MOST_CELLS // max(1, len(table.names))))
+    problems: dict[int, str] = {}
+    try:
+        values, whole = _head(table, list(every), most)
+    except LogError:
+        values, whole, problems = _one_by_one(table, most)
+    rows = max((column.size for column in values.values()), default=0)
+    columns = [
+        describe(number, table.names[number], values[number])
+        if number in values
+        else Column(number, table.names[number], Kind.TEXT, rows, rows, problem=problems[number])
+        for number in every
+    ]
+    return Contents(tuple(columns), values, whole)
+
+
+def _head(table: Table, numbers: list[int], most: int) -> tuple[dict[int, FloatArray], bool]:
+    """Return the first rows of some columns, and whether these are all."""
+    blocks: list[list[FloatArray]] = []
+    rows, stream = 0, table.stream(numbers)
+    try:
+        for block in stream:
+            blocks.append(block)
+            rows += max(column.size for column in block)
+            if rows > most:
+                break
+    finally:
+        stream.close()
+    read = {
+        number: np.concatenate([block[at] for block in blocks] or [np.empty(0)]) for at, number in enumerate(numbers)
+    }
+    return {number: values[:most] for number, values in read.items()}, rows <= most
+
+
+def _one_by_one(table: Table, most: int) -> tuple[dict[int, FloatArray], bool, dict[int, str]]:
+    """Read each column by itself; return those that can be read, and why the others cannot."""
+    values: dict[int, FloatArray] = {}
+    problems: dict[int, str] = {}
+    every_row = True
+    for number in range(len(table.names)):
+        try:
+            read, whole = _head(table, [number], most)
+        except LogError as problem:
+            problems[number] = str(problem).removeprefix(f"{table.path}: ")
+            first = problem
+        else:
+            values |= read
+            every_row = every_row and whole
+    if not values or len(set(islice(problems.values(), 2))) < min(2, len(problems)):
+        raise first
+    return values, every_row, problems

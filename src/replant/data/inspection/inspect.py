@@ -1,0 +1,185 @@
+"""Inspect a log: its columns, its clock, what its columns look like, and the options of a first fit."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+
+from replant.data.inspection.clock import Clock, find_clock
+from replant.data.inspection.columns import Column, Contents, read_contents
+from replant.data.inspection.influence import Response, prepared, response
+from replant.data.inspection.roles import INPUT, OUTPUT, Roles, find_roles
+from replant.data.logs.read import read_columns
+from replant.data.logs.table import Table
+
+POLES = 2
+"""Poles of the model that is suggested first [count]."""
+DEAD = 1.0
+"""Delay that is a dead time, not the slow beginning of two poles, which reach 0.6 [part of the time from there to half
+the response].
+"""
+CLEAR = 3.0
+"""Delay from which on a search for the dead time is suggested [samples]."""
+TRIED = 6
+"""Dead times that this search tries [count]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """What is in a log.
+
+    Attributes
+    ----------
+    table : Table
+        The file.
+    contents : Contents
+        Its columns with their values.
+    record : tuple of Column
+        The columns of the record: those as long as the time, or of the length that most have.
+    clock : Clock or None
+    roles : Roles
+    response : Response or None
+        Of the output to the input.
+    time_given : bool
+        Whether the time column was given.
+    """
+
+    table: Table
+    contents: Contents
+    record: tuple[Column, ...]
+    clock: Clock | None
+    roles: Roles
+    response: Response | None
+    time_given: bool = False
+
+    @property
+    def rows(self) -> int:
+        """Rows of the record that were looked at."""
+        return max((column.rows for column in self.record), default=0)
+
+    @property
+    def delay(self) -> float | None:
+        """Lag at which the response seems to begin, in s; None where it is not known."""
+        if self.response is None or self.clock is None or math.isnan(self.clock.dt):
+            return None
+        return float(f"{self.response.delay * self.clock.dt:.2g}")
+
+
+def inspect(
+    path: str | os.PathLike[str],
+    *,
+    input: str | int | None = None,  # noqa: A002 - the field's word
+    output: str | int | None = None,
+    time: str | int | None = None,
+) -> Inspection:
+    r"""Return what is in a log file; what is guessed is marked as a guess.
+
+    Parameters
+    ----------
+    path : path
+        See `replant.read_log`.
+    input, output, time : str or int, optional
+        Columns whose role is known, by name or 0-based number.
+
+    Raises
+    ------
+    LogError
+        If the file or a column that is named cannot be read.
+    MissingDependencyError
+        If it is a Parquet file and pyarrow is not installed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "log.csv")
+    ...     _ = file.write_text("t,y,u\n" + "".join(f"{k / 10},{(k - k % 5) / 50},{k // 5 % 2}\n" for k in range(50)))
+    ...     found = inspect(file)
+    >>> found.clock.dt, found.roles.input.column.name, options_of(found)
+    (0.1, 'u', ('-i', 'u', '-o', 'y', '-p', '2'))
+    """
+    table = read_columns(path)
+    given = {role: table.find(key) for role, key in ((INPUT, input), (OUTPUT, output)) if key is not None}
+    for number in given.values():
+        table.column(number)  # raises, with the place of the cell that is no number
+    contents = read_contents(table)
+    clock = find_clock(table, contents, None if time is None else table.find(time), set(given.values()))
+    record = _record(contents, clock, given)
+    signals = [column for column in record if column.is_signal and (clock is None or column != clock.column)]
+    roles = find_roles(signals, contents.values, given)
+    seen = None
+    if roles.input and roles.output:
+        u, y = (prepared(contents.values[role.column.number]) for role in (roles.input, roles.output))
+        seen = response(u, y) if u.size == y.size else None
+    return Inspection(table, contents, record, clock, roles, seen, time is not None)
+
+
+def _record(contents: Contents, clock: Clock | None, given: dict[str, int]) -> tuple[Column, ...]:
+    """Return the columns of the record, and text beside them."""
+    sizes = [contents.values[number].size for number in given.values()]
+    sizes += [clock.column.rows] if clock is not None else []
+    length = sizes[0] if sizes else contents.usual_length
+    return tuple(column for column in contents.columns if column.rows == length)
+
+
+def options_of(found: Inspection) -> tuple[str, ...]:
+    """Return the options of a first fit: columns, number of poles, and what the clock and the delay need.
+
+    Empty if no pair of input and output was found.
+    """
+    u, y, r = found.roles.input, found.roles.output, found.roles.reference
+    if u is None or y is None:
+        return ()
+    words = ["-i", key_of(found.table, u.column), "-o", key_of(found.table, y.column), "-p", str(POLES)]
+    if r is not None:
+        words += ["--reference", key_of(found.table, r.column)]
+    return (*words, *clock_options(found), *_delay_options(found))
+
+
+def clock_options(found: Inspection) -> tuple[str, ...]:
+    """Return the option that gives the sampling time, where the time column does not."""
+    clock = found.clock
+    if clock is None or math.isnan(clock.dt):
+        return ("--dt", "1")
+    if clock.problem:
+        return ("--dt", f"{clock.dt:.6g}")
+    return ("--time", key_of(found.table, clock.column)) if clock.guess or found.time_given else ()
+
+
+def _delay_options(found: Inspection) -> tuple[str, ...]:
+    """Return a range of dead times about that of the response, where this begins later than a plant without one."""
+    seen, dt = found.response, 1.0 if found.clock is None else found.clock.dt
+    if seen is None or math.isnan(dt) or seen.delay < max(CLEAR, DEAD * (seen.half - 1 - seen.delay)):
+        return ()
+    step = _rounded_up(1.5 * seen.delay * dt / (TRIED - 1))
+    return ("--delay", f"0:{step * (TRIED - 1):.6g}:{step:.6g}")
+
+
+def _rounded_up(value: float) -> float:
+    """Return a positive number with one digit, not less than ``value``.
+
+    Examples
+    --------
+    >>> _rounded_up(0.1445), _rounded_up(0.2)
+    (0.2, 0.2)
+    """
+    size = 10.0 ** math.floor(math.log10(value))
+    return float(f"{math.ceil(value / size - 1e-9) * size:.6g}")
+
+
+def key_of(table: Table, column: Column) -> str:
+    """Return how an option names a column: by its name, or by its number where the name is not unique or odd.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from replant.data.inspection.columns import Kind
+    >>> table = Table(Path("log.csv"), ("u", "u", "y"), lambda numbers: iter([]))
+    >>> key_of(table, Column(1, "u", Kind.REAL, 3, 0)), key_of(table, Column(2, "y", Kind.REAL, 3, 0))
+    ('1', 'y')
+    """
+    alone = sum(name == column.name for name in table.names) == 1
+    plain = column.name.isprintable() and column.name.strip() == column.name and not column.name.startswith("-")
+    return column.name if alone and plain else str(column.number)

@@ -1,0 +1,199 @@
+"""`replant look`, and commands that lack their columns: the way into an unknown log."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cli.test_commands import call
+from replant.model.transfer_function import TransferFunction
+from replant.signals import prbs
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """Return a log of 2/(s + 0.5) under a PRBS, whose name needs quotes in a shell."""
+    u = prbs(2000, hold=10)
+    y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.05)
+    path = tmp_path / "my log.csv"
+    rows = [f"{0.05 * k:.2f},{u[k]:.17g},{y[k]:.17g}" for k in range(u.size)]
+    path.write_text("t,voltage [V],speed\n" + "\n".join(rows) + "\n")
+    return path
+
+
+def test_the_last_line_is_a_command_that_runs(capsys, log: Path) -> None:
+    code, out, err = call(capsys, "look", log)
+    assert (code, err) == (0, "")
+    words = shlex.split(out.splitlines()[-1])
+    assert words[:3] == ["replant", "fit", str(log)]
+    code, out, err = call(capsys, *words[1:], "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(out)["verdict"]["status"] != "not excited"
+
+
+def test_a_person_reads_columns_clock_and_guesses(capsys, log: Path) -> None:
+    _, out, _ = call(capsys, "look", log)
+    lines = out.splitlines()
+    assert lines[0] == f"{log}: 2,000 rows, 3 columns"
+    assert lines[2].split() == ["column", "type", "min", "max", "missing", "smallest", "step", "looks", "like"]
+    roles = [line.split()[-1] for line in lines[3:6]]
+    assert roles == ["time", "input", "output"]
+    text = " ".join(out.split())
+    assert "Clock t: dt 50 ms, 99.95 s, regular" in text
+    assert "Input voltage [V] (a guess, from: its name, 'speed' follows it" in text
+    assert all(line == line.rstrip() for line in lines)
+
+
+def test_json_holds_the_same(capsys, log: Path) -> None:
+    code, out, err = call(capsys, "look", log, "--json")
+    assert (code, err) == (0, "")
+    answer = json.loads(out)
+    assert [column["looks_like"] for column in answer["columns"]] == ["time", "input", "output"]
+    assert answer["clock"]["dt"] == 0.05
+    assert answer["guess"]["output"]["column"] == "speed"
+    assert answer["guess"]["reference"] is None
+    assert answer["command"] == shlex.join(["replant", "fit", str(log), "-i", "voltage [V]", "-o", "speed", "-p", "2"])
+
+
+def test_columns_that_are_given_are_no_guesses(capsys, log: Path) -> None:
+    _, out, _ = call(capsys, "look", log, "-i", "speed", "-o", "1")
+    assert "Input      speed (as given)" in out
+    assert "Output     voltage [V] (as given)" in out
+    assert out.splitlines()[-1].endswith("-i speed -o 'voltage [V]' -p 2")
+
+
+def test_out_draws_the_columns(capsys, log: Path, tmp_path: Path) -> None:
+    code, out, _ = call(capsys, "look", log, "--out", tmp_path / "plots")
+    assert code == 0
+    assert (tmp_path / "plots" / "columns.png").read_bytes().startswith(b"\x89PNG")
+    assert "columns.png" in out.splitlines()[-1]
+
+
+def test_a_folder_that_cannot_be_is_refused(capsys, log: Path) -> None:
+    code, out, err = call(capsys, "look", log, "--out", log)
+    assert (code, out) == (2, "")
+    assert err == f"replant: Invalid value for --out: {log} is a file; name a folder\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "empty"),
+        ("t,u,y\n", "only a header"),
+        ("who\nanna\nbert\n", "not a number"),
+        ("t,u,y\n0,1,2\n1,2\n", "line 3"),
+    ],
+)
+def test_a_file_without_numbers_is_one_line_and_exit_code_2(capsys, tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    code, out, err = call(capsys, "look", path)
+    assert (code, out) == (2, "")
+    assert err.startswith(f"replant: {path}")
+    assert words in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["u\n1\n2\n1\n", "u,y\n1,1\n1,1\n1,1\n", "a,b\nx,1\ny,2\nx,3\n", "t,u\n,\n,\n,\n", "t,u,y\n0,1,2\n"],
+    ids=["one column", "constant", "text beside numbers", "empty cells", "one row"],
+)
+def test_where_nothing_can_be_suggested_that_is_said(capsys, tmp_path: Path, text: str) -> None:
+    path = tmp_path / "odd.csv"
+    path.write_text(text)
+    code, out, err = call(capsys, "look", path)
+    assert (code, err) == (0, "")
+    assert out.splitlines()[-1] == "No command to suggest: name two columns with --input and --output."
+    assert "nan" not in out
+    assert json.loads(call(capsys, "look", path, "--json")[1])["command"] is None
+    assert call(capsys, "look", path, "--out", tmp_path / "plots")[0] == 0
+
+
+def test_without_a_time_column_the_sampling_time_is_asked_for(capsys, tmp_path: Path) -> None:
+    u = prbs(1000, hold=10)
+    np.savez(tmp_path / "log.npz", u=u, y=TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.05))
+    _, out, _ = call(capsys, "look", tmp_path / "log.npz")
+    assert out.splitlines()[-1].endswith("--dt 1")
+    assert "put the sampling time in s in place of --dt 1" in " ".join(out.split())
+
+
+@pytest.mark.parametrize("command", ["run", "fit", "compare"])
+@pytest.mark.parametrize("typed", [(), ("-i", "voltage [V]"), ("--bias", "--out", "my plots"), ("-p", "1")])
+def test_missing_columns_end_in_the_table_and_a_command(capsys, log: Path, command: str, typed: tuple[str]) -> None:
+    code, out, err = call(capsys, command, log, *typed)
+    assert (code, out) == (2, "")
+    assert err.startswith(f"{log}: 2,000 rows, 3 columns\n")
+    last = err.splitlines()[-1]
+    assert last.startswith("replant: missing ")
+    words = shlex.split(last.partition("; try: ")[2])
+    assert words[:3] == ["replant", command, str(log)]
+    given = dict(pairwise(words))
+    assert given.get("-i", given.get("--input")) == "voltage [V]"
+    assert given["-o"] == "speed"
+    assert given.get("-p", given.get("--poles")) == ("1" if "-p" in typed else "2")
+    assert all(word in words for word in typed if word not in ("-i", "-p"))
+
+
+def test_the_completed_command_runs(capsys, log: Path) -> None:
+    _, _, err = call(capsys, "fit", log, "--json")
+    words = shlex.split(err.splitlines()[-1].partition("; try: ")[2])
+    code, out, err = call(capsys, *words[1:])
+    assert (code, err) == (0, "")
+    assert json.loads(out)["samples"] == 2000
+
+
+@pytest.mark.parametrize("command", ["run", "fit", "compare"])
+def test_missing_poles_end_in_a_command(capsys, log: Path, command: str) -> None:
+    code, out, err = call(capsys, command, log, "-i", 1, "-o", 2)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith("replant: missing --poles, the number of poles of G(s)")
+    assert "1:4" in err
+    assert err.endswith(f"; try: {shlex.join(['replant', command, str(log)])} --input 1 --output 2 -p 2\n")
+
+
+def test_a_log_that_cannot_be_read_is_named_beside_what_is_missing(capsys, tmp_path: Path) -> None:
+    code, out, err = call(capsys, "fit", tmp_path / "no.csv", "-p", 2)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "--input and --output" in err
+    assert f"{tmp_path / 'no.csv'}: no such file" in err
+
+
+@pytest.mark.parametrize("command", ["run", "fit"])
+@pytest.mark.parametrize("name", ["timestamp", "time [ms]"])
+def test_stamps_beyond_the_calendar_are_refused(capsys, tmp_path: Path, command: str, name: str) -> None:
+    """Milliseconds since 1970 that are taken as seconds, or microseconds that the name calls milliseconds."""
+    u = prbs(500, hold=10)
+    stamps = np.rint((1.7e12 if name == "timestamp" else 1.7e15) + 20.0 * np.arange(u.size))
+    path = tmp_path / "log.csv"
+    path.write_text(f"{name},u,y\n" + "".join(f"{t:.0f},{a},{a}\n" for t, a in zip(stamps, u, strict=True)))
+    code, out, err = call(capsys, command, path, "-i", "u", "-o", "y", "-p", 1)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "since 1970" in err
+    assert "--dt" in err
+
+
+@pytest.mark.parametrize("command", ["run", "fit"])
+def test_counts_that_may_be_milliseconds_are_said(capsys, tmp_path: Path, command: str) -> None:
+    u = prbs(500, hold=10)
+    y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.02)
+    path = tmp_path / "log.csv"
+    rows = "".join(f"{20 * k},{u[k]},{y[k]:.9g}\n" for k in range(u.size))
+    for name, notes in (("t", 1), ("t_ms", 0), ("t [s]", 0)):
+        path.write_text(f"{name},u,y\n{rows}")
+        code, _, err = call(capsys, command, path, "-i", "u", "-o", "y", "-p", 1)
+        assert code == 0
+        assert err.count("may be milliseconds") == err.count("\n") == notes
+
+
+def test_a_time_column_in_an_unknown_unit_is_refused(capsys, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("angle [rev],u,y\n" + "".join(f"{k},{k % 3},{k % 5}\n" for k in range(50)))
+    code, _, err = call(capsys, "fit", path, "-i", "u", "-o", "y", "-p", 1, "--time", "angle [rev]")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "the unit 'rev' in its name is not one of s, ms, us, ns, min, h" in err
