@@ -11,7 +11,9 @@ from typing import Any, NoReturn
 import click
 
 from replant import __version__
+from replant.cli.choice import did_you_mean
 from replant.cli.encoding import replace_unencodable
+from replant.cli.examples import epilog_of
 from replant.errors import ReplantError
 from replant.operating_system.os_errors import refusal
 
@@ -40,7 +42,17 @@ class _LazyGroup(click.Group):
             return None
         module = importlib.import_module(f"replant.cli.{COMMANDS[cmd_name][0]}")
         command: click.Command = module.command
+        command.epilog = epilog_of(cmd_name)
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        name = args[0]
+        if name not in COMMANDS and not name.startswith("-"):
+            question = did_you_mean(name, list(COMMANDS))
+            ctx.fail(f"No such command {name!r}" + (f"; {question}" if question else "."))
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
@@ -52,6 +64,7 @@ class _LazyGroup(click.Group):
     invoke_without_command=True,
     subcommand_metavar="COMMAND [ARGS]...",
     context_settings={"help_option_names": ["-h", "--help"]},
+    epilog=epilog_of("replant"),
 )
 @click.version_option(__version__, prog_name="replant")
 @click.pass_context

@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from replant.cli.keeping import kept
+from replant.cli.choice import Choice
 from replant.cli.options import log_options, open_log
 from replant.cli.output import (
     command_line,
@@ -38,7 +39,7 @@ from replant.settings import Request
 @click.option(
     "--optimizer",
     "methods",
-    type=click.Choice(METHODS),
+    type=Choice(METHODS),
     multiple=True,
     default=USUAL,
     show_default=True,

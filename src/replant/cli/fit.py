@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from replant.cli.keeping import Keeping, keeping_options
+from replant.cli.choice import Choice
 from replant.cli.options import (
     open_log,
     preprocess_of,
@@ -27,7 +28,7 @@ from replant.runs.result import result_of_fit
 
 @click.command(name="fit")
 @search_options
-@click.option("--method", type=click.Choice(METHODS), default="auto", show_default=True, help="Method of the fit.")
+@click.option("--method", type=Choice(METHODS), default="auto", show_default=True, help="Method of the fit.")
 @keeping_options
 def command(as_json: bool, out: Path | None, method: str, **options: Any) -> None:
     """Fit G(s) to all of LOG (csv, txt, parquet, mat, npz): refined instrumental variables, or least squares.

@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from replant.cli.choice import Choice
 from replant.cli.options import BIAS, INPUT_MAP, OPTIMIZER
 from replant.errors import InvalidArgumentError
 from replant.live.run_session import Plan, run
@@ -71,7 +72,7 @@ class SourceCommand(click.Command):
 
 @click.command(name="live", cls=SourceCommand)
 @click.argument("source")
-@click.option("--poles", type=int, metavar="N", help="Number of poles.")
+@click.option("-p", "--poles", type=int, metavar="N", help="Number of poles.")
 @click.option("--zeros", type=int, metavar="M", help="Number of zeros.  [default: 0]")
 @click.option("--dt", type=float, metavar="S", help="Sampling time in s.")
 @click.option("--delay", type=float, default=0.0, metavar="S", help="Dead time in s.")
@@ -88,7 +89,7 @@ class SourceCommand(click.Command):
 )
 @click.option("--for", "seconds", type=Time(), metavar="TIME", help="End after this real time, such as 60s.")
 @click.option("--samples", type=click.IntRange(min=1), metavar="N", help="End after N samples.")
-@click.option("--until", type=click.Choice(["trusted"]), help="End as soon as this is the verdict.")
+@click.option("--until", type=Choice(["trusted"]), help="End as soon as this is the verdict.")
 @click.option(
     "--to",
     "sinks",

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from replant.cli.choice import Choice
 from replant.cli.missing import check_complete
 from replant.cli.ranges import Seconds, Whole
 from replant.data.logs import (
@@ -34,14 +35,14 @@ samples [part of the sampling time].
 BIAS = click.option("--bias", is_flag=True, help="Also identify a constant added to the output of G(s).")
 INPUT_MAP = click.option(
     "--input-map",
-    type=click.Choice(["identity", "square"]),
+    type=Choice(["identity", "square"]),
     default="identity",
     show_default=True,
     help="Input of G(s): the measured input, or its square.",
 )
 OPTIMIZER = click.option(
     "--optimizer",
-    type=click.Choice(["auto", *OPTIMIZERS]),
+    type=Choice(["auto", *OPTIMIZERS]),
     default="auto",
     show_default=True,
     help="Method of updating the estimate; auto is recursive least squares with instruments.",

@@ -20,7 +20,7 @@ from replant.data.logs import Log
 from replant.report.html.python_program import identifier_as_python
 from replant.report.number_format import with_prefix
 from replant.report.terminal.summary import as_json as result_as_json
-from replant.report.terminal.summary import print_result
+from replant.report.terminal.summary import print_result, record_line
 from replant.report.terminal.validation import as_json as validation_as_json
 from replant.report.terminal.validation import print_validation
 from replant.runs.result import Result
@@ -86,7 +86,7 @@ def deliver(
         click.echo(json.dumps(whole, allow_nan=False))
     else:
         console = Console()
-        print_result(console, result)
+        print_result(console, result, record=_size_of(log))
         for path, each in validations:
             print_validation(console, each, path.name)
         if result.settings is not None:
@@ -94,6 +94,12 @@ def deliver(
         for path in paths:
             click.echo(f"wrote {path}")
     keeping.end([result.verdict, *(each.verdict for _, each in validations)])
+
+
+def _size_of(log: Log) -> str:
+    whole = log.time is not None and not log.earlier
+    seconds = float(log.time[-1] - log.time[0]) + log.dt if whole and log.time is not None else len(log) * log.dt
+    return record_line(len(log), log.dt, seconds)
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from replant.cli.choice import did_you_mean
 from replant.cli.output import (
     command_line,
     make_folder,
@@ -43,7 +44,9 @@ def _known(ctx: click.Context, parameter: click.Parameter, names: tuple[str, ...
     """Return the names without repetition; all names if none is given."""
     for name in names:
         if name not in NAMES:
-            raise click.UsageError(f"there is no {name!r} to reproduce: choose from {', '.join(NAMES)}", ctx)
+            question = did_you_mean(name, NAMES)
+            near = f" ({question})" if question else ""
+            raise click.UsageError(f"there is no {name!r} to reproduce{near}: choose from {', '.join(NAMES)}", ctx)
     return tuple(dict.fromkeys(names)) or NAMES
 
 

@@ -47,9 +47,14 @@ def test_a_wrong_name_lists_the_names_closest_first(write: Write) -> None:
     path = write("temperature,speed,voltage\n1,2,3\n4,5,6\n")
     with pytest.raises(LogError) as caught:
         read_log(path, input="volts", output="speed", dt=1.0)
-    assert str(caught.value) == f"{path}: no column 'volts'; there are: voltage, speed, temperature"
-    with pytest.raises(LogError, match="no column 'uu'; there are: u, t, y"):
+    assert (
+        str(caught.value)
+        == f"{path}: no column 'volts' (did you mean 'voltage'?); there are: voltage, speed, temperature"
+    )
+    with pytest.raises(LogError, match=r"no column 'uu' \(did you mean 'u'\?\); there are: u, t, y"):
         read_log(write(TEXT), input="uu", output="y")
+    with pytest.raises(LogError, match="no column 'force'; there are: "):
+        read_log(write(TEXT), input="force", output="y")
 
 
 def test_a_long_list_is_cut(write: Write) -> None:

@@ -16,8 +16,9 @@ from replant.data.logs.table import Table
 POLES = 2
 """Poles of the model that is suggested first [count]."""
 DEAD = 1.0
-"""Delay that is a dead time, not the slow beginning of two poles, which reach 0.6 [part of the time from there to half
-the response].
+"""Delay that is a dead time, not a slow beginning [part of the time from there to half the response].
+Origin: the slow beginning of two poles reaches 0.6.
+Sensitivity: not measured.
 """
 CLEAR = 3.0
 """Delay from which on a search for the dead time is suggested [samples]."""

@@ -20,6 +20,9 @@ NAMES_SHOWN = 12
 NAME_SHOWN = 60
 """Characters of each of them [characters]."""
 
+NEAR = 0.6
+"""Likeness from which on a name is taken for the one that was meant [ratio of difflib]."""
+
 
 def nth_row(row: int) -> str:
     """Return the words for a row in a message; rows are counted from 1 there, ``row`` from 0.
@@ -115,7 +118,9 @@ class Table:
                 raise LogError(self._ambiguous(key, found))
         if key.strip().isdecimal():
             return self._number(int(key))
-        raise LogError(f"{self.path}: no column {key!r}; there are: {self._closest(key)}")
+        near = self._by_likeness(key)
+        meant = f" (did you mean {near[0]!r}?)" if self._likeness(key, near[0]) >= NEAR else ""
+        raise LogError(f"{self.path}: no column {key!r}{meant}; there are: {listed(near)}")
 
     def _number(self, key: SupportsIndex) -> int:
         try:
@@ -134,9 +139,11 @@ class Table:
         names = listed([f"{number} ({self.names[number]!r})" for number in found])
         return f"{self.path}: column {key!r} could be any of {names}; choose it by its number"
 
-    def _closest(self, key: str) -> str:
-        likeness = {name: max(_likeness(key, name), _likeness(key, _core(name))) for name in self.names}
-        return listed(sorted(self.names, key=lambda name: -likeness[name]))
+    def _by_likeness(self, key: str) -> list[str]:
+        return sorted(self.names, key=lambda name: -self._likeness(key, name))
+
+    def _likeness(self, key: str, name: str) -> float:
+        return max(_likeness(key, name), _likeness(key, _core(name)))
 
 
 def unreadable_error(path: Path, error: OSError) -> LogError:

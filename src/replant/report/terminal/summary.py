@@ -12,7 +12,7 @@ from replant.assessment.verdict import Verdict
 from replant.identified import model_json
 from replant.identified.model import Model
 from replant.model.transfer_function import TransferFunction
-from replant.report.number_format import off_by, percent, with_std
+from replant.report.number_format import duration, interval, off_by, percent, with_std
 from replant.runs.result import Result
 
 REASON_INDENT = 9
@@ -24,7 +24,18 @@ def as_json(result: Result) -> dict[str, Any]:
     return model_json.as_object(result.model) | {"elapsed_seconds": round(result.elapsed, 3)}
 
 
-def print_result(console: Any, result: Result, *, truth: TransferFunction | None = None) -> None:
+def record_line(samples: int, dt: float, seconds: float) -> str:
+    """Return the size of a record in words: number of samples, sampling time and length, both in s.
+
+    Examples
+    --------
+    >>> record_line(20_000, 0.001, 20.0)
+    '20,000 samples, dt 1 ms, 20 s'
+    """
+    return f"{samples:,} samples, dt {interval(dt)}, {duration(seconds)}"
+
+
+def print_result(console: Any, result: Result, *, truth: TransferFunction | None = None, record: str = "") -> None:
     """Print G(s), coefficients, poles, fit and verdict.
 
     Parameters
@@ -33,6 +44,8 @@ def print_result(console: Any, result: Result, *, truth: TransferFunction | None
     result : Result
     truth : TransferFunction, optional
         The true model, of a simulated plant.
+    record : str
+        The size of the record, as `record_line` writes it.
     """
     console.print()
     if result.parameters.any():
@@ -41,6 +54,8 @@ def print_result(console: Any, result: Result, *, truth: TransferFunction | None
         console.print(f"Fit      {simulated} {result.simulation.how}, {one_step} one step ahead", highlight=False)
     else:
         console.print("No model yet: the record gave no estimate.\n", highlight=False)
+    if record:
+        console.print(f"Record   {record}", highlight=False)
     _print_samples(console, result.samples, result.rejected)
     print_verdict(console, result.verdict)
 

@@ -1,0 +1,54 @@
+"""Examples at the end of each help page; a test runs each of them in a folder with a log.csv of t, u and y."""
+
+from __future__ import annotations
+
+EXAMPLES = {
+    "replant": (
+        ("see what is in a log, and what to type next", "replant look log.csv"),
+        ("fit two poles to all of it", "replant fit log.csv -i u -o y -p 2"),
+        ("watch a simulated rig live, without hardware", "replant live demo --for 20s"),
+    ),
+    "look": (
+        ("columns, clock, likely input and output", "replant look log.csv"),
+        ("the same with a plot of the columns", "replant look log.csv --out plots"),
+        ("for scripts", "replant look log.csv -i u --json"),
+    ),
+    "run": (
+        ("two poles, online", "replant run log.csv -i u -o y -p 2"),
+        ("a zero, plots and a report", "replant run log.csv -i u -o y -p 2 --zeros 1 --out plots"),
+        ("by the article's AMSGrad", "replant run log.csv -i u -o y -p 1 --optimizer amsgrad"),
+    ),
+    "fit": (
+        ("two poles", "replant fit log.csv -i u -o y -p 2"),
+        ("the number of poles chosen, and the dead time", "replant fit log.csv -i u -o y -p 1:3 --delay 0:0.2:0.1"),
+        ("for scripts", "replant fit log.csv -i u -o y -p 1 --json"),
+    ),
+    "compare": (
+        ("the usual methods", "replant compare log.csv -i u -o y -p 1"),
+        ("two of them", "replant compare log.csv -i u -o y -p 1 --optimizer srivc --optimizer least-squares"),
+    ),
+    "live": (
+        ("a simulated rig, with a dashboard", "replant live demo --for 20s"),
+        ("the same in the terminal, until it is trusted", "replant live demo --dashboard off --until trusted"),
+    ),
+    "demo": (("plots and a report", "replant demo --out plots"),),
+    "reproduce": (
+        ("one table", "replant reproduce table1"),
+        ("for scripts", "replant reproduce table1 --json"),
+    ),
+}
+
+
+def epilog_of(command: str) -> str:
+    r"""Return the examples of a command as click's epilog, whose lines stay as they are.
+
+    Examples
+    --------
+    >>> print(epilog_of("demo").replace("\b", ""))
+    <BLANKLINE>
+    Examples:
+      # plots and a report
+      replant demo --out plots
+    """
+    lines = [line for what, typed in EXAMPLES[command] for line in (f"  # {what}", f"  {typed}")]
+    return "\n".join(["\b", "Examples:", *lines])
