@@ -44,6 +44,8 @@ class Log:
         The set-point or dither, if its column was asked for.
     reference_name : str
         Name of that column.
+    begin, end : float or None
+        The part of the file that was read, in s from its first row; None: from the first, or to the last.
 
     Examples
     --------
@@ -63,6 +65,8 @@ class Log:
     earlier: int = 0
     reference: NDArray[np.float64] | None = None
     reference_name: str = ""
+    begin: float | None = None
+    end: float | None = None
 
     def __post_init__(self) -> None:
         keep(self, "input", vector)

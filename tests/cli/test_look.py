@@ -197,3 +197,32 @@ def test_a_time_column_in_an_unknown_unit_is_refused(capsys, tmp_path: Path) -> 
     code, _, err = call(capsys, "fit", path, "-i", "u", "-o", "y", "-p", 1, "--time", "angle [rev]")
     assert (code, err.count("\n")) == (2, 1)
     assert "the unit 'rev' in its name is not one of s, ms, us, ns, min, h" in err
+
+
+@pytest.mark.parametrize("command", ["run", "fit", "compare"])
+def test_a_part_of_the_log_is_identified(capsys, tmp_path: Path, command: str) -> None:
+    """Its second half has another gain, which the estimate from the first half does not show."""
+    u = prbs(2000, hold=10)
+    y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.05)
+    path = tmp_path / "log.csv"
+    gains = np.where(np.arange(u.size) < 1000, 1.0, 3.0)
+    rows = [f"{0.05 * k:.2f},{u[k]},{gains[k] * y[k]:.17g}" for k in range(u.size)]
+    path.write_text("t,u,y\n" + "\n".join(rows) + "\n")
+    columns = ("-i", "u", "-o", "y", "-p", 1, "--json")
+    _, out, err = call(capsys, command, path, *columns, "--to", 49.95)
+    assert err == ""
+    answer = json.loads(out)
+    answer = answer["default"] if command == "compare" else answer
+    assert answer["samples"] == 1000
+    assert answer["dc_gain"] == pytest.approx(4.0, rel=0.02)
+    code, _, err = call(capsys, command, path, *columns, "--from", 50, "--to", 40)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "--from" in err
+
+
+def test_the_program_in_the_report_reads_the_same_part(capsys, log: Path, tmp_path: Path) -> None:
+    columns = ("-i", "voltage [V]", "-o", "speed", "-p", 1, "--from", 10, "--to", 60.5)
+    assert call(capsys, "fit", log, *columns, "--out", tmp_path / "plots")[0] == 0
+    page = (tmp_path / "plots" / "report.html").read_text(encoding="utf-8")
+    assert "begin=10.0, end=60.5" in page
+    assert "--from 10.0 --to 60.5" in page

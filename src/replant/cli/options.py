@@ -89,6 +89,10 @@ _REST: list[Callable[[Any], Any]] = [
         "[default: the column named t, time or timestamp]",
     ),
     click.option("--dt", type=float, metavar="S", help="Sampling time in s, instead of a time column."),
+    click.option(
+        "--from", "begin", type=float, metavar="S", help="Leave out what is before, in s from the first sample."
+    ),
+    click.option("--to", "end", type=float, metavar="S", help="Leave out what is after, in s from the first sample."),
     BIAS,
     INPUT_MAP,
     click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
@@ -219,4 +223,6 @@ def _columns(options: dict[str, Any]) -> dict[str, Any]:
         "time": options["time_column"],
         "dt": options["dt"],
         "reference": options["reference_column"],
+        "begin": options["begin"],
+        "end": options["end"],
     }

@@ -23,6 +23,7 @@ from replant.data.logs.sampling_time import (
     unit_in_seconds,
 )
 from replant.data.logs.table import Table, listed, unreadable_error
+from replant.data.logs.time_range import check_range, part_of
 from replant.data.logs.time_unit import StampUnit, check_unit, unit_of_stamps
 from replant.errors import InvalidArgumentError, LogError
 from replant.log import Log
@@ -94,6 +95,8 @@ def read_log(
     time: str | int | None = None,
     dt: float | None = None,
     reference: str | int | None = None,
+    begin: float | None = None,
+    end: float | None = None,
 ) -> Log:
     """Read input and output of a plant, and perhaps a reference, from a recorded log.
 
@@ -113,6 +116,8 @@ def read_log(
         The sampling time in seconds, instead of `time`.
     reference : str or int, optional
         The column of the reference: set-point or dither of a controller, applied from outside.
+    begin, end : float, optional
+        Read only the rows between these times, in s from the first row of the log.
 
     Returns
     -------
@@ -125,7 +130,7 @@ def read_log(
         If the file or a column cannot be read, or the time stamps are irregular: one line that says where and what
         to do.
     InvalidArgumentError
-        If `time` and `dt` are both given, or `dt` is not finite and positive.
+        If `time` and `dt` are both given, `dt` is not finite and positive, or the time range is empty.
     MissingDependencyError
         If it is a Parquet file and pyarrow is not installed.
 
@@ -140,6 +145,7 @@ def read_log(
     (0.1, array([0.  , 0.5 , 0.75]))
     """
     columns: dict[str, Any] = {"input": input, "output": output, "time": time, "dt": dt, "reference": reference}
+    columns |= {"begin": begin, "end": end}
     log = open_recording(path, **columns, most_held=sys.maxsize).held
     assert log is not None
     return log
@@ -153,6 +159,8 @@ def open_recording(
     time: str | int | None = None,
     dt: float | None = None,
     reference: str | int | None = None,
+    begin: float | None = None,
+    end: float | None = None,
     most_held: int = MOST_HELD,
     progress: Callable[[int, int], None] = lambda rows, about: None,
 ) -> Recording:
@@ -165,6 +173,7 @@ def open_recording(
     time : str or int, optional
     dt : float, optional
     reference : str or int, optional
+    begin, end : float, optional
         See `read_log`.
     most_held : int
         A log of at most this many samples is held in memory.
@@ -189,6 +198,8 @@ def open_recording(
     _check_distinct(table, roles)
     if time is None and step is None:
         roles["time"] = _find_time(table, roles)
+    if begin is not None or end is not None:
+        table = _part(table, roles.get("time"), step, check_range(begin, end))
     sampling_time = (
         SamplingTime(table.path, table.names[roles["time"]], table.describe_row) if "time" in roles else None
     )
@@ -209,10 +220,16 @@ def open_recording(
     if kept:
         u, y, *r = kept[: len(columns)]
         of_input, of_output, *of_reference = (table.names[column] for column in columns)
-        held = Log(u, y, step, stamps, of_input, of_output, table.path)
+        held = Log(u, y, step, stamps, of_input, of_output, table.path, begin=begin, end=end)
         if r:
             held = replace(held, reference=r[0], reference_name=of_reference[0])
-    return Recording(table, columns, step, sampling_time is not None, rows, complete, held)
+    return Recording(table, columns, step, sampling_time is not None, rows, complete, held, begin, end)
+
+
+def _part(table: Table, time: int | None, dt: float | None, between: tuple[float, float]) -> Table:
+    stated = time is not None and time not in table.in_seconds
+    unit = unit_in_seconds(table.names[time]) if time is not None and stated else 1.0
+    return part_of(table, *between, dt=dt, time=time, unit=unit)
 
 
 def stamped_interval(path: str | os.PathLike[str]) -> tuple[str, float] | None:

@@ -36,6 +36,8 @@ class Recording:
         Whether every sample is finite.
     held : Log or None
         The whole log, if it is short enough to be held in memory.
+    begin, end : float or None
+        The part of the file that is read, in s from its first row; None: from the first, or to the last.
     """
 
     table: Table
@@ -45,6 +47,8 @@ class Recording:
     samples: int
     complete: bool
     held: Log | None
+    begin: float | None = None
+    end: float | None = None
 
     @property
     def path(self) -> Path:
@@ -70,4 +74,5 @@ class Recording:
         time = np.asarray(self.dt * np.arange(earlier, self.samples), np.float64) if self.stamped else None
         names = self.table.names
         reference = "".join(names[column] for column in of_reference)
-        return Log(u, y, self.dt, time, names[of_input], names[of_output], self.path, earlier, None, reference)
+        return Log(u, y, self.dt, time, names[of_input], names[of_output], self.path, earlier, None, reference,
+                   self.begin, self.end)  # fmt: skip

@@ -78,7 +78,9 @@ def _open(log: Log) -> str:
     names = f"input={log.input_name!r}, output={log.output_name!r}"
     if log.reference_name:
         names += f", reference={log.reference_name!r}"
-    return f"import replant as rp\n\nlog = rp.read_log({str(log.path)!r}, {names}{sampling})"
+    ends = (("begin", log.begin), ("end", log.end))
+    part = "".join(f", {name}={value!r}" for name, value in ends if value is not None)
+    return f"import replant as rp\n\nlog = rp.read_log({str(log.path)!r}, {names}{sampling}{part})"
 
 
 def _broken(name: str, value: Any) -> list[str]:
