@@ -115,6 +115,16 @@ def test_where_nothing_can_be_suggested_that_is_said(capsys, tmp_path: Path, tex
     assert call(capsys, "look", path, "--out", tmp_path / "plots")[0] == 0
 
 
+def test_dates_that_are_no_numbers_are_no_clock_and_that_is_said(capsys, tmp_path: Path) -> None:
+    rows = [f"2024-01-01T00:00:{k:02d}x,{k // 5 % 2},{k % 5}" for k in range(60)]
+    path = tmp_path / "log.csv"
+    path.write_text("time,u,y\n" + "\n".join(rows) + "\n")
+    code, out, _ = call(capsys, "look", path)
+    assert code == 0
+    assert "Clock column 'time' holds no numbers" in " ".join(out.split())
+    assert "line 2, column 'time'" in out
+
+
 def test_without_a_time_column_the_sampling_time_is_asked_for(capsys, tmp_path: Path) -> None:
     u = prbs(1000, hold=10)
     np.savez(tmp_path / "log.npz", u=u, y=TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.05))

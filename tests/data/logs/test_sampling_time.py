@@ -153,7 +153,19 @@ def test_a_column_called_time_is_found(write: Write, name: str) -> None:
     assert log.time.tolist() == [0.0, 0.5, 1.0]
 
 
-@pytest.mark.parametrize(("name", "dt"), [("t [ms]", 5e-4), ("time_us", 5e-7), ("Time (min)", 30.0), ("t [µs]", 5e-7)])
+@pytest.mark.parametrize(
+    ("name", "dt"),
+    [
+        ("t [ms]", 5e-4),
+        ("time_us", 5e-7),
+        ("Time (min)", 30.0),
+        ("t [µs]", 5e-7),
+        ("t_millis", 5e-4),
+        ("millis", 5e-4),
+        ("time [usec]", 5e-7),
+        ("timestamp_nanoseconds", 5e-10),
+    ],
+)
 def test_a_unit_in_the_name_counts(write: Write, name: str, dt: float) -> None:
     log = read_log(write(log_text(["0", "0.5", "1"], name)), input="u", output="y")
     assert math.isclose(log.dt, dt, rel_tol=1e-12)
@@ -162,7 +174,12 @@ def test_a_unit_in_the_name_counts(write: Write, name: str, dt: float) -> None:
 
 
 def test_names_that_are_not_time() -> None:
-    assert time_candidates(["temperature", "timer", "tt", "t2", "time [V]", "0", "dt", "u_t"]) == []
+    assert (
+        time_candidates(
+            ["temperature", "timer", "tt", "t2", "time [V]", "millisecond_counter", "timer_ms", "0", "dt", "u_t"]
+        )
+        == []
+    )
     assert unit_in_seconds("s") == unit_in_seconds("clock") == unit_in_seconds("t [rev]") == 1.0
 
 

@@ -18,7 +18,8 @@ FEWEST_ROWS = 20
 """Rows from which on who follows whom is asked [rows]."""
 BY_INFLUENCE, BY_SHAPE = 2.0, 1.0
 """Weights of who follows whom, and of moving in steps [number].
-Origin: input and output come out right for the recorded logs of open loops, with their names and without.
+Origin: input and output come out right, without their names, for the recorded logs of open loops but a heat exchanger,
+of which it is said that either may be the input.
 Sensitivity: not measured.
 """
 CLOSE = 0.5
@@ -33,7 +34,7 @@ Sensitivity: not measured.
 """
 ANSWERS = 0.3
 """Influence of the output on the input from which on a controller is suspected [part of that the other way].
-Origin: above every recorded log of an open loop.
+Origin: above the recorded logs of open loops whose input comes out right.
 Sensitivity: not measured.
 """
 SAME_RANGE = 0.25

@@ -24,8 +24,9 @@ _UNITS |= {"msec": 1e-3, "millis": 1e-3, "milliseconds": 1e-3, "usec": 1e-6, "mi
 _UNITS |= {"nsec": 1e-9, "nanos": 1e-9, "nanoseconds": 1e-9, "minutes": 60.0, "hours": 3600.0}
 _AFTER_UNDERSCORE = "s|sec|seconds|[mun]s|[mun]sec|millis|micros|nanos|milliseconds|microseconds|nanoseconds"
 _UNIT = rf"(?:\s*[\[(/]\s*({'|'.join(_UNITS)})\s*[\])]?|_({_AFTER_UNDERSCORE}))"
-_UNIT_AT_END = re.compile(rf".*{_UNIT}", re.IGNORECASE)
-_TIME_NAME = re.compile(rf"(?:.*\.)?(?:t|time|timestamp){_UNIT}?", re.IGNORECASE)
+_ALONE = r"(?:.*\.)?(millis|micros)(?:\(\))?"  # Arduino's clocks
+_UNIT_AT_END = re.compile(rf".*{_UNIT}|{_ALONE}", re.IGNORECASE)
+_TIME_NAME = re.compile(rf"(?:.*\.)?(?:t|time|timestamp){_UNIT}?|{_ALONE}", re.IGNORECASE)
 
 _ENDLESS = 1e300
 """Magnitude of a stamp beyond which the difference of two may leave float64 [s]."""
@@ -37,7 +38,7 @@ _RESAMPLE = (
 
 
 def time_candidates(names: Sequence[str]) -> list[int]:
-    """Return the columns whose name is t, time or timestamp, in any case, with or without a unit.
+    """Return the columns whose name is t, time or timestamp, in any case, with or without a unit; or millis, micros.
 
     Examples
     --------
@@ -56,7 +57,7 @@ def unit_in_seconds(name: str) -> float:
     (0.001, 1e-06, 1.0)
     """
     match = _UNIT_AT_END.fullmatch(name.strip())
-    return _UNITS[(match[1] or match[2]).lower()] if match else 1.0
+    return _UNITS[(match[1] or match[2] or match[3]).lower()] if match else 1.0
 
 
 def has_unit(name: str) -> bool:

@@ -9,7 +9,8 @@ from typing import Any
 
 from replant.data.inspection import Inspection, options_of
 from replant.data.inspection.columns import Column, Kind
-from replant.report.number_format import interval
+from replant.data.logs.sampling_time import time_candidates
+from replant.report.number_format import duration, interval
 from replant.report.terminal.summary import finite, wrapped
 
 FEW = 8
@@ -208,17 +209,11 @@ def _findings(found: Inspection) -> Iterator[tuple[str, str]]:
 
 def _clock_findings(found: Inspection) -> Iterator[tuple[str, str]]:
     clock = found.clock
-    if clock is None and not command_of(found):
-        yield "Clock", "no column called t, time or timestamp, and none that rises in equal steps"
-        return
     if clock is None:
-        yield (
-            "Clock",
-            (
-                "no column called t, time or timestamp, and none that rises in equal steps: put the sampling time in s "
-                "in place of --dt 1, which counts time in samples"
-            ),
-        )
+        dated = [column.name for column in found.contents.columns if column.problem and time_candidates([column.name])]
+        named = f"column {dated[0]!r} holds no numbers" if dated else "no column is called t, time or timestamp"
+        remedy = ": put the sampling time in s in place of --dt 1, which counts time in samples"
+        yield "Clock", f"{named}, and none rises in equal steps{remedy if command_of(found) else ''}"
         return
     if math.isnan(clock.dt):
         yield "Clock", f"{clock.column.name}: no stamp is greater than the one before"
@@ -227,7 +222,7 @@ def _clock_findings(found: Inspection) -> Iterator[tuple[str, str]]:
     jitter = "regular" if steady else f"jitter {interval(clock.jitter)} ({100 * clock.jitter / clock.dt:.2g} %)"
     gaps = f"{_counted(clock.gaps, 'gap')}, the longest {interval(clock.longest)}"
     back = f"{_counted(clock.backward, 'stamp')} missing, repeated or going back"
-    known = [f"dt {interval(clock.dt)}", f"{clock.duration:,.6g} s", jitter]
+    known = [f"dt {interval(clock.dt)}", duration(clock.duration), jitter]
     known += ([gaps] if clock.gaps else []) + ([back] if clock.backward else [])
     yield "Clock", f"{clock.column.name}: {', '.join(known)}"
     if clock.guess:
@@ -237,7 +232,8 @@ def _clock_findings(found: Inspection) -> Iterator[tuple[str, str]]:
     elif clock.problem:
         yield "", f"Its stamps are not used as they are: {clock.problem}."
     if clock.problem:
-        yield "", f"The command counts samples instead, --dt {clock.dt:.6g}."
+        missing = ", as if none were missing" if clock.gaps else ""
+        yield "", f"The command counts samples instead, --dt {clock.dt:.6g}{missing}."
 
 
 def _response(found: Inspection) -> str:
