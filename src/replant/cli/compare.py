@@ -10,8 +10,8 @@ from typing import Any
 
 import click
 
-from replant.cli.keeping import kept
 from replant.cli.choice import Choice
+from replant.cli.keeping import kept
 from replant.cli.options import log_options, open_log
 from replant.cli.output import (
     command_line,

@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
-from replant.cli.keeping import Keeping, keeping_options
 from replant.cli.choice import Choice
+from replant.cli.keeping import Keeping, keeping_options
 from replant.cli.options import (
     open_log,
     preprocess_of,

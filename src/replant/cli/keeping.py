@@ -11,6 +11,8 @@ from typing import Any
 import click
 
 from replant.assessment.verdict import Verdict
+from replant.cli.choice import Choice
+from replant.cli.options import read
 from replant.data.logs import Log
 from replant.data.logs.digest import digest
 from replant.errors import InvalidArgumentError
@@ -33,7 +35,7 @@ OPTIONS: list[Callable[[Any], Any]] = [
     click.option(
         "--require",
         "required",
-        type=click.Choice(["trusted"]),
+        type=Choice(["trusted"]),
         help="Exit with code 3 where a verdict is another one.",
     ),
 ]
@@ -89,9 +91,7 @@ class Keeping:
         LogError
             If a log cannot be read.
         """
-        from replant.cli.options import read
-
-        return [(path, model.validate(read({**self.columns, "log": path}))) for path in self.other_logs]
+        return [(path, model.validate(whole_log(path, self.columns))) for path in self.other_logs]
 
     def end(self, verdicts: list[Verdict]) -> None:
         """Exit with code 3 where a verdict is not the one that was asked for."""
@@ -100,6 +100,17 @@ class Keeping:
         found = ", ".join(verdict.status for verdict in verdicts)
         click.echo(f"replant: the verdict is {found}, --require asks for {self.required}", err=True)
         sys.exit(NOT_REQUIRED)
+
+
+def whole_log(path: Path, columns: dict[str, Any]) -> Log:
+    """Read another log with the same columns, all of it.
+
+    Raises
+    ------
+    LogError
+        If it cannot be read.
+    """
+    return read({"reference_column": None, **columns, "begin": None, "end": None, "log": path})
 
 
 def kept(model: Model, log: Log) -> Model:

@@ -8,8 +8,7 @@ from typing import Any
 
 import click
 
-from replant.cli.keeping import OPTIONS, Keeping
-from replant.cli.options import read
+from replant.cli.keeping import OPTIONS, Keeping, whole_log
 from replant.cli.output import make_folder, write_errors_reported
 from replant.identified.model import load_model
 from replant.identified.validation import Validation
@@ -37,7 +36,7 @@ def command(
     make_folder(out)
     columns["input_column"] = columns["input_column"] or loaded.input_name
     columns["output_column"] = columns["output_column"] or loaded.output_name
-    found = [(path, loaded.validate(read({"reference_column": None, **columns, "log": path}))) for path in logs]
+    found = [(path, loaded.validate(whole_log(path, columns))) for path in logs]
     written = [] if out is None else _plots(found, out)
     if as_json:
         click.echo(json.dumps([validation_as_json(each, path.name) for path, each in found], allow_nan=False))

@@ -10,8 +10,9 @@ from typing import Any
 from replant.data.inspection import Inspection, options_of
 from replant.data.inspection.columns import Column, Kind
 from replant.data.logs.sampling_time import time_candidates
+from replant.identified.model_json import finite
 from replant.report.number_format import duration, interval
-from replant.report.terminal.summary import finite, wrapped
+from replant.report.terminal.summary import wrapped
 
 FEW = 8
 """Different values up to which their number is shown [count]."""
