@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,6 @@ from replant.data.logs import (
     Recording,
     doubtful_unit,
     open_recording,
-    read_log,
     stamped_interval,
 )
 from replant.data.logs.time_unit import COARSE
@@ -158,8 +158,7 @@ def recording_of(options: dict[str, Any], progress: Callable[[int, int], None]) 
     """
     _check_one_of_each(options)
     recording = open_recording(options["log"], **_columns(options), progress=progress)
-    _note_another_clock(options)
-    _note_doubtful_unit(options, recording.dt)
+    _note(options, recording)
     return recording
 
 
@@ -190,27 +189,23 @@ def read(options: dict[str, Any]) -> Log:
     LogError
         If the log cannot be read.
     """
-    log = read_log(options["log"], **_columns(options))
-    _note_another_clock(options)
-    _note_doubtful_unit(options, log.dt)
-    return log
+    recording = open_recording(options["log"], **_columns(options), most_held=sys.maxsize)
+    _note(options, recording)
+    assert recording.held is not None
+    return recording.held
 
 
-def _note_another_clock(options: dict[str, Any]) -> None:
-    """Print a note on standard error if the option ``--dt`` contradicts the log's time stamps."""
+def _note(options: dict[str, Any], recording: Recording) -> None:
+    """Print on standard error what is to be known about a log: what was left out, and doubts about its clock."""
+    for note in recording.table.notes:
+        click.echo(f"replant: note: {note}", err=True)
     dt = options["dt"]
-    interval = None if dt is None else stamped_interval(options["log"])
+    interval = None if dt is None else stamped_interval(recording.table)
     if interval is not None and not abs(interval[1] / dt - 1.0) <= MOST_OFF:
         name, usual = interval
         contradiction = f"{options['log']}: column {name!r} steps by {usual:.4g} s, but --dt is {dt:.4g} s"
         click.echo(f"replant: note: {contradiction}; --dt is used", err=True)
-
-
-def _note_doubtful_unit(options: dict[str, Any], dt: float) -> None:
-    """Print a note on standard error if the time stamps' unit is guessed; ``dt`` is the sampling time in s."""
-    if options["dt"] is not None or dt < COARSE:
-        return
-    found = doubtful_unit(options["log"], options["time_column"])
+    found = None if dt is not None or recording.dt < COARSE else doubtful_unit(recording.table, options["time_column"])
     if found is not None:
         name, unit = found
         click.echo(f"replant: note: {options['log']}: column {name!r}: {unit.doubt}; {unit.remedy}", err=True)

@@ -23,6 +23,8 @@ from replant.errors import LogError
 from support.damage import damaged
 from support.places import ROOT
 
+pytestmark = pytest.mark.filterwarnings("ignore:.* cut off .* left out:UserWarning")  # it is read, and that is said
+
 CELLS = st.sampled_from(["0", "1.5", "2,5", "-3e2", "", "nan", "x", '"', "#", "%", "'", "\ufeff", "\x1a", "°", "1.2.3"])
 MARKS = st.sampled_from([",", ";", "\t", " ", "|", "\n", "\r\n", "\r", "\x0b", "\u2028"])
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import codecs
 import io
-import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -18,15 +18,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from replant.data.logs.local_clock import LocalClock
 from replant.data.logs.prefetch import prefetch
 from replant.data.logs.table import Table
-from replant.data.logs.text_cells import (
-    CellError,
-    is_number,
-    parse_number,
-    quote,
-    split_line,
-)
+from replant.data.logs.text_cells import CellError, quote, split_line
+from replant.data.logs.text_columns import decimal_mark, parse_column
+from replant.data.logs.text_content import later_mark
+from replant.data.logs.text_end import cut_line
 from replant.data.logs.text_layout import (
     COMMENT_MARKS,
     LONGEST_LINE,
@@ -51,10 +49,6 @@ _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _ODD = tuple(mark.encode() for mark in ('"', *COMMENT_MARKS))  # a block with one of them is not for pyarrow
 _NULLS = ["", "NA", "na", "N/A", "n/a", "null", "NULL", "Null"]  # the usual ways to write those of cells.MISSING
 
-_CELL_REMEDY = "correct it, leave the cell empty, or put # before the line"
-_DATE = re.compile(r"\s*\d+[-/.:]\d+[-/.:]\d+")
-_DATE_REMEDY = "convert dates and clock times to seconds, or give the sampling time (dt, --dt)"
-
 
 def read(path: Path) -> Table:
     """Open a text log; its first lines determine delimiter, decimal comma and header.
@@ -64,9 +58,24 @@ def read(path: Path) -> Table:
     LogError
         If the file is empty, is not text, or has no row of data.
     """
-    layout = sniff(path)
-    blocks, describe_row = partial(_blocks, path, layout), partial(_line_of_row, path, layout)
-    return Table(path, layout.names, blocks, describe_row, approximate_rows=_approximate_rows(path))
+    layout, notes = sniff(path), []
+    cut = cut_line(path, layout)
+    if cut:
+        layout = replace(layout, is_cut=True)
+        notes.append(f"{path}: the last line is cut off ({quote(cut)}) and left out")
+    mark = layout.content.mark
+    if layout.delimiter != "," and (mark is None or not mark.certain):
+        mark = later_mark(mark, _rows_with_commas(path, layout), layout.content.stamps)
+        layout = replace(layout, content=replace(layout.content, mark=mark))
+    return Table(
+        path,
+        layout.names,
+        partial(_blocks, path, layout),
+        partial(_line_of_row, path, layout),
+        in_seconds=frozenset(layout.content.stamps),
+        approximate_rows=_approximate_rows(path),
+        notes=tuple(notes),
+    )
 
 
 def parse_block(
@@ -107,7 +116,7 @@ def parse_block(
     for number, row in rows:
         if len(row) != len(layout.names):
             _check_width(path, layout, number, row)
-    return [_parse_column(path, layout, rows, column) for column in columns]
+    return [parse_column(path, layout, rows, column) for column in columns]
 
 
 def _blocks(path: Path, layout: Layout, columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
@@ -115,7 +124,31 @@ def _blocks(path: Path, layout: Layout, columns: Sequence[int]) -> Iterator[list
     jobs = (
         partial(_parse, path, layout, text, first, columns, is_long=is_long) for first, text in _texts(path, layout)
     )
-    return prefetch(jobs, WORKERS)
+    return _with_clocks_checked(path, layout, columns, prefetch(jobs, WORKERS))
+
+
+def _with_clocks_checked(
+    path: Path, layout: Layout, columns: Sequence[int], blocks: Iterator[list[NDArray[np.float64]]]
+) -> Iterator[list[NDArray[np.float64]]]:
+    clocks = {}
+    for index, column in enumerate(columns):
+        form = layout.content.stamps.get(column)
+        if form is not None and form.is_local:
+            describe_row = partial(_line_of_row, path, layout)
+            clocks[index] = LocalClock(path, layout.names[column], describe_row, has_date="d" in form.parts)
+    for block in blocks:
+        for index, clock in clocks.items():
+            clock.check(block[index])
+        yield block
+
+
+def _rows_with_commas(path: Path, layout: Layout) -> Iterator[tuple[int, list[str]]]:
+    """Yield the rows of the blocks that have a comma: in the others every number is read in one way."""
+    for first, text in _texts(path, layout):
+        if b"," in text:
+            for number, line in enumerate(_lines(layout, text), first):
+                if number >= layout.data_line and is_data(line) and '"' not in line:
+                    yield number, line.split(layout.delimiter)
 
 
 def _texts(path: Path, layout: Layout) -> Iterator[tuple[int, bytes]]:
@@ -137,6 +170,8 @@ def _texts(path: Path, layout: Layout) -> Iterator[tuple[int, bytes]]:
             text, rest = rest + block[:end], block[end:]
             yield first, text
             first += text.count(b"\n") + _lone_returns(text)
+        if layout.is_cut:
+            rest = rest[: 1 + max(rest.rfind(b"\n"), rest.rfind(b"\r"))]
         if rest:
             yield first, rest
 
@@ -154,10 +189,14 @@ def _parse(
         values = _parse_in_arrow(layout, text, columns)
         if values is not None:
             return values
-    encoding = "utf-8" if layout.encoding == _WIDE else layout.encoding
-    lines: Sequence[str] = list(io.StringIO(text.decode(encoding, errors="replace"), newline=None))
+    lines = _lines(layout, text)
     before = max(0, layout.data_line - first)
     return parse_block(path, layout, lines[before:], first + before, columns)
+
+
+def _lines(layout: Layout, text: bytes) -> list[str]:
+    encoding = "utf-8" if layout.encoding == _WIDE else layout.encoding
+    return list(io.StringIO(text.decode(encoding, errors="replace"), newline=None))
 
 
 def _parse_in_arrow(layout: Layout, text: bytes, columns: Sequence[int]) -> list[NDArray[np.float64]] | None:
@@ -170,9 +209,12 @@ def _parse_in_arrow(layout: Layout, text: bytes, columns: Sequence[int]) -> list
         from pyarrow import csv
     except ImportError:
         return None
+    marks = {mark.mark for column in columns if (mark := decimal_mark(layout, column))} or {"."}
+    stamps = [column for column in columns if column in layout.content.stamps]
+    if stamps or len(marks) > 1:
+        return None
     names = [str(number) for number in range(width)]
     chosen = [names[column] for column in columns]
-    comma = layout.delimiter != "," and b"," in text
     try:
         table = csv.read_csv(
             pyarrow.BufferReader(text),
@@ -182,7 +224,7 @@ def _parse_in_arrow(layout: Layout, text: bytes, columns: Sequence[int]) -> list
                 column_types=dict.fromkeys(chosen, pyarrow.float64()),
                 include_columns=chosen,
                 null_values=_NULLS,
-                decimal_point="," if comma else ".",
+                decimal_point=marks.pop(),
                 check_utf8=False,
             ),
         )
@@ -209,12 +251,16 @@ def _line_of_row(path: Path, layout: Layout, row: int) -> str:
 
 def _parse_clean(layout: Layout, lines: Sequence[str]) -> NDArray[np.float64] | None:
     """Parse a block in C, or return None if it holds anything but a full grid of numbers."""
+    if layout.content.stamps:
+        return None
     if layout.delimiter != ",":
         text = "".join(lines)
         if "," in text:
-            if "." in text:
+            if "." in text or (layout.content.mark and layout.content.mark.mark == "."):
                 return None
             lines = text.replace(",", ".").split("\n")
+        elif "." in text and layout.content.mark and layout.content.mark.mark == ",":
+            return None
     if not any(map(str.strip, lines)):
         return None  # loadtxt warns about a block without data
     try:
@@ -245,51 +291,3 @@ def _check_width(path: Path, layout: Layout, number: int, row: list[str]) -> Non
     raise LogError(
         f"{path}: line {number} has {cells} where {model} has {width}; complete the line, or put # before it"
     )
-
-
-def _parse_column(
-    path: Path, layout: Layout, rows: Sequence[tuple[int, list[str]]], column: int
-) -> NDArray[np.float64]:
-    cells = [row[column] for _, row in rows]
-    commas = layout.delimiter != "," and any("," in cell for cell in cells)
-    if commas:
-        if any("." in cell for cell in cells):
-            _check_one_decimal_mark(path, layout, rows, column)
-        cells = [cell.replace(",", ".") for cell in cells]
-    values = _plain_numbers(cells)
-    if values is not None:
-        return values
-    values = np.empty(len(cells))
-    for index, cell in enumerate(cells):
-        try:
-            values[index] = parse_number(cell)
-        except ValueError:
-            (number, row), name = rows[index], layout.names[column]
-            remedy = _DATE_REMEDY if _DATE.match(row[column]) else _CELL_REMEDY
-            raise LogError(
-                f"{path}: line {number}, column {name!r}: {quote(row[column])} is not a number; {remedy}"
-            ) from None
-    return values
-
-
-def _plain_numbers(cells: Sequence[str]) -> NDArray[np.float64] | None:
-    """Convert numbers at once, or return None if a cell is anything else."""
-    text = "".join(cells)
-    if "_" in text or not text.isascii():
-        return None
-    try:
-        return np.fromiter(map(float, cells), np.float64, len(cells))
-    except ValueError:
-        return None
-
-
-def _check_one_decimal_mark(path: Path, layout: Layout, rows: Sequence[tuple[int, list[str]]], column: int) -> None:
-    """Refuse a column with both 1.234 and 0,5: the point may be a decimal point or a thousands separator."""
-    numbers = [(number, row[column]) for number, row in rows if is_number(row[column], layout.delimiter)]
-    point = next(((number, cell) for number, cell in numbers if "." in cell), None)
-    comma = next(((number, cell) for number, cell in numbers if "," in cell), None)
-    if point and comma:
-        raise LogError(
-            f"{path}: column {layout.names[column]!r} has a decimal point in line {point[0]} ({quote(point[1])}) and "
-            f"a comma in line {comma[0]} ({quote(comma[1])}); write all numbers one way, without thousands separators"
-        )

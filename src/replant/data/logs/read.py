@@ -6,6 +6,7 @@ import importlib
 import math
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -145,10 +146,11 @@ def read_log(
     (0.1, array([0.  , 0.5 , 0.75]))
     """
     columns: dict[str, Any] = {"input": input, "output": output, "time": time, "dt": dt, "reference": reference}
-    columns |= {"begin": begin, "end": end}
-    log = open_recording(path, **columns, most_held=sys.maxsize).held
-    assert log is not None
-    return log
+    recording = open_recording(path, **columns, begin=begin, end=end, most_held=sys.maxsize)
+    for note in recording.table.notes:
+        warnings.warn(note, stacklevel=2)
+    assert recording.held is not None
+    return recording.held
 
 
 def open_recording(
@@ -232,7 +234,7 @@ def _part(table: Table, time: int | None, dt: float | None, between: tuple[float
     return part_of(table, *between, dt=dt, time=time, unit=unit)
 
 
-def stamped_interval(path: str | os.PathLike[str]) -> tuple[str, float] | None:
+def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] | None:
     r"""Return the name of the time column, and the median interval of its first block in s.
 
     None if no column or several are called t, time or timestamp, or the column holds no increasing numbers.
@@ -246,8 +248,8 @@ def stamped_interval(path: str | os.PathLike[str]) -> tuple[str, float] | None:
     ...     stamped_interval(file)
     ('t [ms]', 0.02)
     """
-    table = read_columns(path)
-    candidates = time_candidates(table.names)
+    table = log if isinstance(log, Table) else read_columns(log)
+    candidates = _times(table)
     if len(candidates) != 1:
         return None
     (number,) = candidates
@@ -256,7 +258,7 @@ def stamped_interval(path: str | os.PathLike[str]) -> tuple[str, float] | None:
     blocks = table.stream([number])
     try:
         (stamps,) = next(blocks, [np.empty(0)])
-    except LogError:  # for example dates
+    except LogError:
         return None
     finally:
         blocks.close()
@@ -265,12 +267,12 @@ def stamped_interval(path: str | os.PathLike[str]) -> tuple[str, float] | None:
     return (name, interval) if interval > 0.0 else None
 
 
-def doubtful_unit(path: str | os.PathLike[str], time: str | None = None) -> tuple[str, StampUnit] | None:
+def doubtful_unit(log: str | os.PathLike[str] | Table, time: str | None = None) -> tuple[str, StampUnit] | None:
     r"""Return the name of the time column and its unit, if that is guessed; None if it is stated.
 
     Parameters
     ----------
-    path : path
+    log : path or Table
     time : str, optional
         The time column; without it the one called t, time or timestamp.
 
@@ -284,7 +286,7 @@ def doubtful_unit(path: str | os.PathLike[str], time: str | None = None) -> tupl
     >>> name, unit.doubt
     ('t', 'its name states no unit; its steps of 20 are taken as seconds, and may be milliseconds or less')
     """
-    table = read_columns(path)
+    table = log if isinstance(log, Table) else read_columns(log)
     found = time_candidates(table.names) if time is None else [table.find(time)]
     if not found or found[0] in table.in_seconds:
         return None
@@ -341,20 +343,30 @@ def _check_distinct(table: Table, roles: dict[str, int]) -> None:
                 "choose two different columns"
             )
         chosen[number] = role
+        if role != "time" and number in table.in_seconds:
+            raise LogError(
+                f"{table.path}: column {table.names[number]!r} holds dates or times, no samples; choose another column "
+                f"as the {role}"
+            )
 
 
 def _find_time(table: Table, roles: dict[str, int]) -> int:
-    candidates = [number for number in time_candidates(table.names) if number not in roles.values()]
+    candidates = [number for number in _times(table) if number not in roles.values()]
     if len(candidates) > 1:  # a file may hold several structs, each with its own time
         samples, *stamps = next(table.stream([roles["input"], *candidates]))
         candidates = [number for number, column in zip(candidates, stamps, strict=True) if len(column) == len(samples)]
     if len(candidates) == 1:
         return candidates[0]
     if not candidates:
-        other = "no other column" if time_candidates(table.names) else "no column"
+        other = "no other column" if _times(table) else "no column"
         raise LogError(f"{table.path}: {other} is called t, time or timestamp; {_GIVE_TIME}")
     names = listed([repr(table.names[number]) for number in candidates])
     raise LogError(f"{table.path}: several columns could be the time: {names}; {_GIVE_TIME}")
+
+
+def _times(table: Table) -> list[int]:
+    """Return the columns that may be the time: by their names, or, if no name tells, by what they hold."""
+    return time_candidates(table.names) or sorted(table.in_seconds)
 
 
 def _check_lengths(table: Table, roles: dict[str, int], block: Sequence[NDArray[np.float64]]) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.errors import ArgumentTypeError, LogError
+from replant.interop.units import without_unit
 
 NAMES_SHOWN = 12
 """Names that the error of a wrong name lists, closest first: one line stays readable [count]."""
@@ -53,6 +54,8 @@ class Table:
         Columns whose type in the file is time; they are returned in seconds since the first row.
     approximate_rows : int
         Approximate number of rows, for a progress bar.
+    notes : tuple of str
+        What the user should know about the file, such as a line that is left out: each is one line.
 
     Examples
     --------
@@ -70,6 +73,7 @@ class Table:
     describe_row: Callable[[int], str] = nth_row
     in_seconds: frozenset[int] = frozenset()
     approximate_rows: int = 0
+    notes: tuple[str, ...] = ()
 
     def column(self, key: str | int) -> NDArray[np.float64]:
         """Return one column as float64, by name or 0-based number."""
@@ -101,7 +105,7 @@ class Table:
             raise unreadable_error(self.path, error) from error
 
     def find(self, key: str | int) -> int:
-        """Return the number of a column: its exact name, else the name in any case, else a 0-based number.
+        """Return the number of a column: its exact name, else that in any case, without its unit, or a 0-based number.
 
         Raises
         ------
@@ -110,7 +114,7 @@ class Table:
         """
         if not isinstance(key, str):
             return self._number(key)
-        for form in (str, _folded):
+        for form in (str, _folded, _bare):
             found = [number for number, name in enumerate(self.names) if form(name) == form(key)]
             if len(found) == 1:
                 return found[0]
@@ -159,6 +163,10 @@ def unreadable_error(path: Path, error: OSError) -> LogError:
 
 def _folded(name: str) -> str:
     return "".join(name.split()).casefold()
+
+
+def _bare(name: str) -> str:
+    return _folded(without_unit(name))
 
 
 def _core(name: str) -> str:

@@ -6,7 +6,7 @@ import codecs
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 
@@ -17,6 +17,8 @@ from replant.data.logs.text_cells import (
     quote,
     split_line,
 )
+from replant.data.logs.text_content import Content, content_of
+from replant.data.logs.text_units import units_in, with_units
 from replant.errors import LogError
 
 COMMENT_MARKS = ("#", "%")
@@ -56,6 +58,10 @@ class Layout:
         The 1-based line of the first row of data.
     encoding : str
         The text's encoding.
+    content : Content
+        What its cells hold.
+    is_cut : bool
+        Whether its last line is cut off, and left out.
     """
 
     names: tuple[str, ...]
@@ -63,6 +69,8 @@ class Layout:
     names_line: int | None
     data_line: int
     encoding: str
+    content: Content = field(default_factory=Content)
+    is_cut: bool = False
 
 
 def is_data(line: str) -> bool:
@@ -105,20 +113,28 @@ def sniff(path: Path) -> Layout:
         first = split_line(line, delimiter)
     except CellError as error:
         raise LogError(f"{path}: line {number}, column {error.column}: {error}; {QUOTES_REMEDY}") from None
-    others = [cells for _, line in rows[1:] if (cells := _split_or_none(line, delimiter)) is not None]
+    below = [(at, cells) for at, line in rows[1:] if (cells := _split_or_none(line, delimiter)) is not None]
+    units = units_in(below[0][1]) if len(below) > 1 and len(below[0][1]) <= len(first) + 1 else None
+    others = [cells for _, cells in below[units is not None :]]
     if not _is_header(path, number, first, others):
         names = _commented_names(comment, delimiter, first, others)
-        return Layout(names, delimiter, None, number, encoding)
+        return Layout(names, delimiter, None, number, encoding, content_of(names, [(number, first), *below], delimiter))
     if len(rows) == 1:
         raise LogError(f"{path}: only a header (line {number}) and no row of data; record some samples first")
     names = _names(first, others)
+    if units is not None:
+        names, rows, below = with_units(names, units), rows[1:], below[1:]
+    _check_lengths(path, number, names)
+    return Layout(names, delimiter, number, rows[1][0], encoding, content_of(names, below, delimiter))
+
+
+def _check_lengths(path: Path, number: int, names: Sequence[str]) -> None:
     for column, name in enumerate(names):
         if len(name) > LONGEST_NAME:
             raise LogError(
                 f"{path}: line {number}, column {column}: {quote(name)} is a name of {len(name):,} characters; "
                 f"shorten it to {LONGEST_NAME:,} or fewer"
             )
-    return Layout(names, delimiter, number, rows[1][0], encoding)
 
 
 def lines_of(path: Path, encoding: str) -> Iterator[tuple[int, str]]:
