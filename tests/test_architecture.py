@@ -55,6 +55,7 @@ PLAIN = {"__future__", "collections", "contextlib", "enum", "math", "operator", 
 LIGHT = {"numpy"}
 HEAVY = {"numba", "llvmlite", "scipy", "matplotlib", "control", "pyarrow", "pandas", "xarray", "sklearn"}
 HEAVY |= {"paho", "serial", "starlette", "sympy", "uvicorn"}
+HEAVY |= {"h5py", "openpyxl", "zstandard"}
 #: Modules that are made of another package's classes: nothing of ours imports them but where it uses them.
 ADAPTERS = {
     "sklearn": {"sklearn"},

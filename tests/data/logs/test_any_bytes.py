@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from replant.data.logs import csv, matlab, read_log
-from replant.data.logs.read import FORMATS
+from replant.data.logs.formats import FORMATS
 from replant.errors import LogError
 from support.damage import damaged
 from support.places import ROOT

@@ -135,7 +135,7 @@ def test_a_column_that_has_another_role_is_not_looked_for_as_the_time(write: Wri
         ),
         (["0", "0.1", "inf", "0.3"], "line 4, column 't': the time stamp is inf"),
         (["-1e308", "0", "1e308"], r"line 2, column 't': the time stamp is -1e\+308"),
-        (["10:00:00", "10:00:01", "10:00:02"], "line 2, column 't': '10:00:00' is not a number; convert dates"),
+        (["10.00.00", "10.00.01", "10.00.02"], "line 2, column 't': '10.00.00' is not a number; convert dates"),
     ],
 )
 def test_stamps_that_are_no_times(write: Write, stamps: list[str], message: str) -> None:

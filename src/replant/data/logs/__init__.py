@@ -1,9 +1,9 @@
 """Recorded logs: CSV, Parquet, MATLAB and npz files read into input, output and sampling time."""
 
+from replant.data.logs.formats import read_columns
 from replant.data.logs.read import (
     doubtful_unit,
     open_recording,
-    read_columns,
     read_log,
     stamped_interval,
 )

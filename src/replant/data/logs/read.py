@@ -1,21 +1,19 @@
-"""Read a log: the file's suffix selects the reader, and columns give input, output and time."""
+"""Read a log: columns of a file of any format give input, output, reference and time."""
 
 from __future__ import annotations
 
-import importlib
 import math
 import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs import parquet
+from replant.data.logs.formats import read_columns
 from replant.data.logs.recording import MOST_HELD, Recording
 from replant.data.logs.sampling_time import (
     SamplingTime,
@@ -23,69 +21,13 @@ from replant.data.logs.sampling_time import (
     time_candidates,
     unit_in_seconds,
 )
-from replant.data.logs.table import Table, listed, unreadable_error
+from replant.data.logs.table import Table, listed
 from replant.data.logs.time_range import check_range, part_of
 from replant.data.logs.time_unit import StampUnit, check_unit, unit_of_stamps
 from replant.errors import InvalidArgumentError, LogError
 from replant.log import Log
 
-# For each suffix the module that has the function read(path) -> Table; it is imported when such a file is opened
-FORMATS = {
-    ".csv": "csv",
-    ".txt": "csv",
-    ".tsv": "csv",
-    ".dat": "csv",
-    ".parquet": "parquet",
-    ".pq": "parquet",
-    ".mat": "matlab",
-    ".npz": "npz",
-}
-
 _GIVE_TIME = "name the time column (time, --time) or give the sampling time (dt, --dt)"
-
-
-def read_columns(path: str | os.PathLike[str]) -> Table:
-    r"""Open a log file of any format; the table knows its columns' names, and reads columns on request.
-
-    Parameters
-    ----------
-    path : path
-        A file .csv .txt .tsv .dat (text), .parquet .pq, .mat (up to v7) or .npz; or a folder of Parquet files, the
-        parts of one log in the order of their names.
-
-    Raises
-    ------
-    LogError
-        If the file is missing, empty, damaged, or of another format.
-    MissingDependencyError
-        If it is a Parquet file and pyarrow is not installed.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder, "log.csv")
-    ...     _ = file.write_text("t;u [V];y\n0,0;1,5;0,0\n0,1;1,5;0,7\n")
-    ...     table = read_columns(file)
-    ...     print(table.names, table.column("y"))
-    ('t', 'u [V]', 'y') [0.  0.7]
-    """
-    path = Path(path)
-    suffix = ".parquet" if path.is_dir() else path.suffix.lower()
-    if suffix not in FORMATS:
-        raise LogError(f"{path}: unknown file type {suffix!r}; a log is one of {' '.join(FORMATS)}")
-    module = importlib.import_module(f"replant.data.logs.{FORMATS[suffix]}")
-    try:
-        if path.is_dir() and not parquet.parts_of(path):
-            raise LogError(f"{path}: a directory; give the log file inside it, or a folder of Parquet files")
-        if not path.is_dir() and path.stat().st_size == 0:
-            raise LogError(f"{path}: the file is empty; record the log again")
-        table: Table = module.read(path)
-    except FileNotFoundError:
-        raise LogError(f"{path}: no such file; check the path") from None
-    except OSError as error:
-        raise unreadable_error(path, error) from error
-    return table
 
 
 def read_log(

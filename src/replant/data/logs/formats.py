@@ -1,0 +1,88 @@
+"""The formats of logs: a file's suffix selects the reader."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from replant.data.logs import parquet
+from replant.data.logs.packed import STANDARD_INPUT, SUFFIXES, read_packed, read_standard_input
+from replant.data.logs.table import Table, unreadable_error
+from replant.errors import LogError
+
+# For each suffix the module that has the function read(path) -> Table; it is imported when such a file is opened
+FORMATS = {
+    ".csv": "csv",
+    ".txt": "csv",
+    ".tsv": "csv",
+    ".dat": "csv",
+    ".parquet": "parquet",
+    ".pq": "parquet",
+    ".mat": "matlab",
+    ".npz": "npz",
+}
+
+
+def read_columns(path: str | os.PathLike[str]) -> Table:
+    r"""Open a log file of any format; the table knows its columns' names, and reads columns on request.
+
+    Parameters
+    ----------
+    path : path
+        A file .csv .txt .tsv .dat (text), .parquet .pq, .mat (up to v7) or .npz; or a folder of Parquet files, the
+        parts of one log in the order of their names.
+
+    Raises
+    ------
+    LogError
+        If the file is missing, empty, damaged, or of another format.
+    MissingDependencyError
+        If it is a Parquet file and pyarrow is not installed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "log.csv")
+    ...     _ = file.write_text("t;u [V];y\n0,0;1,5;0,0\n0,1;1,5;0,7\n")
+    ...     table = read_columns(file)
+    ...     print(table.names, table.column("y"))
+    ('t', 'u [V]', 'y') [0.  0.7]
+    """
+    path = Path(path)
+    if path == STANDARD_INPUT:
+        return read_standard_input(_read_file)
+    if path.suffix.lower() in SUFFIXES and not path.is_dir():
+        with _unreadable_as_log_error(path):
+            return read_packed(path, _read_file)
+    return _read_file(path)
+
+
+def _read_file(path: Path) -> Table:
+    suffix = ".parquet" if path.is_dir() else path.suffix.lower()
+    if suffix not in FORMATS:
+        known = " ".join(FORMATS)
+        raise LogError(
+            f"{path}: unknown file type {suffix!r}; a log is one of {known}, perhaps with {' '.join(SUFFIXES)}"
+        )
+    module = importlib.import_module(f"replant.data.logs.{FORMATS[suffix]}")
+    with _unreadable_as_log_error(path):
+        if path.is_dir() and not parquet.parts_of(path):
+            raise LogError(f"{path}: a directory; give the log file inside it, or a folder of Parquet files")
+        if not path.is_dir() and path.stat().st_size == 0:
+            raise LogError(f"{path}: the file is empty; record the log again")
+        table: Table = module.read(path)
+    return table
+
+
+@contextmanager
+def _unreadable_as_log_error(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except FileNotFoundError:
+        raise LogError(f"{path}: no such file; check the path") from None
+    except OSError as error:
+        raise unreadable_error(path, error) from error

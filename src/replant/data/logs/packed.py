@@ -1,0 +1,194 @@
+"""Compressed logs (.gz, .zip, .zst) and logs from standard input: unpacked into a temporary file, which is then read.
+
+The file lives as long as its `Table`, which may be read several times.  Messages name the file that the user named.
+"""
+
+from __future__ import annotations
+
+import gzip
+import shutil
+import sys
+import tempfile
+import weakref
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from itertools import chain
+from pathlib import Path, PurePosixPath
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.data.logs.damage import damage_as_log_error
+from replant.data.logs.table import Table, listed
+from replant.errors import LogError, MissingDependencyError
+
+STANDARD_INPUT = Path("-")
+"""What stands for standard input."""
+
+_KINDS = {".gz": "gzip file", ".zip": "zip archive", ".zst": "Zstandard file"}
+SUFFIXES = tuple(_KINDS)
+_BLOCK_BYTES = 1 << 20
+"""Bytes unpacked at a time [bytes]."""
+
+
+def read_packed(path: Path, read: Callable[[Path], Table]) -> Table:
+    r"""Read a compressed log, such as ``log.csv.gz``, or a zip archive with one file in it.
+
+    Parameters
+    ----------
+    path : Path
+    read : callable
+        Reads the unpacked file.
+
+    Raises
+    ------
+    LogError
+        If the file is damaged, holds several files or another compressed file, or its log cannot be read.
+    MissingDependencyError
+        If it is a .zst file and zstandard is not installed.
+
+    Examples
+    --------
+    >>> from replant.data.logs.csv import read
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "log.csv.gz")
+    ...     _ = file.write_bytes(gzip.compress(b"t,u,y\n0,1,2\n1,2,3\n"))
+    ...     table = read_packed(file, read)
+    >>> table.path.name, table.column("u")
+    ('log.csv.gz', array([1., 2.]))
+    """
+    suffix = path.suffix.lower()
+    with (
+        damage_as_log_error(path, _KINDS[suffix], "pack or copy the log again"),
+        _opened(path, suffix) as (name, parts),
+    ):
+        inner = PurePosixPath(name.replace("\\", "/")).name
+        if PurePosixPath(inner).suffix.lower() in SUFFIXES:
+            raise LogError(f"{path}: holds another compressed file, {inner}; unpack it first")
+        copy = _Copy(inner, parts)
+    return _table_of(path, copy, read)
+
+
+def read_standard_input(read: Callable[[Path], Table]) -> Table:
+    """Read a log from standard input: text, or JSON lines if it begins with a brace.
+
+    Parameters
+    ----------
+    read : callable
+        Reads the file that standard input was copied to; its suffix tells the format.
+
+    Raises
+    ------
+    LogError
+        If standard input is a terminal, or what it holds cannot be read.
+    """
+    if sys.stdin is None or sys.stdin.isatty():
+        raise LogError("standard input: a log is to be piped into it, as in: cat log.csv | replant run - ...")
+    file = getattr(sys.stdin, "buffer", None)
+    if file is None:
+        raise LogError("standard input: not open for reading bytes; give the log's path")
+    head = file.read(_BLOCK_BYTES)
+    name = "log.jsonl" if head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{") else "log.csv"
+    copy = _Copy(name, chain([head], _parts_of(file)))
+    return _table_of(STANDARD_INPUT, copy, read)
+
+
+class _Copy:
+    """A file in a temporary folder, which is removed with this object.
+
+    Parameters
+    ----------
+    name : str
+    parts : iterable of bytes
+        The file's content.
+    """
+
+    def __init__(self, name: str, parts: Iterable[bytes]) -> None:
+        folder = tempfile.mkdtemp(prefix="replant-")
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self.path = Path(folder, name)
+        with self.path.open("wb") as file:
+            file.writelines(parts)
+
+
+def _table_of(path: Path, copy: _Copy, read: Callable[[Path], Table]) -> Table:
+    if copy.path.stat().st_size == 0:
+        raise LogError(f"{path}: the file is empty; record the log again")
+    with _named(copy, path):
+        table = read(copy.path)
+
+    def blocks(numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+        with _named(copy, path):
+            yield from table.blocks(numbers)
+
+    def describe_row(row: int) -> str:
+        with _named(copy, path):
+            return table.describe_row(row)
+
+    notes = tuple(note.replace(str(copy.path), str(path)) for note in table.notes)
+    return replace(table, path=path, blocks=blocks, describe_row=describe_row, notes=notes)
+
+
+@contextmanager
+def _named(copy: _Copy, path: Path) -> Iterator[None]:
+    """Have errors name the file that the user named."""
+    try:
+        yield
+    except (LogError, MissingDependencyError) as error:
+        raise type(error)(str(error).replace(str(copy.path), str(path))) from error
+
+
+@contextmanager
+def _opened(path: Path, suffix: str) -> Iterator[tuple[str, Iterator[bytes]]]:
+    """Open the only file in a compressed one; return its name and its content part by part."""
+    if suffix == ".gz":
+        with gzip.open(path) as file:
+            yield path.stem, _parts_of(file)
+    elif suffix == ".zst":
+        with path.open("rb") as packed:
+            yield path.stem, _zstd_parts(path, packed)
+    else:
+        with zipfile.ZipFile(path) as archive:
+            member = _only_member(path, archive)
+            with archive.open(member) as file:
+                yield member.filename, _parts_of(file)
+
+
+def _parts_of(file: Any) -> Iterator[bytes]:
+    return iter(lambda: file.read(_BLOCK_BYTES), b"")
+
+
+def _zstd_parts(path: Path, packed: BinaryIO) -> Iterator[bytes]:
+    try:
+        import zstandard
+    except ImportError as error:
+        raise MissingDependencyError(
+            f"{path}: reading a .zst file needs zstandard: pip install 'replant[zstd]'"
+        ) from error
+    frame = zstandard.ZstdDecompressor().decompressobj()
+    for part in _parts_of(packed):
+        rest = part
+        while rest:
+            if frame.eof:
+                frame = zstandard.ZstdDecompressor().decompressobj()
+            yield frame.decompress(rest)
+            rest = frame.unused_data if frame.eof else b""
+    if not frame.eof:  # which its library does not say
+        raise ValueError("it ends in the middle of a frame")
+
+
+def _only_member(path: Path, archive: zipfile.ZipFile) -> zipfile.ZipInfo:
+    members = [member for member in archive.infolist() if not member.is_dir() and not _is_of_macos(member.filename)]
+    if not members:
+        raise LogError(f"{path}: the archive has no file in it; pack the log again")
+    if len(members) > 1:
+        names = listed([member.filename for member in members])
+        raise LogError(f"{path}: the archive has {len(members)} files; unpack it, and give one of: {names}")
+    return members[0]
+
+
+def _is_of_macos(name: str) -> bool:
+    return name.startswith("__MACOSX/") or PurePosixPath(name).name == ".DS_Store"
