@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
+
+from replant.errors import LogError
 
 
 def damaged(content: bytes, seed: int) -> bytes:
@@ -24,3 +29,15 @@ def damaged(content: bytes, seed: int) -> bytes:
             length = min(length % 8 + 1, len(data) - at)
             data[at : at + length] = int(rng.choice([0, 127, 128, 255])).to_bytes() * length
     return bytes(data)
+
+
+def is_read_or_refused(path: Path, read: Callable[[Path], object]) -> bool:
+    """Return whether a file is read; if not, it is refused in one line that names it."""
+    message = ""
+    try:
+        read(path)
+    except LogError as error:
+        message = str(error)
+    assert not message or message.startswith(f"{path}: ")
+    assert "\n" not in message
+    return not message

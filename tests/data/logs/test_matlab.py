@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import subprocess
 import sys
 from collections.abc import Callable
@@ -197,4 +198,68 @@ def test_a_file_that_claims_more_than_memory_is_refused(tmp_path: Path, monkeypa
     with pytest.raises(
         LogError, match=r"log\.mat: not a readable MATLAB file \(.*allocate.*\); save it again in MATLAB"
     ):
+        read_columns(path)
+
+
+# --- what Simulink logs, sampling times, objects
+
+
+def test_a_number_called_ts_is_the_sampling_time(tmp_path: Path) -> None:
+    path = save(tmp_path, data={"u": T, "y": T, "Ts": 0.25})
+    assert read_log(path, input="data.u", output="data.y").dt == 0.25
+    assert read_log(path, input="data.u", output="data.y", dt=2.0).dt == 2.0
+    assert read_log(save(tmp_path, u=T, y=T, t=T, Ts=0.25), input="u", output="y").dt == 0.1
+
+
+def test_sampling_times_that_differ_or_are_none(tmp_path: Path) -> None:
+    path = save(tmp_path, a={"u": T, "y": T, "Ts": 0.25}, b={"u": T, "y": T, "Ts": 0.5})
+    with pytest.raises(LogError, match="no column is called t, time or timestamp; name the time column"):
+        read_log(path, input="a.u", output="a.y")
+    with pytest.raises(LogError, match=r"Ts is the sampling time, and must be finite and positive; it is -1\.0"):
+        read_columns(save(tmp_path, u=T, y=T, Ts=-1.0))
+
+
+@pytest.mark.parametrize("flat", [True, False])
+def test_a_structure_with_time_of_simulink(tmp_path: Path, flat: bool) -> None:
+    """A scalar signal lies in a vector, or along the third dimension."""
+    shape = (K, 1) if flat else (1, 1, K)
+    signals = [{"values": U[:, k].reshape(shape), "label": f"signal {k}", "dimensions": 1.0} for k in range(2)]
+    both = np.empty((1, 2), [(name, object) for name in signals[0]])
+    for k, signal in enumerate(signals):
+        both[0, k] = tuple(signal.values())
+    path = save(tmp_path, scope={"time": T, "signals": both, "blockName": "rig/Scope"})
+    assert read_columns(path).names == ("scope.time", "scope.signals(1).values", "scope.signals(2).values")
+    log = read_log(path, input=1, output=2)
+    assert log.dt == 0.1
+    np.testing.assert_array_equal(log.output, U[:, 1])
+    path = save(tmp_path, scope={"time": T, "signals": signals[0]})
+    assert read_columns(path).names == ("scope.time", "scope.signals.values")
+
+
+def element(kind: int, content: bytes) -> bytes:
+    """Return an element of a MATLAB file of version 5, with its tag and its padding."""
+    return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+
+def matlab_object(name: str, kind: str) -> bytes:
+    """Return a variable that holds an object, as MATLAB writes it: name, class, number among all objects."""
+    int8, int32, uint32, matrix = 1, 5, 6, 14
+    numbers = element(uint32, struct.pack("<II", 13, 0)) + element(int32, struct.pack("<ii", 6, 1)) + element(int8, b"")
+    numbers += element(uint32, struct.pack("<6I", 0xDD000000, 2, 1, 1, 1, 1))
+    strings = b"".join(element(int8, text.encode()) for text in (name, "MCOS", kind))
+    return element(matrix, element(uint32, struct.pack("<II", 17, 0)) + strings + element(matrix, numbers))
+
+
+@pytest.mark.parametrize("frozen", [True, False])
+def test_an_object_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, frozen: bool) -> None:
+    monkeypatch.setattr(sys, "frozen", frozen, raising=False)
+    path = save(tmp_path, u=T)
+    alone = path.read_bytes()[:128] + matlab_object("speed", "timeseries")
+    path.write_bytes(path.read_bytes() + matlab_object("speed", "timeseries"))
+    message = r"speed is a MATLAB timeseries, which MATLAB alone can open; there: t = speed\.Time; y = speed\.Data"
+    assert read_columns(path).names == ("u",)
+    with pytest.raises(LogError, match=message):
+        read_log(path, input="u", output="speed", dt=0.1)
+    path.write_bytes(alone)
+    with pytest.raises(LogError, match=message):
         read_columns(path)

@@ -70,3 +70,9 @@ def test_no_signal(tmp_path: Path) -> None:
     np.savez(path, gain=1.0)
     with pytest.raises(LogError, match="no numeric array of two samples or more"):
         read_columns(path)
+
+
+def test_a_number_called_ts_is_the_sampling_time(tmp_path: Path) -> None:
+    path = tmp_path / "log.npz"
+    np.savez(path, u=np.arange(9.0), y=np.ones(9), Ts=0.25)
+    assert read_log(path, input="u", output="y").dt == 0.25

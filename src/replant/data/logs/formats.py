@@ -23,6 +23,14 @@ FORMATS = {
     ".pq": "parquet",
     ".mat": "matlab",
     ".npz": "npz",
+    ".jsonl": "jsonl",
+    ".ndjson": "jsonl",
+    ".feather": "arrow_ipc",
+    ".arrow": "arrow_ipc",
+    ".xlsx": "xlsx",
+    ".xlsm": "xlsx",
+    ".h5": "hdf5",
+    ".hdf5": "hdf5",
 }
 
 

@@ -57,8 +57,9 @@ class LocalClock:
         row = self._rows - self._last.size
         known = np.concatenate([self._last, stamps])
         steps = np.diff(known)
-        if math.isnan(self._usual) and steps.size and np.isfinite(steps).any():
-            self._usual = float(np.nanmedian(steps))
+        forward = steps[steps > 0.0]
+        if math.isnan(self._usual) and forward.size:
+            self._usual = float(np.median(forward))
         for jump, said in self._jumps():
             found = np.abs(steps - self._usual - jump) <= _NEAR * self._usual
             if found.any() and self._usual < 0.25 * _HOUR:

@@ -1,5 +1,6 @@
-"""MATLAB files up to version 7 (.mat): variables, and the fields of a struct as ``data.time``, ``data.udat[:,0]``.
+"""MATLAB files (.mat): variables, and the fields of a struct as ``data.time``, ``data.udat[:,0]``.
 
+Files of version 7.3 are HDF5 files, see `hdf5`.  The others are read with SciPy.
 SciPy's parser is compiled, and may crash on damaged bytes: it runs in a separate process (`matlab_process`).
 """
 
@@ -18,7 +19,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs import matlab_process
+from replant.data.logs import hdf5, matlab_process
 from replant.data.logs.arrays import array_table
 from replant.data.logs.damage import damage_as_log_error
 from replant.data.logs.table import Table
@@ -37,29 +38,36 @@ SECONDS_PER_BYTE = 1e-6
 """The same for each byte of the file, in addition [s]."""
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
-_HEADER_BYTES = 128
-"""Text that names the version; in a v7.3 file 512 bytes of it come before the magic number [bytes]."""
+_HEADER_BYTES = 512 + len(_HDF5_MAGIC)
+"""Text that names the version, and, in a v7.3 file, the magic number after 512 bytes of it [bytes]."""
 _SAVE_AGAIN = "save it again in MATLAB with save(..., '-v7')"
 _CRASHES = {"SIGSEGV", "SIGBUS", "SIGABRT", "SIGFPE", "SIGILL"}
 
 
 def read(path: Path) -> Table:
-    """Open a MATLAB file of version 4, 5, 6 or 7.
+    """Open a MATLAB file of any version.
 
     Raises
     ------
     LogError
-        If it is a v7.3 (HDF5) file or damaged, or holds no signal.
+        If it is damaged or holds no signal.
+    MissingDependencyError
+        If it is a v7.3 (HDF5) file, and h5py is not installed.
     """
     with path.open("rb") as file:
         head = file.read(_HEADER_BYTES)
-        if head.startswith((_HDF5_MAGIC, b"MATLAB 7.3")):
-            raise LogError(f"{path}: a MATLAB v7.3 (HDF5) file; {_SAVE_AGAIN}")
+        if head.startswith((_HDF5_MAGIC, b"MATLAB 7.3")) or head.endswith(_HDF5_MAGIC):
+            return hdf5.read_matlab(path)
         file.seek(0)
         is_alone = not sys.executable or getattr(sys, "frozen", False)  # Python is part of a program: none to start
         with damage_as_log_error(path, "MATLAB file", _SAVE_AGAIN):
-            arrays = list(matlab_process.signals(file) if is_alone else _signals(read_in_subprocess(path, file)))
-    return array_table(path, arrays)
+            if is_alone:
+                contents = matlab_process.load(file)
+                arrays, objects = list(matlab_process.signals(contents)), matlab_process.objects(contents)
+            else:
+                answer = read_in_subprocess(path, file)
+                arrays, objects = list(_signals(answer)), _message(answer).get("objects", {})
+    return array_table(path, arrays, hdf5.reasons(objects))
 
 
 def read_in_subprocess(path: Path, file: BinaryIO) -> bytes:
@@ -109,13 +117,16 @@ def process_error(path: Path, code: int) -> LogError:
 
 
 def _signals(answer: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
-    head = answer[: answer.find(b"\n") + 1]
-    message = json.loads(head)
+    message = _message(answer)
     if "error" in message:
         raise ValueError(message["error"])
-    at = len(head)
+    at = answer.find(b"\n") + 1
     for name, kind, shape, order in message["arrays"]:
         dtype = np.dtype(kind)
         flat = np.frombuffer(answer, dtype, math.prod(shape), at)
         yield name, flat.reshape(shape, order=order)
         at += flat.nbytes
+
+
+def _message(answer: bytes) -> Any:
+    return json.loads(answer[: answer.find(b"\n") + 1])

@@ -19,14 +19,20 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-def signals(file: BinaryIO) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield the numeric arrays of a MATLAB file with their names, those in a struct as ``data.time``."""
+def load(file: BinaryIO) -> dict[str, Any]:
+    """Return the variables of a MATLAB file."""
     import scipy.io
 
     with warnings.catch_warnings(action="ignore"):  # SciPy warns about variables that are no signals
         contents: dict[str, Any] = scipy.io.loadmat(file)
+    return contents
+
+
+def signals(contents: dict[str, Any]) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield the numeric arrays among variables with their names, those in a struct as ``data.time``."""
     for name, value in _arrays(contents):
-        if value.dtype.kind in "biuf" and value.size > 1:
+        is_sampling_time = name.rpartition(".")[2] == "Ts" and value.size == 1
+        if value.dtype.kind in "biuf" and (value.size > 1 or is_sampling_time):
             yield name, value
 
 
@@ -38,11 +44,37 @@ def _arrays(contents: dict[str, Any]) -> Iterator[tuple[str, np.ndarray[Any, Any
             continue
         if value.dtype.names is None:
             yield name, value
-        elif value.size == 1:
+        elif value.size == 1 and not _is_opaque(value):
             fields = value.reshape(-1)[0]
             for field in value.dtype.names:
                 if isinstance(fields[field], np.ndarray):
                     yield f"{name}.{field}", fields[field]
+                    if field == "signals":
+                        yield from _simulink_signals(f"{name}.{field}", fields[field])
+
+
+def _simulink_signals(name: str, signals: np.ndarray[Any, Any]) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:
+    """Yield the values of what Simulink logs as a structure with time."""
+    if signals.dtype.names and "values" in signals.dtype.names:
+        for number, signal in enumerate(signals.reshape(-1), 1):
+            place = name if signals.size == 1 else f"{name}({number})"
+            yield f"{place}.values", signal["values"]
+
+
+def _is_opaque(value: Any) -> bool:
+    """Whether it is an object of a class of MATLAB's, of which SciPy knows the name alone."""
+    return value.dtype.names is not None and {"s0", "s1", "s2", "arr"} <= set(value.dtype.names)
+
+
+def objects(contents: dict[str, Any]) -> dict[str, str]:
+    """Return the names of the objects that cannot be read, with their classes."""
+    found = {}
+    for value in contents.values():
+        if hasattr(value, "dtype") and _is_opaque(value):
+            for one in value.reshape(-1):
+                name, kind = (bytes(part).decode(errors="replace") for part in (one["s0"], one["s2"]))
+                found[name] = kind
+    return found
 
 
 def main() -> None:
@@ -55,14 +87,15 @@ def main() -> None:
     sys.path += sys.argv[2:]  # at the end, so that no module of the user hides one of Python
     out = sys.stdout.buffer
     try:
-        found = dict(signals(sys.stdin.buffer))
+        contents = load(sys.stdin.buffer)
+        found, left_out = dict(signals(contents)), objects(contents)
     except Exception as error:
         out.write(json.dumps({"error": str(error) or type(error).__name__}).encode() + b"\n")
         return
     arrays = [
         (name, array.dtype.str, array.shape, "F" if array.flags.f_contiguous else "C") for name, array in found.items()
     ]
-    out.write(json.dumps({"arrays": arrays}).encode() + b"\n")
+    out.write(json.dumps({"arrays": arrays, "objects": left_out}).encode() + b"\n")
     for array in found.values():
         out.write(array.tobytes("A"))
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from replant.data.logs.arrow_columns import as_float, check_type, is_stamp
 from replant.data.logs.damage import damage_as_log_error
 from replant.data.logs.prefetch import prefetch
 from replant.data.logs.table import Table, nth_row
@@ -28,7 +29,6 @@ SUFFIXES = (".parquet", ".pq")
 CHECKED: dict[str, Any] = {"write_page_checksum": True}  # what pyarrow's writers are called with
 
 _REMEDY = "write it again, or move it away"
-_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 def read(path: Path) -> Table:
@@ -54,7 +54,7 @@ def read(path: Path) -> Table:
         schema = schema or found
     if schema is None or not schema.names:
         raise LogError(f"{path}: the file has no columns; write the log's signals into it")
-    stamps = frozenset(number for number, field in enumerate(schema) if _is_stamp(field.type))
+    stamps = frozenset(number for number, field in enumerate(schema) if is_stamp(field.type))
     describe_row = partial(_part_and_row, parts, lengths) if len(parts) > 1 else nth_row
     names, blocks = tuple(schema.names), partial(_blocks, parts)
     return Table(path, names, blocks, describe_row, in_seconds=stamps, approximate_rows=sum(lengths))
@@ -124,7 +124,7 @@ def _blocks_of(path: Path, columns: Sequence[int], origins: Sequence[list[int]])
     with open_parquet(path) as file:
         schema = file.schema_arrow
         for number in columns:
-            _check_type(path, schema.field(number))
+            check_type(path, schema.field(number))
         names = [schema.names[number] for number in columns]
         twins = [schema.names[:number].count(name) for number, name in zip(columns, names, strict=True)]
         batches = file.iter_batches(BLOCK_ROWS, columns=sorted(set(names)), use_threads=False)
@@ -138,7 +138,7 @@ def _blocks_of(path: Path, columns: Sequence[int], origins: Sequence[list[int]])
                 return None
             rows += batch.num_rows
             places = [batch.schema.get_all_field_indices(name)[twin] for name, twin in zip(names, twins, strict=True)]
-            return [_as_float(batch.column(at), origin) for at, origin in zip(places, origins, strict=True)]
+            return [as_float(batch.column(at), origin) for at, origin in zip(places, origins, strict=True)]
 
         for block in prefetch(repeat(next_block), workers=1):
             if block is None:
@@ -165,43 +165,3 @@ def check_rows(path: Path, file: Any, rows: int) -> None:
     held = file.metadata.num_rows
     if rows != held:
         raise LogError(f"{path}: the file is damaged: {rows:,} of its {held:,} rows can be read; {_REMEDY}")
-
-
-def _is_stamp(kind: Any) -> bool:
-    import pyarrow.types
-
-    return bool(pyarrow.types.is_timestamp(kind) or pyarrow.types.is_duration(kind))
-
-
-def _check_type(path: Path, field: Any) -> None:
-    from pyarrow import types
-
-    number = types.is_integer(field.type) or types.is_floating(field.type) or types.is_decimal(field.type)
-    if not (number or types.is_boolean(field.type) or _is_stamp(field.type)):
-        raise LogError(
-            f"{path}: column {field.name!r} holds {field.type}, not numbers; choose another or convert it to a number"
-        )
-
-
-def _as_float(column: Any, origin: list[int]) -> NDArray[np.float64]:
-    """Convert a column of numbers or time stamps to float64; a null is NaN.
-
-    ``origin`` holds the first stamp of the file, once there is one.
-    """
-    import pyarrow
-    from pyarrow import types
-
-    if not _is_stamp(column.type):
-        if types.is_boolean(column.type):
-            column = column.cast(pyarrow.int8())
-        values = column.cast(pyarrow.float64(), safe=False).to_numpy(zero_copy_only=False)
-        return np.array(values, dtype=np.float64)
-    counts = column.cast(pyarrow.int64())
-    valid = np.asarray(counts.is_valid().to_numpy(zero_copy_only=False))
-    exact = np.asarray(counts.fill_null(0).to_numpy())  # int64: nanoseconds since 1970 do not fit a float64
-    seconds = np.full(exact.shape, np.nan)
-    if valid.any():
-        if not origin:
-            origin.append(int(exact[valid][0]))
-        seconds[valid] = (exact[valid] - origin[0]) * _SECONDS[column.type.unit]
-    return seconds

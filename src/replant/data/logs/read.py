@@ -80,6 +80,7 @@ def read_log(
     Examples
     --------
     >>> import tempfile
+    >>> from pathlib import Path
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "log.npz")
     ...     np.savez(file, t=[0.0, 0.1, 0.2], u=[1.0, 1.0, 1.0], y=[0.0, 0.5, 0.75])
@@ -141,7 +142,10 @@ def open_recording(
         roles["time"] = table.find(time)
     _check_distinct(table, roles)
     if time is None and step is None:
-        roles["time"] = _find_time(table, roles)
+        if table.dt is not None and not _times(table):
+            step = table.dt
+        else:
+            roles["time"] = _find_time(table, roles)
     if begin is not None or end is not None:
         table = _part(table, roles.get("time"), step, check_range(begin, end))
     sampling_time = (
@@ -184,6 +188,7 @@ def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] |
     Examples
     --------
     >>> import tempfile
+    >>> from pathlib import Path
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "log.csv")
     ...     _ = file.write_text("t [ms],u,y\n0,1,0\n20,1,0.5\n40,1,0.75\n")
@@ -308,7 +313,9 @@ def _find_time(table: Table, roles: dict[str, int]) -> int:
 
 def _times(table: Table) -> list[int]:
     """Return the columns that may be the time: by their names, or, if no name tells, by what they hold."""
-    return time_candidates(table.names) or sorted(table.in_seconds)
+    by_path = [name.replace("/", ".") for name in table.names]  # of HDF5, where t/s may also be t in s
+    named = {*time_candidates(table.names), *time_candidates(by_path)}
+    return sorted(named or table.in_seconds)
 
 
 def _check_lengths(table: Table, roles: dict[str, int], block: Sequence[NDArray[np.float64]]) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from difflib import SequenceMatcher
 from pathlib import Path
 from typing import SupportsIndex
@@ -56,6 +56,10 @@ class Table:
         Approximate number of rows, for a progress bar.
     notes : tuple of str
         What the user should know about the file, such as a line that is left out: each is one line.
+    dt : float or None
+        Sampling time in seconds that the file states, for signals without a column of time.
+    left_out : mapping of str to str
+        Names in the file that are no columns because they cannot be read, and why.
 
     Examples
     --------
@@ -74,6 +78,8 @@ class Table:
     in_seconds: frozenset[int] = frozenset()
     approximate_rows: int = 0
     notes: tuple[str, ...] = ()
+    dt: float | None = None
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
     def column(self, key: str | int) -> NDArray[np.float64]:
         """Return one column as float64, by name or 0-based number."""
@@ -122,6 +128,9 @@ class Table:
                 raise LogError(self._ambiguous(key, found))
         if key.strip().isdecimal():
             return self._number(int(key))
+        reason = self.left_out.get(key.strip())
+        if reason is not None:
+            raise LogError(f"{self.path}: {reason}")
         near = self._by_likeness(key)
         meant = f" (did you mean {near[0]!r}?)" if self._likeness(key, near[0]) >= NEAR else ""
         raise LogError(f"{self.path}: no column {key!r}{meant}; there are: {listed(near)}")

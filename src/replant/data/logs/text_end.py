@@ -29,7 +29,7 @@ def cut_line(path: Path, layout: Layout) -> str:
     ...     cut_line(file, layout)
     '2,3'
     """
-    line = _unended_line(path, layout.encoding)
+    line = unended_line(path, layout.encoding)
     if not is_data(line):
         return ""
     try:
@@ -40,7 +40,7 @@ def cut_line(path: Path, layout: Layout) -> str:
     return line if is_short or _BEGUN_NUMBER.fullmatch(cells[-1]) else ""
 
 
-def _unended_line(path: Path, encoding: str) -> str:
+def unended_line(path: Path, encoding: str) -> str:
     """Return the last line if it is not the first one and has no end."""
     with path.open("rb") as file:
         head = file.read(2)

@@ -1,0 +1,170 @@
+"""JSON lines (.jsonl, .ndjson): an object a line; its keys are the columns, an inner object's as ``rig.speed``."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.data.logs.local_clock import LocalClock
+from replant.data.logs.table import Table
+from replant.data.logs.text_cells import quote
+from replant.data.logs.text_end import unended_line
+from replant.data.logs.text_layout import lines_of
+from replant.data.logs.text_times import StampError, StampFormat, find_format
+from replant.errors import LogError
+
+BLOCK_ROWS = 1 << 14
+"""Rows read at a time [rows]."""
+
+_SAMPLE_ROWS = 1000
+"""Rows whose keys are the columns [rows]."""
+_ENCODING = "utf-8-sig"
+
+_Row = tuple[int, dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """What a file holds: the keys of each column, from the outermost, and which columns are dates or clock times."""
+
+    keys: tuple[tuple[str, ...], ...]
+    stamps: Mapping[int, StampFormat] = field(default_factory=dict)
+    is_cut: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(".".join(keys) for keys in self.keys)
+
+
+def read(path: Path) -> Table:
+    r"""Open a file of JSON lines.
+
+    The columns are the keys of the first 1000 objects.  A value is a number, true or false, null for a missing one, or
+    a date or clock time.  A last line that was cut off is left out.
+
+    Raises
+    ------
+    LogError
+        If a line is not a JSON object, or no object has a key.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "log.jsonl")
+    ...     _ = file.write_text('{"t": 0, "rig": {"u": 1.5}}\n{"t": 0.1, "rig": {"u": null}}\n')
+    ...     table = read(file)
+    ...     print(table.names, table.column("rig.u"))
+    ('t', 'rig.u') [1.5 nan]
+    """
+    cut = _cut_line(path)
+    head = [row for _, row in islice(_rows(path, is_cut=bool(cut)), _SAMPLE_ROWS)]
+    keys = tuple(dict.fromkeys(key for row in head for key in _keys_of(row)))
+    if not keys:
+        raise LogError(f"{path}: no object with a key; a log has one object for each sample, each on its own line")
+    stamps = {}
+    for number, of_column in enumerate(keys):
+        values = [value for row in head if (value := _value(row, of_column)) is not None]
+        if values and all(isinstance(value, str) for value in values):
+            form = find_format(values)
+            if form is not None:
+                stamps[number] = form
+    columns = _Columns(keys, stamps, bool(cut))
+    blocks, describe_row = partial(_blocks, path, columns), partial(_line_of_row, path, bool(cut))
+    notes = (f"{path}: the last line is cut off ({quote(cut)}) and left out",) if cut else ()
+    return Table(path, columns.names, blocks, describe_row, in_seconds=frozenset(stamps), notes=notes)
+
+
+def _cut_line(path: Path) -> str:
+    line = unended_line(path, _ENCODING)
+    try:
+        json.loads(line or "0")
+    except (ValueError, RecursionError):
+        return line.strip()
+    return ""
+
+
+def _rows(path: Path, *, is_cut: bool) -> Iterator[_Row]:
+    """Yield the objects with the numbers of their lines."""
+    for number, line in lines_of(path, _ENCODING):
+        if not line.strip() or (is_cut and not line.endswith("\n")):
+            continue
+        try:
+            row = json.loads(line)
+        except (ValueError, RecursionError) as error:
+            raise LogError(f"{path}: line {number} is not JSON ({error}); correct or delete it") from None
+        if not isinstance(row, dict):
+            raise LogError(f'{path}: line {number} is not a JSON object, such as {{"t": 0.1, "u": 1.5}}; correct it')
+        yield number, row
+
+
+def _keys_of(row: Mapping[str, Any], above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    for key, value in row.items():
+        if isinstance(value, dict):
+            yield from _keys_of(value, (*above, key))
+        elif not isinstance(value, list):
+            yield (*above, key)
+
+
+def _value(row: Mapping[str, Any], keys: Sequence[str]) -> Any:
+    found: Any = row
+    for key in keys:
+        found = found.get(key) if isinstance(found, dict) else None
+    return found
+
+
+def _blocks(path: Path, columns: _Columns, numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+    describe_row = partial(_line_of_row, path, columns.is_cut)
+    clocks = {
+        number: LocalClock(path, columns.names[number], describe_row, has_date="d" in columns.stamps[number].parts)
+        for number in numbers
+        if number in columns.stamps and columns.stamps[number].is_local
+    }
+    rows = _rows(path, is_cut=columns.is_cut)
+    while block := list(islice(rows, BLOCK_ROWS)):
+        arrays = [_column(path, columns, number, block) for number in numbers]
+        for number, array in zip(numbers, arrays, strict=True):
+            if number in clocks:
+                clocks[number].check(array)
+        yield arrays
+
+
+def _column(path: Path, columns: _Columns, number: int, block: Sequence[_Row]) -> NDArray[np.float64]:
+    keys, form = columns.keys[number], columns.stamps.get(number)
+    values = [_value(row, keys) for _, row in block]
+    if form is None:
+        return np.array(
+            [_number(path, line, columns.names[number], value) for (line, _), value in zip(block, values, strict=True)]
+        )
+    try:
+        return form.seconds(["" if value is None else str(value) for value in values])
+    except StampError as error:
+        line = block[error.index][0]
+        raise LogError(f"{path}: line {line}, column {columns.names[number]!r}: {error}") from None
+
+
+def _number(path: Path, line: int, name: str, value: Any) -> float:
+    if value is None:
+        return math.nan
+    if isinstance(value, int | float):
+        try:
+            return float(value)
+        except OverflowError:
+            return math.inf if value > 0 else -math.inf
+    raise LogError(
+        f"{path}: line {line}, column {name!r}: {quote(json.dumps(value))} is not a number; write numbers, or null"
+    )
+
+
+def _line_of_row(path: Path, is_cut: bool, row: int) -> str:
+    number, _ = next(islice(_rows(path, is_cut=is_cut), row, None))
+    return f"line {number}"

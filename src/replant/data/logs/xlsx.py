@@ -1,0 +1,207 @@
+"""Excel workbooks (.xlsx, .xlsm), with openpyxl: the first sheet with a table of numbers, below a row of names."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date, datetime, time, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.data.logs.damage import damage_as_log_error
+from replant.data.logs.local_clock import LocalClock
+from replant.data.logs.table import Table
+from replant.data.logs.text_cells import quote
+from replant.data.logs.text_times import StampFormat, find_format, is_missing
+from replant.data.logs.text_units import units_in, with_units
+from replant.errors import LogError, MissingDependencyError
+
+_HEADER_ROWS = 100
+"""First rows of a sheet among which the names are looked for [rows]."""
+_NEXT_ROWS = 10
+"""Rows below the names in which each column's first cell is looked for [rows]."""
+_SAMPLE_ROWS = 100
+"""Rows of data that dates written as text are told from [rows]."""
+_EPOCH = datetime(1970, 1, 1)
+
+_Row = Sequence[Any]
+
+
+@dataclass(frozen=True)
+class _Sheet:
+    """The table of a sheet.
+
+    Parameters
+    ----------
+    title : str
+    names : tuple of str
+    columns : tuple of int
+        Where the named columns lie in a row.
+    first : int
+        1-based row of the sheet that the data begin with.
+    rows : sequence of rows
+        The rows of data.
+    """
+
+    title: str
+    names: tuple[str, ...]
+    columns: tuple[int, ...]
+    first: int
+    rows: Sequence[_Row]
+
+    def describe_row(self, row: int) -> str:
+        return f"sheet {self.title!r}, row {self.first + row}"
+
+    def cells(self, number: int) -> list[Any]:
+        at = self.columns[number]
+        return [row[at] if at < len(row) else None for row in self.rows]
+
+
+def read(path: Path) -> Table:
+    """Open an Excel workbook.
+
+    Rows above the names are skipped; below the names may be a row of units.  Cells of dates and times are seconds since
+    the first row.  Of a formula the value counts that was saved with it.
+
+    Raises
+    ------
+    MissingDependencyError
+        If openpyxl is not installed.
+    LogError
+        If the workbook is damaged, or no sheet has a table.
+    """
+    try:
+        import openpyxl
+    except ImportError as error:
+        raise MissingDependencyError(
+            f"{path}: reading Excel files needs openpyxl: pip install 'replant[xlsx]'"
+        ) from error
+    with damage_as_log_error(path, "Excel workbook", "save it again as .xlsx, or as CSV"):
+        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+        try:
+            found = next((sheet for each in book.worksheets if (sheet := _table_in(each)) is not None), None)
+        finally:
+            book.close()
+    if found is None:
+        raise LogError(f"{path}: no sheet has a row of names above columns of numbers; put the log's signals into one")
+    stamps = {number for number in range(len(found.names)) if _is_time(found.cells(number)[:_SAMPLE_ROWS])}
+    return Table(
+        path,
+        found.names,
+        lambda numbers: iter([[_values(path, found, number, is_stamp=number in stamps) for number in numbers]]),
+        found.describe_row,
+        in_seconds=frozenset(stamps),
+        approximate_rows=len(found.rows),
+    )
+
+
+def _table_in(sheet: Any) -> _Sheet | None:
+    if not hasattr(sheet, "iter_rows"):  # a sheet that is a chart
+        return None
+    rows = [tuple(row) for row in sheet.iter_rows(values_only=True)]
+    for number, row in enumerate(rows[:_HEADER_ROWS]):
+        columns = tuple(at for at, cell in enumerate(row) if isinstance(cell, str) and cell.strip())
+        if not columns or any(map(_is_value, row)):
+            continue
+        names = tuple(" ".join(row[at].split()) for at in columns)
+        first = number + 1
+        units = units_in(["" if cell is None else str(cell) for cell in _cells_at(rows, first, columns)])
+        if units is not None:
+            names, first = with_units(names, units), first + 1
+        numbers = sum(map(_begins_with_value, zip(*_next_rows(rows, first, columns), strict=True)))
+        if numbers > 1 or numbers == len(columns):
+            return _Sheet(str(sheet.title), names, columns, first + 1, _without_empty_end(rows[first:], columns))
+    return None
+
+
+def _cells_at(rows: Sequence[_Row], number: int, columns: Sequence[int]) -> list[Any]:
+    row = rows[number] if number < len(rows) else ()
+    return [row[at] if at < len(row) else None for at in columns]
+
+
+def _next_rows(rows: Sequence[_Row], first: int, columns: Sequence[int]) -> list[list[Any]]:
+    return [_cells_at(rows, number, columns) for number in range(first, first + _NEXT_ROWS)]
+
+
+def _begins_with_value(cells: Sequence[Any]) -> bool:
+    given = [cell for cell in cells if cell is not None]
+    return bool(given) and _is_value(given[0])
+
+
+def _without_empty_end(rows: Sequence[_Row], columns: Sequence[int]) -> Sequence[_Row]:
+    end = len(rows)
+    while end and all(cell is None for cell in _cells_at(rows, end - 1, columns)):
+        end -= 1
+    return rows[:end]
+
+
+def _is_value(cell: Any) -> bool:
+    return isinstance(cell, int | float | date | time | timedelta)
+
+
+def _is_time(cells: Sequence[Any]) -> bool:
+    given = [cell for cell in cells if cell is not None]
+    if given and all(isinstance(cell, str) for cell in given):
+        return find_format(given) is not None
+    return bool(given) and all(isinstance(cell, date | time | timedelta) for cell in given)
+
+
+def _values(path: Path, sheet: _Sheet, number: int, *, is_stamp: bool) -> NDArray[np.float64]:
+    cells = sheet.cells(number)
+    if is_stamp:
+        return _seconds(path, sheet, number, cells)
+    values = np.empty(len(cells))
+    for row, cell in enumerate(cells):
+        if cell is None or (isinstance(cell, str) and (is_missing(cell) or cell == "#N/A")):
+            values[row] = math.nan
+        elif isinstance(cell, int | float):
+            values[row] = cell
+        else:
+            raise _error(path, sheet, number, row, f"{quote(str(cell))} is not a number; correct it, or empty the cell")
+    return values
+
+
+def _seconds(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any]) -> NDArray[np.float64]:
+    """Return the seconds since the first stamp, from whole microseconds, which is how openpyxl reads a stamp."""
+    texts = [cell for cell in cells[:_SAMPLE_ROWS] if isinstance(cell, str)]
+    form = find_format(texts) if texts else None
+    values = _of_texts(path, sheet, number, cells, form) if form else _of_cells(path, sheet, number, cells)
+    kinds = {type(cell) for cell in cells if cell is not None}
+    if form.is_local if form else kinds & {datetime, time}:
+        has_date = "d" in form.parts if form else datetime in kinds
+        clock = LocalClock(path, sheet.names[number], sheet.describe_row, has_date=has_date)
+        clock.check(values)
+    return values
+
+
+def _of_texts(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any], form: StampFormat) -> NDArray[np.float64]:
+    try:
+        return form.seconds(["" if cell is None else str(cell) for cell in cells])
+    except ValueError as error:
+        row = getattr(error, "index", 0)
+        raise _error(path, sheet, number, row, str(error)) from None
+
+
+def _of_cells(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any]) -> NDArray[np.float64]:
+    elapsed: list[timedelta | None] = []
+    for row, cell in enumerate(cells):
+        if isinstance(cell, datetime):
+            elapsed.append(cell - _EPOCH)
+        elif isinstance(cell, date):
+            elapsed.append(datetime(cell.year, cell.month, cell.day) - _EPOCH)
+        elif isinstance(cell, time):
+            elapsed.append(datetime.combine(_EPOCH, cell) - _EPOCH)
+        elif cell is None or isinstance(cell, timedelta):
+            elapsed.append(cell)
+        else:
+            raise _error(path, sheet, number, row, f"{quote(str(cell))} is no date or time; correct it")
+    first = next((one for one in elapsed if one is not None), timedelta(0))
+    return np.array([math.nan if one is None else (one - first).total_seconds() for one in elapsed])
+
+
+def _error(path: Path, sheet: _Sheet, number: int, row: int, problem: str) -> LogError:
+    return LogError(f"{path}: {sheet.describe_row(row)}, column {sheet.names[number]!r}: {problem}")
