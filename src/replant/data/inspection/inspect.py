@@ -10,7 +10,7 @@ from replant.data.inspection.clock import Clock, find_clock
 from replant.data.inspection.columns import Column, Contents, read_contents
 from replant.data.inspection.influence import Response, prepared, response
 from replant.data.inspection.roles import INPUT, OUTPUT, Roles, find_roles
-from replant.data.logs.read import read_columns
+from replant.data.logs.formats import read_columns
 from replant.data.logs.table import Table
 
 POLES = 2
