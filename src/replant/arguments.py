@@ -398,6 +398,29 @@ def stamps_of(t: Any, samples: int) -> FloatArray:
     return stamps
 
 
+def increasing(t: Any, samples: int) -> FloatArray:
+    """Return time stamps as a vector (K,), finite and strictly increasing, one for each of K ``samples``.
+
+    Raises
+    ------
+    ArgumentTypeError, InvalidArgumentError
+        See `stamps_of`; also if one is not finite, repeats or goes back: the message names the first such sample.
+
+    Examples
+    --------
+    >>> increasing([0.0, 0.1], samples=2)
+    array([0. , 0.1])
+    """
+    stamps = stamps_of(t, samples)
+    wrong = ~np.isfinite(stamps)
+    with np.errstate(invalid="ignore"):
+        wrong[1:] |= ~(np.diff(stamps) > 0.0)
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise InvalidArgumentError(f"t must be finite and strictly increasing; t[{k}] = {stamps[k]:.12g} is not")
+    return stamps
+
+
 def coefficients(name: str, value: Any) -> FloatArray:
     """Return polynomial coefficients, in descending powers, as a finite read-only vector of at least one entry.
 

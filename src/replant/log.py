@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,10 +12,12 @@ from numpy.typing import NDArray
 from replant.arguments import (
     keep,
     number,
+    truth,
     vector,
     whole,
 )
 from replant.interop import frames
+from replant.stamps import is_regular
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -22,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """A record of one input and one output, perhaps of a reference, at a fixed sampling time.
+    """A record of one input and one output, perhaps of a reference, on a regular or an irregular clock.
 
     Samples that the file marks as missing are NaN; no sample is dropped or repaired.
 
@@ -31,7 +34,7 @@ class Log:
     input, output : float64 array, shape (K,)
         The samples, in the units of the file.
     dt : float
-        Sampling time in seconds.
+        Sampling time in seconds; of an irregular clock the usual interval.
     time : float64 array, shape (K,), or None
         Time stamps in seconds, where the file has them.
     input_name, output_name : str
@@ -46,6 +49,8 @@ class Log:
         Name of that column.
     begin, end : float or None
         The part of the file that was read, in s from its first row; None: from the first, or to the last.
+    irregular : bool or None
+        Whether the clock is irregular, so that its stamps count; None: `time` tells.
 
     Examples
     --------
@@ -67,6 +72,7 @@ class Log:
     reference_name: str = ""
     begin: float | None = None
     end: float | None = None
+    irregular: bool | None = None
 
     def __post_init__(self) -> None:
         keep(self, "input", vector)
@@ -77,9 +83,39 @@ class Log:
         if self.reference is not None:
             keep(self, "reference", vector)
         keep(self, "earlier", whole, 0)
+        if self.irregular is not None:
+            keep(self, "irregular", truth)
 
     def __len__(self) -> int:
         return self.earlier + int(self.input.shape[0])
+
+    @cached_property
+    def stamps(self) -> NDArray[np.float64] | None:
+        """Time stamps (K,) of an irregular clock in s, for `fit` and `update_many`; None for a regular clock.
+
+        Without stamps both take the samples as ``dt`` apart, which cancels the rounding of a regular clock's stamps.
+
+        Examples
+        --------
+        >>> from pathlib import Path
+        >>> signal, late = np.zeros(4), np.array([0.0, 1.0, 2.0, 3.5])
+        >>> Log(signal, signal, 1.0, late, "u", "y", Path("log.csv")).stamps
+        array([0. , 1. , 2. , 3.5])
+        >>> Log(signal, signal, 1.0, np.arange(4.0), "u", "y", Path("log.csv")).stamps is None
+        True
+        """
+        if self.time is None:
+            return None
+        irregular = not is_regular(self.time) if self.irregular is None else self.irregular
+        return self.time if irregular else None
+
+    @property
+    def duration(self) -> float:
+        """Duration in s: from the first sample to the last, and one sampling time for the last one."""
+        if self.stamps is None:
+            return len(self) * self.dt
+        first = 0.0 if self.earlier else float(self.stamps[0])  # of a part, the time counts from the record's begin
+        return float(self.stamps[-1]) - first + self.dt
 
     def to_pandas(self) -> Any:
         """Return a `pandas.DataFrame` of the signals, under their names in the file, over time in s.

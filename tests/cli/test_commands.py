@@ -130,7 +130,7 @@ def test_options_reach_the_identifier(capsys, tmp_path: Path) -> None:
         (["t,u,y", "0,1,2"], COLUMNS, ["bad.csv"]),
         (["t,u,y", *[f"{k},{k % 5},{k % 3}" for k in range(4998)], "4998,oops,1", "4999,1,1"], COLUMNS,
          ["bad.csv", "u", "5000", "oops"]),
-        (["t,u,y", "0,1,2", "1,2,3", "3,1,2"], COLUMNS, ["bad.csv", "irregular", "--dt"]),
+        (["t,u,y", "0,1,2", "1,2,3", "1,1,2"], COLUMNS, ["bad.csv", "line 4", "'t'", "repeats", "--dt"]),
         (["t,u,y", *[f"{k},{k % 5},{k % 3}" for k in range(50)]], (*COLUMNS[:2], "--output", "u", "--poles", "1"),
          ["u"]),
         (["t,u,y", *[f"{k},{k % 5},{k % 3}" for k in range(50)]], ("--input", "uu", *COLUMNS[2:]), ["uu", "u, t, y"]),

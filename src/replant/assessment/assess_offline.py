@@ -24,6 +24,7 @@ def assess_record(
     *,
     instruments: bool = True,
     unseen: bool = False,
+    usual_interval: float | None = None,
 ) -> Assessment:
     """Return the verdict on a model by a record.
 
@@ -42,6 +43,8 @@ def assess_record(
         False for least squares, which noise biases.
     unseen : bool
         Whether the record is another one, which the model was not fitted to.
+    usual_interval : float, optional
+        Median interval of the time stamps in s; by default that of the record, in which unusable samples are missing.
 
     Examples
     --------
@@ -66,6 +69,6 @@ def assess_record(
         in_sample=not unseen,
         adapts=not unseen,
         instruments=instruments,
-        usual_interval=float(np.median(record.intervals[1:])) if irregular else 0.0,
+        usual_interval=usual_interval or (float(np.median(record.intervals[1:])) if irregular else 0.0),
     )
     return judge(evidence)

@@ -60,7 +60,7 @@ def command(as_json: bool, out: Path | None, methods: tuple[str, ...], **options
         contenders = compare(
             request, log.input, log.output, methods,
             lambda name, part: progress.update(task, description=name, completed=methods.index(name) + part),
-            reference=log.reference,
+            reference=log.reference, t=log.stamps,
         )  # fmt: skip
     if all(entry.result is None for entry in contenders):
         raise InvalidArgumentError(f"no method found a model; {contenders[0].name}: {contenders[0].problem}")

@@ -56,7 +56,7 @@ def command(as_json: bool, out: Path | None, method: str, **options: Any) -> Non
         make_folder(out)
         fitted = fit(
             log.input, log.output, log.dt, request.structure, method=method, preprocess=request.preprocess,
-            **_reference(log),
+            t=log.stamps, **_reference(log),
         )  # fmt: skip
     _deliver(fitted, log, begun, found, keeping, as_json=as_json, out=out)
 
@@ -77,6 +77,7 @@ def _search(log: Log, options: dict[str, Any]) -> SearchResult:
             bias=options["bias"],
             preprocess=preprocess_of(options),
             progress=lambda done, of: bar.update(task, completed=done, total=of),
+            t=log.stamps,
             **_reference(log),
         )
 
@@ -102,5 +103,5 @@ def _deliver(
     if found is not None:
         report["candidates"] = candidates.HEADINGS, candidates.rows_of(found)
         more["candidates"] = candidates.as_json(found)
-    result = result_of_fit(fitted, log.input, log.output, begun)
+    result = result_of_fit(fitted, log.input, log.output, begun, log.stamps)
     deliver(result, log, keeping, as_json=as_json, out=out, more=more, **report)

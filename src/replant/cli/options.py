@@ -48,6 +48,7 @@ OPTIMIZER = click.option(
     help="Method of updating the estimate; auto is recursive least squares with instruments.",
 )
 
+_STAMPS_COUNT = "each sample counts at its own time (--dt S instead would take the clock for regular)"
 _COLUMNS: list[Callable[[Any], Any]] = [
     click.argument("log", type=click.Path(path_type=Path)),
     click.option("-i", "--input", "input_column", metavar="COL", help="Column of the input: name or index."),
@@ -85,10 +86,10 @@ _REST: list[Callable[[Any], Any]] = [
         "--time",
         "time_column",
         metavar="COL",
-        help="Column of time, in s or the unit in its name; its steps must be equal.  "
+        help="Column of time, in s or the unit in its name; it must increase.  "
         "[default: the column named t, time or timestamp]",
     ),
-    click.option("--dt", type=float, metavar="S", help="Sampling time in s, instead of a time column."),
+    click.option("--dt", type=float, metavar="S", help="Sampling time in s of a regular clock, without a time column."),
     click.option(
         "--from", "begin", type=float, metavar="S", help="Leave out what is before, in s from the first sample."
     ),
@@ -199,6 +200,8 @@ def _note(options: dict[str, Any], recording: Recording) -> None:
     """Print on standard error what is to be known about a log: what was left out, and doubts about its clock."""
     for note in recording.table.notes:
         click.echo(f"replant: note: {note}", err=True)
+    if recording.irregular:
+        click.echo(f"replant: note: {recording.irregularity}; {_STAMPS_COUNT}", err=True)
     dt = options["dt"]
     interval = None if dt is None else stamped_interval(recording.table)
     if interval is not None and not abs(interval[1] / dt - 1.0) <= MOST_OFF:

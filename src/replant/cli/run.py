@@ -63,7 +63,9 @@ def command(as_json: bool, out: Path | None, full_trace: Path | None, startup: i
             stages = partial(_with_total, progress, recording.samples)
             result = _run(recording, request, full_trace, startup, stages)
     shown = result.overview
-    log = recording.held if shown is None else recording.newest(shown.newest_input, shown.newest_output)
+    log = recording.held
+    if shown is not None:
+        log = recording.newest(shown.newest_input, shown.newest_output, shown.newest_times)
     assert log is not None
     if full_trace is not None and not as_json:
         click.echo(f"wrote {full_trace}")
@@ -84,4 +86,4 @@ def _run(
     newest = None if recording.held is not None else FITTED
     with nullcontext() if full_trace is None else FullTrace(full_trace, recording.dt) as trace:
         sink = (lambda rows: None) if trace is None else trace.take
-        return run_source(request, recording, progress, sink, newest, startup)
+        return run_source(request, recording, progress, sink, newest, startup, recording.irregular)

@@ -6,6 +6,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.engine.state import State
+from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess
@@ -18,6 +19,7 @@ def regressors(
     preprocess: Preprocess,
     u: FloatArray,
     y: FloatArray,
+    t: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the regressors phi (K, P) and the target s^n/Lambda y (K,) of a record, in physical units.
 
@@ -34,12 +36,22 @@ def regressors(
         Input map, and working point in the units of u and y.
     u, y : (K,) arrays
         Raw input and output.
+    t : (K,) array, optional
+        Time stamps of an irregular clock in s.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If there are stamps, and the filter needs a regular clock.
     """
     from replant.kernels.step.stages import regressors as kernel
 
+    if t is not None and state_filter.regular_only:
+        raise InvalidArgumentError("the gbt filter knows a regular clock only: give no t, or use method='exact'")
     state = State.for_regressors(structure, dt, state_filter, preprocess)
     phi, target = np.empty((u.size, structure.size)), np.empty(u.size)
     if callable(preprocess.input_map):
         u = preprocess.call_map(u)
-    kernel(state.ints, state.reals, state.banks, u, y, np.array([dt]), np.zeros((0, 2)), phi, phi, target, target)
+    intervals = np.array([dt]) if t is None or t.size < 2 else np.diff(t, prepend=t[:1] - dt)
+    kernel(state.ints, state.reals, state.banks, u, y, intervals, np.zeros((0, 2)), phi, phi, target, target)
     return phi, target

@@ -12,7 +12,9 @@ from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.interop.units import unit_of, without_unit
 
 
-def trace_frame(names: Sequence[str], parameters: FloatArray, errors: FloatArray, dt: float | None) -> Any:
+def trace_frame(
+    names: Sequence[str], parameters: FloatArray, errors: FloatArray, dt: float | None, time: FloatArray | None = None
+) -> Any:
     """Return the estimate and the error of each sample as a `pandas.DataFrame`.
 
     Parameters
@@ -23,7 +25,9 @@ def trace_frame(names: Sequence[str], parameters: FloatArray, errors: FloatArray
     errors : (K,) array
         A-priori output errors.
     dt : float or None
-        Sampling time in s; None: the index counts samples.
+        Sampling time in s; None: the index is ``time``, or counts samples.
+    time : (K,) array, optional
+        Time stamps in s.
 
     Raises
     ------
@@ -38,15 +42,17 @@ def trace_frame(names: Sequence[str], parameters: FloatArray, errors: FloatArray
     0.0       0.0    1.0
     0.1       0.5    0.1
     """
-    clock = _clock(errors.size, dt)
-    index = _index("sample" if dt is None else "time", clock)
+    along, clock = _along(errors.size, dt, time)
+    index = _index(along, clock)
     frame = _pandas().DataFrame(parameters, columns=list(names), index=index, copy=True)
     frame["error"] = errors
     frame.attrs = {**_sampling(dt), "units": {**parameter_units(names), "error": "y"}}
     return frame
 
 
-def trace_dataset(names: Sequence[str], parameters: FloatArray, errors: FloatArray, dt: float | None) -> Any:
+def trace_dataset(
+    names: Sequence[str], parameters: FloatArray, errors: FloatArray, dt: float | None, time: FloatArray | None = None
+) -> Any:
     """Return the estimate and the error of each sample as an `xarray.Dataset`.
 
     Parameters
@@ -57,7 +63,9 @@ def trace_dataset(names: Sequence[str], parameters: FloatArray, errors: FloatArr
     errors : (K,) array
         A-priori output errors.
     dt : float or None
-        Sampling time in s; None: the coordinate counts samples.
+        Sampling time in s; None: the coordinate is ``time``, or counts samples.
+    time : (K,) array, optional
+        Time stamps in s.
 
     Raises
     ------
@@ -70,14 +78,14 @@ def trace_dataset(names: Sequence[str], parameters: FloatArray, errors: FloatArr
     >>> dict(dataset.sizes)
     {'time': 2, 'parameter': 1}
     """
-    along = "sample" if dt is None else "time"
+    along, clock = _along(errors.size, dt, time)
     return _xarray().Dataset(
         {
             "parameters": ((along, "parameter"), parameters.copy(), {"long_name": "estimate after the sample"}),
             "errors": ((along,), errors.copy(), {"long_name": "a-priori output error", "units": "y"}),
         },
         coords={
-            along: _axis(along, _clock(errors.size, dt)),
+            along: _axis(along, clock),
             "parameter": list(names),
             "unit": ("parameter", list(parameter_units(names).values())),
         },
@@ -181,6 +189,13 @@ def parameter_units(names: Sequence[str]) -> dict[str, str]:
         seconds = "" if order == 0 else "/s" if order == 1 else f"/s^{order}"
         units[name] = f"1{seconds}" if name[0] == "a" else f"y/u{seconds}"
     return units
+
+
+def _along(samples: int, dt: float | None, time: FloatArray | None) -> tuple[str, FloatArray]:
+    """Return the name of a trace's first axis, and its values."""
+    if dt is None and time is not None:
+        return "time", time.copy()
+    return "sample" if dt is None else "time", _clock(samples, dt)
 
 
 def _clock(samples: int, dt: float | None) -> Any:

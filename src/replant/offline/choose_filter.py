@@ -32,7 +32,12 @@ MOST_SAMPLES = 20_000
 
 @quiet
 def choose_filter(
-    structure: Structure, dt: float, preprocess: Preprocess, u: FloatArray, y: FloatArray
+    structure: Structure,
+    dt: float,
+    preprocess: Preprocess,
+    u: FloatArray,
+    y: FloatArray,
+    t: FloatArray | None = None,
 ) -> StateVariableFilter:
     """Return the filter whose least-squares model fits a record best when simulated from the input alone.
 
@@ -48,19 +53,22 @@ def choose_filter(
         With a working point in numbers.
     u, y : (K,) arrays
         Raw input and output; the first `MOST_SAMPLES` are used.
+    t : (K,) array, optional
+        Time stamps of an irregular clock in s.
     """
-    u, y = u[:MOST_SAMPLES], y[:MOST_SAMPLES]
+    u, y, t = u[:MOST_SAMPLES], y[:MOST_SAMPLES], None if t is None else t[:MOST_SAMPLES]
     accepted, _ = screen(preprocess.map_input(u), y)
     y = np.where(accepted, y, np.nan)
-    slowest, fastest = SLOWEST_CUTOFF / (u.size * dt), 1.0 / dt
+    lasts = u.size * dt if t is None or t.size < 2 else float(t[-1] - t[0])
+    slowest, fastest = SLOWEST_CUTOFF / lasts, 1.0 / dt
     candidates = np.geomspace(min(slowest, fastest / 10), fastest, CANDIDATES)
     linear_input = np.where(accepted, preprocess.map_input(u) - float(preprocess.input_offset), np.nan)
     best, best_fit = StateVariableFilter(cutoff=rounded(float(candidates[CANDIDATES // 2]))), -np.inf
     for cutoff in candidates:
         tried = StateVariableFilter(cutoff=rounded(float(cutoff)))
-        phi, target = regressors(structure, dt, tried, preprocess, u, y)
+        phi, target = regressors(structure, dt, tried, preprocess, u, y, t)
         model = structure.transfer_function(least_squares(phi, target).parameters)
-        fit = simulate(model, linear_input, y, dt).fit if model.is_stable else -np.inf
+        fit = simulate(model, linear_input, y, dt, t=t).fit if model.is_stable else -np.inf
         if fit > best_fit:
             best, best_fit = tried, fit
     return best

@@ -13,9 +13,9 @@ import numpy as np
 from replant.arguments import (
     BoolArray,
     FloatArray,
+    increasing,
     one_of,
     record,
-    stamps_of,
     vector,
 )
 from replant.assessment import Simulation, fit_percent, simulate
@@ -39,6 +39,7 @@ from replant.settings import AUTO, Request
 from replant.simulation.prediction import prediction_error, runs_away
 from replant.statistics.autoregression import one_step
 from replant.statistics.linear_algebra import quiet
+from replant.statistics.lost_samples import one_step_with_lost
 from replant.statistics.robust import without_spikes
 
 METHODS = (AUTO, "srivc", "least_squares")
@@ -123,12 +124,12 @@ def fit(
         if any(given is not None for given in (y, dt, t, reference)):
             raise InvalidArgumentError("a log has its own output, clock and reference: leave out y, dt, t, reference")
         names = {"input_name": u.input_name, "output_name": u.output_name, "source": u.path.name}
-        u, y, dt, reference = u.input, u.output, u.dt, u.reference
+        u, y, dt, t, reference = u.input, u.output, u.dt, u.stamps, u.reference
     elif y is None or dt is None:
         raise ArgumentTypeError("give a Log, or input u, output y and sampling time dt: fit(u, y, dt, poles=2)")
     dt = Request(structure, dt, filter=filter, preprocess=preprocess).dt
     u, y = record(u, y)
-    stamps = _stamps(t, u.size)
+    stamps = None if t is None else increasing(t, u.size)
     r = _reference(reference, u.size, method)
     if r is not None:
         y = np.where(np.isfinite(r), y, np.nan)
@@ -151,12 +152,15 @@ def fit(
         if solution.found is not None:
             use = None if use is None else use.concluded(structure, solution.found)
             return _with_record(_refined_result(raw, solution, rejected, use), raw, names)
-        if method == "srivc":
+        if method == "srivc" or stamps is not None:  # least squares needs a regular clock
             raise InvalidArgumentError(
                 "srivc finds no model for this record: the input hardly moves, or the structure does not fit the plant"
             )
     if stamps is not None:
-        raise InvalidArgumentError("least_squares needs a regular clock: leave out t, or use method='srivc'")
+        raise InvalidArgumentError(
+            "least_squares needs a regular clock: use the method srivc, or give the sampling time (dt, --dt) and no "
+            "time stamps if they are only jitter"
+        )
     if not isinstance(filter, StateVariableFilter):
         filter = choose_filter(structure, dt, preprocess, u, y)  # noqa: A001
     result = _least_squares_result(structure, dt, filter, preprocess, u, y, accepted, rejected)
@@ -168,7 +172,8 @@ def _with_record(result: FitResult, raw: RawRecord, names: dict[str, Any]) -> Fi
     """Return a result with the record that its verdict looks at, and the names of its signals."""
     signal = result.reference.signal if result.reference else None
     record = raw.made_ready(result.bridged(raw.y), signal, result.filter.input_hold)
-    return dataclasses.replace(result, record=record, **names)
+    usual = None if raw.stamps is None else float(np.median(np.diff(raw.stamps)))
+    return dataclasses.replace(result, record=record, usual_interval=usual, **names)
 
 
 def _check_length(samples: int, structure: Structure) -> None:
@@ -177,16 +182,6 @@ def _check_length(samples: int, structure: Structure) -> None:
             f"the record has {samples} usable samples, fewer than the {structure.size + 1} that "
             f"{structure.size} parameters need: record more, or ask for fewer poles and zeros"
         )
-
-
-def _stamps(t: Any, samples: int) -> FloatArray | None:
-    """Return time stamps, checked, or None for a regular clock."""
-    if t is None:
-        return None
-    stamps = stamps_of(t, samples)
-    if not np.isfinite(stamps).all() or not (np.diff(stamps) > 0).all():
-        raise InvalidArgumentError("t must be finite and strictly increasing")
-    return stamps
 
 
 def _reference(reference: Any, samples: int, method: str) -> FloatArray | None:
@@ -248,6 +243,10 @@ class RawRecord:
         linear_input = np.where(self.known, self.mapped - float(self.preprocess.input_offset), np.nan)
         return simulate(model, linear_input, y, self.dt, t=self.stamps)
 
+    def one_step(self, residual: FloatArray) -> FloatArray:
+        """Return the one-step prediction error (K,) of a free run's residual (K,)."""
+        return one_step(residual) if self.stamps is None else one_step_with_lost(residual, self.stamps, self.dt)
+
 
 def _solution(raw: RawRecord, r: FloatArray | None) -> Solution:
     """Return the model of a record, its outliers and missing outputs bridged."""
@@ -307,7 +306,7 @@ def _refined_result(
         found.theta[:size],
         solution.widening * found.covariance[:size, :size],
         found.condition(size),
-        fit_percent(y, y - one_step(y - simulation.output)),
+        fit_percent(y, y - raw.one_step(y - simulation.output)),
         simulation,
         int((accepted & ~solution.outliers).sum()),
         rejected | {"outlier": int(solution.outliers.sum())},

@@ -64,6 +64,8 @@ class FitResult:
         Indices of the samples without an output, whose input was used.
     record : Record or None
         The record made ready, with the model's outputs where they are missing or outliers: what the verdict looks at.
+    usual_interval : float or None
+        Median interval of the time stamps in s; None for a regular clock.
     input_name, output_name : str
         Names of the signals, with their units in brackets at the end.
     source, sha256 : str
@@ -87,6 +89,7 @@ class FitResult:
     outliers: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     missing: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     record: Record | None = None
+    usual_interval: float | None = None
     input_name: str = "u"
     output_name: str = "y"
     source: str = ""
@@ -101,9 +104,14 @@ class FitResult:
     def verdict(self) -> Assessment:
         """Whether to trust the model, why in plain words, and the figures behind it."""
         assert self.record is not None, "`fit` keeps the record"
-        instruments = self.method != "least_squares"
         verdict = assess_record(
-            self.structure, self.parameters, self.record, self.dt, self.covariance, instruments=instruments
+            self.structure,
+            self.parameters,
+            self.record,
+            self.dt,
+            self.covariance,
+            instruments=self.method != "least_squares",
+            usual_interval=self.usual_interval,
         )
         finding = self.reference.finding if self.reference else ""
         if not finding or any(finding.partition(":")[0] in reason for reason in verdict.reasons):

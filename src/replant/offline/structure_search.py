@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray, record, vector, whole
+from replant.arguments import FloatArray, increasing, record, vector, whole
 from replant.assessment import simulate
 from replant.assessment.estimate_tests import MAY_BE_ABSENT
-from replant.engine.record import ready_record
+from replant.engine.record import SAME, ready_record
 from replant.errors import InvalidArgumentError
 from replant.model.dead_time import unknown_outputs
 from replant.model.structure import Structure
@@ -120,6 +120,7 @@ def search(
     bias: bool = False,
     preprocess: Preprocess = Preprocess(),  # noqa: B008 - frozen
     reference: Any = None,
+    t: Any = None,
     progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> SearchResult:
     """Fit every structure of a grid by refined instrumental variables, and choose one.
@@ -148,6 +149,8 @@ def search(
         Input map and working point.
     reference : (K,) array, optional
         Where a controller makes the input, see `fit`.
+    t : (K,) array, optional
+        Time stamps in s, strictly increasing, of an irregular clock.
     progress : callable
         Called before each structure with how many were tried, of how many.
 
@@ -174,10 +177,11 @@ def search(
     delays = sorted(set(delays))
     grid = _grid(poles, zeros, delays, bias)
     r = None if reference is None else vector("reference", reference)
+    stamps = None if t is None else increasing(t, u.size)
     tried = []
     for done, structure in enumerate(grid):
         progress(done, len(grid))
-        tried.append(_try(structure, u, y, r, dt, preprocess))
+        tried.append(_try(structure, u, y, r, stamps, dt, preprocess))
     progress(len(grid), len(grid))
     usable = [candidate for candidate in tried if math.isfinite(candidate.held_out)]
     if not usable:
@@ -189,7 +193,7 @@ def search(
 
     def fitted(delay: float) -> FitResult:
         structure = replace(chosen.structure, delay=delay)
-        return fit(u, y, dt, structure, method="srivc", preprocess=preprocess, reference=r)
+        return fit(u, y, dt, structure, method="srivc", preprocess=preprocess, t=stamps, reference=r)
 
     return SearchResult(_between_points(fitted, chosen.structure.delay, delays, dt), chosen, tuple(tried))
 
@@ -244,19 +248,27 @@ def _grid(poles: Iterable[int], zeros: Iterable[int] | None, delays: Iterable[fl
 
 @quiet
 def _try(
-    structure: Structure, u: FloatArray, y: FloatArray, r: FloatArray | None, dt: float, preprocess: Preprocess
+    structure: Structure,
+    u: FloatArray,
+    y: FloatArray,
+    r: FloatArray | None,
+    t: FloatArray | None,
+    dt: float,
+    preprocess: Preprocess,
 ) -> Candidate:
     """Fit a structure to either end's 70 % of a record, and hold the rest out."""
     trained = int(TRAINED * u.size)
     errors, spreads, uncertainties, criteria = [], [], [], []
     for seen in (slice(0, trained), slice(u.size - trained, u.size)):
-        part = None if r is None else r[seen]
+        more: dict[str, Any] = {
+            name: None if signal is None else signal[seen] for name, signal in (("reference", r), ("t", t))
+        }
         try:
-            fitted = fit(u[seen], y[seen], dt, structure, method="srivc", preprocess=preprocess, reference=part)
+            fitted = fit(u[seen], y[seen], dt, structure, method="srivc", preprocess=preprocess, **more)
         except InvalidArgumentError:  # the record is too short for this structure, or the fit found no model
             return Candidate(structure, -math.inf, np.full(2 * STRETCHES, np.inf), math.inf, math.inf)
         unseen = slice(trained, u.size) if seen.start == 0 else slice(0, u.size - trained)
-        error = _error_held_out(fitted, u, y, unseen)
+        error = _error_held_out(fitted, u, y, t, unseen)
         errors.append(error)
         measured = y[unseen][np.isfinite(error)]
         spreads.append(float(np.sum((measured - measured.mean()) ** 2)) if measured.size else 0.0)
@@ -275,19 +287,25 @@ def _try(
     return Candidate(structure, held_out, stretches, max(uncertainties), criteria[0])
 
 
-def _error_held_out(fitted: FitResult, u: FloatArray, y: FloatArray, unseen: slice) -> FloatArray:
+def _error_held_out(fitted: FitResult, u: FloatArray, y: FloatArray, t: FloatArray | None, unseen: slice) -> FloatArray:
     """Return measured minus modelled output over a stretch that was not fitted; NaN where there is no output."""
     dt = fitted.dt
     # inputs from before the stretch act on it through the dead time: they are simulated, their outputs left out
-    unknown = unknown_outputs(fitted.structure.delay, dt)
+    delay = fitted.structure.delay
+    unknown = unknown_outputs(delay, dt)
     start = max(unseen.start - unknown, 0)
+    if t is not None:
+        start = max(int(np.searchsorted(t, t[unseen.start] - delay + SAME * dt, "right")) - 1, 0)
+        unknown = int(np.count_nonzero(t[start : unseen.stop] - t[start] < delay - SAME * dt))
     skipped, whole_part = unseen.start - start, slice(start, unseen.stop)
     mapped = fitted.preprocess.map_input(u[whole_part])
-    if runs_away(fitted.transfer_function.den, dt * (unseen.stop - unseen.start)):
-        error = _predicted(fitted, u[whole_part], y[whole_part])
+    stamps = None if t is None else t[whole_part]
+    span = dt * (unseen.stop - unseen.start) if t is None else float(t[unseen.stop - 1] - t[unseen.start])
+    if runs_away(fitted.transfer_function.den, span):
+        error = _predicted(fitted, u[whole_part], y[whole_part], stamps)
     else:
         measured = np.where(np.arange(start, unseen.stop) < unseen.start, np.nan, y[whole_part])
-        error = measured - simulate(fitted.transfer_function, mapped, measured, dt).output
+        error = measured - simulate(fitted.transfer_function, mapped, measured, dt, t=stamps).output
     error[:unknown] = np.nan  # answers to inputs that are not known
     return error[skipped:]
 
@@ -306,9 +324,9 @@ def _uncertainty(fitted: FitResult) -> float:
     return float((uncertainty.std[: sizes.size] / np.maximum(sizes, np.finfo(float).tiny)).max())
 
 
-def _predicted(fitted: FitResult, u: FloatArray, y: FloatArray) -> FloatArray:
+def _predicted(fitted: FitResult, u: FloatArray, y: FloatArray, t: FloatArray | None) -> FloatArray:
     """Return the error (K,) of the output predicted one step ahead; NaN where there is no output, or no prediction."""
-    ready = ready_record(fitted.structure, fitted.dt, fitted.preprocess, u, y)
+    ready = ready_record(fitted.structure, fitted.dt, fitted.preprocess, u, y, t)
     error = prediction_error(fitted.structure, fitted.parameters, ready, fitted.dt)
     found = np.full(y.size, np.nan)
     if error is not None:

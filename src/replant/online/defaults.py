@@ -24,7 +24,13 @@ UNKNOWN_LENGTH = 2_000
 
 @quiet
 def settle(
-    request: Request, u: FloatArray, y: FloatArray, length: int | None = None, *, reference: bool = False
+    request: Request,
+    u: FloatArray,
+    y: FloatArray,
+    length: int | None = None,
+    *,
+    reference: bool = False,
+    t: FloatArray | None = None,
 ) -> Settings:
     """Return definite settings: what is "auto" is chosen from a record.
 
@@ -37,6 +43,8 @@ def settle(
         Number of samples that there will be in all, where it is known.
     reference : bool
         Whether the samples come with a reference.
+    t : (K,) array, optional
+        Time stamps of an irregular clock in s.
 
     Raises
     ------
@@ -53,15 +61,15 @@ def settle(
     chosen = request.filter
     if isinstance(chosen, str):
         follows = instruments and optimizer.keeps_covariance
-        chosen = RefinedFilter() if follows else choose_filter(structure, dt, preprocess, u, y)
+        chosen = RefinedFilter() if follows else choose_filter(structure, dt, preprocess, u, y, t)
     if chosen.follows_estimate and not structure.bias:
         preprocess = centre(preprocess, u, y)
     scaling = request.scaling
     if scaling is None or (scaling == AUTO and optimizer.keeps_colour):  # its estimate does not depend on the scaling
         scaling = Scaling.none(structure)
     elif not isinstance(scaling, Scaling):
-        assumed = chosen.fixed or choose_filter(structure, dt, preprocess, u, y)
-        phi, _ = regressors(structure, dt, assumed, preprocess, u, y)
+        assumed = chosen.fixed or choose_filter(structure, dt, preprocess, u, y, t)
+        phi, _ = regressors(structure, dt, assumed, preprocess, u, y, t)
         scaling = Scaling.from_record(y - float(preprocess.output_offset), phi)
     return Settings(
         structure, dt, chosen, scaling, optimizer, replay, instruments, request.normalize, preprocess, u.size, reference

@@ -308,7 +308,8 @@ class Identifier(Estimate):
         u, y = (array if array.flags.writeable else array.copy() for array in record(u, y))
         r = self._references(r, u.size)
         t = self._stamps(t, u.size)
-        trace = Trace(self.names, self.parameters, np.empty((u.size, self.structure.size)), np.full(u.size, np.nan))
+        trace = Trace(self.names, self.parameters, np.empty((u.size, self.structure.size)), np.full(u.size, np.nan),
+                      t if t.size else None)  # fmt: skip
         taken = 0
         while self._settings is None and taken < u.size:
             some = slice(taken, taken + (1 if t.size else self._chunk))

@@ -27,12 +27,15 @@ class Trace:
         The estimate after each sample, in physical units.
     errors : (K,) array
         A-priori output error y - theta' phi of each sample, in the unit of y; NaN for a rejected sample.
+    time : (K,) array or None
+        The time stamps in s that came with the samples, infinite where one was not finite; None without stamps.
     """
 
     names: tuple[str, ...]
     start: FloatArray
     parameters: FloatArray
     errors: FloatArray
+    time: FloatArray | None = None
 
     def __len__(self) -> int:
         return self.errors.size
@@ -79,7 +82,8 @@ class Trace:
         Parameters
         ----------
         dt : float, optional
-            Sampling time in s, for an index of time in s from the chunk's first sample; without it samples are counted.
+            Sampling time in s, for an index of time in s from the chunk's first sample; without it the index is that of
+            the time stamps, or counts samples where there are none.
 
         Raises
         ------
@@ -95,7 +99,7 @@ class Trace:
         0.0       0.1  1.0    1.0
         0.5       0.4  2.0    0.5
         """
-        return frames.trace_frame(self.names, self.parameters, self.errors, dt)
+        return frames.trace_frame(self.names, self.parameters, self.errors, dt, self.time)
 
     def to_xarray(self, dt: float | None = None) -> Any:
         """Return an `xarray.Dataset`: ``parameters`` over time and parameter, and ``errors`` over time.
@@ -103,7 +107,8 @@ class Trace:
         Parameters
         ----------
         dt : float, optional
-            Sampling time in s; without it the first dimension is ``sample``, a number.
+            Sampling time in s; without it the first dimension is that of the time stamps, or ``sample``, a number,
+            where there are none.
 
         Raises
         ------
@@ -116,7 +121,7 @@ class Trace:
         >>> trace.to_xarray(dt=0.5)["parameters"].sel(parameter="b0").values
         array([1., 2.])
         """
-        return frames.trace_dataset(self.names, self.parameters, self.errors, dt)
+        return frames.trace_dataset(self.names, self.parameters, self.errors, dt, self.time)
 
     def __add__(self, other: Trace) -> Trace:
         """Return this trace joined with that of the next chunk.
@@ -133,4 +138,5 @@ class Trace:
             self.start,
             np.vstack([self.parameters, other.parameters]),
             np.concatenate([self.errors, other.errors]),
+            None if self.time is None or other.time is None else np.concatenate([self.time, other.time]),
         )

@@ -92,7 +92,13 @@ def _moving_sum(values: FloatArray, span: int) -> FloatArray:
 
 
 def regressors_of(
-    result: Result, state_filter: StateVariableFilter, preprocess: Preprocess, u: FloatArray, y: FloatArray, dt: float
+    result: Result,
+    state_filter: StateVariableFilter,
+    preprocess: Preprocess,
+    u: FloatArray,
+    y: FloatArray,
+    dt: float,
+    t: FloatArray | None = None,
 ) -> FloatArray:
     """Return the regressors (K, P) of a result's record; rejected samples are rows of NaN.
 
@@ -106,6 +112,8 @@ def regressors_of(
         Raw input and output.
     dt : float
         Sampling time in s.
+    t : (K,) array, optional
+        Time stamps of an irregular clock in s.
     """
     accepted, _ = screen(preprocess.map_input(u), y)
-    return regressors(result.structure, dt, state_filter, preprocess, u, np.where(accepted, y, np.nan))[0]
+    return regressors(result.structure, dt, state_filter, preprocess, u, np.where(accepted, y, np.nan), t)[0]

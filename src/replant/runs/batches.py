@@ -10,7 +10,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 
-Batch = tuple[FloatArray, ...]  # input, output and, if there is one, reference, (K,) each
+Batch = tuple[FloatArray, ...]  # input, output, the reference if there is one, the stamps if there are some; (K,) each
 
 
 class Source(Protocol):
@@ -25,16 +25,17 @@ class Source(Protocol):
         """Whether every sample is finite."""
 
     def batches(self) -> Iterator[Batch]:
-        """Yield raw input, output and, if there is one, reference, (K,) each, batch by batch."""
+        """Yield raw input, output, the reference if there is one, and stamps in s if there are some, batch by batch."""
 
 
 @dataclass(frozen=True, eq=False)
 class Arrays:
-    """A record in memory as a source: input, output and, if there is one, reference (K,)."""
+    """A record in memory as a source: input, output, perhaps a reference, perhaps stamps of an irregular clock (K,)."""
 
     input: FloatArray
     output: FloatArray
     reference: FloatArray | None = None
+    stamps: FloatArray | None = None
 
     @property
     def samples(self) -> int:
@@ -48,8 +49,8 @@ class Arrays:
 
     def batches(self) -> Iterator[Batch]:
         """Yield the record as one batch."""
-        signals = self.input, self.output
-        yield signals if self.reference is None else (*signals, self.reference)
+        every = self.input, self.output, self.reference, self.stamps
+        yield tuple(signal for signal in every if signal is not None)
 
 
 def batched(batches: Iterable[Batch], size: int) -> Iterator[Batch]:

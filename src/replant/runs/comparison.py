@@ -57,6 +57,7 @@ def compare(
     methods: Sequence[str] = USUAL,
     progress: Callable[[str, float], None] = lambda name, part: None,
     reference: FloatArray | None = None,
+    t: FloatArray | None = None,
 ) -> list[Contender]:
     """Identify the same record by each of ``methods``; a method that fails is reported, and the others go on.
 
@@ -72,6 +73,8 @@ def compare(
         Called with the method's name and the part of its work that is done, up to 1.
     reference : (K,) array, optional
         For the methods that use one: the default, recursive least squares and srivc.
+    t : (K,) array, optional
+        Time stamps in s, strictly increasing, of an irregular clock.
 
     Raises
     ------
@@ -94,9 +97,10 @@ def compare(
         name = one_of("method", name, METHODS)
         r = reference if _uses_reference(name, request) else None
         with contextlib.suppress(ReplantError):  # a trial run first: loading kernels is not the method's time
-            _identify(name, request, u[:TRIAL], y[:TRIAL], None if r is None else r[:TRIAL], progress)
+            first_r, first_t = (None if signal is None else signal[:TRIAL] for signal in (r, t))
+            _identify(name, request, u[:TRIAL], y[:TRIAL], first_r, first_t, progress)
         try:
-            contenders.append(_identify(name, request, u, y, r, progress))
+            contenders.append(_identify(name, request, u, y, r, t, progress))
         except ReplantError as problem:
             contenders.append(Contender(name, None, problem=str(problem)))
         progress(name, 1.0)
@@ -117,15 +121,16 @@ def _identify(
     u: FloatArray,
     y: FloatArray,
     r: FloatArray | None,
+    t: FloatArray | None,
     progress: Callable[[str, float], None],
 ) -> Contender:
     if name in OFFLINE:
         begun = time.perf_counter()
         more: dict[str, Any] = {} if r is None else {"reference": r}
-        fitted = fit(u, y, request.dt, request.structure, method=name, preprocess=request.preprocess, **more)
-        return Contender(name, result_of_fit(fitted, u, y, begun), fitted)
+        fitted = fit(u, y, request.dt, request.structure, method=name, preprocess=request.preprocess, t=t, **more)
+        return Contender(name, result_of_fit(fitted, u, y, begun, t), fitted)
     request = _online(name, request)
-    return Contender(name, run_online(request, u, y, lambda done: progress(name, done / u.size), reference=r))
+    return Contender(name, run_online(request, u, y, lambda done: progress(name, done / u.size), reference=r, t=t))
 
 
 def best(contenders: Sequence[Contender]) -> Contender | None:

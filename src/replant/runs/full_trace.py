@@ -21,6 +21,8 @@ GROUP_ROWS = 1 << 17
 class FullTrace:
     """Writes traces to a file with the columns ``time [s]``, one for each parameter by its name, and ``error``.
 
+    The time is that of the trace's stamps; without stamps it counts from the first sample.
+
     To be used in a ``with`` statement; if that ends in an exception, no file is left.
 
     Parameters
@@ -97,7 +99,9 @@ class FullTrace:
 
         parameters = np.concatenate([trace.parameters for trace in self._held])
         errors = np.concatenate([trace.errors for trace in self._held])
-        columns: dict[str, Any] = {"time [s]": self._dt * np.arange(self._rows, self._rows + errors.size)}
+        clock = self._dt * np.arange(self._rows, self._rows + errors.size)
+        stamps = [trace.time for trace in self._held if trace.time is not None]
+        columns: dict[str, Any] = {"time [s]": np.concatenate(stamps) if len(stamps) == len(self._held) else clock}
         columns |= {name: parameters[:, i].copy() for i, name in enumerate(self._held[0].names)}
         table = pyarrow.table({**columns, "error": errors})
         if self._writer is None:

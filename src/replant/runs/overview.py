@@ -25,6 +25,8 @@ class Overview:
         The newest samples, unchanged.
     samples : int
         Samples of the record.
+    newest_times : (N,) array or None
+        Of an irregular clock: when the newest samples were taken, in s since the first sample of the record.
     """
 
     input: Thinned
@@ -34,6 +36,7 @@ class Overview:
     newest_input: FloatArray
     newest_output: FloatArray
     samples: int
+    newest_times: FloatArray | None = None
 
 
 class Recorder:
@@ -50,10 +53,18 @@ class Recorder:
     def __init__(self, length: int, newest: int | None = None) -> None:
         self.samples = 0
         self._newest = length if newest is None else newest
-        self._kept: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+        self._kept: list[tuple[FloatArray, ...]] = []
+        self._began: float | None = None
         self._thinners = [Thinner(length, POINTS) for _ in range(4)] if self._newest < length else []
 
-    def take(self, u: FloatArray, y: FloatArray, modelled: FloatArray, used: BoolArray | np.bool_ = np.True_) -> None:
+    def take(
+        self,
+        u: FloatArray,
+        y: FloatArray,
+        modelled: FloatArray,
+        used: BoolArray | np.bool_ = np.True_,
+        t: FloatArray | None = None,
+    ) -> None:
         """Take the next samples.
 
         Parameters
@@ -62,8 +73,12 @@ class Recorder:
             Input, measured and modelled output.
         used : (K,) array of bool
             The samples that have a residual; all by default.
+        t : (K,) array, optional
+            Time stamps of an irregular clock in s, with every sample or with none.
         """
-        self._kept.append((u, y, modelled))
+        if t is not None and self._began is None and t.size:
+            self._began = float(t[0])
+        self._kept.append((u, y, modelled) if t is None else (u, y, modelled, t))
         self.samples += u.size
         while sum(part[0].size for part in self._kept[1:]) >= max(self._newest, 1):
             del self._kept[0]
@@ -84,7 +99,8 @@ class Recorder:
         u, y, model, residual = (thinner.thinned for thinner in self._thinners)
         model = replace(model, values=model.values + shift)
         residual = replace(residual, values=residual.values - shift)
-        return Overview(u, y, model, residual, self._last(0), self._last(1), self.samples)
+        times = None if self._began is None else self._last(3) - self._began
+        return Overview(u, y, model, residual, self._last(0), self._last(1), self.samples, times)
 
     def _last(self, which: int) -> FloatArray:
         whole = np.concatenate([np.empty(0), *(part[which] for part in self._kept)])

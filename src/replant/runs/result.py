@@ -17,6 +17,7 @@ from replant.model.uncertainty import Uncertainty
 from replant.offline.fit_result import FitResult
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import screen
+from replant.runs.clock import Clock
 from replant.runs.overview import Overview
 from replant.settings import Settings
 from replant.simulation.stretches import (
@@ -77,6 +78,8 @@ class Result:
         Samples that the fits leave out, as rows [begin, end) of the record: bridged, rejected, or without an output.
     finished : bool
         Whether an online run ended with `Identifier.finish`.
+    clock : Clock or None
+        When the samples were taken; None for a regular clock.
     """
 
     model: Model
@@ -91,6 +94,11 @@ class Result:
     overview: Overview | None = None
     left_out: IntArray = field(default_factory=NONE.copy)
     finished: bool = False
+    clock: Clock | None = None
+
+    def clock_of(self, dt: float) -> Clock:
+        """Return the clock of the record, whose sampling time is ``dt`` s."""
+        return self.clock if self.clock is not None and self.clock.irregular else Clock(dt)
 
     @property
     def structure(self) -> Structure:
@@ -118,10 +126,12 @@ class Result:
         return self.model.noise
 
     def left_out_over_time(self, dt: float) -> FloatArray:
-        """Return begin and end of the stretches left out, (L, 2) in s; those too close for a plot are joined."""
+        """Return begin and end of stretches left out, and of gaps, (L, 2) in s; those close together are joined."""
         samples = self.overview.samples if self.overview else self.simulation.output.size
         rows = joined(self.left_out, max(1, samples // MOST_SHADES)) - np.array([1.0, 0.0])
-        return np.asarray(dt * np.maximum(rows, 0.0))
+        clock = self.clock_of(dt)
+        found = clock.at(np.maximum(rows, 0.0))
+        return np.concatenate([found, clock.gaps]) if clock.irregular else found
 
     def residual(self, y: FloatArray) -> FloatArray:
         """Return the newest measured outputs (K,) minus the simulated ones; NaN for samples that are left out."""
@@ -142,7 +152,7 @@ class Result:
         return self.settings.filter.fixed_at(self.transfer_function.den, self.settings.dt)
 
 
-def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float) -> Result:
+def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float, t: FloatArray | None = None) -> Result:
     """Return the result of an offline fit.
 
     Parameters
@@ -152,6 +162,8 @@ def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float)
         Raw input and output that were fitted.
     begun : float
         Value of `time.perf_counter` at the start, in s.
+    t : (K,) array, optional
+        Time stamps in s that were fitted, of an irregular clock.
     """
     if fitted.reference:
         y = np.where(np.isfinite(fitted.reference.signal), y, np.nan)
@@ -166,4 +178,5 @@ def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float)
         fitted.verdict,
         time.perf_counter() - begun,
         left_out=stretches_of(~used),
+        clock=Clock.of(fitted.dt, t),
     )

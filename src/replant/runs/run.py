@@ -16,7 +16,8 @@ from replant.online.model_of import model_of
 from replant.online.trace import Trace
 from replant.regressor.filters import Filter
 from replant.regressor.preprocess import screen
-from replant.runs.batches import Arrays, Source, batched
+from replant.runs.batches import Arrays, Batch, Source, batched
+from replant.runs.clock import KNOTS, ClockRecorder
 from replant.runs.overview import Recorder
 from replant.runs.result import History, Result
 from replant.settings import LONGEST_STARTUP, Request
@@ -49,6 +50,7 @@ def run_online(
     *,
     startup: int | None = None,
     reference: FloatArray | None = None,
+    t: FloatArray | None = None,
 ) -> Result:
     """Identify a record in memory in one pass; see `run_source`.
 
@@ -62,13 +64,15 @@ def run_online(
     startup : int, optional
         See `run_source`.
     reference : (K,) array, optional
+    t : (K,) array, optional
+        Time stamps in s, strictly increasing, of an irregular clock.
     """
 
     def report(stage: str, samples: int) -> None:
         if stage == IDENTIFYING:
             progress(samples)
 
-    return run_source(request, Arrays(u, y, reference), report, startup=startup)
+    return run_source(request, Arrays(u, y, reference, t), report, startup=startup, irregular=t is not None)
 
 
 def run_source(
@@ -78,6 +82,7 @@ def run_source(
     sink: Callable[[Trace], None] = lambda trace: None,
     newest: int | None = None,
     startup: int | None = None,
+    irregular: bool = False,
 ) -> Result:
     """Identify a record of any length in one pass; a second pass simulates the model and computes its fits.
 
@@ -98,17 +103,26 @@ def run_source(
         How many of the newest samples of the simulation are kept, if the record is too long for memory.
     startup : int, optional
         Samples of the start-up; the run then equals a live session to the bit.
+    irregular : bool
+        Whether the last signal of each batch is the time stamps in s, strictly increasing, of an irregular clock.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the clock is irregular and the filter of the request needs a regular one.
     """
     begun = time.perf_counter()
-    identifier = _identifier(request, source, startup)
+    identifier = _identifier(request, source, startup, irregular=irregular)
     history, bridged = _History(source.samples, request.structure.size), _Bridged(identifier)
     chunk = min(CHUNK, max(1, source.samples // BANDS))
     done, stamped = 0, _needs_stamps(request, source)
-    for u, y, *r in batched(source.batches(), FITTED):
+    for batch in batched(source.batches(), FITTED):
+        u, y, r, t = _signals(batch, irregular=irregular)
         for start in range(0, u.size, chunk):
             piece = slice(start, start + chunk)
-            t = identifier.dt * np.arange(done, done + u[piece].size) if stamped else None
-            trace = identifier.update_many(u[piece], y[piece], t, *(reference[piece] for reference in r))
+            regular = np.asarray(identifier.dt * np.arange(done, done + u[piece].size)) if stamped else None
+            stamps = regular if t is None else t[piece]
+            trace = identifier.update_many(u[piece], y[piece], stamps, None if r is None else r[piece])
             bridged.take(u[piece], y[piece])
             history.take(trace, identifier.uncertainty.std)
             sink(trace)
@@ -119,11 +133,21 @@ def run_source(
         identifier.finish()
         history.end(identifier.parameters, identifier.uncertainty.std)
     bridged.note()
-    return _result(identifier, request, history.history, source, begun, progress, newest, bridged.stretches, finished)
+    return _result(
+        identifier, request, history.history, source, begun, progress, newest, bridged.stretches, finished,
+        irregular=irregular,
+    )  # fmt: skip
+
+
+def _signals(batch: Batch, *, irregular: bool) -> tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None]:
+    """Return input, output, reference or None, and stamps or None of a batch."""
+    u, y, *others = batch
+    t = others.pop() if irregular and others else None
+    return u, y, others[0] if others else None, t
 
 
 def _needs_stamps(request: Request, source: Source) -> bool:
-    """Return whether the run needs time stamps: samples are missing, and without stamps a missing one takes no time.
+    """Return whether a run on a regular clock needs stamps: samples are missing, and without stamps they take no time.
 
     The article's filters need a regular clock, so that they get no stamps.
     """
@@ -131,14 +155,15 @@ def _needs_stamps(request: Request, source: Source) -> bool:
     return not source.complete and not regular_only
 
 
-def _identifier(request: Request, source: Source, startup: int | None) -> Identifier:
+def _identifier(request: Request, source: Source, startup: int | None, *, irregular: bool) -> Identifier:
     if startup is not None:
         return Identifier(**vars(dataclasses.replace(request, startup=startup)))
     if request.wants_instruments:
         startup = min(max(source.samples // 10, 1), LONGEST_STARTUP)
         return Identifier(**vars(dataclasses.replace(request, startup=startup)))
-    u, y, *_ = next(batched(source.batches(), SETTLED), (np.empty(0), np.empty(0)))
-    return Identifier(**settle(request, u, y, source.samples).arguments)
+    first = next(batched(source.batches(), SETTLED), (np.empty(0), np.empty(0)))
+    u, y, _, t = _signals(first, irregular=irregular)
+    return Identifier(**settle(request, u, y, source.samples, t=t).arguments)
 
 
 class _History:
@@ -210,14 +235,17 @@ def _result(
     newest: int | None,
     bridged: IntArray,
     finished: bool,
+    *,
+    irregular: bool,
 ) -> Result:
     """Return the result of an online run; ``begun`` is the value of `time.perf_counter` at its start."""
     settings = identifier.settings
     hold = settings.filter.input_hold if settings else "zoh"
-    score = Score(identifier.transfer_function, identifier.dt, hold)
+    score = Score(identifier.transfer_function, identifier.dt, hold, irregular=irregular)
     preprocess = settings.preprocess if settings else None
     kept, left_out = Recorder(source.samples, newest), [NONE]
-    for u, y in _pieces(source):
+    clock = ClockRecorder(identifier.dt, source.samples, source.samples if newest is None else KNOTS)
+    for u, y, t in _pieces(source, irregular=irregular):
         if preprocess is None:  # every sample was rejected
             preprocess = request.preprocess.resolve(u, y)
         mapped = preprocess.map_input(u)
@@ -225,8 +253,10 @@ def _result(
         used = accepted & ~flags_of(bridged, kept.samples, u.size)
         left_out.append(stretches_of(~used, kept.samples))
         measured = np.where(used, y, np.nan)
-        modelled = score.take(np.where(accepted, mapped - float(preprocess.input_offset), np.nan), measured)
-        kept.take(u, y, modelled, used)
+        modelled = score.take(np.where(accepted, mapped - float(preprocess.input_offset), np.nan), measured, t)
+        kept.take(u, y, modelled, used, t)
+        if t is not None:
+            clock.take(t)
         progress(TESTING, kept.samples)
     verdict = identifier.assess()
     simulation = Simulation(kept.output(score.shift), score.offset, score.simulated)
@@ -243,13 +273,17 @@ def _result(
         kept.overview(score.shift),
         np.concatenate(left_out),
         finished,
+        clock.clock,
     )
 
 
-def _pieces(source: Source) -> Iterator[tuple[FloatArray, FloatArray]]:
+def _pieces(source: Source, *, irregular: bool) -> Iterator[tuple[FloatArray, FloatArray, FloatArray | None]]:
     """Yield a record: first the samples that the initial state is fitted over, then pieces that fit into a cache."""
     first = True
-    for u, y, *_ in batched(source.batches(), FITTED):
+    for batch in batched(source.batches(), FITTED):
+        u, y, _, t = _signals(batch, irregular=irregular)
         size = FITTED if first else PIECE
         first = False
-        yield from ((u[start : start + size], y[start : start + size]) for start in range(0, max(u.size, 1), size))
+        for start in range(0, max(u.size, 1), size):
+            piece = slice(start, start + size)
+            yield u[piece], y[piece], None if t is None else t[piece]

@@ -30,6 +30,17 @@ class Thinned:
         """Return when each point is, (V,), in s."""
         return np.asarray(dt * (self.first + self.step * np.arange(self.values.size)))
 
+    @property
+    def places(self) -> FloatArray:
+        """Which sample each point is, (V,); a fraction lies between two samples."""
+        return np.asarray(self.first + self.step * np.arange(self.values.size))
+
+    def among(self, t: FloatArray) -> FloatArray:
+        """Return when each point is, (V,), in the signal whose samples came at the times ``t`` (K,), evenly or not."""
+        last = float(t[-1] - t[-2]) if t.size > 1 else 0.0
+        beyond = last * np.maximum(self.places - (t.size - 1), 0.0)
+        return np.asarray(np.interp(self.places, np.arange(t.size), t) + beyond)
+
     def indices(self, length: int) -> npt.NDArray[np.intp]:
         """Return the index (V,) of the sample nearest below each point, in the signal of ``length`` samples."""
         places = self.first + self.step * np.arange(self.values.size)

@@ -114,7 +114,9 @@ class AuxiliaryModel:
         """How many entries a model has, T."""
         return self._state.entries
 
-    def run(self, theta: FloatArray, record: Record, by_reference: FloatArray | None = None) -> Pass:
+    def run(
+        self, theta: FloatArray, record: Record, by_reference: FloatArray | None = None, *, goes_on: bool = False
+    ) -> Pass:
         """Run a model over a record from rest.
 
         Samples that answer to inputs before the record, because of a dead time, say nothing: their rows are zero, and
@@ -127,14 +129,17 @@ class AuxiliaryModel:
         record : Record
         by_reference : (K, 2) array, optional
             What the reference explains of input and output; for a model made with ``reference``.
+        goes_on : bool
+            Whether the record is the continuation of the last one, of the same model.
         """
         from replant.kernels.step.stages import regressors
 
         if by_reference is None:
             by_reference = NOTHING
         state, size, samples = self._state, self.entries, record.u.size
-        state.install(theta)
-        state.started = False
+        if not goes_on:
+            state.install(theta)
+            state.started = False
         phi, zeta = np.empty((samples, size)), np.empty((samples, size))
         target, output = np.empty(samples), np.empty(samples)
         regressors(
@@ -143,7 +148,7 @@ class AuxiliaryModel:
         )  # fmt: skip
         ahead = record.y - output
         error = target - phi @ theta if state.serves_reflected else ahead
-        unknown = record.unknown(self._delay)
+        unknown = 0 if goes_on else record.unknown(self._delay)
         if unknown:
             output[:unknown] = output[min(unknown, samples - 1)]
             for signal in (phi, zeta, target, ahead, error):

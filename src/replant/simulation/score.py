@@ -14,9 +14,11 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.kernels.schema import LAGS
 from replant.model.transfer_function import TransferFunction
+from replant.simulation.free_run import FreeRun
 from replant.simulation.offset_fit import bridged, initial_weights, with_initial
 from replant.simulation.record_response import RecordResponse
 from replant.statistics.autoregression import LEAST, Autoregression
+from replant.statistics.lost_samples import places_on_grid
 
 FITTED = 1 << 18
 """Samples over which the initial state is fitted [samples]."""
@@ -31,8 +33,10 @@ class Score:
     ----------
     model : TransferFunction
     dt : float
-        Sampling time in s.
+        Sampling time in s; of an irregular clock the usual interval.
     input_hold : {"zoh", "foh"}
+    irregular : bool
+        Whether the samples come with time stamps.
 
     Examples
     --------
@@ -44,21 +48,27 @@ class Score:
     (100.0, array([5., 5.]))
     """
 
-    def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh") -> None:
-        self._response = RecordResponse(model, dt, input_hold)
+    def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh", *, irregular: bool = False) -> None:
+        self._regular = None if irregular else RecordResponse(model, dt, input_hold)
+        self._irregular = FreeRun(model, dt, input_hold) if irregular else None
+        self._dt, self._last = dt, math.nan
         self._weights = np.zeros(1 + model.den.size - 1)
         self._input, self._batches, self._failed = 0.0, 0, False
         self._error, self._output = _ErrorSums(), _OutputSums()
 
-    def take(self, u: FloatArray, y: FloatArray) -> FloatArray:
+    def take(self, u: FloatArray, y: FloatArray, t: FloatArray | None = None) -> FloatArray:
         """Take the next samples (K,); return the model's output, `shift` not yet added.
 
         The first batch must hold `FITTED` samples, or all if there are fewer.  NaN in ``u`` is replaced by the last
-        input, NaN in ``y`` is left out, and so are the outputs that answer to inputs from before the record.
+        input, NaN in ``y`` is left out, and so are the outputs that answer to inputs from before the record.  ``t`` are
+        time stamps (K,) in s, of an irregular clock.
         """
+        if t is not None and u.size == 0:
+            return np.zeros(0)
+        intervals = self._intervals(t)
         u, self._input = bridged(u, self._input)
         with np.errstate(over="ignore", invalid="ignore"):
-            forced, free, unknown = self._response.take(u)
+            forced, free, unknown = self._run(u, intervals)
             y = np.concatenate([np.full(unknown, np.nan), y[unknown:]])
             if self._batches == 0:
                 weights = initial_weights(forced, free, y)
@@ -69,8 +79,23 @@ class Score:
             if not self._failed:
                 known = np.asarray(np.isfinite(y))
                 self._output.take(y[known])
-                self._error.take(np.where(known, y - modelled, 0.0), known)
+                self._error.take(*_spread(np.where(known, y - modelled, 0.0), known, intervals, self._dt))
         return modelled
+
+    def _intervals(self, t: FloatArray | None) -> FloatArray | None:
+        """Return the time (K,) since the sample before each stamp (K,), in s; None for a regular clock."""
+        if t is None:
+            return None
+        intervals = np.diff(t, prepend=t[0] - self._dt if math.isnan(self._last) else self._last)
+        self._last = float(t[-1])
+        return intervals
+
+    def _run(self, u: FloatArray, intervals: FloatArray | None) -> tuple[FloatArray, FloatArray, int]:
+        if self._regular is not None:
+            return self._regular.take(u)
+        assert self._irregular is not None
+        assert intervals is not None
+        return self._irregular.take(u, intervals)
 
     @property
     def usable(self) -> bool:
@@ -105,6 +130,19 @@ class Score:
             return math.nan
         with np.errstate(over="ignore", invalid="ignore"):
             return float(100.0 * (1.0 - np.sqrt(max(power, 0.0)) / np.sqrt(spread)))
+
+
+def _spread(
+    error: FloatArray, known: _BoolArray, intervals: FloatArray | None, dt: float
+) -> tuple[FloatArray, _BoolArray]:
+    """Return residuals (K,), and which are known, with one unknown residual for each sample that was lost."""
+    if intervals is None:
+        return error, known
+    places = places_on_grid(intervals, dt)
+    size = int(places[-1]) + 1
+    spread, there = np.zeros(size), np.zeros(size, bool)
+    spread[places], there[places] = error, known
+    return spread, there
 
 
 class _OutputSums:

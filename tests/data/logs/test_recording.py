@@ -81,20 +81,39 @@ def test_its_batches_are_the_log(tmp_path: Path, suffix: str, timing: dict[str, 
 @pytest.mark.parametrize("row", [1, 63, 64, 65, 300, ROWS - 1])
 @pytest.mark.parametrize(
     ("kind", "message"),
-    [("missing", "time stamp is nan"), ("repeats", "repeats the one before"), ("late", "irregular time stamps")],
+    [("missing", "time stamp is nan"), ("repeats", "repeats the one before")],
 )
 def test_a_bad_stamp_is_named_wherever_it_is(tmp_path: Path, most_held: int, row: int, kind: str, message: str) -> None:
     columns = signals()
     if kind == "missing":
         columns["t"][row] = np.nan
-    elif kind == "repeats":
-        columns["t"][row] = columns["t"][row - 1]
     else:
-        columns["t"][row:] += 0.5
+        columns["t"][row] = columns["t"][row - 1]
     for suffix, place in ((".csv", f"line {row + 2}"), (".parquet", f"row {row + 1}")):
         path = save(tmp_path / f"log{suffix}", columns)
         with pytest.raises(LogError, match=rf"{place}, column 't': .*{message}"):
             open_recording(path, input="u", output="y", most_held=most_held)
+
+
+@pytest.mark.usefixtures("small_blocks")
+@pytest.mark.parametrize("most_held", [0, ROWS])
+@pytest.mark.parametrize("row", [1, 63, 64, 65, 300, ROWS - 1])
+def test_an_irregular_stamp_is_named_wherever_it_is_and_all_come(tmp_path: Path, most_held: int, row: int) -> None:
+    columns = signals()
+    regular = save(tmp_path / "regular.csv", columns)
+    dt = open_recording(regular, input="u", output="y").dt
+    columns["t"][row:] += 0.5
+    for suffix, place in ((".csv", f"line {row + 2}"), (".parquet", f"row {row + 1}")):
+        recording = open_recording(save(tmp_path / f"log{suffix}", columns), input="u", output="y", most_held=most_held)
+        assert recording.irregular
+        assert f"{place}, column 't': irregular time stamps" in recording.irregularity
+        assert recording.dt == pytest.approx(dt, rel=0.05)  # the stamps of this log are rounded
+        u, y, t = (np.concatenate(parts) for parts in zip(*recording.batches(), strict=True))
+        for found, name in ((u, "u"), (y, "y"), (t, "t")):
+            np.testing.assert_array_equal(found, columns[name])
+        newest = recording.newest(u[-50:], y[-50:], t[-50:] - t[0])
+        assert newest.stamps is not None
+        assert newest.duration == pytest.approx(t[-1] - t[0] + recording.dt)
 
 
 @pytest.mark.usefixtures("small_blocks")

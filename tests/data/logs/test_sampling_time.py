@@ -12,23 +12,34 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from replant.data.logs import read_log
+from replant.data.logs import open_recording, read_log
 from replant.data.logs.sampling_time import (
+    Clock,
     SamplingTime,
-    StampResolution,
     check_dt,
     time_candidates,
     unit_in_seconds,
 )
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
+from replant.stamps import StampResolution, is_regular
 
 Write = Callable[..., Path]
 
 
-def step_of(stamps: NDArray[np.float64]) -> float:
+def judged(stamps: NDArray[np.float64]) -> tuple[Clock, str]:
+    """What is found of stamps, and in words."""
     sampling_time = SamplingTime(Path("log.csv"), "t", "row {}".format)
     sampling_time.add(stamps)
-    return sampling_time.interval(lambda: [stamps])
+    clock = sampling_time.clock(lambda: [stamps])
+    assert is_regular(stamps) == (clock.irregular_row is None)
+    return clock, sampling_time.irregularity(clock)
+
+
+def step_of(stamps: NDArray[np.float64]) -> float:
+    """The interval of a clock that is regular."""
+    clock, irregularity = judged(stamps)
+    assert not irregularity
+    return clock.interval
 
 
 def log_text(stamps: list[str], name: str = "t") -> str:
@@ -81,8 +92,9 @@ def test_a_missing_sample_is_found_where_it_is(dt: float, decimals: int, count: 
         decimals = 9
     gap = data.draw(st.integers(1, count - 1))
     stamps = np.delete(np.round(dt * np.arange(count + 1), decimals), gap)
-    with pytest.raises(LogError, match=rf"row {gap}, column 't': irregular time stamps"):
-        step_of(stamps)
+    clock, irregularity = judged(stamps)
+    assert f"row {gap}, column 't': irregular time stamps" in irregularity
+    assert clock.interval == pytest.approx(dt, abs=1.01 * 10.0**-decimals)
 
 
 @given(dt=st.sampled_from([1e-3, 0.02, 1.0]), count=st.integers(20, 400), data=st.data())
@@ -90,15 +102,13 @@ def test_a_displaced_stamp_is_found(dt: float, count: int, data: st.DataObject) 
     stamps = dt * np.arange(count)
     row = data.draw(st.integers(1, count - 2))  # at the ends, one printed digit may be rounding
     stamps[row] += data.draw(st.sampled_from([-0.5, -0.02, 0.02, 0.5])) * dt
-    with pytest.raises(LogError, match=rf"row {row}, column 't': irregular"):
-        step_of(stamps)
+    assert f"row {row}, column 't': irregular" in judged(stamps)[1]
 
 
 def test_a_stamp_displaced_by_one_digit_is_not_rounding() -> None:
     stamps = np.round(0.1 * np.arange(50), 1)
     stamps[30] += 0.01
-    with pytest.raises(LogError, match="row 30, column 't': irregular"):
-        step_of(stamps)
+    assert "row 30, column 't': irregular" in judged(stamps)[1]
 
 
 def test_slow_drift_of_a_rounded_clock_is_regular() -> None:
@@ -106,16 +116,39 @@ def test_slow_drift_of_a_rounded_clock_is_regular() -> None:
     assert math.isclose(step_of(np.round(ideal, 3)), 0.03335, rel_tol=1e-5)
 
 
-def test_irregular_stamps_name_the_line_and_the_remedy(write: Write) -> None:
+def test_irregular_stamps_come_with_the_log_and_the_line_is_named(write: Write) -> None:
     path = write("# rig\n\n" + log_text(["0", "0.1", "0.2", "0.35", "0.4", "0.5"]))
-    with pytest.raises(LogError) as caught:
-        read_log(path, input="u", output="y", time="t")
-    assert str(caught.value) == (
-        f"{path}: line 7, column 't': irregular time stamps, 0.15 after the one before where 0.1 is usual; resample "
-        "the log, or give the sampling time (dt, --dt) instead of a time column if the stamps are only jitter, or hand "
-        "them to Identifier.update_many(u, y, t), which takes them as they are"
+    log = read_log(path, input="u", output="y", time="t")
+    assert log.dt == 0.1
+    assert log.stamps is not None
+    assert log.stamps.tolist() == [0.0, 0.1, 0.2, 0.35, 0.4, 0.5]
+    assert log.duration == pytest.approx(0.6)
+    assert open_recording(path, input="u", output="y").irregularity == (
+        f"{path}: line 7, column 't': irregular time stamps, 0.15 after the one before where 0.1 is usual"
     )
-    assert read_log(path, input="u", output="y", dt=0.1).time is None  # the remedy works
+    given = read_log(path, input="u", output="y", dt=0.1)
+    assert given.time is None
+    assert given.stamps is None
+
+
+def test_the_stamps_of_a_regular_clock_do_not_count(write: Write) -> None:
+    """Rounded they would cost accuracy: the mean interval is better known than each."""
+    log = read_log(write(log_text(["0", "0.033", "0.067", "0.1"])), input="u", output="y")
+    assert log.stamps is None
+    assert log.time is not None
+    assert log.duration == 4 * log.dt
+
+
+def test_irregular_stamps_in_another_unit(write: Write) -> None:
+    log = read_log(write(log_text(["0", "100", "200", "450"], "t [ms]")), input="u", output="y")
+    assert log.dt == 0.1
+    assert log.stamps is not None
+    np.testing.assert_allclose(log.stamps, [0.0, 0.1, 0.2, 0.45], rtol=1e-12)
+
+
+@pytest.mark.parametrize("stamps", [[], [1.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.5], [0.0, math.nan, 2.0]])
+def test_what_is_no_increasing_time_is_no_regular_clock(stamps: list[float]) -> None:
+    assert is_regular(np.array(stamps)) == (len(stamps) < 2)
 
 
 def test_a_column_that_has_another_role_is_not_looked_for_as_the_time(write: Write) -> None:

@@ -133,7 +133,7 @@ def _refusal(table: Table, name: str, stamps: FloatArray) -> str:
     judged = SamplingTime(table.path, name, table.describe_row)
     try:
         judged.add(stamps)
-        judged.interval(lambda: iter([stamps]))
+        judged.clock(lambda: iter([stamps]))
     except LogError as problem:
         return str(problem).removeprefix(f"{table.path}: ")
     return ""

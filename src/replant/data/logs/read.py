@@ -54,7 +54,8 @@ def read_log(
     input, output : str or int
         The columns, by name or 0-based number. In .mat and .npz files also ``udat[:,0]`` and ``data.udat[:,0]``.
     time : str or int, optional
-        The column of time stamps, in seconds or the unit that its name states (``t [ms]``). They must be regular.
+        The column of time stamps, in seconds or the unit that its name states (``t [ms]``). They must increase; the
+        stamps of an irregular clock count, see `Log.stamps`.
     dt : float, optional
         The sampling time in seconds, instead of `time`.
     reference : str or int, optional
@@ -70,7 +71,7 @@ def read_log(
     Raises
     ------
     LogError
-        If the file or a column cannot be read, or the time stamps are irregular: one line that says where and what
+        If the file or a column cannot be read, or a time stamp repeats or goes back: one line that says where and what
         to do.
     InvalidArgumentError
         If `time` and `dt` are both given, `dt` is not finite and positive, or the time range is empty.
@@ -152,7 +153,7 @@ def open_recording(
         SamplingTime(table.path, table.names[roles["time"]], table.describe_row) if "time" in roles else None
     )
     kept, rows, complete = _checked(table, roles, sampling_time, most_held, progress)
-    stamps = None
+    stamps, unit, irregularity = None, 1.0, ""
     if sampling_time is not None:
         number = roles["time"]
         again: Callable[[], Iterator[NDArray[np.float64]]]
@@ -160,7 +161,8 @@ def open_recording(
         if number not in table.in_seconds:
             check_unit(table.path, table.names[number], next(again()))
         unit = 1.0 if number in table.in_seconds else unit_in_seconds(table.names[number])
-        step = float(f"{sampling_time.interval(again) * unit:.12g}")
+        clock = sampling_time.clock(again)
+        step, irregularity = float(f"{clock.interval * unit:.12g}"), sampling_time.irregularity(clock)
         stamps = kept[-1] * unit if kept else None
     assert step is not None
     columns = tuple(roles[role] for role in signals)
@@ -168,10 +170,15 @@ def open_recording(
     if kept:
         u, y, *r = kept[: len(columns)]
         of_input, of_output, *of_reference = (table.names[column] for column in columns)
-        held = Log(u, y, step, stamps, of_input, of_output, table.path, begin=begin, end=end)
+        held = Log(
+            u, y, step, stamps, of_input, of_output, table.path, begin=begin, end=end, irregular=bool(irregularity)
+        )
         if r:
             held = replace(held, reference=r[0], reference_name=of_reference[0])
-    return Recording(table, columns, step, sampling_time is not None, rows, complete, held, begin, end)
+    if irregularity:
+        columns = *columns, roles["time"]
+    stamped = sampling_time is not None
+    return Recording(table, columns, step, stamped, rows, complete, held, begin, end, irregularity, unit)
 
 
 def _part(table: Table, time: int | None, dt: float | None, between: tuple[float, float]) -> Table:

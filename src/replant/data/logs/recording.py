@@ -18,16 +18,16 @@ MOST_HELD = 1 << 20
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A log of input, output and perhaps a reference at a fixed sampling time, checked from its first row to its last.
+    """A log of input, output and perhaps a reference, checked from its first row to its last.
 
     Parameters
     ----------
     table : Table
         The file.
     columns : tuple of int
-        Indices of the columns of input, output and, if there is one, reference.
+        Indices of the columns of input, output, the reference if there is one, and the time if the clock is irregular.
     dt : float
-        Sampling time in seconds.
+        Sampling time in seconds; of an irregular clock the usual interval.
     stamped : bool
         Whether the sampling time comes from the file's time stamps.
     samples : int
@@ -38,6 +38,10 @@ class Recording:
         The whole log, if it is short enough to be held in memory.
     begin, end : float or None
         The part of the file that is read, in s from its first row; None: from the first, or to the last.
+    irregularity : str
+        Where the clock is first irregular, in words; empty for a regular clock.
+    unit : float
+        Unit of the time column in seconds.
     """
 
     table: Table
@@ -49,6 +53,13 @@ class Recording:
     held: Log | None
     begin: float | None = None
     end: float | None = None
+    irregularity: str = ""
+    unit: float = 1.0
+
+    @property
+    def irregular(self) -> bool:
+        """Whether the clock is irregular, so that the batches hold its time stamps."""
+        return bool(self.irregularity)
 
     @property
     def path(self) -> Path:
@@ -56,23 +67,36 @@ class Recording:
         return self.table.path
 
     def batches(self) -> Iterator[tuple[NDArray[np.float64], ...]]:
-        """Yield input, output and, if there is one, reference, block by block, from the first sample on."""
+        """Yield input, output, the reference if there is one, and stamps in s of an irregular clock, block by block."""
         if self.held is not None:
-            signals = self.held.input, self.held.output
-            yield signals if self.held.reference is None else (*signals, self.held.reference)
+            log = self.held
+            every = log.input, log.output, log.reference, log.stamps
+            yield tuple(signal for signal in every if signal is not None)
             return
-        yield from map(tuple, self.table.stream(self.columns))
+        for *signals, last in self.table.stream(self.columns):
+            yield *signals, last * self.unit if self.irregular else last
 
-    def newest(self, u: NDArray[np.float64], y: NDArray[np.float64]) -> Log:
-        """Return the whole log if it is held in memory, else a log of its newest samples ``u`` and ``y`` (K,).
+    def newest(
+        self, u: NDArray[np.float64], y: NDArray[np.float64], since_begin: NDArray[np.float64] | None = None
+    ) -> Log:
+        """Return the whole log if it is held in memory, else a log of its newest samples, without its reference.
 
-        The latter is without its reference.
+        Parameters
+        ----------
+        u, y : (K,) arrays
+            The newest samples.
+        since_begin : (K,) array, optional
+            Of an irregular clock: their time since the first sample of the record, in s.
         """
         if self.held is not None:
             return self.held
-        earlier, (of_input, of_output, *of_reference) = self.samples - u.size, self.columns
+        earlier = self.samples - u.size
         time = np.asarray(self.dt * np.arange(earlier, self.samples), np.float64) if self.stamped else None
-        names = self.table.names
-        reference = "".join(names[column] for column in of_reference)
-        return Log(u, y, self.dt, time, names[of_input], names[of_output], self.path, earlier, None, reference,
-                   self.begin, self.end)  # fmt: skip
+        if self.irregular:
+            time = since_begin
+        of_input, of_output, *others = (self.table.names[column] for column in self.columns)
+        reference = "".join(others[: len(others) - self.irregular])
+        return Log(
+            u, y, self.dt, time, of_input, of_output, self.path, earlier, None, reference,
+            self.begin, self.end, irregular=self.irregular,
+        )  # fmt: skip

@@ -1,10 +1,11 @@
-"""The sampling time: from a column of time stamps, which must be regular, or as a number given."""
+"""The sampling time: from a column of time stamps, regular or not, or as a number given."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
 
@@ -12,12 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
+from replant.stamps import TOLERANCE, StampResolution, is_regular_interval
 
 CHECKED = 1 << 18
 """Stamps that the usual interval is taken from [samples]."""
-TOLERANCE = 0.01
-"""Difference of an interval from the sampling time up to which the clock is regular [part of the sampling time]."""
-
 _UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
 _UNITS |= {"ns": 1e-9, "min": 60.0, "h": 3600.0}
 _UNITS |= {"msec": 1e-3, "millis": 1e-3, "milliseconds": 1e-3, "usec": 1e-6, "micros": 1e-6, "microseconds": 1e-6}
@@ -31,10 +30,6 @@ _TIME_NAME = re.compile(rf"(?:.*\.)?(?:t|time|timestamp){_UNIT}?|{_ALONE}", re.I
 _ENDLESS = 1e300
 """Magnitude of a stamp beyond which the difference of two may leave float64 [s]."""
 _REMEDY = "drop that row, or give the sampling time (dt, --dt) instead of a time column"
-_RESAMPLE = (
-    "resample the log, or give the sampling time (dt, --dt) instead of a time column if the stamps are only jitter, or "
-    "hand them to Identifier.update_many(u, y, t), which takes them as they are"
-)
 
 
 def time_candidates(names: Sequence[str]) -> list[int]:
@@ -94,12 +89,31 @@ def check_dt(dt: object) -> float:
     return step
 
 
+@dataclass(frozen=True)
+class Clock:
+    """What the time stamps of a record say about its clock, in the stamps' unit.
+
+    Attributes
+    ----------
+    interval : float
+        The sampling time: the mean interval of a regular clock, the median of an irregular one.
+    irregular_row : int or None
+        0-based row of the first stamp that is irregular; None for a regular clock.
+    irregular_interval : float
+        Time since the stamp before it; NaN for a regular clock.
+    """
+
+    interval: float
+    irregular_row: int | None = None
+    irregular_interval: float = math.nan
+
+
 class SamplingTime:
     """Determines the sampling time from time stamps that are given block by block, in the stamps' unit.
 
-    The sampling time is the mean interval, in which rounding of the stamps cancels.  The stamps are regular if each
-    interval is within 1 % of the median (of about the first 2^18), or if rounding to their printed digits explains the
-    larger deviations.
+    The stamps are regular if each interval is within 1 % of the median (of about the first 2^18), or if rounding to
+    their printed digits explains the larger deviations.  The sampling time of a regular clock is the mean interval, in
+    which rounding of the stamps cancels; that of an irregular clock is the median, which gaps do not move.
 
     Parameters
     ----------
@@ -113,7 +127,7 @@ class SamplingTime:
     >>> sampling_time = SamplingTime(Path("log.csv"), "t", "row {}".format)
     >>> sampling_time.add(np.array([0.0, 0.033]))
     >>> sampling_time.add(np.array([0.067, 0.1]))
-    >>> sampling_time.interval(lambda: [np.array([0.0, 0.033, 0.067, 0.1])])
+    >>> sampling_time.clock(lambda: [np.array([0.0, 0.033, 0.067, 0.1])]).interval
     0.0333333333333
     """
 
@@ -138,27 +152,32 @@ class SamplingTime:
         if self._seen or self._rows >= CHECKED:
             self._check()
 
-    def interval(self, again: Callable[[], Iterable[NDArray[np.float64]]]) -> float:
-        """Return the sampling time; ``again`` returns all stamps once more, to find the first irregular one.
+    def clock(self, again: Callable[[], Iterable[NDArray[np.float64]]]) -> Clock:
+        """Return what the stamps say; ``again`` returns all of them once more, to find the first irregular one.
 
         Raises
         ------
         LogError
-            See `add`; also if the stamps are irregular.  The message names the first such row.
+            See `add`.
         """
         if self._rows > self._seen:
             self._check()
         median, digits = self._median, self._resolution.step
+        if is_regular_interval(self._least, self._most, median, digits):
+            return Clock(_rounded((self._last - self._first) / (self._rows - 1)))
         deviation = max(self._most - median, median - self._least)
-        if deviation <= TOLERANCE * median or _is_rounded_resolution(self._most - self._least, median, digits):
-            mean = (self._last - self._first) / (self._rows - 1)
-            return float(f"{mean:.12g}")  # 0.1, not 0.09999999999999999: the last digits are rounding errors
         allowed = TOLERANCE * median + (digits if digits < 0.25 * median else 0.0)
         allowed *= 1.001  # the sum of both is often met exactly
         row, interval = _first_beyond(again(), median, allowed if deviation > allowed else TOLERANCE * median)
-        raise LogError(
-            f"{self._path}: {self._describe_row(row)}, column {self._name!r}: irregular time stamps, {interval:.6g} "
-            f"after the one before where {median:.6g} is usual; {_RESAMPLE}"
+        return Clock(_rounded(median), row, interval)
+
+    def irregularity(self, clock: Clock) -> str:
+        """Return in words where an irregular clock is first irregular; nothing for a regular one."""
+        if clock.irregular_row is None:
+            return ""
+        return (
+            f"{self._path}: {self._describe_row(clock.irregular_row)}, column {self._name!r}: irregular time stamps, "
+            f"{clock.irregular_interval:.6g} after the one before where {clock.interval:.6g} is usual"
         )
 
     def _check(self) -> None:
@@ -178,6 +197,11 @@ class SamplingTime:
             self._most = max(self._most, float(intervals.max()))
 
 
+def _rounded(interval: float) -> float:
+    """Return an interval without its last digits, which are rounding errors: 0.1, not 0.09999999999999999."""
+    return float(f"{interval:.12g}")
+
+
 def _first_beyond(blocks: Iterable[NDArray[np.float64]], median: float, allowed: float) -> tuple[int, float]:
     """Return the first row whose interval differs from the median by more than ``allowed``, and that interval."""
     row, last = 0, np.empty(0)
@@ -190,54 +214,6 @@ def _first_beyond(blocks: Iterable[NDArray[np.float64]], median: float, allowed:
             return row - last.size + found + 1, float(intervals[found])
         row, last = row + block.size, stamps[-1:]
     raise AssertionError("the stamps changed between two passes")
-
-
-class StampResolution:
-    """Determines the step to which time stamps were rounded.
-
-    It is the last decimal place if the stamps have few decimals, else two steps of float32 or float64.  Two, because an
-    interval that crosses a power of two has one end on the finer and one on the coarser grid.
-
-    Examples
-    --------
-    >>> resolution = StampResolution()
-    >>> resolution.add(np.array([0.0, 0.033]))
-    >>> resolution.add(np.array([0.067, 0.1]))
-    >>> resolution.step
-    0.001
-    """
-
-    def __init__(self) -> None:
-        self._decimals, self._largest, self._single = 0, 0.0, True
-
-    def add(self, stamps: NDArray[np.float64]) -> None:
-        """Add the stamps of the next block."""
-        self._largest = max(self._largest, float(np.max(np.abs(stamps))))
-        self._single = self._single and bool(
-            self._largest <= np.finfo(np.float32).max and np.array_equal(stamps, stamps.astype(np.float32))
-        )
-        while self._has_decimals:
-            scaled = stamps * 10.0**self._decimals
-            if np.all(np.abs(scaled - np.rint(scaled)) <= self._error):
-                return
-            self._decimals += 1
-
-    @property
-    def step(self) -> float:
-        """The step to which the stamps were rounded, in their unit."""
-        if self._has_decimals:
-            return 10.0**-self._decimals
-        largest = self._largest
-        return 2.0 * float(np.spacing(np.float32(largest)) if self._single else np.spacing(largest))
-
-    @property
-    def _error(self) -> float:
-        return 4.0 * math.ulp(self._largest * 10.0**self._decimals)
-
-    @property
-    def _has_decimals(self) -> bool:
-        """Whether the number of decimals can be told: beyond the digits of float64 every scaled number is whole."""
-        return self._decimals < 16 and self._error <= 0.01
 
 
 def _check_increasing(path: Path, name: str, stamps: NDArray[np.float64], describe: Callable[[int], str]) -> None:
@@ -253,13 +229,3 @@ def _check_increasing(path: Path, name: str, stamps: NDArray[np.float64], descri
             f"{path}: {describe(row)}, column {name!r}: the time stamp {stamps[row]:.12g} {what} the one before "
             f"({stamps[row - 1]:.12g}); {_REMEDY}"
         )
-
-
-def _is_rounded_resolution(spread: float, median: float, digits: float) -> bool:
-    """Return whether rounding to ``digits`` explains intervals whose lengths differ by ``spread``.
-
-    Rounding of a regular grid leaves intervals of two lengths, one digit apart.  A displaced stamp makes one interval
-    longer and one shorter: three lengths.  A missing sample changes an interval by four digits or more, because a
-    coarser rounding is not accepted here.
-    """
-    return digits <= 0.25 * median and spread <= digits + TOLERANCE * median

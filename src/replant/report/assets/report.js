@@ -34,9 +34,18 @@
     return values;
   };
 
+  // when the points of a plan are: evenly spaced, or of an irregular clock base64 of little-endian float64
+  for (const plan of plans) {
+    if (!plan.times) plan.when = Array.from({ length: plan.count }, (_, i) => plan.start + plan.step * i);
+    else {
+      const view = new DataView(Uint8Array.from(atob(plan.times), c => c.charCodeAt(0)).buffer);
+      plan.when = Array.from({ length: view.byteLength / 8 }, (_, i) => view.getFloat64(8 * i, true));
+    }
+  }
+
   const full = plans.reduce((range, plan) => {
-    const last = plan.start + plan.step * Math.max(plan.count - 1, 0);
-    return [Math.min(range[0], plan.start), Math.max(range[1], last)];
+    const [first, last] = plan.count ? [plan.when[0], plan.when[plan.count - 1]] : [plan.start, plan.start];
+    return [Math.min(range[0], first), Math.max(range[1], last)];
   }, [0, 0]);
   if (full[0] === full[1]) full[1] = full[0] + 1;
   let shown = full;
@@ -78,7 +87,7 @@
 
   const assemble = plan => {
     const first = unpack(plan.curves[0]);
-    const data = [first.map((_, i) => plan.start + plan.step * i), first], drawn = [{}, series(plan.curves[0])], bands = [];
+    const data = [plan.when, first], drawn = [{}, series(plan.curves[0])], bands = [];
     for (const curve of plan.curves.slice(1)) {
       if (curve.kind === "constant") {
         data.push(first.map(() => curve.value));

@@ -12,6 +12,7 @@ from replant.assessment import WORST_CONDITION
 from replant.errors import InvalidArgumentError
 from replant.report.diagnostics import Excitation
 from replant.report.figures import style
+from replant.runs.clock import Clock
 from replant.runs.result import Result
 from replant.runs.thinning import Thinned, thin
 
@@ -58,15 +59,15 @@ def draw_fit(
             f"u and y must be the record of the result, {model.size} samples long, got {u.size} and {y.size}"
         )
     drawn_u, measured, modelled, residual = _shown(result, u, y)
-    left_out = result.left_out_over_time(dt)
+    left_out, clock = result.left_out_over_time(dt), result.clock_of(dt)
     for axis in (top, middle, bottom):
         _shade(axis, left_out)
-    _curve(top, drawn_u, dt, color=style.INPUT, lw=0.9)
-    _curve(middle, measured, dt, color=style.MEASURED, lw=2.2, label="measured")
-    _curve(middle, modelled, dt, color=style.MODEL, lw=1.0, label="model, from the input alone")
+    _curve(top, drawn_u, clock, color=style.INPUT, lw=0.9)
+    _curve(middle, measured, clock, color=style.MEASURED, lw=2.2, label="measured")
+    _curve(middle, modelled, clock, color=style.MODEL, lw=1.0, label="model, from the input alone")
     middle.set_ylim(*style.output_limits(measured.values, modelled.values))
     style.legend(middle, 3)
-    _curve(bottom, residual, dt, color=style.RESIDUAL, lw=0.8)
+    _curve(bottom, residual, clock, color=style.RESIDUAL, lw=0.8)
     bottom.set_ylim(*style.residual_limits(residual.values, measured.values))
     unit = style.unit_of(output_label)
     bottom.axhline(0, color=style.MUTED, lw=0.8)
@@ -77,7 +78,7 @@ def draw_fit(
     ):
         axis.set_ylabel(label)
         style.tidy(axis)
-        axis.set_xlim(0.0, dt * max(1, (result.overview.samples if result.overview else y.size) - 1))
+        axis.set_xlim(0.0, float(clock.at(max(1, (result.overview.samples if result.overview else y.size) - 1))))
     bottom.set_xlabel("time [s]")
     return np.array([top, middle, bottom], dtype=object)
 
@@ -138,7 +139,7 @@ def draw_transients(
             style.say(axis, "no history")
             continue
         std = None if history.std is None else history.std[:, i]
-        t = np.asarray(history.samples * dt, np.float64)
+        t = result.clock_of(dt).after(history.samples)
         _transient(axis, t, style.estimates(history)[:, i], std, None if truth is None else float(truth[i]))
     style.label_time(axes)
     if axes[0].get_legend_handles_labels()[0]:
@@ -154,19 +155,18 @@ def _transient(axis: Any, t: FloatArray, values: FloatArray, std: FloatArray | N
     if not np.isfinite(values).any():
         style.say(axis, "no estimate")
         return
-    step = float(t[1] - t[0]) if t.size > 1 else 0.0
     drawn = thin(values, style.SHOWN_SMALL)
     if std is not None and np.isfinite(std).any():
         low, high = (thin(values + sign * style.SIGMAS * std, style.SHOWN_SMALL // 2) for sign in (-1.0, 1.0))
         look: Any = {"color": style.MODEL, "alpha": 0.22, "lw": 0, "label": "± 2σ"}
-        axis.fill_between(t[0] + low.times(step), low.values, high.values, **look)
-    axis.plot(t[0] + drawn.times(step), drawn.values, color=style.MODEL, lw=1.4, label="estimate")
+        axis.fill_between(low.among(t), low.values, high.values, **look)
+    axis.plot(drawn.among(t), drawn.values, color=style.MODEL, lw=1.4, label="estimate")
     if true is not None:
         axis.axhline(true, color=style.TRUTH, lw=1.1, ls=(0, (5, 3)), label="true")
     axis.set_ylim(*style.settled_limits(values, style.near_the_end(values, std, true)))
 
 
-def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None) -> Any:
+def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None, clock: Clock | None = None) -> Any:
     """Draw how well the samples of each window of a record determine the parameters.
 
     Values that are rounding errors are drawn at the edge: eigenvalues below 1e-12, condition numbers above 1e10.
@@ -179,6 +179,8 @@ def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None) ->
         Sampling time in s.
     axes : two matplotlib axes, optional
         For the smallest eigenvalue of the scaled information matrix, and for the condition number.
+    clock : Clock, optional
+        Of an irregular clock.
 
     Returns
     -------
@@ -196,7 +198,7 @@ def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None) ->
             style.say(axis, "no regressors")
     if found is None:
         return np.array([top, bottom], dtype=object)
-    t = np.asarray(found.samples * dt, np.float64)
+    t = (clock or Clock(dt)).after(found.samples)
     _decades(top, t, np.clip(found.smallest, style.NO_EXCITATION, None), style.INPUT)
     _decades(bottom, t, np.clip(found.condition, None, style.NO_CONDITION), style.RESIDUAL, lowest=0.0)
     if found.condition.max() > WORST_CONDITION / 100:
@@ -213,8 +215,8 @@ def _decades(axis: Any, t: FloatArray, values: FloatArray, colour: str, lowest: 
     style.logarithmic(axis.yaxis)
 
 
-def _curve(axis: Any, drawn: Thinned, dt: float, **look: Any) -> None:
-    axis.plot(drawn.times(dt), drawn.values, **look)
+def _curve(axis: Any, drawn: Thinned, clock: Clock, **look: Any) -> None:
+    axis.plot(clock.at(drawn.places), drawn.values, **look)
 
 
 def _shade(axis: Any, left_out: FloatArray) -> None:

@@ -61,7 +61,7 @@ def draw_overlay(
             axis.tick_params(labelbottom=True)
         axes = grid.flat[: structure.size]
     axes = style.given(axes, structure.size)
-    end = dt * max(1, max(result.simulation.output.size for result in results.values()) - 1)
+    end = float(chosen.clock_of(dt).at(max(1, max(result.simulation.output.size for result in results.values()) - 1)))
     for i, (axis, label) in enumerate(zip(axes, style.symbols(structure, input_label, output_label), strict=True)):
         axis.set_title(label, loc="left", color=style.INK, fontsize="medium")
         style.tidy(axis)
@@ -84,15 +84,14 @@ def _draw(axis: Any, result: Result, i: int, dt: float, end: float, name: str, c
     if begin == history.samples.size:  # only the solution at the end
         axis.plot([end], [last], marker="o", clip_on=False, **look)
         return
-    t = np.asarray(history.samples[begin:] * dt, np.float64)
-    step = float(t[1] - t[0]) if t.size > 1 else 0.0
+    t = result.clock_of(dt).after(history.samples[begin:])
     values = np.clip(history.parameters[begin:, i], -style.FARTHEST, style.FARTHEST)
     if history.std is not None and np.isfinite(history.std[begin:, i]).any():
         std = style.SIGMAS * history.std[begin:, i]
         low, high = (thin(values + sign * std, style.SHOWN_SMALL // 4) for sign in (-1.0, 1.0))
-        axis.fill_between(t[0] + low.times(step), low.values, high.values, color=colour, alpha=0.13, lw=0)
+        axis.fill_between(low.among(t), low.values, high.values, color=colour, alpha=0.13, lw=0)
     drawn = thin(values, style.SHOWN_SMALL)
-    axis.plot(t[0] + drawn.times(step), drawn.values, **look)
+    axis.plot(drawn.among(t), drawn.values, **look)
 
 
 def limits(others: Sequence[Result], reference: Result, i: int) -> tuple[float, float]:

@@ -46,7 +46,7 @@ def of_transients(material: Material) -> str:
     begin, rows = (0, 0) if history is None else (style.first_estimate(history), history.samples.size)
     if history is None or begin == rows or begin < SEEN * rows:
         return said
-    held = number(float(history.samples[begin]) * material.dt, 3)
+    held = number(float(material.clock.after(history.samples[begin])), 3)
     return f"{said} The first estimate is made from the first {held} s."
 
 
@@ -62,9 +62,10 @@ def of_excitation(material: Material) -> str:
         return "Excitation over time: there are no regressors."
     window = number(found.window * material.dt, 3)
     poorest = int(np.argmin(found.smallest))
-    when = number(float(found.samples[poorest]) * material.dt, 3)
+    when = number(float(material.clock.after(found.samples[poorest])), 3)
+    windows = f"{found.window:,} samples" if material.clock.irregular else f"{window} s"
     return (
-        f"Excitation in windows of {window} s: the smallest eigenvalue of the scaled information matrix is at most "
+        f"Excitation in windows of {windows}: the smallest eigenvalue of the scaled information matrix is at most "
         f"{number(float(found.smallest.max()), 2)} and at least {number(float(found.smallest[poorest]), 2)}, in the "
         f"window up to {when} s. Where it is small, the input does not excite every parameter."
     )
@@ -99,7 +100,15 @@ def of_auto(material: Material) -> str:
         f"Autocorrelation of the residual: {number(100 * found.outside[0], 2)} % of the lags lie outside the 95 % "
         "limits of white noise. Much more than 5 % means coloured noise, or dynamics that the model lacks."
         + (" The value 1 at lag 0 lies outside the axes." if reach(found.auto, found.auto_std) else "")
+        + _of_samples(material)
     )
+
+
+def _of_samples(material: Material) -> str:
+    """Return how samples of an irregular clock are taken where a figure needs a regular one."""
+    if not material.clock.irregular:
+        return ""
+    return f" The clock is irregular: samples are taken as {number(material.dt, 4)} s apart, and lost ones as unknown."
 
 
 def of_cross(material: Material) -> str:
@@ -110,6 +119,7 @@ def of_cross(material: Material) -> str:
     return (
         f"Correlation of the input with the later residual: {number(100 * found.outside[1], 2)} % of the lags from 0 "
         "on lie outside the 95 % limits. Much more than 5 % means that the model misses part of the response."
+        + _of_samples(material)
     )
 
 
@@ -117,11 +127,11 @@ def of_spectrum(material: Material) -> str:
     """Return the caption of the noise's spectrum."""
     noise = material.result.noise
     if noise is None:
-        return "Power spectral density of the residual; this method has no model of the noise."
+        return "Power spectral density of the residual; this method has no model of the noise." + _of_samples(material)
     if noise.is_white:
-        return "Power spectral density of the residual: the noise is modelled as white."
+        return "Power spectral density of the residual: the noise is modelled as white." + _of_samples(material)
     share = percent(noise.variance / noise.residual_variance) if noise.residual_variance > 0.0 else "0 %"
     return (
         f"Power spectral density of the residual and of its model, an autoregression of order {noise.order}. Once the "
-        f"past is known {share} of the residual's power is left."
+        f"past is known {share} of the residual's power is left." + _of_samples(material)
     )

@@ -34,7 +34,7 @@ from replant.report.html.svg import (
     svg,
     variable,
 )
-from replant.report.number_format import duration, number, percent
+from replant.report.number_format import number, percent
 from replant.report.terminal.comparison import OUTCOME, cells_of, gravity_of
 from replant.runs.comparison import Contender, best
 from replant.runs.result import Result
@@ -74,7 +74,7 @@ def write_comparison(
     ]  # fmt: skip
     lede = (
         f"{log.input_name} → {log.output_name}, {len(contenders)} methods on the same {len(log):,} samples, "
-        f"{duration(len(log) * log.dt)} at {number(log.dt, 6)} s"
+        f"{tables.lasts(log)}"
     )
     title = log.path.name or "Simulated record"
     return write_page(path, title=title, eyebrow="Methods compared", lede=lede, body="".join(body))

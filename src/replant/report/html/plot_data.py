@@ -13,8 +13,9 @@ from replant.report.diagnostics import Excitation
 from replant.report.figures import style
 from replant.report.html import captions
 from replant.report.html.report_data import Material
+from replant.runs.clock import Clock
 from replant.runs.overview import POINTS
-from replant.runs.thinning import thin
+from replant.runs.thinning import Thinned, thin
 
 PARAMETER_POINTS = 120_000
 """Points of all transients together [count]."""
@@ -27,12 +28,12 @@ def charts(material: Material) -> dict[str, list[dict[str, Any]]]:
     return {
         "fit": _fit_charts(material),
         "parameters": _parameter_charts(material),
-        "excitation": _excitation_charts(material.excitation, material.dt),
+        "excitation": _excitation_charts(material.excitation, material.clock),
     }
 
 
 def _fit_charts(material: Material) -> list[dict[str, Any]]:
-    u, y, model, residual, start, step = material.over_time
+    u, y, model, residual, start, step, times = material.over_time
     unit = style.unit_of(material.output_label)
     hold = "line" if material.filter is not None and material.filter.input_hold == "foh" else "step"
     limits = style.output_limits(y, model)
@@ -40,19 +41,19 @@ def _fit_charts(material: Material) -> list[dict[str, Any]]:
     charts = [
         _chart(
             "input", material.input_label, 130, step, [_curve(u, "input", "input", hold)],
-            style.output_limits(u), start,
+            style.output_limits(u), start, times,
         ),
         _chart(
             "output", material.output_label, 280, step,
             [_curve(y, "measured", "measured"), _curve(drawn, "model", "model, from the input alone")],
-            limits, start,
+            limits, start, times,
         ),
     ]  # fmt: skip
     name = f"residual [{unit}]" if unit else "residual"
     limits = style.residual_limits(residual, y)
     drawn = within_reason(residual, limits)
     curves = [_curve(drawn, "residual", "measured − model")]
-    charts.append(_chart("residual", name, 140, step, curves, limits, start))
+    charts.append(_chart("residual", name, 140, step, curves, limits, start, times))
     left_out = material.result.left_out_over_time(material.dt).tolist()
     return [chart | {"left_out": left_out} for chart in charts]
 
@@ -74,25 +75,27 @@ def _parameter_charts(material: Material) -> list[dict[str, Any]]:
             curves.append(_curve(std, "model", "± 2σ", "band", points=points))
         if true is not None and math.isfinite(true):
             curves.append({"label": "true", "role": "truth", "kind": "constant", "value": true})
+        times = material.clock.after(history.samples) if material.clock.irregular else None
         charts.append(
-            _chart(f"parameter-{name}", label, 170, material.dt * stride, curves, limits, first * material.dt)
+            _chart(f"parameter-{name}", label, 170, material.dt * stride, curves, limits, first * material.dt, times)
         )
     for chart in charts[1:]:
         chart["quiet"] = True  # one legend serves all
     return charts
 
 
-def _excitation_charts(found: Excitation | None, dt: float) -> list[dict[str, Any]]:
+def _excitation_charts(found: Excitation | None, clock: Clock) -> list[dict[str, Any]]:
     if found is None or found.samples.size < 2:
         return []
     smallest = np.log10(np.clip(found.smallest, style.NO_EXCITATION, None))
     condition = np.log10(np.clip(found.condition, None, style.NO_CONDITION))
-    first, stride = float(found.samples[0]) * dt, _stride(found.samples) * dt
+    first, stride = float(found.samples[0]) * clock.dt, _stride(found.samples) * clock.dt
+    times = clock.after(found.samples) if clock.irregular else None
     eigenvalue = [_curve(smallest, "input", "1 at best", "decades")]
     number = [_curve(condition, "residual", "1 at best", "decades")]
     return [
-        _chart("eigenvalue", "smallest eigenvalue", 140, stride, eigenvalue, _decades(smallest), first),
-        _chart("condition", "condition number", 140, stride, number, _decades(condition, 0), first),
+        _chart("eigenvalue", "smallest eigenvalue", 140, stride, eigenvalue, _decades(smallest), first, times),
+        _chart("condition", "condition number", 140, stride, number, _decades(condition, 0), first, times),
     ]
 
 
@@ -104,10 +107,11 @@ def _chart(
     curves: list[dict[str, Any]],
     limits: tuple[float, float] | None = None,
     start: float = 0.0,
+    times: FloatArray | None = None,
 ) -> dict[str, Any]:
-    """Return one chart; before thinning, the points of its curves are ``step`` s apart."""
+    """Return one chart; before thinning, the points of its curves are ``step`` s apart, or at ``times`` (V,) in s."""
     thinned = next(curve for curve in curves if "data" in curve)
-    return {
+    chart = {
         "name": name,
         "label": label,
         "height": height,
@@ -118,6 +122,10 @@ def _chart(
         "curves": curves,
         "limits": limits if limits and all(map(math.isfinite, limits)) else None,
     }
+    if times is not None:
+        drawn = Thinned(np.empty(thinned["count"]), thinned["first"], thinned["every"]).among(times)
+        chart["times"] = base64.b64encode(drawn.astype("<f8").tobytes()).decode("ascii")
+    return chart
 
 
 def _curve(signal: FloatArray, role: str, label: str, kind: str = "line", points: int = POINTS) -> dict[str, Any]:

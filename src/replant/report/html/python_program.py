@@ -37,7 +37,7 @@ def run_as_python(result: Result, log: Log) -> str:
     assert result.settings is not None
     lines = [
         identifier_as_python(result.settings),
-        f"trace = ident.update_many({_signals(log)}{_reference(log, 'r')})",
+        f"trace = ident.update_many({_signals(log)}{_stamps(log)}{_reference(log, 'r')})",
         *(["ident.finish()"] if result.finished else []),
         "print(ident.transfer_function)",
     ]
@@ -50,6 +50,7 @@ def fit_as_python(fitted: FitResult, log: Log) -> str:
     lines = [
         "fitted = rp.fit(",
         f"    {_signals(log)}, dt={log.dt!r}, structure=rp.{_call(fitted.structure)}, method={fitted.method!r},",
+        *([f"    {argument[2:]},"] if (argument := _stamps(log)) else []),
         *([f"    {argument[2:]},"] if (argument := _reference(log, "reference")) else []),
         *([state_filter] if state_filter else []),
         f"    preprocess=rp.{_call(fitted.preprocess)},",
@@ -63,6 +64,13 @@ def _signals(log: Log) -> str:
     return "log.input, log.output" if log.path.name else "u, y"
 
 
+def _stamps(log: Log) -> str:
+    """Return the argument that hands over the time stamps of an irregular clock; nothing for a regular one."""
+    if log.stamps is None:
+        return ""
+    return f", t={'log.stamps' if log.path.name else 't'}"
+
+
 def _reference(log: Log, argument: str) -> str:
     """Return the argument that hands over the reference, where there is one."""
     if not log.reference_name:
@@ -72,7 +80,8 @@ def _reference(log: Log, argument: str) -> str:
 
 def _open(log: Log) -> str:
     if not log.path.name:
-        signals = "u, y, r: the record, three arrays" if log.reference_name else "u, y: the record, two arrays"
+        arrays = ["u", "y", *(["t"] if log.stamps is not None else []), *(["r"] if log.reference_name else [])]
+        signals = f"{', '.join(arrays)}: the record, {('two', 'three', 'four')[len(arrays) - 2]} arrays"
         return f"import replant as rp\n\n# {signals}"
     sampling = "" if log.time is not None else f", dt={log.dt!r}"
     names = f"input={log.input_name!r}, output={log.output_name!r}"

@@ -34,9 +34,7 @@ from replant.report.html.plot_data import charts
 from replant.report.html.report_data import Material
 from replant.report.html.uplot import uplot
 from replant.report.number_format import (
-    duration,
     mathml,
-    number,
     percent,
     uncertain,
 )
@@ -181,10 +179,7 @@ def _lede(material: Material) -> str:
     how = "fitted to the whole record"
     if result.history is not None:
         how = "identified online" + (f" by {_method(result.settings)}" if result.settings else "")
-    return (
-        f"{log.input_name} → {log.output_name}, {how}; {len(log):,} samples, "
-        f"{duration(len(log) * log.dt)} at {number(log.dt, 6)} s"
-    )
+    return f"{log.input_name} → {log.output_name}, {how}; {len(log):,} samples, {tables.lasts(log)}"
 
 
 def _method(settings: Settings) -> str:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
+import numpy as np
+
 from replant.arguments import FloatArray
 from replant.data.logs import Log
 from replant.errors import ReplantError
@@ -16,12 +18,17 @@ from replant.regressor.preprocess import Preprocess
 from replant.report.diagnostics import Excitation, excitation, regressors_of
 from replant.report.figures import style
 from replant.report.figures.poles import usable_uncertainty
+from replant.runs.clock import Clock
 from replant.runs.result import Result
 from replant.statistics.correlations import Correlations, correlation_lags, correlations
+from replant.statistics.lost_samples import places_on_grid
 
 
 class OverTime(NamedTuple):
-    """Signals for drawing, (V,) each, from ``start`` s on and ``step`` s apart: the record or its overview."""
+    """Signals for drawing, (V,) each, the record or its overview.
+
+    Of a regular clock from ``start`` s on and ``step`` s apart; of an irregular one at ``times`` (V,) in s.
+    """
 
     input: FloatArray
     output: FloatArray
@@ -29,6 +36,7 @@ class OverTime(NamedTuple):
     residual: FloatArray
     start: float
     step: float
+    times: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +76,11 @@ class Material:
         return self.log.dt
 
     @property
+    def clock(self) -> Clock:
+        """When the samples were taken."""
+        return self.result.clock_of(self.dt)
+
+    @property
     def input_label(self) -> str:
         """The input's name."""
         return self.log.input_name
@@ -97,9 +110,11 @@ class Material:
         """The signals that are drawn over time."""
         shown = self.result.overview
         if shown is None:
-            return OverTime(self.u, self.y, self.result.simulation.output, self.residual, 0.0, self.dt)
+            times = self.clock.at(np.arange(self.y.size)) if self.clock.irregular else None
+            return OverTime(self.u, self.y, self.result.simulation.output, self.residual, 0.0, self.dt, times)
         u, y, model, residual = (each.values for each in (shown.input, shown.output, shown.model, shown.residual))
-        return OverTime(u, y, model, residual, self.dt * shown.output.first, self.dt * shown.output.step)
+        times = self.clock.at(shown.output.places) if self.clock.irregular else None
+        return OverTime(u, y, model, residual, self.dt * shown.output.first, self.dt * shown.output.step, times)
 
     @cached_property
     def residual(self) -> FloatArray:
@@ -109,9 +124,18 @@ class Material:
     @cached_property
     def correlations(self) -> Correlations | None:
         """Correlations of the residual with itself and with the mapped input."""
-        modes = self.result.transfer_function.modes
-        lags = correlation_lags([mode.time_constant for mode in modes], self.y.size, self.dt)
-        return correlations(self.residual, self.preprocess.map_input(self.u), lags)
+        times = [mode.time_constant for mode in self.result.transfer_function.modes]
+        lags = correlation_lags(times, self.y.size, self.dt)
+        return correlations(self.on_grid(self.residual), self.on_grid(self.preprocess.map_input(self.u)), lags)
+
+    def on_grid(self, signal: FloatArray) -> FloatArray:
+        """Return a signal (K,) as one of a regular clock: NaN stands for each sample that was lost, for up to a few."""
+        if self.log.stamps is None or not signal.size:
+            return signal
+        places = places_on_grid(np.diff(self.log.stamps, prepend=self.log.stamps[0] - self.dt), self.dt)
+        spread = np.full(places[-1] + 1, np.nan)
+        spread[places] = signal
+        return spread
 
     @cached_property
     def excitation(self) -> Excitation | None:
@@ -119,7 +143,8 @@ class Material:
         if self.filter is None or not self.y.size:
             return None
         try:
-            found = excitation(regressors_of(self.result, self.filter, self.preprocess, self.u, self.y, self.dt))
+            t = self.log.stamps
+            found = excitation(regressors_of(self.result, self.filter, self.preprocess, self.u, self.y, self.dt, t))
             return found and replace(found, samples=found.samples + self.log.earlier)
         except ReplantError:  # without a usable sample there is no working point
             return None

@@ -87,7 +87,7 @@ def transient_pictures(material: Material) -> list[str]:
 def excitation_picture(material: Material) -> str:
     """Return smallest eigenvalue and condition number over time."""
     axes = blank_figure(WHOLE, 2.7).subplots(2, 1, sharex=True)
-    draw_excitation(material.excitation, material.dt, axes=axes)
+    draw_excitation(material.excitation, material.dt, axes=axes, clock=material.clock)
     return svg(axes[0].figure, "excitation")
 
 
@@ -116,7 +116,7 @@ def correlation_pictures(material: Material) -> tuple[str, str]:
 def spectrum_picture(material: Material) -> str:
     """Return the spectrum of the residual and of its model."""
     axis = blank_figure(HALF, 2.9).subplots()
-    draw_spectrum(material.result.noise, material.residual, material.dt, ax=axis)
+    draw_spectrum(material.result.noise, material.on_grid(material.residual), material.dt, ax=axis)
     return svg(axis.figure, "spectrum")
 
 

@@ -128,8 +128,21 @@ def of_record(log: Log) -> list[tuple[str, str]]:
         ("SHA-256", fingerprint(log.path)),
         ("input, output", f"{log.input_name}, {log.output_name}"),
         *([("reference", log.reference_name)] if log.reference_name else []),
-        ("record", f"{len(log):,} samples, {duration(len(log) * log.dt)} at {number(log.dt, 6)} s"),
+        ("record", f"{len(log):,} samples, {lasts(log)}"),
     ]
+
+
+def lasts(log: Log) -> str:
+    """Return in words how long a record lasts, and its sampling time.
+
+    Examples
+    --------
+    >>> signal = np.zeros(3)
+    >>> lasts(Log(signal, signal, 0.5, np.array([0.0, 0.5, 9.5]), "u", "y", Path("log.csv")))
+    '10 s on an irregular clock, usually at 0.5 s'
+    """
+    clock = "at" if log.stamps is None else "on an irregular clock, usually at"
+    return f"{duration(log.duration)} {clock} {number(log.dt, 6)} s"
 
 
 def fingerprint(path: Path) -> str:

