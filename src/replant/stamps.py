@@ -36,7 +36,7 @@ def is_regular(stamps: NDArray[np.float64]) -> bool:
 
 
 def is_regular_interval(least: float, most: float, median: float, digits: float) -> bool:
-    """Return whether intervals from ``least`` to ``most`` are a regular clock's, whose stamps are rounded to ``digits``.
+    """Return whether intervals from ``least`` to ``most`` are a regular clock's, its stamps rounded to ``digits``.
 
     Examples
     --------

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray, record, stamps_of, whole
+from replant.arguments import FloatArray, increasing, record, whole
 from replant.errors import InvalidArgumentError, ModelFileError
 from replant.identified import model_file, model_json, notation
 from replant.identified.fields import ModelFields
@@ -97,7 +97,7 @@ class Model(ModelFields):
         array([14., 14.])
         """
         v = self.linear_input(u)
-        stamps = increasing(t, v.size)
+        stamps = None if t is None else increasing(t, v.size)
         if y is not None:
             u, y = record(u, y)
             return beside(self.transfer_function, v, y, self.dt, input_hold=self.input_hold, t=stamps).output
@@ -132,7 +132,8 @@ class Model(ModelFields):
             If the horizon is longer than 1 for an unstable model, whose simulation runs away.
         """
         u, y = record(u, y)
-        horizon, stamps = whole("horizon", horizon, 1), increasing(t, u.size)
+        horizon = whole("horizon", horizon, 1)
+        stamps = None if t is None else increasing(t, u.size)
         span = self.dt * (u.size - 1) if stamps is None else float(stamps[-1] - stamps[0])
         if runs_away(self.den, span):
             if horizon > 1:
@@ -312,34 +313,13 @@ def load_model(path: AnyPath) -> Model:
         raise ModelFileError(f"{path}: {error}") from error
 
 
-def increasing(t: Any, samples: int) -> FloatArray | None:
-    """Return time stamps, checked, or None where there are none.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If there is not one for each sample, or they do not increase.
-
-    Examples
-    --------
-    >>> increasing(None, 3), increasing([0.0, 0.1], 2)
-    (None, array([0. , 0.1]))
-    """
-    if t is None:
-        return None
-    stamps = stamps_of(t, samples)
-    if not np.isfinite(stamps).all() or not (np.diff(stamps) > 0).all():
-        raise InvalidArgumentError("t must be finite and strictly increasing")
-    return stamps
-
-
 def _signals(log: Any, y: Any, t: Any, dt: float) -> tuple[FloatArray, FloatArray, FloatArray | None, float]:
     """Return input, output, stamps and sampling time of a log, or of arrays."""
     if isinstance(log, Log):
         if y is not None or t is not None:
             raise InvalidArgumentError("a log has its own output and time: leave out y and t")
-        return log.input, log.output, None, log.dt
+        return log.input, log.output, log.stamps, log.dt
     if y is None:
         raise InvalidArgumentError("give a Log, or the input and the output: model.validate(u, y)")
     u, y = record(log, y)
-    return u, y, increasing(t, u.size), dt
+    return u, y, None if t is None else increasing(t, u.size), dt
