@@ -50,11 +50,14 @@ __all__ = [
     "UnsupportedDependencyError",
     "Validation",
     "__version__",
+    "figures",
     "fit",
     "fit_percent",
     "load",
     "load_model",
     "read_log",
+    "run",
+    "search",
 ]
 
 

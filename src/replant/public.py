@@ -43,3 +43,6 @@ from replant.model.structure import Structure as Structure
 from replant.online.trace import Trace as Trace
 from replant.model.transfer_function import TransferFunction as TransferFunction
 from replant.model.uncertainty import Uncertainty as Uncertainty
+from replant.offline.structure_search import search as search
+from replant.report import figures as figures
+from replant.runs.run_log import run as run

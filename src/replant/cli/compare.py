@@ -14,11 +14,11 @@ from replant.cli.choice import Choice
 from replant.cli.keeping import kept
 from replant.cli.options import log_options, open_log
 from replant.cli.output import (
-    command_line,
     make_folder,
     progress_bar,
     write_errors_reported,
 )
+from replant.cli.typed import command_line
 from replant.data.logs import Log
 from replant.errors import InvalidArgumentError
 from replant.report.html.comparison import save_overlay, write_comparison

@@ -9,6 +9,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from replant.cli.typed import command_line
 from replant.errors import LogError
 
 NEEDED = {"input_column": "--input", "output_column": "--output", "poles": "--poles"}
@@ -58,8 +59,6 @@ def _look(given: dict[str, Any]) -> str:
 
 def _completed(options: tuple[str, ...]) -> str:
     """Return the command as typed, with those of the suggested options that it lacks."""
-    from replant.cli.output import command_line
-
     context = click.get_current_context()
     typed = {
         option

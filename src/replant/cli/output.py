@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,10 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import click
-from click.core import ParameterSource
 
 from replant.cli.keeping import Keeping, kept
-from replant.cli.ranges import Range
+from replant.cli.typed import command_line
 from replant.data.logs import Log
 from replant.report.html.python_program import identifier_as_python
 from replant.report.number_format import with_prefix
@@ -25,8 +23,6 @@ from replant.report.terminal.validation import as_json as validation_as_json
 from replant.report.terminal.validation import print_validation
 from replant.runs.result import Result
 
-#: Options that say what is done with a result, not how it is made.
-OF_OUTPUT = ("as_json", "out", "full_trace", "saved", "other_logs", "required")
 COMPILING = "compiling (once): later runs start at once"
 
 
@@ -189,25 +185,3 @@ def announced_compiling() -> Iterator[None]:
 
     with event.install_listener("numba:compile", Announcer()):
         yield
-
-
-def command_line(*, with_output: bool = False) -> str:
-    """Return the command that is running, as typed, without the options of its output unless they are asked for."""
-    context = click.get_current_context()
-    words = ["replant", context.info_name or ""]
-    for parameter in context.command.params:
-        name = parameter.name or ""
-        value: Any = context.params.get(name)
-        source = context.get_parameter_source(name)
-        if (name in OF_OUTPUT and not with_output) or source is not ParameterSource.COMMANDLINE:
-            continue
-        if isinstance(parameter, click.Argument):
-            words += map(str, value if isinstance(value, tuple) else (value,))
-        elif value is True:
-            words.append(parameter.opts[-1])
-        elif isinstance(parameter.type, Range):
-            words += [parameter.opts[-1], parameter.type.written(value)]
-        else:
-            for entry in value if isinstance(value, tuple) else (value,):
-                words += [parameter.opts[-1], str(entry)]
-    return shlex.join(words)

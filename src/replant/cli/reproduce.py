@@ -11,11 +11,11 @@ import click
 
 from replant.cli.choice import did_you_mean
 from replant.cli.output import (
-    command_line,
     make_folder,
     progress_bar,
     write_errors_reported,
 )
+from replant.cli.typed import command_line
 from replant.paper.actuator import rendering
 from replant.paper.actuator.experiment import NOTES, Actuator
 from replant.paper.catalogue import (

@@ -21,8 +21,7 @@ from replant.arguments import (
 from replant.assessment import Simulation, fit_percent, simulate
 from replant.engine.offline_regressors import regressors
 from replant.engine.record import Record, ready_record
-from replant.errors import ArgumentTypeError, InvalidArgumentError
-from replant.log import Log
+from replant.errors import InvalidArgumentError
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
@@ -32,6 +31,7 @@ from replant.offline.fit_result import FitResult
 from replant.offline.least_squares import least_squares
 from replant.offline.reference_use import ReferenceUse, use_of
 from replant.offline.refined import Refined
+from replant.offline.samples import Samples
 from replant.offline.srivc import first_model
 from replant.regressor.filters import RefinedFilter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
@@ -118,19 +118,12 @@ def fit(
     Sampled Data", chapters 1 and 4.
     """
     structure = Structure.wanted(structure, poles, zeros, delay)
-    names: dict[str, Any] = {}
+    given = Samples.of(u, y, dt, t, reference)
     method = one_of("method", method, METHODS)
-    if isinstance(u, Log):
-        if any(given is not None for given in (y, dt, t, reference)):
-            raise InvalidArgumentError("a log has its own output, clock and reference: leave out y, dt, t, reference")
-        names = {"input_name": u.input_name, "output_name": u.output_name, "source": u.path.name}
-        u, y, dt, t, reference = u.input, u.output, u.dt, u.stamps, u.reference
-    elif y is None or dt is None:
-        raise ArgumentTypeError("give a Log, or input u, output y and sampling time dt: fit(u, y, dt, poles=2)")
-    dt = Request(structure, dt, filter=filter, preprocess=preprocess).dt
-    u, y = record(u, y)
-    stamps = None if t is None else increasing(t, u.size)
-    r = _reference(reference, u.size, method)
+    dt = Request(structure, given.dt, filter=filter, preprocess=preprocess).dt
+    u, y = record(given.u, given.y)
+    stamps = None if given.t is None else increasing(given.t, u.size)
+    r = _reference(given.reference, u.size, method)
     if r is not None:
         y = np.where(np.isfinite(r), y, np.nan)
     accepted, rejected = screen(preprocess.map_input(u), y)
@@ -151,7 +144,7 @@ def fit(
             solution = _solution(raw, None)
         if solution.found is not None:
             use = None if use is None else use.concluded(structure, solution.found)
-            return _with_record(_refined_result(raw, solution, rejected, use), raw, names)
+            return _with_record(_refined_result(raw, solution, rejected, use), raw, given)
         if method == "srivc" or stamps is not None:  # least squares needs a regular clock
             raise InvalidArgumentError(
                 "srivc finds no model for this record: the input hardly moves, or the structure does not fit the plant"
@@ -165,15 +158,15 @@ def fit(
         filter = choose_filter(structure, dt, preprocess, u, y)  # noqa: A001
     result = _least_squares_result(structure, dt, filter, preprocess, u, y, accepted, rejected)
     raw = RawRecord(structure, dt, preprocess, u, y, None)
-    return _with_record(dataclasses.replace(result, reference=use), raw, names)
+    return _with_record(dataclasses.replace(result, reference=use), raw, given)
 
 
-def _with_record(result: FitResult, raw: RawRecord, names: dict[str, Any]) -> FitResult:
+def _with_record(result: FitResult, raw: RawRecord, given: Samples) -> FitResult:
     """Return a result with the record that its verdict looks at, and the names of its signals."""
     signal = result.reference.signal if result.reference else None
     record = raw.made_ready(result.bridged(raw.y), signal, result.filter.input_hold)
     usual = None if raw.stamps is None else float(np.median(np.diff(raw.stamps)))
-    return dataclasses.replace(result, record=record, usual_interval=usual, **names)
+    return given.named(dataclasses.replace(result, record=record, usual_interval=usual))
 
 
 def _check_length(samples: int, structure: Structure) -> None:

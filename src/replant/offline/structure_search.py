@@ -18,6 +18,7 @@ from replant.model.dead_time import unknown_outputs
 from replant.model.structure import Structure
 from replant.offline.fit import fit
 from replant.offline.fit_result import FitResult
+from replant.offline.samples import Samples
 from replant.regressor.preprocess import Preprocess, screen
 from replant.simulation.prediction import prediction_error, runs_away
 from replant.statistics.linear_algebra import quiet, real_coefficients
@@ -111,10 +112,10 @@ class SearchResult:
 
 def search(
     u: Any,
-    y: Any,
-    dt: float,
+    y: Any = None,
+    dt: float | None = None,
     *,
-    poles: Iterable[int],
+    poles: Iterable[int] = range(1, 5),
     zeros: Iterable[int] | None = None,
     delays: Iterable[float] = (0.0,),
     bias: bool = False,
@@ -133,8 +134,10 @@ def search(
 
     Parameters
     ----------
-    u, y : (K,) arrays
-        Raw input and output.
+    u : (K,) array or Log
+        Raw input, or a log with input, output and sampling time.
+    y : (K,) array
+        Output.
     dt : float
         Sampling time in s.
     poles : iterable of int
@@ -173,11 +176,12 @@ def search(
     Ljung (1999), "System Identification: Theory for the User", section 16.4; Hastie, Tibshirani and Friedman (2009),
     "The Elements of Statistical Learning", section 7.10 (the rule of one standard error).
     """
-    u, y = record(u, y)
-    delays = sorted(set(delays))
+    given = Samples.of(u, y, dt, t, reference)
+    u, y = record(given.u, given.y)
+    dt, delays = given.dt, sorted(set(delays))
     grid = _grid(poles, zeros, delays, bias)
-    r = None if reference is None else vector("reference", reference)
-    stamps = None if t is None else increasing(t, u.size)
+    r = None if given.reference is None else vector("reference", given.reference)
+    stamps = None if given.t is None else increasing(given.t, u.size)
     tried = []
     for done, structure in enumerate(grid):
         progress(done, len(grid))
@@ -195,7 +199,8 @@ def search(
         structure = replace(chosen.structure, delay=delay)
         return fit(u, y, dt, structure, method="srivc", preprocess=preprocess, t=stamps, reference=r)
 
-    return SearchResult(_between_points(fitted, chosen.structure.delay, delays, dt), chosen, tuple(tried))
+    best_fit = given.named(_between_points(fitted, chosen.structure.delay, delays, dt))
+    return SearchResult(best_fit, chosen, tuple(tried))
 
 
 def _between_points(fitted: Callable[[float], FitResult], delay: float, delays: list[float], dt: float) -> FitResult:

@@ -1,0 +1,36 @@
+"""The command that is running, as it was typed."""
+
+from __future__ import annotations
+
+import shlex
+from typing import Any
+
+import click
+from click.core import ParameterSource
+
+from replant.cli.ranges import Range
+
+#: Options that say what is done with a result, not how it is made.
+OF_OUTPUT = ("as_json", "out", "full_trace", "saved", "other_logs", "required")
+
+
+def command_line(*, with_output: bool = False) -> str:
+    """Return the command that is running, as typed, without the options of its output unless they are asked for."""
+    context = click.get_current_context()
+    words = ["replant", context.info_name or ""]
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        value: Any = context.params.get(name)
+        source = context.get_parameter_source(name)
+        if (name in OF_OUTPUT and not with_output) or source is not ParameterSource.COMMANDLINE:
+            continue
+        if isinstance(parameter, click.Argument):
+            words += map(str, value if isinstance(value, tuple) else (value,))
+        elif value is True:
+            words.append(parameter.opts[-1])
+        elif isinstance(parameter.type, Range):
+            words += [parameter.opts[-1], parameter.type.written(value)]
+        else:
+            for entry in value if isinstance(value, tuple) else (value,):
+                words += [parameter.opts[-1], str(entry)]
+    return shlex.join(words)

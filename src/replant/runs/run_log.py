@@ -1,0 +1,83 @@
+"""run: one online pass over a log or arrays, in one call."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from replant.arguments import increasing, record, vector
+from replant.errors import InvalidArgumentError
+from replant.model.structure import Structure
+from replant.offline.samples import Samples
+from replant.optimizers import Optimizer
+from replant.regressor.preprocess import Preprocess
+from replant.runs.result import Result
+from replant.runs.run import run_online
+from replant.settings import AUTO, Request
+
+AT_REST = Preprocess("identity", "mean", "mean")
+
+
+def run(
+    u: Any,
+    y: Any = None,
+    dt: float | None = None,
+    structure: Structure | None = None,
+    *,
+    poles: int | None = None,
+    zeros: int = 0,
+    delay: float = 0.0,
+    optimizer: Optimizer | str = AUTO,
+    preprocess: Preprocess = AT_REST,
+    t: Any = None,
+    reference: Any = None,
+) -> Result:
+    """Identify a record online, in one pass as `Identifier` does, and return the result as ``replant run`` does.
+
+    Parameters
+    ----------
+    u : (K,) array or Log
+        Raw input, or a log with input, output and sampling time.
+    y : (K,) array
+        Output.
+    dt : float
+        Sampling time in s.
+    structure : Structure
+        Or ``poles``, ``zeros`` and ``delay`` in its place.
+    poles, zeros : int
+        Number of poles and of zeros.
+    delay : float
+        Dead time in s.
+    optimizer : Optimizer or str
+        See `Identifier`.
+    preprocess : Preprocess
+        Input map and working point, by default the record's mean.
+    t : (K,) array, optional
+        Time stamps in s, strictly increasing, of an irregular clock.
+    reference : (K,) array, optional
+        Where a controller makes the input, see `fit`.
+
+    Raises
+    ------
+    InvalidArgumentError, ArgumentTypeError
+        For an argument that cannot be used; the message names it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from replant import TransferFunction
+    >>> u = np.where(np.arange(4000) // 125 % 2 == 0, 1.0, -1.0)
+    >>> result = run(u, TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.01), 0.01, poles=1)
+    >>> result.model
+    <Model 2 / (s + 0.5): u -> y, fit 100.0 %, trusted>
+    """
+    structure = Structure.wanted(structure, poles, zeros, delay)
+    given = Samples.of(u, y, dt, t, reference)
+    request = Request(structure, given.dt, optimizer=optimizer, preprocess=preprocess)
+    u, y = record(given.u, given.y)
+    stamps = None if given.t is None else increasing(given.t, u.size)
+    r = None if given.reference is None else vector("reference", given.reference)
+    if r is not None and r.size != u.size:
+        raise InvalidArgumentError(f"reference must have one value for each of {u.size} samples, got {r.size}")
+    result = run_online(request, u, y, reference=r, t=stamps)
+    return replace(result, model=result.model.of_log(given.input_name, given.output_name, given.source))
