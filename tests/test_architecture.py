@@ -30,7 +30,7 @@ ORDER = [
     # estimators and their judgement
     *("checkpoint", "simulation", "plotting", "assessment", "identified", "offline", "online"),
     # what touches the outside
-    *("data", "data.logs", "data.inspection", "data.streams", "runs", "sklearn"),
+    *("data", "data.logs", "data.inspection", "data.streams", "examples", "runs", "sklearn"),
     *("report", "report.figures", "report.terminal", "report.html"),
     *("live.outputs", "live.dashboard", "live.observer", "live.session", "live"),
     *("paper.drawing", "paper.tables", "paper.actuator", "paper"),
@@ -41,6 +41,7 @@ OUTSIDE = {
     "checkpoint.files",
     "identified.model_file",
     "data",
+    "examples",
     "runs.full_trace",
     "report",
     "live",

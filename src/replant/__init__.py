@@ -50,6 +50,7 @@ __all__ = [
     "UnsupportedDependencyError",
     "Validation",
     "__version__",
+    "examples",
     "figures",
     "fit",
     "fit_percent",

@@ -46,3 +46,4 @@ from replant.model.uncertainty import Uncertainty as Uncertainty
 from replant.offline.structure_search import search as search
 from replant.report import figures as figures
 from replant.runs.run_log import run as run
+from replant import examples as examples

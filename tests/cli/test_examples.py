@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 import pytest
 
+import replant as rp
 from cli.test_commands import call
 from replant.cli import COMMANDS, cli
 from replant.cli.examples import EXAMPLES
@@ -41,11 +42,12 @@ def test_every_example_is_a_command_with_options_that_there_are(line: str) -> No
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the working folder, with a log of 2/(s + 0.5) under a PRBS."""
+    """Return the working folder, with a log of 2/(s + 0.5) under a PRBS, and its model."""
     u = prbs(600, hold=10)
     y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.05)
     rows = [f"{0.05 * k:.2f},{u[k]:.9g},{y[k]:.9g}" for k in range(u.size)]
     (tmp_path / "log.csv").write_text("t,u,y\n" + "\n".join(rows) + "\n")
+    rp.fit(u, y, 0.05, poles=1).model.of_log("u", "y", "log.csv").save(tmp_path / "model.json")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -23,6 +23,7 @@ COMMANDS = {
     "run": ("run", "Identify G(s) online, in one pass over a recorded log."),
     "fit": ("fit", "Fit G(s) to a whole recorded log at once (batch); search structures."),
     "compare": ("compare", "Compare methods on the same recorded log."),
+    "examples": ("example_logs", "Write records of a motor to try the commands on."),
     "validate": ("validate", "Compare a saved model with other logs."),
     "show": ("show", "Print a saved model."),
     "live": ("live", "Identify G(s) from live samples (serial, TCP, UDP, MQTT, pipe), with a dashboard."),

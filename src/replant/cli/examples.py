@@ -21,12 +21,19 @@ EXAMPLES = {
     "fit": (
         ("two poles", "replant fit log.csv -i u -o y -p 2"),
         ("the number of poles chosen, and the dead time", "replant fit log.csv -i u -o y -p 1:3 --delay 0:0.2:0.1"),
+        ("the model kept", "replant fit log.csv -i u -o y -p 1 --save model.json"),
         ("for scripts", "replant fit log.csv -i u -o y -p 1 --json"),
     ),
     "compare": (
         ("the usual methods", "replant compare log.csv -i u -o y -p 1"),
         ("two of them", "replant compare log.csv -i u -o y -p 1 --optimizer srivc --optimizer least-squares"),
     ),
+    "validate": (
+        ("another log, with the columns that the model knows", "replant validate model.json log.csv"),
+        ("a plot, and exit code 3 unless trusted", "replant validate model.json log.csv --out plots --require trusted"),
+    ),
+    "show": (("the model as people read it", "replant show model.json"), ("as JSON", "replant show model.json --json")),
+    "examples": (("records of a motor, into this folder", "replant examples"),),
     "live": (
         ("a simulated rig, with a dashboard", "replant live demo --for 20s"),
         ("the same in the terminal, until it is trusted", "replant live demo --dashboard off --until trusted"),

@@ -10,7 +10,7 @@ from replant.identified.model import load_model
 from replant.report.terminal.summary import print_kept_model
 
 
-@click.command(name="show", epilog="Example: replant show motor.json")
+@click.command(name="show")
 @click.argument("model", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(model: Path, as_json: bool) -> None:

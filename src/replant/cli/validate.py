@@ -16,7 +16,7 @@ from replant.report.terminal.validation import as_json as validation_as_json
 from replant.report.terminal.validation import print_validation
 
 
-@click.command(name="validate", epilog="Example: replant validate motor.json second.csv --out out")
+@click.command(name="validate")
 @click.argument("model", type=click.Path(path_type=Path))
 @click.argument("logs", type=click.Path(path_type=Path), nargs=-1, required=True)
 @click.option("-i", "--input", "input_column", metavar="COL", help="Column of the input.  [default: the model's]")

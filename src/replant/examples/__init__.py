@@ -1,0 +1,48 @@
+"""Records of a real motor, for trying things out.
+
+They are `DCmotor_prbs_open_exp.csv` and `DCmotor_step_open_exp.csv` of the UNDCMotor kit, github.com/nebisman/UNDCMotor
+(MIT licence, copyright 2024 Leonardo Bermeo): time ``t`` in s, voltage ``u`` in V, speed ``y`` in deg/s, every 20 ms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import resources
+from pathlib import Path
+
+from replant.data.logs import read_log
+from replant.log import Log
+
+NAMES = ("motor.csv", "motor-step.csv", "LICENSE")
+
+
+def motor() -> Log:
+    """Return the record of a motor whose voltage jumps at random: 82 s.
+
+    Examples
+    --------
+    >>> len(motor()), motor().dt
+    (4093, 0.02)
+    """
+    with path_of("motor.csv") as path:
+        return read_log(path, input="u", output="y")
+
+
+def motor_step() -> Log:
+    """Return the record of the same motor on another day, steps of the voltage: 10 s.
+
+    Examples
+    --------
+    >>> len(motor_step()), motor_step().dt
+    (502, 0.02)
+    """
+    with path_of("motor-step.csv") as path:
+        return read_log(path, input="u", output="y")
+
+
+@contextmanager
+def path_of(name: str) -> Iterator[Path]:
+    """Give the path of one of the files."""
+    with resources.as_file(resources.files(__name__).joinpath(name)) as path:
+        yield path
