@@ -1,7 +1,7 @@
 """The pages run as they stand: every command and every program in them, and what they print is what the pages say.
 
-A block behind a comment ``<!-- not run: reason -->`` is left out; so are the pages whose blocks need a rig.  The page of
-the closed loop has a test of its own.
+A block behind a comment ``<!-- not run: reason -->`` is left out; so are the pages whose blocks need a rig.  The page
+of the closed loop has a test of its own.
 """
 
 from __future__ import annotations

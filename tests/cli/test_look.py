@@ -236,3 +236,15 @@ def test_the_program_in_the_report_reads_the_same_part(capsys, log: Path, tmp_pa
     page = (tmp_path / "plots" / "report.html").read_text(encoding="utf-8")
     assert "begin=10.0, end=60.5" in page
     assert "--from 10.0 --to 60.5" in page
+
+
+@pytest.mark.parametrize("command", ["run", "fit", "compare"])
+def test_quiet_leaves_out_the_notes_and_keeps_result_and_errors(capsys, log: Path, command: str) -> None:
+    columns = ("-i", "voltage [V]", "-o", "speed", "-p", 1, "--dt", 5, "--json")
+    _, loud, note = call(capsys, command, log, *columns)
+    code, quiet, err = call(capsys, command, log, *columns, "--quiet")
+    assert note.startswith("replant: note: ")
+    assert (code, err) == (0, "")
+    assert json.loads(quiet).keys() == json.loads(loud).keys()
+    code, out, err = call(capsys, command, log, "-i", "nothing", *columns[2:], "--quiet")
+    assert (code, out, err.count("\n")) == (2, "", 1)

@@ -12,6 +12,7 @@ import click
 
 from replant.cli.choice import Choice
 from replant.cli.missing import check_complete
+from replant.cli.notes import note, silence
 from replant.cli.ranges import Seconds, Whole
 from replant.data.logs import (
     Log,
@@ -96,6 +97,7 @@ _REST: list[Callable[[Any], Any]] = [
     click.option("--to", "end", type=float, metavar="S", help="Leave out what is after, in s from the first sample."),
     BIAS,
     INPUT_MAP,
+    click.option("--quiet", is_flag=True, help="Print the result and errors only: no notes, no progress."),
     click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
     click.option(
         "--out", type=click.Path(path_type=Path), metavar="DIR", help="Write plots (PNG) and report.html here."
@@ -115,7 +117,9 @@ def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def _decorated(command: Callable[..., Any], options: list[Callable[[Any], Any]]) -> Callable[..., Any]:
     @functools.wraps(command)
-    def checked(**given: Any) -> Any:
+    def checked(*, quiet: bool, **given: Any) -> Any:
+        if quiet:
+            silence()
         check_complete(given)
         return command(**given)
 
@@ -198,20 +202,20 @@ def read(options: dict[str, Any]) -> Log:
 
 def _note(options: dict[str, Any], recording: Recording) -> None:
     """Print on standard error what is to be known about a log: what was left out, and doubts about its clock."""
-    for note in recording.table.notes:
-        click.echo(f"replant: note: {note}", err=True)
+    for found_in_file in recording.table.notes:
+        note(found_in_file)
     if recording.irregular:
-        click.echo(f"replant: note: {recording.irregularity}; {_STAMPS_COUNT}", err=True)
+        note(f"{recording.irregularity}; {_STAMPS_COUNT}")
     dt = options["dt"]
     interval = None if dt is None else stamped_interval(recording.table)
     if interval is not None and not abs(interval[1] / dt - 1.0) <= MOST_OFF:
         name, usual = interval
         contradiction = f"{options['log']}: column {name!r} steps by {usual:.4g} s, but --dt is {dt:.4g} s"
-        click.echo(f"replant: note: {contradiction}; --dt is used", err=True)
+        note(f"{contradiction}; --dt is used")
     found = None if dt is not None or recording.dt < COARSE else doubtful_unit(recording.table, options["time_column"])
     if found is not None:
         name, unit = found
-        click.echo(f"replant: note: {options['log']}: column {name!r}: {unit.doubt}; {unit.remedy}", err=True)
+        note(f"{options['log']}: column {name!r}: {unit.doubt}; {unit.remedy}")
 
 
 def _columns(options: dict[str, Any]) -> dict[str, Any]:

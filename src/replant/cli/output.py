@@ -13,6 +13,7 @@ from typing import Any
 import click
 
 from replant.cli.keeping import Keeping, kept
+from replant.cli.notes import is_quiet
 from replant.cli.typed import command_line
 from replant.data.logs import Log
 from replant.report.html.python_program import identifier_as_python
@@ -151,7 +152,9 @@ def progress_bar(*, rate: bool = False) -> Any:
 
     columns: list[Any] = [TextColumn("{task.description:11}"), BarColumn(), TaskProgressColumn()]
     columns += [_rate_column(), TimeRemainingColumn(), TextColumn("left")] if rate else [TimeElapsedColumn()]
-    return Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty())
+    return Progress(
+        *columns, console=Console(stderr=True), transient=True, disable=is_quiet() or not sys.stderr.isatty()
+    )
 
 
 def _rate_column() -> Any:
@@ -176,7 +179,7 @@ def announced_compiling() -> Iterator[None]:
     class Announcer(event.Listener):
         def on_start(self, event: Any) -> None:
             nonlocal announced
-            if not announced:
+            if not (announced or is_quiet()):
                 announced = True
                 click.echo(COMPILING, err=True)
 

@@ -11,7 +11,7 @@ from click.core import ParameterSource
 from replant.cli.ranges import Range
 
 #: Options that say what is done with a result, not how it is made.
-OF_OUTPUT = ("as_json", "out", "full_trace", "saved", "other_logs", "required")
+OF_OUTPUT = ("as_json", "out", "full_trace", "saved", "other_logs", "required", "quiet")
 
 
 def command_line(*, with_output: bool = False) -> str:
