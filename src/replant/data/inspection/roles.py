@@ -10,16 +10,15 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.data.inspection.columns import Column
-from replant.data.inspection.influence import influence, prepared
+from replant.data.inspection.influence import influence, memory, prepared
 
 MOST_SIGNALS = 16
 """Columns among which input and output are looked for; all pairs of them are compared [count]."""
 FEWEST_ROWS = 20
 """Rows from which on who follows whom is asked [rows]."""
 BY_INFLUENCE, BY_SHAPE = 2.0, 1.0
-"""Weights of who follows whom, and of moving in steps [number].
-Origin: input and output come out right, without their names, for the recorded logs of open loops but a heat exchanger,
-of which it is said that either may be the input.
+"""Weights of who follows whom, and of moving in steps and quickly [number].
+Origin: input and output come out right for the recorded logs of open loops, with their names and without.
 Sensitivity: not measured.
 """
 CLOSE = 0.5
@@ -32,9 +31,10 @@ NOTABLE = 0.02
 Origin: 2 % less residual power; chance is subtracted before.
 Sensitivity: not measured.
 """
-ANSWERS = 0.3
-"""Influence of the output on the input from which on a controller is suspected [part of that the other way].
-Origin: above the recorded logs of open loops whose input comes out right.
+FEEDBACK, ANSWERS = 0.1, 0.1
+"""Influence of the output on the input from which on a controller is suspected: by itself, and as a part of that the other
+way [number].
+Origin: above the recorded logs of open loops, which reach 0.07, and below those of the motor under a controller.
 Sensitivity: not measured.
 """
 SAME_RANGE = 0.25
@@ -144,16 +144,17 @@ def find_roles(columns: list[Column], values: dict[int, FloatArray], given: dict
         Role(signals[u], "as given" if INPUT in known else _why(signals[u], signals[y], INPUT, there, back)),
         Role(signals[y], "as given" if OUTPUT in known else _why(signals[y], signals[u], OUTPUT, there, back)),
         None if r is None else Role(signals[r], why_r),
-        back > NOTABLE and back > ANSWERS * there,
+        back > FEEDBACK and back > ANSWERS * there,
         free and abs(_score(signals[u], signals[y], forces) - _score(signals[y], signals[u], forces)) < CLOSE,
     )
 
 
 class _Forces:
-    """The measure of influence for each pair of signals, computed once."""
+    """The measure of influence for each pair of signals, and the memory of each signal, computed once."""
 
     def __init__(self, ready: dict[int, FloatArray]) -> None:
         self._ready, self._found = ready, dict[tuple[int, int], float]()
+        self.memory = {number: memory(signal) for number, signal in ready.items()}
 
     def of(self, a: int, b: int) -> float:
         if (a, b) not in self._found:
@@ -180,7 +181,9 @@ def _score(a: Column, b: Column, forces: _Forces) -> float:
     there, back = forces.of(a.number, b.number), forces.of(b.number, a.number)
     direction = (there - back) / (there + back + NOTABLE)
     strength = there / (there + 0.1)
-    return BY_INFLUENCE * (0.5 * direction + 0.5 * strength) + BY_SHAPE * (a.held - b.held)
+    quick, slow = forces.memory[a.number], forces.memory[b.number]
+    smoother = (slow - quick) / max(1, slow + quick)  # a plant smooths: its output has the longer memory
+    return BY_INFLUENCE * (0.5 * direction + 0.5 * strength) + BY_SHAPE * (a.held - b.held + smoother)
 
 
 def _input_beside(

@@ -208,7 +208,6 @@ def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] |
         return None
     (number,) = candidates
     name = table.names[number]
-    unit = 1.0 if number in table.in_seconds else unit_in_seconds(name)
     blocks = table.stream([number])
     try:
         (stamps,) = next(blocks, [np.empty(0)])
@@ -216,6 +215,7 @@ def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] |
         return None
     finally:
         blocks.close()
+    unit = 1.0 if number in table.in_seconds else unit_of_stamps(name, stamps).seconds
     with np.errstate(invalid="ignore", over="ignore"):
         interval = float(np.median(np.diff(stamps))) * unit if stamps.size > 1 else math.nan
     return (name, interval) if interval > 0.0 else None

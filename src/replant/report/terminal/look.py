@@ -118,9 +118,11 @@ def print_findings(console: Any, found: Inspection) -> None:
     console : rich.console.Console
     found : Inspection
     """
-    first = "" if found.contents.whole else "the first "
-    size = f"{_counted(found.rows, 'row')}, {_counted(len(found.contents.columns), 'column')}"
-    _say(console, f"{found.table.path}: {first}{size}")
+    rows = _counted(found.rows, "row")
+    if not found.contents.whole:
+        rows = f"the first {found.rows:,} of about {max(found.rows, found.table.approximate_rows):,} rows"
+    size = f"{rows}, {_counted(len(found.contents.columns), 'column')}"
+    _say(console, f"{found.table.path}: {size}")
     console.print()
     for line in [*_lines_of_table(found), *_other_columns(found)]:
         _say(console, line)
