@@ -195,6 +195,9 @@ def test_stamps_beyond_the_calendar_are_refused(capsys, tmp_path: Path, command:
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert "since 1970" in err
     assert "--dt" in err
+    dt = 0.02 if name == "timestamp" else 2e-5
+    code, _, err = call(capsys, command, path, "-i", "u", "-o", "y", "-p", 1, "--dt", dt)
+    assert (code, err) == (0, "")  # the remedy works, and the unit told from the stamps agrees with it
 
 
 @pytest.mark.parametrize("command", ["run", "fit"])

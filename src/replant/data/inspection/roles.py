@@ -32,8 +32,8 @@ Origin: 2 % less residual power; chance is subtracted before.
 Sensitivity: not measured.
 """
 FEEDBACK, ANSWERS = 0.1, 0.1
-"""Influence of the output on the input from which on a controller is suspected: by itself, and as a part of that the other
-way [number].
+"""Influence of the output on the input from which on a controller is suspected: by itself, and as a part of that the
+other way [number].
 Origin: above the recorded logs of open loops, which reach 0.07, and below those of the motor under a controller.
 Sensitivity: not measured.
 """
