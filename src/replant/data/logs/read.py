@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.data.logs.formats import read_columns
+from replant.data.logs.rasters import on_one_clock
 from replant.data.logs.recording import MOST_HELD, Recording
 from replant.data.logs.sampling_time import (
     SamplingTime,
@@ -142,7 +143,8 @@ def open_recording(
     if time is not None:
         roles["time"] = table.find(time)
     _check_distinct(table, roles)
-    if time is None and step is None:
+    table, roles = on_one_clock(table, roles, is_timed=time is not None or step is not None)
+    if "time" not in roles and step is None:
         if table.dt is not None and not _times(table):
             step = table.dt
         else:

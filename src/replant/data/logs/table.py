@@ -60,6 +60,9 @@ class Table:
         Sampling time in seconds that the file states, for signals without a column of time.
     left_out : mapping of str to str
         Names in the file that are no columns because they cannot be read, and why.
+    stamps : callable or None
+        From a column's number to its time stamps in s, in a file whose columns have stamps of their own; their lengths
+        may differ.
 
     Examples
     --------
@@ -80,6 +83,7 @@ class Table:
     notes: tuple[str, ...] = ()
     dt: float | None = None
     left_out: Mapping[str, str] = field(default_factory=dict)
+    stamps: Callable[[int], NDArray[np.float64]] | None = None
 
     def column(self, key: str | int) -> NDArray[np.float64]:
         """Return one column as float64, by name or 0-based number."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.data.logs import Table, read_columns
+from replant.data.logs.rasters import on_one_clock
 from replant.data.logs.sampling_time import time_candidates, unit_in_seconds
 from replant.data.streams.address import Address
 from replant.data.streams.batch import Batch
@@ -79,6 +80,11 @@ def open_replay(address: Address, columns: tuple[str, ...] | None) -> ReplaySour
     referenced = "reference" in options
     if referenced:
         keys.append(options["reference"])
+    if table.stamps is not None:
+        roles = dict(zip(("input", "output", "reference"), map(table.find, keys), strict=False))
+        table, roles = on_one_clock(table, roles, is_timed=dt is not None or "time" in options)
+        stamps = roles.pop("time", stamps)
+        keys = list(roles.values())
     if stamps is not None:
         keys.append(stamps)
     columns_read = table.columns(keys)

@@ -1,0 +1,146 @@
+"""Tables of channels with time stamps of their own, as measurement and robot logs have them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.data.logs.merge_rasters import Signal, merge
+from replant.data.logs.table import Table, listed
+from replant.errors import LogError
+
+TIME = "time"
+"""Name of the column of merged stamps."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A column of a file, read when it is requested.
+
+    Parameters
+    ----------
+    name : str
+    read : callable
+        Returns its stamps in s since an instant that all channels of the file share, and its values.
+    """
+
+    name: str
+    read: Callable[[], Signal]
+
+
+def channel_table(path: Path, channels: Sequence[Channel]) -> Table:
+    """Make a table of channels.
+
+    Raises
+    ------
+    LogError
+        If there are none.
+
+    Examples
+    --------
+    >>> speed = Channel("rig.speed", lambda: Signal(np.array([0.0, 0.5]), np.array([7.0, 8.0])))
+    >>> table = channel_table(Path("log.ulg"), [speed])
+    >>> table.column("rig.speed"), table.stamps(0)
+    (array([7., 8.]), array([0. , 0.5]))
+    """
+    if not channels:
+        raise LogError(f"{path}: no channel of numbers with time stamps in the file; choose another file")
+    return Table(
+        path,
+        tuple(channel.name for channel in channels),
+        lambda numbers: iter([[channels[number].read().values for number in numbers]]),
+        stamps=lambda number: channels[number].read().t,
+    )
+
+
+def on_one_clock(table: Table, roles: dict[str, int], *, is_timed: bool) -> tuple[Table, dict[str, int]]:
+    """Return columns that may have stamps of their own as columns of one clock.
+
+    Parameters
+    ----------
+    table : Table
+    roles : dict of str to int
+        The columns of ``input``, ``output`` and perhaps ``reference``, ``time``.
+    is_timed : bool
+        Whether a column of time or a sampling time is given: then the columns must have the same stamps.
+
+    Returns
+    -------
+    Table, dict of str to int
+        Those given, or a table of merged columns with the columns of the roles and of ``time`` there.
+
+    Raises
+    ------
+    LogError
+        If they have different stamps although a time is given; see also `merged`.
+    """
+    if table.stamps is None:
+        return table, roles
+    if not is_timed:
+        return merged(table, roles), {**{role: number for number, role in enumerate(roles, 1)}, "time": 0}
+    first, *others = (table.stamps(number) for number in roles.values())
+    if not all(np.array_equal(first, other) for other in others):
+        names = listed([repr(table.names[number]) for number in roles.values()])
+        raise LogError(
+            f"{table.path}: columns {names} have different time stamps; leave the time (time, --time) and the sampling "
+            "time (dt, --dt) out, and they are merged"
+        )
+    return table, roles
+
+
+def merged(table: Table, roles: Mapping[str, int]) -> Table:
+    """Return a table with the time, and the columns of ``roles`` at common stamps; see `merge_rasters`.
+
+    Parameters
+    ----------
+    table : Table
+        Has stamps for each column.
+    roles : mapping of str to int
+        The columns of ``input``, ``output`` and perhaps ``reference``; they follow the time in this order.
+
+    Raises
+    ------
+    LogError
+        If a column is empty, or its stamps go back; or if no output was measured while the input is known.
+    """
+    assert table.stamps is not None
+    columns = table.columns(list(roles.values()))
+    signals = {}
+    for (role, number), values in zip(roles.items(), columns, strict=True):
+        signals[role] = Signal(_checked(table, number, table.stamps(number)), values)
+    held = [role for role in roles if role != "output"]
+    found = merge(signals["output"], [signals[role] for role in held])
+    if found.t.size == 0:
+        names = " and ".join(repr(table.names[roles[role]]) for role in roles)
+        raise LogError(f"{table.path}: columns {names} have no time in common; choose others")
+    arrays = {"output": found.output, **dict(zip(held, found.held, strict=True))}
+    ordered = [found.t, *(arrays[role] for role in roles)]
+    return Table(
+        table.path,
+        (TIME, *(table.names[number] for number in roles.values())),
+        lambda numbers: iter([[ordered[number] for number in numbers]]),
+        lambda row: f"row {row + 1} of the merged signals",
+        in_seconds=frozenset({0}),
+        approximate_rows=found.t.size,
+        notes=table.notes,
+    )
+
+
+def _checked(table: Table, number: int, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    place = f"{table.path}: column {table.names[number]!r}"
+    if t.size == 0:
+        raise LogError(f"{place} has no sample; choose another column")
+    if not np.isfinite(t).all():
+        raise LogError(f"{place}, sample {int(np.argmin(np.isfinite(t))) + 1}: the time stamp is not finite; repair it")
+    back = np.diff(t) < 0.0
+    if back.any():
+        at = int(np.argmax(back)) + 1
+        raise LogError(
+            f"{place}, sample {at + 1}: the time stamp {t[at]:.9g} goes back from the one before ({t[at - 1]:.9g}); "
+            "repair it, or give the sampling time (dt, --dt)"
+        )
+    return t
