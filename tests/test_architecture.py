@@ -56,7 +56,8 @@ PLAIN = {"__future__", "collections", "contextlib", "enum", "math", "operator", 
 LIGHT = {"numpy"}
 HEAVY = {"numba", "llvmlite", "scipy", "matplotlib", "control", "pyarrow", "pandas", "xarray", "sklearn"}
 HEAVY |= {"paho", "serial", "starlette", "sympy", "uvicorn"}
-HEAVY |= {"h5py", "openpyxl", "zstandard"}
+HEAVY |= {"h5py", "mcap", "mcap_ros2", "openpyxl", "pyulog", "zstandard"}
+HEAVY |= {"asammdf", "nptdms"}  # in no extra, because they are under the LGPL: who has such files installs them
 #: Modules that are made of another package's classes: nothing of ours imports them but where it uses them.
 ADAPTERS = {
     "sklearn": {"sklearn"},

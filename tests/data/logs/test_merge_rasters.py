@@ -64,7 +64,7 @@ def test_rows_begin_when_every_held_signal_is_known() -> None:
 
 def test_a_signal_is_held_for_no_longer_than_its_longest_interval() -> None:
     y = signal([float(k) for k in range(20)], [0.0] * 20)
-    assert merge(y, [signal([0, 1, 2, 5], [1, 2, 3, 4])]).t.tolist() == list(range(9))
+    assert merge(y, [signal([0, 1, 2, 5], [1, 2, 3, 4])]).t.tolist() == list(range(8))
     assert len(merge(y, [signal([0], [1])]).t) == 20  # logged once
 
 

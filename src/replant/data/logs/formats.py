@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from replant.data.logs import parquet
+from replant.data.logs import mcap, parquet
 from replant.data.logs.packed import STANDARD_INPUT, SUFFIXES, read_packed, read_standard_input
 from replant.data.logs.table import Table, unreadable_error
 from replant.errors import LogError
@@ -31,6 +31,9 @@ FORMATS = {
     ".xlsm": "xlsx",
     ".h5": "hdf5",
     ".hdf5": "hdf5",
+    ".tdms": "tdms",
+    ".ulg": "ulog",
+    ".mcap": "mcap",
 }
 
 
@@ -70,7 +73,7 @@ def read_columns(path: str | os.PathLike[str]) -> Table:
 
 
 def _read_file(path: Path) -> Table:
-    suffix = ".parquet" if path.is_dir() else path.suffix.lower()
+    suffix = _suffix_of_folder(path) if path.is_dir() else path.suffix.lower()
     if suffix not in FORMATS:
         known = " ".join(FORMATS)
         raise LogError(
@@ -78,12 +81,22 @@ def _read_file(path: Path) -> Table:
         )
     module = importlib.import_module(f"replant.data.logs.{FORMATS[suffix]}")
     with _unreadable_as_log_error(path):
-        if path.is_dir() and not parquet.parts_of(path):
-            raise LogError(f"{path}: a directory; give the log file inside it, or a folder of Parquet files")
         if not path.is_dir() and path.stat().st_size == 0:
             raise LogError(f"{path}: the file is empty; record the log again")
         table: Table = module.read(path)
     return table
+
+
+def _suffix_of_folder(path: Path) -> str:
+    """Return the format of the parts of a log in a folder."""
+    with _unreadable_as_log_error(path):
+        if mcap.parts_of(path):
+            return ".mcap"
+        if parquet.parts_of(path):
+            return ".parquet"
+        if any(part.suffix == ".db3" for part in path.iterdir()):
+            raise LogError(f"{path}: a ROS 2 bag in SQLite; write it as MCAP with: ros2 bag convert")
+    raise LogError(f"{path}: a directory; give the log file inside it, or a folder of Parquet files")
 
 
 @contextmanager

@@ -94,7 +94,7 @@ def merge(output: Signal, held: Sequence[Signal]) -> Merged:
     held = [Signal(_snapped(signal.t, output.t, tolerance), signal.values) for signal in held]
     inside = np.ones(output.t.size, np.bool_)
     for signal in held:
-        inside &= (output.t >= signal.t[0]) & (output.t <= _held_until(signal.t) + tolerance)
+        inside &= (output.t >= signal.t[0]) & (output.t < _held_until(signal.t) - tolerance)
     t, y = output.t[inside], output.values[inside]
     for signal in held:
         if not np.isin(signal.t[_changes(signal.values)], output.t).all():

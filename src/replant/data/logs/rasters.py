@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from replant.data.logs.merge_rasters import Signal, merge
 from replant.data.logs.table import Table, listed
 from replant.errors import LogError
 
+_KEPT = 4
+"""Channels of a table that are held in memory [count]."""
 TIME = "time"
 """Name of the column of merged stamps."""
 
@@ -49,11 +52,16 @@ def channel_table(path: Path, channels: Sequence[Channel]) -> Table:
     """
     if not channels:
         raise LogError(f"{path}: no channel of numbers with time stamps in the file; choose another file")
+
+    @lru_cache(maxsize=_KEPT)  # values and stamps are asked for one after the other
+    def signal(number: int) -> Signal:
+        return channels[number].read()
+
     return Table(
         path,
         tuple(channel.name for channel in channels),
-        lambda numbers: iter([[channels[number].read().values for number in numbers]]),
-        stamps=lambda number: channels[number].read().t,
+        lambda numbers: iter([[signal(number).values for number in numbers]]),
+        stamps=lambda number: signal(number).t,
     )
 
 
