@@ -80,11 +80,14 @@ def remember_input(ints, reals, u, interval):
 
     Where samples are missing, a held input may have moved on the way, or stood until the newest sample.  For the first
     sampling time it stood in any case.  For the rest the mean of the last and the newest value would be right in the
-    former case, the last value in the latter: a third of the way errs least in the worse of both.
+    former case, the last value in the latter: a third of the way errs least in the worse of both.  No sample is
+    missing where the two intervals before were as long: the device samples more slowly.
     """
     inputs, held = pointer(reals, ints[at.AT_INPUTS]), pointer(reals, ints[at.AT_HELD])
     intervals, last = pointer(reals, ints[at.AT_INTERVALS]), inputs[ints[at.RING_HEAD]]
-    known = reals[at.INTERVAL] / interval if interval > MISSING * reals[at.INTERVAL] else 1.0
+    before = ints[at.RING_HEAD] - 1 if ints[at.RING_HEAD] > 0 else ints[at.RING_SIZE] - 1
+    usual = max(reals[at.INTERVAL], min(intervals[ints[at.RING_HEAD]], intervals[before]))
+    known = usual / interval if interval > MISSING * usual else 1.0
     newest = ints[at.RING_HEAD] + 1
     if newest == ints[at.RING_SIZE]:
         newest = 0
