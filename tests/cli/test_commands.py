@@ -51,11 +51,13 @@ def test_json_holds_the_contract(capsys, log: Path, command: str) -> None:
     answer = json.loads(out)
     assert set(answer) >= {
         "num", "den", "delay", "parameters", "poles", "zeros", "dc_gain", "fit", "samples", "rejected", "verdict",
-        "elapsed_seconds", "schema_version",
+        "elapsed_seconds", "schema_version", "dt", "clock",
     }  # fmt: skip
     model = rp.Model.from_json(out)
     assert (model.input_name, model.output_name, model.provenance.source) == ("u", "y", "log.csv")
     assert model.provenance.sha256 == hashlib.sha256(log.read_bytes()).hexdigest()
+    assert answer["dt"] == 0.05
+    assert answer["clock"] == {"irregular": False, "shortest": None, "longest": None}
     assert set(answer["fit"]) == {"one_step", "simulated"}
     assert set(answer["verdict"]) == {"status", "excited", "reasons"}
     assert answer["verdict"]["excited"] is True

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.arguments import FloatArray, IntArray
 from replant.model.dead_time import unknown_outputs
 from replant.model.structure import Structure
 from replant.regressor.preprocess import Preprocess, centre, screen
@@ -16,6 +17,46 @@ SAME = 1e-9
 """Part of an interval that is rounding [ratio].
 Derivation: some million times the precision of float64.
 """
+
+GAP = 3.5
+"""Interval without a sample, beside the usual one and its neighbours, after which the state is unknown [ratio].
+Origin: of a resonant plant under 5 % of noise, its binary input held for five samples, three lost in a row once in a
+hundred samples made the largest error of a coefficient 1.7 %, five 8.5 %, and 0.4 % where the state behind them is
+estimated; without lost samples it is 0.3 %.  Single samples lost at random, a tenth of all: 2.7 % either way.
+Sensitivity: halved, each lost sample costs as many unknowns as the plant has poles, for no gain; doubled, gaps of four
+to six samples do harm.
+"""
+
+MOST_GAPS = 500
+"""Gaps that part a record, the longest ones of them: each costs a pass over its part [count]."""
+
+
+def gaps_of(intervals: FloatArray, usual: float) -> IntArray:
+    """Return the samples (G,) that follow a gap: the input of the meantime is not known, and so is the state.
+
+    An interval is a gap if it is more than `GAP` times as long as the usual one, and as those beside it: samples that
+    come more slowly for a while are no gaps.  Of more than `MOST_GAPS` the longest are returned.
+
+    Parameters
+    ----------
+    intervals : (K,) array
+        Time since the sample before, in s; the first is not looked at.
+    usual : float
+        Usual interval in s.
+
+    Examples
+    --------
+    >>> gaps_of(np.array([1.0, 1.0, 9.0, 1.0, 9.0, 9.0, 9.0]), 1.0)
+    array([2])
+    """
+    if intervals.size < 2:
+        return np.zeros(0, np.int64)
+    steps = np.concatenate([[usual], intervals[1:], [usual]])
+    beside = np.maximum(np.maximum(steps[:-2], steps[2:]), usual)
+    found = np.flatnonzero(intervals[1:] > GAP * beside) + 1
+    if found.size > MOST_GAPS:
+        found = np.sort(found[np.argsort(-intervals[found], kind="stable")[:MOST_GAPS]])
+    return np.asarray(found, np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +73,8 @@ class Record:
         Reference; None where there is none.
     before : Record, optional
         The samples before it, whose inputs still act on it because of a dead time.
+    usual : float
+        Usual interval in s of a record whose gaps part it, see `gaps_of`; infinite where none does.
     """
 
     u: FloatArray
@@ -40,19 +83,31 @@ class Record:
     input_hold: str = "zoh"
     r: FloatArray | None = None
     before: Record | None = None
+    usual: float = math.inf
+
+    @property
+    def parts(self) -> list[slice]:
+        """The stretches between gaps; after each gap the state is unknown."""
+        begins = gaps_of(self.intervals, self.usual).tolist() if math.isfinite(self.usual) else []
+        return [slice(begin, end) for begin, end in zip([0, *begins], [*begins, self.u.size], strict=True)]
+
+    def part(self, rows: slice) -> Record:
+        """Return a stretch of a record on an irregular clock."""
+        r = None if self.r is None else self.r[rows]
+        return Record(self.u[rows], self.y[rows], self.intervals[rows], self.input_hold, r)
 
     def first(self, samples: int) -> Record:
         """Return the record's beginning."""
         intervals = self.intervals if self.intervals.size == 1 else self.intervals[:samples]
         r = None if self.r is None else self.r[:samples]
-        return Record(self.u[:samples], self.y[:samples], intervals, self.input_hold, r)
+        return Record(self.u[:samples], self.y[:samples], intervals, self.input_hold, r, usual=self.usual)
 
     def last(self, samples: int) -> Record:
         """Return the record's end."""
         rest = slice(max(self.u.size - samples, 0), None)
         intervals = self.intervals if self.intervals.size == 1 else self.intervals[rest]
         r = None if self.r is None else self.r[rest]
-        return Record(self.u[rest], self.y[rest], intervals, self.input_hold, r)
+        return Record(self.u[rest], self.y[rest], intervals, self.input_hold, r, usual=self.usual)
 
     def answering(self, delay: float) -> Record:
         """Return the samples that answer to inputs of the record, those before them as `before`; at least the newest.
@@ -77,7 +132,7 @@ class Record:
         regular = self.intervals.size == 1 and self.u.size > 1
         intervals = self.intervals if regular else np.concatenate([part.intervals for part in parts])
         r = None if self.r is None or self.before.r is None else np.concatenate([self.before.r, self.r])
-        return Record(u, y, intervals, self.input_hold, r)
+        return Record(u, y, intervals, self.input_hold, r, usual=self.usual)
 
     def unknown(self, delay: float) -> int:
         """Return how many samples at the beginning answer to inputs before the record, with a dead time in s.
@@ -145,4 +200,5 @@ def ready_record(
     clock = np.arange(u.size) * dt if stamps is None else stamps
     intervals = np.array([dt]) if regular else np.diff(clock[accepted], prepend=clock[accepted][:1] - dt)
     u, y = mapped[accepted] - float(preprocess.input_offset), y[accepted] - float(preprocess.output_offset)
-    return Record(u, y, intervals, input_hold, None if r is None else r[accepted])
+    r = None if r is None else r[accepted]
+    return Record(u, y, intervals, input_hold, r, usual=math.inf if stamps is None else dt)

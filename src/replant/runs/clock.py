@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from replant.arguments import FloatArray
-from replant.engine.state import GAP
+from replant.engine.record import gaps_of
 
 KNOTS = 36_000
 """Stamps kept of a record that is too long for memory: as many as its overview has points [count]."""
@@ -51,12 +51,12 @@ class Clock:
 
     @property
     def gaps(self) -> FloatArray:
-        """Begin and end of the gaps in s, (G, 2): longer than 20 sampling times, as for the filters."""
+        """Begin and end of the gaps in s, (G, 2), see `gaps_of`."""
         if self.places is None or self.times is None:
             return np.zeros((0, 2))
-        between = np.diff(self.times)
-        long = np.flatnonzero(between - self.dt * (np.diff(self.places) - 1.0) > GAP * self.dt)
-        return np.column_stack([self.times[long], self.times[long + 1]])
+        between = np.diff(self.times) - self.dt * (np.diff(self.places) - 1.0)
+        ends = gaps_of(np.append(self.dt, between), self.dt)
+        return np.column_stack([self.times[ends - 1], self.times[ends]])
 
     @property
     def irregular(self) -> bool:
@@ -105,7 +105,7 @@ class ClockRecorder:
     """
 
     def __init__(self, dt: float, length: int, knots: int = KNOTS) -> None:
-        self._dt, self._stride = dt, max(1, -(-length // knots))
+        self._dt, self._stride = dt, max(1, -(-length // max(knots, 1)))
         self._seen, self._first, self._last = 0, math.nan, math.nan
         self._shortest, self._longest = math.inf, 0.0
         self._kept: list[FloatArray] = []

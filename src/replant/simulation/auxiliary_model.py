@@ -18,6 +18,7 @@ from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.engine.state import State
 from replant.model.structure import Structure
+from replant.statistics.projections import without
 
 SLOWEST = 0.01
 """Least distance of a filter's pole from the imaginary axis [1 / duration of the record].
@@ -107,7 +108,7 @@ class AuxiliaryModel:
     ) -> None:
         self._state = State.for_model(structure, dt, input_hold, reference=reference)
         self._state.stability_margin = margin
-        self._delay = structure.delay
+        self._delay, self._order = structure.delay, structure.poles
 
     @property
     def entries(self) -> int:
@@ -117,7 +118,7 @@ class AuxiliaryModel:
     def run(
         self, theta: FloatArray, record: Record, by_reference: FloatArray | None = None, *, goes_on: bool = False
     ) -> Pass:
-        """Run a model over a record from rest.
+        """Run a model over a record from rest, each part behind a gap anew; see `_of_parts`.
 
         Samples that answer to inputs before the record, because of a dead time, say nothing: their rows are zero, and
         the initial state is that of the first sample after them.
@@ -134,6 +135,11 @@ class AuxiliaryModel:
         """
         from replant.kernels.step.stages import regressors
 
+        parts = record.parts
+        if len(parts) > 1:
+            explained = [None if by_reference is None else by_reference[rows] for rows in parts]
+            runs = [self.run(theta, record.part(rows), of_it) for rows, of_it in zip(parts, explained, strict=True)]
+            return _of_parts(runs, self._order)
         if by_reference is None:
             by_reference = NOTHING
         state, size, samples = self._state, self.entries, record.u.size
@@ -154,3 +160,24 @@ class AuxiliaryModel:
             for signal in (phi, zeta, target, ahead, error):
                 signal[:unknown] = 0.0
         return Pass(phi, zeta, target, output, error, ahead)
+
+
+def _of_parts(runs: list[Pass], order: int) -> Pass:
+    """Return the passes over the parts of a record as one.
+
+    Behind a gap the initial state is unknown once more.  It is not among the entries of the model: what it explains,
+    the last ``order`` columns of ``phi``, is taken off all signals, which is what estimating it beside them comes to.
+    """
+    joined = [runs[0], *(_without_initial_state(run, order) for run in runs[1:])]
+    return Pass(*(np.concatenate(signals) for signals in zip(*(vars(run).values() for run in joined), strict=True)))
+
+
+def _without_initial_state(run: Pass, order: int) -> Pass:
+    """Return a pass less what its initial state explains."""
+    columns, states = run.phi.shape[1] - order, run.phi[:, -order:]
+    signals = np.column_stack([run.phi[:, :columns], run.zeta[:, :columns], run.target, run.error, run.ahead])
+    left = without(signals, states) if np.isfinite(signals).all() and np.isfinite(states).all() else signals
+    none = np.zeros_like(states)
+    phi, zeta = np.hstack([left[:, :columns], none]), np.hstack([left[:, columns : 2 * columns], none])
+    target, error, ahead = left[:, 2 * columns :].T
+    return Pass(phi, zeta, target.copy(), run.output + run.ahead - ahead, error.copy(), ahead.copy())

@@ -10,7 +10,7 @@ import numpy as np
 from replant.arguments import FloatArray, vector
 from replant.errors import InvalidArgumentError
 from replant.model.transfer_function import TransferFunction
-from replant.simulation.free_run import free_run
+from replant.simulation.fitted_parts import PartedRun, known_outputs, offset_of, state_of
 from replant.simulation.record_response import RecordResponse
 from replant.statistics.linear_algebra import least_norm, quiet
 
@@ -102,7 +102,7 @@ def simulate(
     input_hold : {"zoh", "foh"}
         What the input does between samples.
     t : (K,) array, optional
-        Time stamps in s of an irregular clock.
+        Time stamps in s of an irregular clock.  Behind each gap the state is fitted anew.
 
     Examples
     --------
@@ -112,17 +112,31 @@ def simulate(
     5.0...
     """
     u, _ = bridged(u)
+    if t is not None and u.size:
+        return _simulate_parts(model, u, y, dt, input_hold, t)
     with np.errstate(over="ignore", invalid="ignore"):
-        if t is None:
-            forced, free, unknown = RecordResponse(model, dt, input_hold).take(u)
-        else:
-            forced, free, unknown = free_run(model, u, np.diff(t, prepend=t[0] - dt), dt, input_hold)
+        forced, free, unknown = RecordResponse(model, dt, input_hold).take(u)
         y = np.concatenate([np.full(unknown, np.nan), y[unknown:]])
         weights = initial_weights(forced, free, y)
         if weights is None:
             return Simulation(np.full(u.size, np.nan), 0.0, -math.inf)
         output = with_initial(forced, free, weights)
     return Simulation(output, float(weights[0]), fit_percent(y, output))
+
+
+def _simulate_parts(
+    model: TransferFunction, u: FloatArray, y: FloatArray, dt: float, input_hold: str, t: FloatArray
+) -> Simulation:
+    """Return what `simulate` does, on an irregular clock."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        parts = PartedRun(model, dt, input_hold).take(u, t)
+        offset = offset_of(parts, y)
+        if not (math.isfinite(offset) and all(np.isfinite(part.forced).all() for part in parts)):
+            return Simulation(np.full(u.size, np.nan), 0.0, -math.inf)
+        output = [with_state(part.forced, part.free, offset, state_of(part, y, offset)) for part in parts]
+        known = [known_outputs(part, y) for part in parts]
+    joined = np.concatenate(output)
+    return Simulation(joined, offset, fit_percent(np.concatenate(known), joined))
 
 
 @quiet
@@ -169,8 +183,13 @@ def with_initial(forced: FloatArray, free: FloatArray, weights: FloatArray) -> F
     weights : (n + 1,) array
         Offset and initial state.
     """
-    used = weights[1:] != 0.0
-    return np.asarray(forced + weights[0] + free[:, used] @ weights[1:][used])
+    return with_state(forced, free, float(weights[0]), weights[1:])
+
+
+def with_state(forced: FloatArray, free: FloatArray, offset: float, state: FloatArray) -> FloatArray:
+    """Return what `with_initial` does, the offset and the initial state (n,) apart."""
+    used = state != 0.0
+    return np.asarray(forced + offset + free[:, used] @ state[used])
 
 
 def bridged(u: FloatArray, before: float = 0.0) -> tuple[FloatArray, float]:

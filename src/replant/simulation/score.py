@@ -14,8 +14,8 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.kernels.schema import LAGS
 from replant.model.transfer_function import TransferFunction
-from replant.simulation.free_run import FreeRun
-from replant.simulation.offset_fit import bridged, initial_weights, with_initial
+from replant.simulation.fitted_parts import PartedRun, known_outputs, offset_of, state_of
+from replant.simulation.offset_fit import bridged, initial_weights, with_initial, with_state
 from replant.simulation.record_response import RecordResponse
 from replant.statistics.autoregression import LEAST, Autoregression
 from replant.statistics.lost_samples import places_on_grid
@@ -50,7 +50,7 @@ class Score:
 
     def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh", *, irregular: bool = False) -> None:
         self._regular = None if irregular else RecordResponse(model, dt, input_hold)
-        self._irregular = FreeRun(model, dt, input_hold) if irregular else None
+        self._irregular = PartedRun(model, dt, input_hold) if irregular else None
         self._dt, self._last = dt, math.nan
         self._weights = np.zeros(1 + model.den.size - 1)
         self._input, self._batches, self._failed = 0.0, 0, False
@@ -68,13 +68,8 @@ class Score:
         intervals = self._intervals(t)
         u, self._input = bridged(u, self._input)
         with np.errstate(over="ignore", invalid="ignore"):
-            forced, free, unknown = self._run(u, intervals)
-            y = np.concatenate([np.full(unknown, np.nan), y[unknown:]])
-            if self._batches == 0:
-                weights = initial_weights(forced, free, y)
-                self._weights = self._weights if weights is None else weights
+            modelled, y = self._run(u, y, t)
             self._batches += 1
-            modelled = with_initial(forced, free, self._weights)
             self._failed = self._failed or not bool(np.isfinite(modelled).all())
             if not self._failed:
                 known = np.asarray(np.isfinite(y))
@@ -90,12 +85,32 @@ class Score:
         self._last = float(t[-1])
         return intervals
 
-    def _run(self, u: FloatArray, intervals: FloatArray | None) -> tuple[FloatArray, FloatArray, int]:
-        if self._regular is not None:
-            return self._regular.take(u)
+    def _run(self, u: FloatArray, y: FloatArray, t: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+        """Return the model's output (K,), and the measured one (K,), NaN where it says nothing."""
+        if t is not None:
+            return self._run_parts(u, y, t)
+        assert self._regular is not None
+        forced, free, unknown = self._regular.take(u)
+        y = np.concatenate([np.full(unknown, np.nan), y[unknown:]])
+        if self._batches == 0:
+            weights = initial_weights(forced, free, y)
+            self._weights = self._weights if weights is None else weights
+        return with_initial(forced, free, self._weights), y
+
+    def _run_parts(self, u: FloatArray, y: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the same on an irregular clock; behind a gap the state is that of the rest of the batch."""
         assert self._irregular is not None
-        assert intervals is not None
-        return self._irregular.take(u, intervals)
+        parts = self._irregular.take(u, t)
+        if self._batches == 0:
+            offset = offset_of(parts, y)
+            self._weights[0] = offset if math.isfinite(offset) else 0.0
+        modelled, known = [], []
+        for part in parts:
+            if part.begins:
+                self._weights[1:] = state_of(part, y, float(self._weights[0]))
+            modelled.append(with_state(part.forced, part.free, float(self._weights[0]), self._weights[1:]))
+            known.append(known_outputs(part, y))
+        return np.concatenate(modelled), np.concatenate(known)
 
     @property
     def usable(self) -> bool:
