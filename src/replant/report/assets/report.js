@@ -104,6 +104,10 @@
         drawn.push(series(curve));
       }
     }
+    for (const gap of plan.gaps || []) { // no line runs through a gap
+      const at = data[0].findIndex(t => t > gap);
+      if (at > 0) data.forEach((row, i) => row.splice(at, 0, i ? null : gap));
+    }
     return { data, drawn, bands };
   };
 

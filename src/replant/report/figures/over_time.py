@@ -216,7 +216,9 @@ def _decades(axis: Any, t: FloatArray, values: FloatArray, colour: str, lowest: 
 
 
 def _curve(axis: Any, drawn: Thinned, clock: Clock, **look: Any) -> None:
-    axis.plot(clock.at(drawn.places), drawn.values, **look)
+    t, gaps = clock.at(drawn.places), clock.gaps.mean(axis=1)
+    places = np.searchsorted(t, gaps)  # no line runs through a gap
+    axis.plot(np.insert(t, places, gaps), np.insert(drawn.values, places, np.nan), **look)
 
 
 def _shade(axis: Any, left_out: FloatArray) -> None:

@@ -55,7 +55,8 @@ def _fit_charts(material: Material) -> list[dict[str, Any]]:
     curves = [_curve(drawn, "residual", "measured − model")]
     charts.append(_chart("residual", name, 140, step, curves, limits, start, times))
     left_out = material.result.left_out_over_time(material.dt).tolist()
-    return [chart | {"left_out": left_out} for chart in charts]
+    gaps = material.clock.gaps.mean(axis=1).tolist()
+    return [chart | {"left_out": left_out, "gaps": gaps} for chart in charts]
 
 
 def _parameter_charts(material: Material) -> list[dict[str, Any]]:
