@@ -83,6 +83,19 @@ def test_read_by_a_person(capsys: pytest.CaptureFixture[str], logs: tuple[Path, 
         assert words in out
 
 
+def test_the_report_has_the_other_log_beside_the_first(
+    capsys: pytest.CaptureFixture[str], logs: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
+    first, second, other = logs
+    arguments = ("fit", first, *COLUMNS, "--poles", 1, "--out", tmp_path)
+    assert call(capsys, *arguments)[0] == 0
+    assert "On other logs" not in (tmp_path / "report.html").read_text()
+    assert call(capsys, *arguments, "--validate", second, "--validate", other)[0] == 0
+    page = (tmp_path / "report.html").read_text()
+    assert page.index("Step response of G(s)") < page.index("On other logs") < page.index("b.csv: measured")
+    assert page.index("b.csv: measured") < page.index("c.csv: measured")
+
+
 def test_a_verdict_that_is_required_and_missed_ends_with_3(
     capsys: pytest.CaptureFixture[str], logs: tuple[Path, Path, Path], tmp_path: Path
 ) -> None:

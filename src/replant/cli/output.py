@@ -75,6 +75,7 @@ def deliver(
         names: Any = {"input_label": log.input_name, "output_label": log.output_name}
         with write_errors_reported(out):
             paths += save_figures(out, result, log.input, log.output, log.dt, **names)
+            report["validations"] = [(path.name, each) for path, each in validations]
             paths.append(write_report(out / "report.html", result, log, command=command_line(), **report))
     if as_json:
         whole = result_as_json(result) | (more or {})

@@ -27,6 +27,7 @@ from replant.report.figures.over_time import draw_excitation, draw_fit, draw_tra
 from replant.report.figures.overlay import draw_overlay
 from replant.report.figures.poles import draw_poles_and_zeros
 from replant.report.figures.spectrum import draw_spectrum
+from replant.report.figures.step import draw_step
 from replant.report.figures.style import (
     INK,
     MEASURED,
@@ -51,6 +52,7 @@ __all__ = [
     "draw_overlay",
     "draw_poles_and_zeros",
     "draw_spectrum",
+    "draw_step",
     "draw_transients",
     "save_figures",
 ]

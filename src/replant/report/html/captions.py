@@ -91,6 +91,12 @@ def of_bode(material: Material) -> str:
     return f"Bode diagram of G(s): magnitude and phase{band}; the DC gain is {gain}."
 
 
+def of_step(material: Material) -> str:
+    """Return the caption of the step response."""
+    band = " with a band of two standard deviations" if material.uncertainty is not None else ""
+    return f"Step response of G(s){band}: what the output makes of a unit step of the input, from rest."
+
+
 def of_auto(material: Material) -> str:
     """Return the caption of the residual's autocorrelation."""
     found = material.correlations

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from replant.data.logs import Log
+from replant.identified.validation import Validation
 from replant.optimizers import RecursiveLeastSquares
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess
@@ -20,7 +21,7 @@ from replant.report.findings import BAD, Finding, findings
 from replant.report.html import (
     captions as words,
 )
-from replant.report.html import python_program, svg, tables
+from replant.report.html import other_logs, python_program, svg, tables
 from replant.report.html.page import (
     asset,
     code,
@@ -57,6 +58,7 @@ def write_report(
     python: str = "",
     title: str = "",
     candidates: tuple[Sequence[str], Sequence[Sequence[str]]] | None = None,
+    validations: Sequence[tuple[str, Validation]] = (),
 ) -> Path:
     """Write the report of ``result`` into one self-contained HTML file, and return its path.
 
@@ -78,6 +80,8 @@ def write_report(
         By default the file's name.
     candidates : (headings, rows), optional
         The structures that a search has tried, in words.
+    validations : sequence of (str, Validation)
+        The model's validations on other logs, by their names.
 
     Raises
     ------
@@ -96,6 +100,8 @@ def write_report(
         headings, rows = candidates
         tried = tables.table(headings, rows, "Structures tried", "table wide")
         fields["candidates"] = f"<section><h2>Structures tried</h2>{tried}</section>"
+    with svg.look(), np.errstate(all="ignore"):
+        fields["other_logs"] = other_logs.section(validations)
     page = Template(asset("report.html")).substitute(fields)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(page, encoding="utf-8")
@@ -146,6 +152,7 @@ def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dic
             "excitation": excitation,
             "poles": _figure(words.of_poles(material), svg.poles_picture(material)),
             "bode": _figure(words.of_bode(material), svg.bode_picture(material)),
+            "step": _figure(words.of_step(material), svg.step_picture(material)),
             "auto": _figure(words.of_auto(material), auto),
             "cross": _figure(words.of_cross(material), cross),
             "spectrum": _figure(words.of_spectrum(material), svg.spectrum_picture(material)),

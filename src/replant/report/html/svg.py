@@ -15,6 +15,7 @@ from replant.report.figures import (
     draw_fit,
     draw_poles_and_zeros,
     draw_spectrum,
+    draw_step,
     style,
 )
 from replant.report.figures.over_time import draw_transients
@@ -104,6 +105,13 @@ def bode_picture(material: Material) -> str:
     labels = {"input_label": material.figure_label, "output_label": material.output_label}
     draw_bode(material.result, material.dt, axes=axes, **labels)
     return svg(axes[0].figure, "bode")
+
+
+def step_picture(material: Material) -> str:
+    """Return the step response."""
+    axis = blank_figure(WHOLE, 2.6).subplots()
+    draw_step(material.result, ax=axis, input_label=material.figure_label, output_label=material.output_label)
+    return svg(axis.figure, "step")
 
 
 def correlation_pictures(material: Material) -> tuple[str, str]:
