@@ -237,7 +237,7 @@ def test_paper_cuts_no_plot_in_two(browser, long_report, tmp_path) -> None:
     page.pdf(path=SEEN / "report.pdf", prefer_css_page_size=True, print_background=True)
     first, last = marked_pages(page, ".still svg", tmp_path / "marked.pdf")
     page.close()
-    assert len(first) == 8
+    assert len(first) == 9
     assert first == last
     assert all(first)
     assert max(number for numbers in last for number in numbers) < 6
@@ -247,6 +247,6 @@ def test_without_scripts_the_pictures_stand_in(browser, uncertain, tmp_path) -> 
     path = write_report(tmp_path / "report.html", uncertain.result, uncertain.log)
     page = new_page(browser, java_script_enabled=False, viewport={"width": 1000, "height": 800})
     page.goto(path.as_uri())
-    assert page.locator("figure .still svg").filter(visible=True).count() == 8
+    assert page.locator("figure .still svg").filter(visible=True).count() == 9
     assert page.locator(".plot").filter(visible=True).count() == 0
     page.close()
