@@ -32,6 +32,8 @@ FORMATS = {
     ".h5": "hdf5",
     ".hdf5": "hdf5",
     ".tdms": "tdms",
+    ".mf4": "mdf",
+    ".mdf": "mdf",
     ".ulg": "ulog",
     ".mcap": "mcap",
 }

@@ -6,42 +6,31 @@ SciPy's parser is compiled, and may crash on damaged bytes: it runs in a separat
 
 from __future__ import annotations
 
-import json
 import math
-import os
-import signal
-import subprocess
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs import hdf5, matlab_process
+from replant.data.logs import hdf5, matlab_process, parser_process
 from replant.data.logs.arrays import array_table
 from replant.data.logs.damage import damage_as_log_error
+from replant.data.logs.parser_process import Parser
 from replant.data.logs.table import Table
 from replant.errors import LogError
 
 MEMORY = 4 << 30
-"""Memory that the reading process may take: far above the need of a record, which compression makes at most about ten
-times smaller [bytes].
+"""Memory that the reading process may take for any file: far above the need of a record, which compression makes at
+most about ten times smaller [bytes].
 """
-
-MEMORY_PER_BYTE = 32
-"""The same for each byte of the file, in addition [bytes]."""
 SECONDS = 120.0
-"""Time that the reading process may take [s]."""
-SECONDS_PER_BYTE = 1e-6
-"""The same for each byte of the file, in addition [s]."""
+"""Time that the reading process may take for any file [s]."""
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _HEADER_BYTES = 512 + len(_HDF5_MAGIC)
 """Text that names the version, and, in a v7.3 file, the magic number after 512 bytes of it [bytes]."""
 _SAVE_AGAIN = "save it again in MATLAB with save(..., '-v7')"
-_CRASHES = {"SIGSEGV", "SIGBUS", "SIGABRT", "SIGFPE", "SIGILL"}
 
 
 def read(path: Path) -> Table:
@@ -59,14 +48,12 @@ def read(path: Path) -> Table:
         if head.startswith((_HDF5_MAGIC, b"MATLAB 7.3")) or head.endswith(_HDF5_MAGIC):
             return hdf5.read_matlab(path)
         file.seek(0)
-        is_alone = not sys.executable or getattr(sys, "frozen", False)  # Python is part of a program: none to start
         with damage_as_log_error(path, "MATLAB file", _SAVE_AGAIN):
-            if is_alone:
+            if not parser_process.is_possible():
                 contents = matlab_process.load(file)
                 arrays, objects = list(matlab_process.signals(contents)), matlab_process.objects(contents)
             else:
-                answer = read_in_subprocess(path, file)
-                arrays, objects = list(_signals(answer)), _message(answer).get("objects", {})
+                arrays, objects = _answered(read_in_subprocess(path, file))
     return array_table(path, arrays, hdf5.reasons(objects))
 
 
@@ -78,28 +65,7 @@ def read_in_subprocess(path: Path, file: BinaryIO) -> bytes:
     LogError
         If the process does not start, crashes or takes too long.
     """
-    size = os.fstat(file.fileno()).st_size
-    seconds = SECONDS + SECONDS_PER_BYTE * size
-    memory = MEMORY + MEMORY_PER_BYTE * size
-    folders = [entry for entry in sys.path if isinstance(entry, str)]
-    command = [sys.executable, "-P", matlab_process.__file__, str(memory), *folders]
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-    try:
-        done = subprocess.run(
-            command, stdin=file, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-            env=environment, timeout=seconds, check=False,
-        )  # fmt: skip
-    except subprocess.TimeoutExpired:
-        raise LogError(f"{path}: the file is damaged: reading it takes over {seconds:.0f} s; {_SAVE_AGAIN}") from None
-    except OSError as error:
-        reason = error.strerror or error
-        raise LogError(
-            f"{path}: a MATLAB file is read by a second Python, and {sys.executable} did not start ({reason}); "
-            "save the signals as CSV"
-        ) from error
-    if done.returncode != 0:
-        raise process_error(path, done.returncode)
-    return done.stdout
+    return parser_process.run(_parser(), path, matlab_process.__file__, stdin=file)
 
 
 def process_error(path: Path, code: int) -> LogError:
@@ -110,23 +76,18 @@ def process_error(path: Path, code: int) -> LogError:
     >>> str(process_error(Path("log.mat"), 3))
     'log.mat: the process that reads it was ended (code 3); free some memory, and try again'
     """
-    name = signal.Signals(-code).name if -code in set(signal.Signals) else f"code {code}"
-    if name in _CRASHES or os.name == "nt":
-        return LogError(f"{path}: the file is damaged: SciPy's reader crashed on it ({name}); {_SAVE_AGAIN}")
-    return LogError(f"{path}: the process that reads it was ended ({name}); free some memory, and try again")
+    return parser_process.process_error(_parser(), path, code)
 
 
-def _signals(answer: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
-    message = _message(answer)
-    if "error" in message:
-        raise ValueError(message["error"])
-    at = answer.find(b"\n") + 1
+def _parser() -> Parser:
+    return Parser("a MATLAB file", "SciPy", _SAVE_AGAIN, SECONDS, MEMORY)
+
+
+def _answered(answer: bytes) -> tuple[list[tuple[str, NDArray[Any]]], dict[str, str]]:
+    message, at = parser_process.message_of(answer)
+    arrays = []
     for name, kind, shape, order in message["arrays"]:
-        dtype = np.dtype(kind)
-        flat = np.frombuffer(answer, dtype, math.prod(shape), at)
-        yield name, flat.reshape(shape, order=order)
+        flat = np.frombuffer(answer, np.dtype(kind), math.prod(shape), at)
+        arrays.append((name, flat.reshape(shape, order=order)))
         at += flat.nbytes
-
-
-def _message(answer: bytes) -> Any:
-    return json.loads(answer[: answer.find(b"\n") + 1])
+    return arrays, message.get("objects", {})
