@@ -47,7 +47,7 @@ from replant.settings import Request
     help=f"A method; repeat the option for several: {', '.join(METHODS)}.",
 )
 def command(as_json: bool, out: Path | None, methods: tuple[str, ...], **options: Any) -> None:
-    """Identify G(s) from LOG (csv, txt, parquet, mat, npz) by several methods, and compare them.
+    """Identify G(s) from LOG (csv, mat, parquet and more) by several methods, and compare them.
 
     An optimizer identifies online, in one pass, as `replant run` does; "default" is the method of `replant run` without
     options.  srivc and least_squares fit the whole log at once, as `replant fit` does.

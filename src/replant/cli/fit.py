@@ -31,7 +31,9 @@ from replant.runs.result import result_of_fit
 @click.option("--method", type=Choice(METHODS), default="auto", show_default=True, help="Method of the fit.")
 @keeping_options
 def command(as_json: bool, out: Path | None, method: str, **options: Any) -> None:
-    """Fit G(s) to all of LOG (csv, txt, parquet, mat, npz): refined instrumental variables, or least squares.
+    """Fit G(s) to all of LOG (csv, mat, parquet and more; - is standard input).
+
+    The method is refined instrumental variables, or least squares.
 
     With a range of poles, zeros or dead times, every structure of the grid is fitted to the first 70 % of the record
     and judged by its simulated fit on the rest, and to the last 70 %.  Those with a coefficient that is not known are

@@ -43,7 +43,7 @@ from replant.simulation.score import FITTED
 )
 @keeping_options
 def command(as_json: bool, out: Path | None, full_trace: Path | None, startup: int | None, **options: Any) -> None:
-    """Identify G(s) online from LOG (csv, txt, parquet or a folder of it, mat, npz), sample by sample in one pass.
+    """Identify G(s) online from LOG (csv, mat, parquet and more; - is standard input), sample by sample in one pass.
 
     Settings that no option gives are chosen from the data, and printed as Python code.  LOG may be larger than memory.
     """

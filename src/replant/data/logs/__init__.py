@@ -1,4 +1,4 @@
-"""Recorded logs: CSV, Parquet, MATLAB and npz files read into input, output and sampling time."""
+"""Recorded logs: files of many formats read into input, output and sampling time."""
 
 from replant.data.logs.formats import read_columns
 from replant.data.logs.read import (

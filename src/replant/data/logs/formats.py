@@ -45,15 +45,15 @@ def read_columns(path: str | os.PathLike[str]) -> Table:
     Parameters
     ----------
     path : path
-        A file .csv .txt .tsv .dat (text), .parquet .pq, .mat (up to v7) or .npz; or a folder of Parquet files, the
-        parts of one log in the order of their names.
+        A file with one of the suffixes in `FORMATS`, perhaps compressed (.gz, .zip, .zst); a folder of Parquet files,
+        the parts of one log in the order of their names, or of a ROS 2 bag; or ``-``, standard input.
 
     Raises
     ------
     LogError
         If the file is missing, empty, damaged, or of another format.
     MissingDependencyError
-        If it is a Parquet file and pyarrow is not installed.
+        If the package that reads the format is not installed.
 
     Examples
     --------

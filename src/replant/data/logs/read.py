@@ -45,18 +45,21 @@ def read_log(
     """Read input and output of a plant, and perhaps a reference, from a recorded log.
 
     Without `time` and `dt`, a column called t, time or timestamp (in any case, also with a unit as in ``time [s]``)
-    gives the sampling time.
+    gives the sampling time, else the only column of dates or clock times, else a number called Ts in a .mat, .npz or
+    HDF5 file.  What is left out, such as a last line that was cut off, is warned of.
 
     Parameters
     ----------
     path : path
-        A file .csv .txt .tsv .dat (text), .parquet .pq, .mat (up to v7) or .npz; or a folder of Parquet files, the
-        parts of one log in the order of their names.
+        A file of text, .jsonl, .parquet, .feather, .xlsx, .h5, .mat, .npz, .tdms, .mf4, .ulg, .mcap, perhaps compressed
+        (.gz, .zip, .zst); a folder of Parquet files, the parts of one log in the order of their names, or of a ROS 2
+        bag; or ``-``, standard input.
     input, output : str or int
-        The columns, by name or 0-based number. In .mat and .npz files also ``udat[:,0]`` and ``data.udat[:,0]``.
+        The columns, by name (a unit at its end may be left out) or 0-based number.  In .mat and .npz files also
+        ``udat[:,0]`` and ``data.udat[:,0]``.  Columns with stamps of their own are merged, see `merge_rasters`.
     time : str or int, optional
-        The column of time stamps, in seconds or the unit that its name states (``t [ms]``). They must increase; the
-        stamps of an irregular clock count, see `Log.stamps`.
+        The column of time stamps: dates, clock times, or numbers in seconds or the unit that its name states
+        (``t [ms]``).  They must increase; the stamps of an irregular clock count, see `Log.stamps`.
     dt : float, optional
         The sampling time in seconds, instead of `time`.
     reference : str or int, optional
@@ -77,7 +80,7 @@ def read_log(
     InvalidArgumentError
         If `time` and `dt` are both given, `dt` is not finite and positive, or the time range is empty.
     MissingDependencyError
-        If it is a Parquet file and pyarrow is not installed.
+        If the package that reads the format is not installed.
 
     Examples
     --------

@@ -18,6 +18,7 @@ READ = "2024-05-01T10:00:00.5, with Z or +02:00 where it is known, 01.05.2024 10
 
 _EPOCH = date(1970, 1, 1).toordinal()
 _NANOSECOND = 1_000_000_000
+"""Unit of the stamps [1/s]."""
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _DATE = (
     r"(?:(?P<year>\d{4})(?P<mark>[-/.])(?P<month>\d{1,2})(?P=mark)(?P<day>\d{1,2})"

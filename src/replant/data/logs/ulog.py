@@ -16,6 +16,7 @@ from replant.errors import MissingDependencyError
 
 _STAMP = "timestamp"
 _PER_SECOND = 1_000_000
+"""Unit of the stamps [1/s]."""
 
 
 def read(path: Path) -> Table:
