@@ -184,11 +184,14 @@ def test_any_table_in_text(data: st.DataObject, block: int) -> None:
         read_or_refuse(text.encode(encoding, errors="replace"), ".csv")
 
 
+NEEDED = {".parquet": ["pyarrow"], ".pq": ["pyarrow"], ".tdms": ["nptdms"], ".mf4": ["asammdf"], ".mdf": ["asammdf"]}
+
+
 @pytest.mark.parametrize("suffix", FORMATS)
 @settings(derandomize=True, max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(content=st.binary(max_size=300))
 @pytest.mark.usefixtures("forks")
 def test_any_bytes(suffix: str, content: bytes) -> None:
-    if suffix in {".parquet", ".pq"}:
-        pytest.importorskip("pyarrow")
+    for package in NEEDED.get(suffix, ()):
+        pytest.importorskip(package)
     read_or_refuse(content, suffix)

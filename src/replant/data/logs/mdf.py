@@ -28,6 +28,7 @@ most about ten times smaller [bytes].
 SECONDS = 120.0
 """Time that the reading process may take for any file [s]."""
 
+_MAGIC = (b"MDF     ", b"UnFinMF ")
 _REMEDY = "copy it again, or export it as CSV"
 
 
@@ -45,12 +46,15 @@ def read(path: Path) -> Table:
     """
     if not _is_installed():
         raise MissingDependencyError(f"{path}: reading MDF needs asammdf: pip install asammdf")
+    with path.open("rb") as file:
+        if not file.read(len(_MAGIC[0])).startswith(_MAGIC):
+            raise LogError(f"{path}: not a measurement data file; {_REMEDY}")
     with damage_as_log_error(path, "measurement data file", _REMEDY):
         if parser_process.is_possible():
             found = parser_process.message_of(_answer(path, ""))[0]["channels"]
         else:
-            with mdf_process.opened(str(path)) as file:
-                found = mdf_process.listed(file)
+            with mdf_process.opened(str(path)) as log:
+                found = mdf_process.listed(log)
     twice = {name for name, count in Counter(name for _, _, _, name, _ in found).items() if count > 1}
     names = with_units(
         [f"{group}/{name}" if name in twice else name for _, _, group, name, _ in found], [unit for *_, unit in found]
