@@ -27,6 +27,8 @@ def test_on_an_irregular_clock_it_is_its_stamp() -> None:
     np.testing.assert_allclose(clock.after(np.array([1, 7])), [1.0, 38.0])
     assert (clock.shortest, clock.longest) == (pytest.approx(0.8), 32.0)
     np.testing.assert_allclose(clock.gaps, [[3.0, 35.0]])
+    np.testing.assert_allclose(clock.at(np.array([3.0, 3.5, 4.0, 4.5])), [3.0, 3.5, 35.0, 35.5])  # none within the gap
+    assert float(clock.at(3.5)) == 3.5
 
 
 @pytest.mark.parametrize("size", [1, 3, 50, 1000])

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from replant.arguments import FloatArray
+from replant.arguments import FloatArray, IntArray
 from replant.engine.record import gaps_of
 
 KNOTS = 36_000
@@ -52,11 +53,18 @@ class Clock:
     @property
     def gaps(self) -> FloatArray:
         """Begin and end of the gaps in s, (G, 2), see `gaps_of`."""
-        if self.places is None or self.times is None:
+        if self.times is None:
             return np.zeros((0, 2))
-        between = np.diff(self.times) - self.dt * (np.diff(self.places) - 1.0)
-        ends = gaps_of(np.append(self.dt, between), self.dt)
+        ends = self._ends_of_gaps
         return np.column_stack([self.times[ends - 1], self.times[ends]])
+
+    @cached_property
+    def _ends_of_gaps(self) -> IntArray:
+        """Which of the knots are the first ones behind a gap, (G,)."""
+        if self.places is None or self.times is None:
+            return np.zeros(0, np.int64)
+        between = np.diff(self.times) - self.dt * (np.diff(self.places) - 1.0)
+        return gaps_of(np.append(self.dt, between), self.dt)
 
     @property
     def irregular(self) -> bool:
@@ -69,7 +77,15 @@ class Clock:
         if self.places is None or self.times is None:
             return np.asarray(self.dt * samples)
         beyond = self.dt * (np.minimum(samples, 0.0) + np.maximum(samples - self.places[-1], 0.0))
-        return np.asarray(np.interp(samples, self.places, self.times) + beyond)
+        found = np.interp(samples, self.places, self.times) + beyond
+        ends = self._ends_of_gaps
+        if not ends.size:
+            return np.asarray(found)
+        after = np.searchsorted(self.places, samples)  # no fraction of a sample lies within a gap
+        before = np.maximum(after - 1, 0)
+        held = self.times[before] + self.dt * (samples - self.places[before])
+        inside = np.isin(after, ends) & (samples < self.places[np.minimum(after, self.places.size - 1)])
+        return np.where(inside, held, found)
 
     def after(self, counts: npt.ArrayLike) -> FloatArray:
         """Return the time in s at which so many samples (V,) had been taken, the last of them for one sampling time."""

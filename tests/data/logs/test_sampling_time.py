@@ -42,6 +42,12 @@ def step_of(stamps: NDArray[np.float64]) -> float:
     return clock.interval
 
 
+def step_of_irregular(stamps: NDArray[np.float64]) -> float:
+    clock, irregularity = judged(stamps)
+    assert irregularity
+    return clock.interval
+
+
 def log_text(stamps: list[str], name: str = "t") -> str:
     return f"{name},u,y\n" + "".join(f"{stamp},{k},{-k}\n" for k, stamp in enumerate(stamps))
 
@@ -129,6 +135,14 @@ def test_irregular_stamps_come_with_the_log_and_the_line_is_named(write: Write) 
     given = read_log(path, input="u", output="y", dt=0.1)
     assert given.time is None
     assert given.stamps is None
+
+
+@pytest.mark.parametrize(("begin", "dt"), [(0.0, 0.05), (1.7e9, 0.25), (65_000.1, 1e-3), (0.0, 1 / 3)])
+def test_the_interval_of_an_irregular_clock_has_no_digits_of_rounding(begin: float, dt: float) -> None:
+    stamps = begin + dt * np.delete(np.arange(2000), 70)
+    assert step_of_irregular(stamps) == pytest.approx(dt, rel=1e-9 + 1e-7 * (begin > 1e6))
+    if dt != 1 / 3:
+        assert len(repr(step_of_irregular(stamps))) < 8
 
 
 def test_the_stamps_of_a_regular_clock_do_not_count(write: Write) -> None:

@@ -17,6 +17,9 @@ from replant.stamps import TOLERANCE, StampResolution, is_regular_interval
 
 CHECKED = 1 << 18
 """Stamps that the usual interval is taken from [samples]."""
+FINE = 1e-4
+"""Rounding error of the difference of two stamps up to which digits below it are left out [part of the interval]."""
+
 _UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
 _UNITS |= {"ns": 1e-9, "min": 60.0, "h": 3600.0}
 _UNITS |= {"msec": 1e-3, "millis": 1e-3, "milliseconds": 1e-3, "usec": 1e-6, "micros": 1e-6, "microseconds": 1e-6}
@@ -169,7 +172,7 @@ class SamplingTime:
         allowed = TOLERANCE * median + (digits if digits < 0.25 * median else 0.0)
         allowed *= 1.001  # the sum of both is often met exactly
         row, interval = _first_beyond(again(), median, allowed if deviation > allowed else TOLERANCE * median)
-        return Clock(_rounded(median), row, interval)
+        return Clock(_without_noise(median, max(abs(self._first), abs(self._last))), row, interval)
 
     def irregularity(self, clock: Clock) -> str:
         """Return in words where an irregular clock is first irregular; nothing for a regular one."""
@@ -200,6 +203,14 @@ class SamplingTime:
 def _rounded(interval: float) -> float:
     """Return an interval without its last digits, which are rounding errors: 0.1, not 0.09999999999999999."""
     return float(f"{interval:.12g}")
+
+
+def _without_noise(interval: float, largest: float) -> float:
+    """Return an interval of an irregular clock without the digits that float64 made of stamps up to ``largest``."""
+    noise = 2.0 * math.ulp(largest)
+    if noise > FINE * interval:
+        return _rounded(interval)
+    return _rounded(round(interval, math.floor(-math.log10(noise))))
 
 
 def _first_beyond(blocks: Iterable[NDArray[np.float64]], median: float, allowed: float) -> tuple[int, float]:
