@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from importlib.resources import files
 
+import jsonschema
+import pytest
+
+from replant.live.outputs.message import ENDED, UNKNOWN
 from support.live_views import estimate
 
 
 def test_an_estimate_is_flat_json_with_every_digit() -> None:
     assert json.loads(estimate().as_json()) == {
+        "schema_version": 1,
         "timestamp": 0.25, "sequence": 3, "samples": 4, "a0": 0.1 + 0.2, "b0": None, "std_a0": 1e-300, "std_b0": None,
         "trusted": 0, "excited": 1, "ttl": 0.0, "status": "starting", "verdict": "converging", "sent": None,
     }  # fmt: skip
@@ -20,3 +26,14 @@ def test_a_model_is_trusted_while_the_input_rests_and_both_are_told() -> None:
     resting = dataclasses.replace(estimate(), verdict="trusted", ttl=5.0, excited=False)
     told = json.loads(resting.as_json())
     assert (told["trusted"], told["excited"]) == (1, 0)
+
+
+@pytest.mark.parametrize("sequence", [3, None])
+@pytest.mark.parametrize(
+    "changes", [{}, {"verdict": UNKNOWN, "status": ENDED}, {"verdict": "trusted", "ttl": 5.0, "sent": 1e9}]
+)
+def test_every_message_is_as_its_schema_says(sequence: int | None, changes: dict[str, object]) -> None:
+    schema = json.loads(files("replant.live.outputs").joinpath("schema/message-1.json").read_text())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    told = json.loads(dataclasses.replace(estimate(sequence), **changes).as_json())
+    jsonschema.Draft202012Validator(schema).validate(told)

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 from replant.arguments import FloatArray
 
+VERSION = 1
+"""Version of the layout, `schema/message-1.json`; raised where an entry changes its meaning or goes away [count]."""
 UNKNOWN = "unknown"  # the verdict while none is known
 LEAST_TTL = 5.0
 """Least time for which "trusted" may stand without an accepted sample: a network takes time to send again [s]."""
@@ -61,7 +63,7 @@ class EstimateMessage:
     >>> import numpy as np
     >>> known = np.array([2.128]), np.array([0.056])
     >>> EstimateMessage(0.5, None, 25, ("a0",), *known, "running", "trusted", True, ttl=5.0).as_json()
-    b'{"timestamp":0.5,"samples":25,"a0":2.128,"std_a0":0.056,"trusted":1,"excited":1,"ttl":5.0,...'
+    b'{"schema_version":1,"timestamp":0.5,"samples":25,"a0":2.128,"std_a0":0.056,"trusted":1,"excited":1,"ttl":5.0,...'
     """
 
     timestamp: float
@@ -83,7 +85,7 @@ class EstimateMessage:
 
     def as_json(self) -> bytes:
         """Return one line of JSON, without the line end: a flat object, in which unknown numbers are null."""
-        fields: dict[str, float | int | str | None] = {"timestamp": self.timestamp}
+        fields: dict[str, float | int | str | None] = {"schema_version": VERSION, "timestamp": self.timestamp}
         if self.sequence is not None:
             fields["sequence"] = self.sequence
         fields["samples"] = self.samples
