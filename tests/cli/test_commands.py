@@ -369,3 +369,18 @@ def test_a_folder_that_cannot_be_is_refused_before_the_work(
     code, out, err = call(capsys, command, log, *COLUMNS, "--out", taken)
     assert (code, out) == (2, "")
     assert err == f"replant: Invalid value for --out: {taken} is a file; name a folder\n"
+
+
+@pytest.mark.parametrize("command", ["run", "fit"])
+def test_as_many_zeros_as_poles_where_they_are_allowed(capsys, tmp_path: Path, command: str) -> None:
+    u = prbs(2000, hold=8)
+    y = TransferFunction([3.0, 2.0], [1.0, 0.5]).simulate(u, 0.05)
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack([u, y]), delimiter=",", header="u,y", comments="")
+    arguments = (command, path, *COLUMNS, "--zeros", "1", "--dt", "0.05")
+    code, _, err = call(capsys, *arguments)
+    assert code == 2
+    assert "feedthrough" in err
+    code, out, _ = call(capsys, *arguments, "--feedthrough", "--json")
+    assert code == 0
+    assert json.loads(out)["num"] == pytest.approx([3.0, 2.0], rel=1e-3)

@@ -47,6 +47,8 @@ def command(as_json: bool, out: Path | None, method: str, **options: Any) -> Non
     if any(len(options[name] or ()) > 1 for name in ("poles", "zeros", "delay")):
         if method == "least_squares":
             raise click.UsageError("a range of structures is searched by srivc: drop --method least_squares")
+        if options["feedthrough"]:
+            raise click.UsageError("a range of structures is searched without --feedthrough: give one number of each")
         log = read(options)
         make_folder(out)
         found = _search(log, options)

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from replant.cli.choice import Choice
-from replant.cli.options import BIAS, INPUT_MAP, OPTIMIZER
+from replant.cli.options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER
 from replant.errors import InvalidArgumentError
 from replant.live.run_session import Plan, run
 from replant.live.session.end_conditions import Limits
@@ -77,6 +77,7 @@ class SourceCommand(click.Command):
 @click.option("--dt", type=float, metavar="S", help="Sampling time in s.")
 @click.option("--delay", type=float, default=0.0, metavar="S", help="Dead time in s.")
 @BIAS
+@FEEDTHROUGH
 @INPUT_MAP
 @OPTIMIZER
 @click.option(
@@ -237,7 +238,9 @@ def _request(options: dict[str, Any]) -> Request:
     for name, example in (("poles", "--poles 2"), ("dt", "--dt 0.001")):
         if options[name] is None:
             raise InvalidArgumentError(f"--{name} is missing; give it, as in {example}")
-    structure = Structure(options["poles"], options["zeros"] or 0, options["delay"], options["bias"])
+    structure = Structure(
+        options["poles"], options["zeros"] or 0, options["delay"], options["bias"], options["feedthrough"]
+    )
     preprocess = Preprocess(options["input_map"], "mean", "mean")
     return Request(
         structure, options["dt"], preprocess=preprocess, optimizer=options["optimizer"], startup=options["startup"]

@@ -34,6 +34,9 @@ samples [part of the sampling time].
 """
 
 BIAS = click.option("--bias", is_flag=True, help="Also identify a constant added to the output of G(s).")
+FEEDTHROUGH = click.option(
+    "--feedthrough", is_flag=True, help="Allow as many zeros as poles: the output jumps with the input."
+)
 INPUT_MAP = click.option(
     "--input-map",
     type=Choice(["identity", "square"]),
@@ -96,6 +99,7 @@ _REST: list[Callable[[Any], Any]] = [
     ),
     click.option("--to", "end", type=float, metavar="S", help="Leave out what is after, in s from the first sample."),
     BIAS,
+    FEEDTHROUGH,
     INPUT_MAP,
     click.option("--quiet", is_flag=True, help="Print the result and errors only: no notes, no progress."),
     click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
@@ -147,7 +151,7 @@ def open_log(options: dict[str, Any]) -> tuple[Log, Request]:
 def request_of(options: dict[str, Any], dt: float) -> Request:
     """Return the request that the options describe, for a log with sampling time ``dt`` in s."""
     zeros = options["zeros"][0] if options["zeros"] else 0
-    structure = Structure(options["poles"][0], zeros, options["delay"][0], options["bias"])
+    structure = Structure(options["poles"][0], zeros, options["delay"][0], options["bias"], options["feedthrough"])
     return Request(structure, dt, preprocess=preprocess_of(options), optimizer=options.get("optimizer", "auto"))
 
 
@@ -172,7 +176,9 @@ def _check_one_of_each(options: dict[str, Any]) -> None:
         if len(options[name] or (0,)) > 1:
             raise InvalidArgumentError(f"--{name} must be one number here; `replant fit` searches a range")
     zeros = options["zeros"][0] if options["zeros"] else 0
-    Structure(options["poles"][0], zeros, options["delay"][0], options["bias"])  # raises if they are impossible
+    Structure(
+        options["poles"][0], zeros, options["delay"][0], options["bias"], options["feedthrough"]
+    )  # raises if they are impossible
 
 
 def preprocess_of(options: dict[str, Any]) -> Preprocess:
