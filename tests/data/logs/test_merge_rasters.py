@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import replant as rp
 from replant.data.logs.merge_rasters import Signal, merge
 from replant.data.logs.rasters import Channel, channel_table, merged, on_one_clock
 from replant.data.logs.table import Table
@@ -151,3 +152,33 @@ BAD = {
 def test_what_cannot_be_merged(u: Signal, message: str) -> None:
     with pytest.raises(LogError, match=message):
         merged(table(y=signal([0, 1, 2], [5, 6, 7]), u=u), {"input": 1, "output": 0})
+
+
+# --- identification
+
+
+def test_a_plant_is_found_to_the_digit_from_an_input_on_a_slower_raster() -> None:
+    dt, plant = 0.01, rp.TransferFunction([6.0], [1.0, 3.0])
+    t = dt * np.arange(1600)
+    u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], t.size // 4), 4)
+    found = merge(Signal(t, plant.simulate(u, dt)), [Signal(t[::4], u[::4])])
+    fitted = rp.fit(found.held[0], found.output, dt, rp.Structure(poles=1))
+    np.testing.assert_allclose(np.diff(found.t), dt)
+    np.testing.assert_allclose(fitted.transfer_function.den, plant.den, rtol=1e-5)
+    np.testing.assert_allclose(fitted.transfer_function.num, plant.num, rtol=1e-5)
+
+
+@pytest.mark.parametrize("every", [2, 4, 10])
+def test_an_output_that_is_too_slow_for_its_input_is_refused(every: int) -> None:
+    """Of such a record both `run` and `fit` would make another plant."""
+    t = np.arange(100.0)
+    found = table(u=Signal(t, t % 7), y=Signal(t[::every], t[::every]))
+    message = r"log.ulg: column 'u' changes between the samples of 'y': merged, \d\d % of \d+ rows have no output, from"
+    with pytest.raises(LogError, match=message):
+        merged(found, {"input": 0, "output": 1})
+
+
+def test_a_few_rows_without_an_output_are_merged() -> None:
+    t = np.arange(100.0)
+    found = table(u=Signal(np.sort(np.append(t, [3.5, 7.5])), np.arange(102.0)), y=Signal(t, t))
+    assert np.isnan(merged(found, {"input": 0, "output": 1}).column("y")).sum() == 2

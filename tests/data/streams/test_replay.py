@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from replant.data.logs import read_log
-from replant.data.streams import open_source
+from replant.data.logs.merge_rasters import Signal
+from replant.data.logs.rasters import Channel, channel_table
+from replant.data.streams import open_source, replay
 from replant.errors import InvalidArgumentError, LogError
 from support.wires import Reading, csv
 
@@ -117,3 +119,19 @@ def test_what_is_wrong_is_said_in_one_line(log: Path, name: str, message: str) -
         open_source(str(log.with_name(name)))
     assert message in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_signals_with_stamps_of_their_own_are_merged(
+    read: Callable[..., Reading], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    t = np.arange(40) * 0.01
+    signals = {"u": Signal(t[::4], t[::4]), "y": Signal(t, 2.0 * t)}
+    table = channel_table(Path("log.ulg"), [Channel(name, lambda name=name: signals[name]) for name in signals])
+    monkeypatch.setattr(replay, "read_columns", lambda path: table)
+    reading = read(open_source("log.csv"))
+    reading.join()
+    assert np.array_equal(reading.column("t"), t)
+    assert np.array_equal(reading.column("u"), np.repeat(t[::4], 4))
+    assert np.array_equal(reading.column("y"), 2.0 * t)
+    with pytest.raises(LogError, match="columns 'u', 'y' have different time stamps; leave the time"):
+        open_source("log.csv?dt=0.01")

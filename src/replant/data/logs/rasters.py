@@ -14,6 +14,11 @@ from replant.data.logs.merge_rasters import Signal, merge
 from replant.data.logs.table import Table, listed
 from replant.errors import LogError
 
+MOST_MISSING = 0.2
+"""Share of merged rows without an output beyond which they are refused: estimators then lose inputs with the missing
+outputs, and give another plant [share of rows].
+Derivation: that up to which offline/bridging fills missing outputs in.
+"""
 _KEPT = 4
 """Channels of a table that are held in memory [count]."""
 TIME = "time"
@@ -113,7 +118,8 @@ def merged(table: Table, roles: Mapping[str, int]) -> Table:
     Raises
     ------
     LogError
-        If a column is empty, or its stamps go back; or if no output was measured while the input is known.
+        If a column is empty, or its stamps go back; if no output was measured while the input is known; or if more than
+        `MOST_MISSING` of the rows have no output.
     """
     assert table.stamps is not None
     columns = table.columns(list(roles.values()))
@@ -125,6 +131,7 @@ def merged(table: Table, roles: Mapping[str, int]) -> Table:
     if found.t.size == 0:
         names = " and ".join(repr(table.names[roles[role]]) for role in roles)
         raise LogError(f"{table.path}: columns {names} have no time in common; choose others")
+    _check_measured(table, roles, found.t.size, float(np.isin(found.t, signals["output"].t).mean()))
     arrays = {"output": found.output, **dict(zip(held, found.held, strict=True))}
     ordered = [found.t, *(arrays[role] for role in roles)]
     return Table(
@@ -136,6 +143,16 @@ def merged(table: Table, roles: Mapping[str, int]) -> Table:
         approximate_rows=found.t.size,
         notes=table.notes,
     )
+
+
+def _check_measured(table: Table, roles: Mapping[str, int], rows: int, measured: float) -> None:
+    if measured < 1.0 - MOST_MISSING:
+        of_input, of_output = (table.names[roles[role]] for role in ("input", "output"))
+        raise LogError(
+            f"{table.path}: column {of_input!r} changes between the samples of {of_output!r}: merged, "
+            f"{100.0 * (1.0 - measured):.0f} % of {rows:,} rows have no output, from which no model is right; log the "
+            "output as often as the input, or choose an input and an output of one raster"
+        )
 
 
 def _checked(table: Table, number: int, t: NDArray[np.float64]) -> NDArray[np.float64]:
