@@ -41,3 +41,10 @@ def test_a_whole_line_is_none(write: Write, end: str) -> None:
 def test_a_short_line_that_has_its_end_is_refused(write: Write) -> None:
     with pytest.raises(LogError, match="line 5 has 2 cells where line 1 has 3"):
         read_columns(write(WHOLE + "3,4.5\n")).column("u")
+
+
+def test_the_last_cell_is_cut_off_where_it_cannot_be_read(write: Write) -> None:
+    for text in ("t;y\n0;3.000,5\n1;3.001,5\n2;3.0", "t,y\n0,1e-5\n1,1e-5\n2,1e-"):
+        with pytest.warns(UserWarning, match="the last line is cut off"):
+            assert len(read_log(write(text), input=0, output=1, dt=1.0)) == 2
+    assert read_columns(write("u,state\n1,RUN\n2,STOP\n3,ST")).notes == ()  # a column of text

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import codecs
-import re
 from pathlib import Path
 
 from replant.data.logs.text_cells import CellError, split_line
+from replant.data.logs.text_columns import parse_column
 from replant.data.logs.text_layout import Layout, is_data
+from replant.errors import LogError
 
 _TAIL_BYTES = 1 << 16
 """End of a file in which its last line is looked for [bytes]."""
-_BEGUN_NUMBER = re.compile(r"[+-]|[+-]?\d*[.,]?\d*[eE][+-]?")
 
 
 def cut_line(path: Path, layout: Layout) -> str:
     r"""Return the last line if its writer was stopped in the middle of it, else an empty string.
 
-    Such a line has no line feed, and fewer cells than there are columns, or a number at its end that breaks off.
+    Such a line has no line feed, and fewer cells than there are columns, or a last cell that cannot be read, as that of
+    the line before can.
 
     Examples
     --------
@@ -29,19 +30,40 @@ def cut_line(path: Path, layout: Layout) -> str:
     ...     cut_line(file, layout)
     '2,3'
     """
-    line = unended_line(path, layout.encoding)
+    before, line = _last_lines(path, layout.encoding)
     if not is_data(line):
         return ""
-    try:
-        cells = split_line(line, layout.delimiter)
-    except CellError:
+    last, width = _cells(line, layout), len(layout.names)
+    if last is None or len(last) < width:
         return line
-    is_short = len(cells) < len(layout.names)
-    return line if is_short or _BEGUN_NUMBER.fullmatch(cells[-1]) else ""
+    previous = _cells(before, layout)
+    was_readable = previous is not None and len(previous) >= width and _is_readable(path, layout, previous)
+    return line if was_readable and not _is_readable(path, layout, last) else ""
+
+
+def _cells(line: str, layout: Layout) -> list[str] | None:
+    try:
+        return split_line(line, layout.delimiter)
+    except CellError:
+        return None
+
+
+def _is_readable(path: Path, layout: Layout, cells: list[str]) -> bool:
+    """Return whether the last cell of a row is a number, a time stamp or missing, as its column is."""
+    try:
+        parse_column(path, layout, [(0, cells)], len(layout.names) - 1)
+    except LogError:
+        return False
+    return True
 
 
 def unended_line(path: Path, encoding: str) -> str:
-    """Return the last line if it is not the first one and has no end."""
+    """Return the last line if it is not the first one and has no end, else an empty string."""
+    return _last_lines(path, encoding)[1]
+
+
+def _last_lines(path: Path, encoding: str) -> tuple[str, str]:
+    """Return the line before the last one, and the last one if it is not the first one and has no end."""
     with path.open("rb") as file:
         head = file.read(2)
         end = file.seek(0, 2)
@@ -51,4 +73,4 @@ def unended_line(path: Path, encoding: str) -> str:
     if encoding == "utf-16":
         encoding = "utf-16-le" if head == codecs.BOM_UTF16_LE else "utf-16-be"
     lines = tail.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    return lines[-1] if len(lines) > 1 else ""
+    return (lines[-2], lines[-1]) if len(lines) > 1 else ("", "")
