@@ -86,7 +86,7 @@ REFUSED = {
     "several files": (
         "log.zip",
         zipped(a=b"1", b=b"2"),
-        "the archive has 2 files; unpack it, and give one of them: a, b",
+        "the archive has 2 files; unpack it, and give one of: a, b",
     ),
     "no file": ("log.zip", zipped(), "the archive has no file in it"),
     "packed twice": ("log.zip", zipped(**{"log.csv.gz": b"1"}), "holds another compressed file, log.csv.gz; unpack it"),
