@@ -19,6 +19,8 @@ import replant as rp
 from replant import signals
 from replant.checkpoint.settings_json import KINDS
 from replant.engine.dimensions import Dimensions
+from replant.identified.fields import ModelFields
+from replant.identified.provenance import Provenance
 from replant.rigs import Rig
 from replant.settings import Request, Settings
 from support.builders import engine_state, identifier, record, state
@@ -53,6 +55,11 @@ TYPES: dict[str, Callable[[Any], Any]] = {
 
 STRUCTURE = rp.Structure(5, 2)
 CUTOFF = rp.StateVariableFilter(2.0)
+MODEL: dict[str, Any] = {
+    "structure": rp.Structure(1), "parameters": [1.0, 2.0], "dt": 2.0, "covariance": [[1.0, 0.0], [0.0, 1.0]],
+    "input_level": 1.0, "output_level": 2.0, "simulated_fit": 3.0, "one_step_fit": 4.0,
+    "provenance": Provenance("given", date="2026-01-01"),
+}  # fmt: skip
 #: How each class is built of plain numbers, each small and whole, so that every type can hold it.
 EXAMPLES: dict[type, dict[str, Any]] = {
     rp.Structure: {"poles": 5, "zeros": 2, "delay": 2.0, "bias": True, "feedthrough": False},
@@ -76,6 +83,9 @@ EXAMPLES: dict[type, dict[str, Any]] = {
         "input": [1.0, 2.0], "output": [3.0, 4.0], "dt": 2.0, "time": [0.0, 2.0], "input_name": "u",
         "output_name": "y", "path": Path("log.csv"), "earlier": 3,
     },
+    rp.Model: MODEL,
+    ModelFields: MODEL,
+    Provenance: {"method": "given", "samples": 3, "date": "2026-01-01"},
     Request: {"structure": STRUCTURE, "dt": 2.0, "startup": 100},
     Settings: {
         "structure": rp.Structure(1), "dt": 2.0, "filter": CUTOFF, "scaling": rp.Scaling(1.0, (1.0, 1.0)),
@@ -101,7 +111,7 @@ FUNCTIONS: dict[Callable[..., Any], dict[str, Any]] = {
 RESULTS = {
     "Assessment", "Verdict", "Simulation", "FitResult", "Trace", "Loaded", "Recording", "Table", "Batch", "Actuator",
     "Cell", "Experiment", "Improvement", "Plant", "Row", "RowResult", "TableResult", "Replication", "Stretch",
-    "Optimizer", "Filter", "DiscreteFilter", "Dashboard", "Hub", "Source", "ReferenceUse",
+    "Optimizer", "Filter", "DiscreteFilter", "Dashboard", "Hub", "Source", "ReferenceUse", "Validation", "Inspection",
 }  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from replant.identified.model import Model
 from replant.identified.validation import Validation
 
 NOT_REQUIRED = 3
-"""Exit code where a verdict is not the one that `--require` asks for."""
+"""Exit code where a verdict is not the one that `--require` asks for [number]."""
 
 OPTIONS: list[Callable[[Any], Any]] = [
     click.option(

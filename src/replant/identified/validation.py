@@ -31,12 +31,14 @@ from replant.statistics.linear_algebra import quiet
 SEGMENT = 1024
 """Length of a segment of Welch's spectrum, at most an eighth of the record [samples].
 Origin: as in the verdict on abs G.
+Sensitivity: not measured.
 """
 FEWEST_SEGMENTS = 8
 """Segments below which a spectrum tells nothing [count]."""
 EXCITED = 0.01
 """Power density of the model's output below which a frequency is not excited [part of the largest].
 Origin: a tenth of the amplitude.
+Sensitivity: not measured.
 """
 
 

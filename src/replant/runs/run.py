@@ -253,7 +253,8 @@ def _result(
         used = accepted & ~flags_of(bridged, kept.samples, u.size)
         left_out.append(stretches_of(~used, kept.samples))
         measured = np.where(used, y, np.nan)
-        modelled = score.take(np.where(accepted, mapped - float(preprocess.input_offset), np.nan), measured, t)
+        known = screen(mapped, np.zeros(u.size))[0]  # the input of a sample without an output acts all the same
+        modelled = score.take(np.where(known, mapped - float(preprocess.input_offset), np.nan), measured, t)
         kept.take(u, y, modelled, used, t)
         if t is not None:
             clock.take(t)

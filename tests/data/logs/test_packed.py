@@ -74,8 +74,8 @@ def test_errors_name_the_file_that_was_given(write: Write, name: str, pack: Call
     with pytest.raises(LogError, match=r"line 11, column 'u': 'x4' is not a number") as caught:
         read_log(path, input="u", output="y")
     assert str(caught.value).startswith(f"{path}: ")
-    path = write(pack(TEXT.replace("\n9,", "\n8.5,").encode()), name)
-    with pytest.raises(LogError, match=r"line 11, column 't': irregular") as caught:
+    path = write(pack(TEXT.replace("\n9,", "\n8,").encode()), name)
+    with pytest.raises(LogError, match=r"line 11, column 't': the time stamp 8 repeats") as caught:
         read_log(path, input="u", output="y")
     assert str(caught.value).startswith(f"{path}: ")
     with pytest.warns(UserWarning, match=re.escape(f"{path}: the last line is cut off")):

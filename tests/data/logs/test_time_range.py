@@ -67,7 +67,7 @@ def test_every_chunk_of_a_long_log_is_cut(write: Write) -> None:
 
 def test_a_fault_outside_of_the_part_does_no_harm_and_one_inside_names_its_line(write: Write) -> None:
     lines = text(100).splitlines()
-    lines[51] = lines[51].replace("5,", "5.05,", 1)  # a stamp that is displaced
+    lines[51] = lines[51].replace("5,", "4.9,", 1)  # the stamp before, once more
     path = write("\n".join(lines) + "\n")
     assert len(read_log(path, input="u", output="y", end=4.0)) == 41
     with pytest.raises(LogError, match="line 52, column 't'"):
