@@ -52,9 +52,7 @@ def test_a_matrix_of_signals(tmp_path: Path) -> None:
 
 def test_the_name_of_a_matrix_lists_its_columns(tmp_path: Path) -> None:
     path = save(tmp_path, other=T, rig=U)
-    with pytest.raises(
-        LogError, match=r"no column 'rig' \(did .*\); there are: rig\[:,0\], rig\[:,1\], other$"
-    ):
+    with pytest.raises(LogError, match=r"no column 'rig' \(did .*\); there are: rig\[:,0\], rig\[:,1\], other$"):
         read_log(path, input="rig", output="other", dt=0.1)
 
 
