@@ -118,6 +118,8 @@ def test_a_verdict_that_is_required_and_missed_ends_with_3(
         (("validate", "MODEL", "LOG", "--input", "flow"), "flow"),
         (("fit", "LOG", *COLUMNS, "--poles", "1", "--save", "no/m.json"), "there is no folder"),
         (("fit", "LOG", *COLUMNS, "--poles", "1", "--validate", "none.csv"), "none.csv"),
+        (("fit", "LOG", *COLUMNS, "--poles", "1", "--save", "LOG"), "exists and is no model"),
+        (("fit", "LOG", *COLUMNS, "--poles", "1", "--save", "."), "exists and is no model"),
     ],
 )
 def test_mistakes_are_one_line(

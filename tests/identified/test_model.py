@@ -60,6 +60,44 @@ def test_a_plant_that_integrates_begins_at_its_working_point() -> None:
     np.testing.assert_allclose(model.simulate([1.0, 2.0, 2.0]), [5.0, 5.0, 6.0])
 
 
+@pytest.mark.parametrize("poles", [[0.0, -0.5], [-1e-4, -0.5]], ids=["integrator", "slower than the record"])
+def test_a_plant_without_a_known_rest_begins_at_the_means_of_its_record(poles: list[float]) -> None:
+    """Extrapolated to rest through a gain that nobody knows, the level was off by millions."""
+    plant = rp.TransferFunction([2.0], np.poly(poles))
+    u = np.tile(np.repeat([1.0, -1.0], 50), 20) + 2.0
+    generator = np.random.default_rng(0)
+    y = 50.0 + plant.simulate(u - 2.0, DT) + 0.02 * generator.standard_normal(u.size)
+    ident = rp.Identifier(poles=2, dt=DT)
+    ident.update_many(u, y)
+    for model in (rp.fit(u, y, DT, poles=2).model, ident.model):
+        assert model.output_level == pytest.approx(y.mean(), abs=1.0)
+        assert model.input_level == pytest.approx(u.mean(), abs=0.1)
+        assert abs(model.simulate(u)[0] - 50.0) < 6.0
+
+
+def test_an_unstable_model_has_the_means_of_its_record_as_levels() -> None:
+    plant = rp.TransferFunction([1.0], [1.0, -1.0])
+    generator = np.random.default_rng(0)
+    reference = np.repeat(generator.choice([-1.0, 1.0], 40), 50)
+    u, y, x = np.zeros(2000), np.zeros(2000), 0.0
+    for k in range(2000):
+        y[k] = x + 0.01 * generator.standard_normal()
+        u[k] = -3.0 * y[k] + reference[k]
+        x = np.exp(DT) * x + (np.exp(DT) - 1.0) * u[k]
+    model = rp.fit(u + 5.0, y + 30.0, DT, poles=1, reference=reference).model
+    assert not plant.is_stable
+    assert (model.input_level, model.output_level) == pytest.approx((5.0, 30.0), abs=0.3)
+    other = model.validate(u + 5.0, y + 30.0, reference=reference)
+    assert other.verdict.status == "trusted"
+    assert model.validate(u + 5.0, y + 30.0).verdict.status == "inconsistent"  # without it nobody can tell
+
+
+def test_the_input_is_held_between_stamps_however_far_they_are_apart() -> None:
+    model = rp.Model(rp.Structure(1), [1.0, 1.0], dt=0.1)
+    t, u = np.array([0.0, 1.0, 1.1, 5.0]), np.array([0.0, 1.0, 1.0, 1.0])
+    np.testing.assert_allclose(model.simulate(u, t), [0.0, 0.0, 1 - np.exp(-0.1), 1 - np.exp(-4.0)], atol=1e-12)
+
+
 def test_prediction_uses_the_colour_of_the_residual() -> None:
     u, y = record(noise=0.0)
     generator = np.random.default_rng(5)
@@ -81,6 +119,9 @@ def test_an_unstable_model_predicts_one_step_ahead_only() -> None:
     assert rp.fit_percent(y, unstable.predict(u, y)) > 99.0
     with pytest.raises(rp.InvalidArgumentError, match="horizon must be 1"):
         unstable.predict(u, y, 2)
+    slow = rp.Model(rp.Structure(1), [1.0, 1.0], dt=0.1, noise=rp.NoiseModel([1.0, -0.5], 1.0, 2.0, 0.1))
+    with pytest.raises(rp.InvalidArgumentError, match=r"samples 0\.1 s apart, t is usually 0\.5 s"):
+        slow.predict(u, y, 2, 0.5 * np.arange(60))
 
 
 @pytest.mark.parametrize("kind", ["step", "impulse"])
@@ -127,6 +168,7 @@ def test_everything_can_be_drawn_with_and_without_uncertainty(model: rp.Model, k
         labels = {text.get_text() for text in axis.get_legend().get_texts()}
         assert known == any(label in labels for label in ("± 2σ", "2σ", "95 % region"))
     assert len(drawn.bode().plot()) == 2
+    assert len(drawn.plot()) == 4
     assert len(drawn.validate(*record(seed=2)).plot()) == 4
 
 
@@ -162,7 +204,8 @@ def test_read_by_people(model: rp.Model) -> None:
 def test_an_identifier_gives_one_at_any_time() -> None:
     u, y = record()
     ident = rp.Identifier(poles=2, zeros=1, delay=0.1, dt=DT)
-    assert ident.model.verdict.status == "converging"
+    with pytest.raises(rp.InvalidArgumentError, match="no model yet: 0 samples"):
+        ident.model  # noqa: B018
     ident.update_many(u[:300], y[:300])
     assert ident.model.structure == ident.structure  # a provisional one
     ident.update_many(u[300:], y[300:])
@@ -197,7 +240,7 @@ def test_a_log_is_fitted_and_its_names_are_kept() -> None:
     assert model.score(log) == pytest.approx(model.simulated_fit)
     with pytest.raises(rp.InvalidArgumentError, match="leave out y, dt, t, reference"):
         rp.fit(log, y, poles=1)
-    with pytest.raises(rp.InvalidArgumentError, match="leave out y and t"):
+    with pytest.raises(rp.InvalidArgumentError, match="leave out y, t and reference"):
         model.validate(log, y)
     with pytest.raises(rp.InvalidArgumentError, match=r"model.validate\(u, y\)"):
         model.validate(u)

@@ -29,19 +29,25 @@ sizes = st.floats(0.0, 1e300)
 texts = st.text(max_size=20).filter(lambda text: not any("\ud800" <= letter <= "\udfff" for letter in text))
 
 
+def product(root: np.ndarray) -> np.ndarray:
+    """A covariance, symmetric to the bit."""
+    found = root @ root.T
+    return np.asarray(np.tril(found) + np.tril(found, -1).T)
+
+
 @st.composite
 def models(draw: Any) -> rp.Model:
     poles = draw(st.integers(1, 4))
     structure = rp.Structure(poles, draw(st.integers(0, poles - 1)), draw(st.floats(0.0, 1e3)), draw(st.booleans()))
     size = structure.size
     parameters = draw(st.lists(st.floats(-1e100, 1e100), min_size=size, max_size=size))
-    covariance = draw(st.none() | st.lists(numbers, min_size=size * size, max_size=size * size))
+    covariance = draw(st.none() | st.lists(st.floats(-1e100, 1e100), min_size=size * size, max_size=size * size))
     noise = draw(st.none() | st.lists(st.floats(-2.0, 2.0), max_size=3))
     return rp.Model(
         structure,
         parameters,
         draw(st.floats(1e-12, 1e12)),
-        covariance=None if covariance is None else np.reshape(covariance, (size, size)),
+        covariance=None if covariance is None else product(np.reshape(covariance, (size, size))),
         noise=None if noise is None else rp.NoiseModel(np.array([1.0, *noise]), draw(sizes), draw(sizes), 0.1),
         input_hold=draw(st.sampled_from(["zoh", "foh"])),
         input_map=draw(st.sampled_from(["identity", "square"])),
@@ -116,6 +122,10 @@ def test_any_entry_of_another_kind_gives_a_model_or_a_reason(path: tuple[Any, ..
         ({"den": [1.0]}, "'den' contradicts"),
         ({"parameters": {}}, "'parameters' must be a1, a0, b1, b0"),
         ({"covariance": [[1.0]]}, "'covariance' must be 4 lists"),
+        ({"covariance": np.diag([1.0, 1.0, 1.0, -1.0]).tolist()}, "'covariance' is none"),
+        ({"covariance": (np.eye(4) + np.eye(4, k=1)).tolist()}, "'covariance' is none"),
+        ({"delay": 9.0}, "'delay' contradicts"),
+        ({"samples": 10**30}, "'samples' is too large"),
         ({"verdict": {"status": "good", "excited": True, "reasons": []}}, "status must be one of"),
     ],
 )
@@ -135,6 +145,7 @@ def test_what_is_wrong_is_named(changes: dict[str, Any], words: str) -> None:
         ("[]", "holds no model"),
         ("{}", "holds no model"),
         ('{"num": [1], "den": [1, 1]}', "no 'schema_version'"),
+        ('{"dt": 1, "dt": 2}', "'dt' comes twice"),
     ],
 )
 def test_what_is_no_model_is_said(written: Any, words: str) -> None:
@@ -166,6 +177,17 @@ def test_files(tmp_path: Path) -> None:
     file.write_text("{}")
     with pytest.raises(rp.ModelFileError, match=r"motor\.json: it holds no model"):
         rp.load_model(file)
-    for path in (tmp_path, tmp_path / "no" / "m.json", "\0"):
-        with pytest.raises(rp.ModelFileError, match="could not be written"):
+    for path, words in (
+        (tmp_path, "exists and is no model"),
+        (tmp_path / "no" / "m.json", "there is no folder"),
+        ("\0", "could not be written"),
+    ):
+        with pytest.raises(rp.ModelFileError, match=words):
             PLAIN.save(path)
+    log = tmp_path / "log.csv"
+    log.write_text("t,u,y\n")
+    with pytest.raises(rp.ModelFileError, match=r"log\.csv: it exists and is no model"):
+        PLAIN.save(log)
+    assert log.read_text() == "t,u,y\n"
+    PLAIN.save(file := tmp_path / "again.json")
+    PLAIN.save(file)  # a model may take the place of one

@@ -87,6 +87,37 @@ def test_missing_outputs_and_an_irregular_clock(model: rp.Model) -> None:
     assert model.validate(u, output).fit < irregular.fit - 2.0  # the stamps left out
 
 
+def test_the_clock_of_the_record_counts_not_that_of_the_model(model: rp.Model) -> None:
+    generator = np.random.default_rng(3)
+    u = np.repeat(generator.choice([1.0, 3.0], 200), 10)
+    t = 0.1 * np.arange(u.size)  # twice the model's sampling time
+    y = 7.0 + TRUE.simulate(u - 1.5, 0.1) + 0.05 * generator.standard_normal(u.size)
+    assert model.validate(u, y, t).verdict.status == "trusted"
+    jitter = t + generator.uniform(0.0, 0.03, u.size)
+    grid = np.arange(0.0, jitter[-1] + 1.0, 0.005)
+    dense = u[np.maximum(np.searchsorted(jitter, grid, side="right") - 1, 0)]
+    y = np.interp(jitter, grid, 7.0 + TRUE.simulate(dense - 1.5, 0.005)) + 0.05 * generator.standard_normal(u.size)
+    assert model.validate(u, y, jitter).verdict.status == "trusted"
+
+
+def test_rounding_is_not_tested(model: rp.Model) -> None:
+    u, _ = record(0)
+    y = model.simulate(u)
+    found = model.validate(u, y)
+    assert (found.verdict.status, found.correlations) == ("trusted", None)
+
+
+def test_errors_by_frequency_that_are_chance_are_seldom_said(model: rp.Model) -> None:
+    """Of a right model one record of twenty: of 40 records more than 7 have a chance of 1 in 1000."""
+    exact = dataclasses.replace(model, parameters=[1.2, 4.0, 2.0, 3.0])
+    said = 0
+    for seed in range(40):
+        found = exact.validate(*record(100 + seed)).by_frequency
+        assert found is not None
+        said += found.worst > 0.0
+    assert said <= 7
+
+
 def test_an_unstable_model_is_validated_by_its_prediction() -> None:
     plant = rp.TransferFunction([1.0], [1.0, -1.0])
     u, x = np.zeros(3000), 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,16 +12,24 @@ import click
 
 from replant.assessment.verdict import Verdict
 from replant.cli.choice import Choice
+from replant.cli.notes import note
 from replant.cli.options import read
 from replant.data.logs import Log
 from replant.data.logs.digest import digest
 from replant.errors import InvalidArgumentError
 from replant.identified.model import Model
+from replant.identified.model_file import check_target
 from replant.identified.validation import Validation
 
 NOT_REQUIRED = 3
 """Exit code where a verdict is not the one that `--require` asks for [number]."""
 
+REQUIRE = click.option(
+    "--require",
+    "required",
+    type=Choice(["trusted"]),
+    help="Exit with code 3 where a verdict is another one.",
+)
 OPTIONS: list[Callable[[Any], Any]] = [
     click.option(
         "--validate",
@@ -32,12 +40,7 @@ OPTIONS: list[Callable[[Any], Any]] = [
         help="Compare the model with another log of the same columns; repeat the option for several.",
     ),
     click.option("--save", "saved", type=click.Path(path_type=Path), metavar="FILE", help="Write the model (.json)."),
-    click.option(
-        "--require",
-        "required",
-        type=Choice(["trusted"]),
-        help="Exit with code 3 where a verdict is another one.",
-    ),
+    REQUIRE,
 ]
 
 
@@ -75,31 +78,62 @@ class Keeping:
 
         Raises
         ------
+        ModelFileError
+            If the model may not be written where it should: a mistake costs no time.
         InvalidArgumentError
-            If the file to write to is in a folder that does not exist: a mistake costs no time.
+            If one of the other logs does not exist.
         """
         saved, logs, required = (options.pop(name) for name in ("saved", "other_logs", "required"))
-        if saved is not None and not saved.absolute().parent.is_dir():
-            raise InvalidArgumentError(f"--save {saved}: there is no folder {saved.absolute().parent}")
+        if saved is not None:
+            check_target(saved)
+        for path in logs:
+            if not path.exists():
+                raise InvalidArgumentError(f"--validate {path}: no such file")
         return cls(saved, logs, required, dict(options))
 
-    def validated(self, model: Model) -> list[tuple[Path, Validation]]:
-        """Return each of the other logs with the model's validation on it.
+    def validated(self, model: Model) -> list[tuple[str, Validation]]:
+        """Return the model's validation on each of the other logs, by the name of the log.
 
         Raises
         ------
         LogError
             If a log cannot be read.
         """
-        return [(path, model.validate(whole_log(path, self.columns))) for path in self.other_logs]
+        return validated(model, self.other_logs, self.columns)
 
-    def end(self, verdicts: list[Verdict]) -> None:
-        """Exit with code 3 where a verdict is not the one that was asked for."""
-        if self.required is None or all(verdict.status == self.required for verdict in verdicts):
-            return
-        found = ", ".join(verdict.status for verdict in verdicts)
-        click.echo(f"replant: the verdict is {found}, --require asks for {self.required}", err=True)
-        sys.exit(NOT_REQUIRED)
+
+def validated(model: Model, paths: Sequence[Path], columns: dict[str, Any]) -> list[tuple[str, Validation]]:
+    """Return a model's validation on logs, by their names, or by their paths where names repeat.
+
+    Parameters
+    ----------
+    model : Model
+    paths : sequence of Path
+    columns : dict
+        The options that name the columns and the clock of the logs.
+
+    Raises
+    ------
+    LogError
+        If a log cannot be read.
+    """
+    names = [path.name for path in paths]
+    found = []
+    for path, name in zip(paths, names, strict=True):
+        validation = model.validate(whole_log(path, columns))
+        if model.provenance.sha256 and digest(path) == model.provenance.sha256:
+            note(f"{path}: it is the log that the model was made from; another one tells more")
+        found.append((str(path) if names.count(name) > 1 else name, validation))
+    return found
+
+
+def check_required(required: str | None, verdicts: Sequence[Verdict]) -> None:
+    """Exit with code 3 where a verdict is not the one that was asked for."""
+    if required is None or all(verdict.status == required for verdict in verdicts):
+        return
+    found = ", ".join(verdict.status for verdict in verdicts)
+    click.echo(f"replant: the verdict is {found}, --require asks for {required}", err=True)
+    sys.exit(NOT_REQUIRED)
 
 
 def whole_log(path: Path, columns: dict[str, Any]) -> Log:
@@ -110,7 +144,7 @@ def whole_log(path: Path, columns: dict[str, Any]) -> Log:
     LogError
         If it cannot be read.
     """
-    return read({"reference_column": None, **columns, "begin": None, "end": None, "log": path})
+    return read({**columns, "begin": None, "end": None, "log": path})
 
 
 def kept(model: Model, log: Log) -> Model:

@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from replant.cli.keeping import Keeping, kept
+from replant.cli.keeping import Keeping, check_required, kept
 from replant.cli.notes import is_quiet
 from replant.cli.typed import command_line
 from replant.data.logs import Log
@@ -75,29 +75,34 @@ def deliver(
         names: Any = {"input_label": log.input_name, "output_label": log.output_name}
         with write_errors_reported(out):
             paths += save_figures(out, result, log.input, log.output, log.dt, **names)
-            report["validations"] = [(path.name, each) for path, each in validations]
+            report["validations"] = validations
             paths.append(write_report(out / "report.html", result, log, command=command_line(), **report))
     if as_json:
         whole = result_as_json(result) | (more or {})
         if validations:
-            whole["validations"] = [validation_as_json(each, path.name) for path, each in validations]
+            whole["validations"] = [validation_as_json(each, name) for name, each in validations]
         click.echo(json.dumps(whole, allow_nan=False))
     else:
         console = Console()
-        print_result(console, result, record=_size_of(log))
-        for path, each in validations:
-            print_validation(console, each, path.name)
+        print_result(console, result, record=record_line(len(log), log.dt, log.duration))
+        for name, each in validations:
+            print_validation(console, each, name)
         if result.settings is not None:
             click.echo(f"\nSettings chosen from the data; in Python:\n{identifier_as_python(result.settings)}")
         for path in paths:
             click.echo(f"wrote {path}")
-    keeping.end([result.verdict, *(each.verdict for _, each in validations)])
+        _say_what_next(keeping)
+    check_required(keeping.required, [result.verdict, *(each.verdict for _, each in validations)])
 
 
-def _size_of(log: Log) -> str:
-    whole = log.time is not None and not log.earlier
-    seconds = float(log.time[-1] - log.time[0]) + log.dt if whole and log.time is not None else len(log) * log.dt
-    return record_line(len(log), log.dt, seconds)
+def _say_what_next(keeping: Keeping) -> None:
+    """Print how the model is kept and checked, as far as the command did not ask for it."""
+    if is_quiet() or keeping.other_logs:
+        return
+    if keeping.saved is None:
+        click.echo("\nNext: keep the model with --save model.json, check it on another log with --validate LOG2")
+    else:
+        click.echo(f"\nNext: check the model on another log, replant validate {keeping.saved} LOG2")
 
 
 @contextmanager

@@ -8,8 +8,10 @@ from typing import Any
 
 import click
 
-from replant.cli.keeping import OPTIONS, Keeping, whole_log
+from replant.cli.keeping import REQUIRE, check_required, validated
 from replant.cli.output import make_folder, write_errors_reported
+from replant.data.logs import read_columns
+from replant.data.logs.sampling_time import time_candidates
 from replant.identified.model import load_model
 from replant.identified.validation import Validation
 from replant.report.terminal.validation import as_json as validation_as_json
@@ -21,11 +23,12 @@ from replant.report.terminal.validation import print_validation
 @click.argument("logs", type=click.Path(path_type=Path), nargs=-1, required=True)
 @click.option("-i", "--input", "input_column", metavar="COL", help="Column of the input.  [default: the model's]")
 @click.option("-o", "--output", "output_column", metavar="COL", help="Column of the output.  [default: the model's]")
+@click.option("--reference", "reference_column", metavar="COL", help="Column of the reference, if there is one.")
 @click.option("--time", "time_column", metavar="COL", help="Column of time.")
-@click.option("--dt", type=float, metavar="S", help="Sampling time in s, instead of a time column.")
+@click.option("--dt", type=float, metavar="S", help="Sampling time in s.  [default: the log's, or the model's]")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list, an object a log.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Write a plot (PNG) a log here.")
-@OPTIONS[-1]
+@REQUIRE
 def command(
     model: Path, logs: tuple[Path, ...], as_json: bool, out: Path | None, required: str | None, **columns: Any
 ) -> None:
@@ -36,23 +39,35 @@ def command(
     make_folder(out)
     columns["input_column"] = columns["input_column"] or loaded.input_name
     columns["output_column"] = columns["output_column"] or loaded.output_name
-    found = [(path, loaded.validate(whole_log(path, columns))) for path in logs]
+    found = []
+    for path in logs:
+        found += validated(loaded, [path], columns | _clock(path, columns, loaded.dt))
+    if len({name for name, _ in found}) < len(found):
+        found = [(str(path), each) for path, (_, each) in zip(logs, found, strict=True)]
     written = [] if out is None else _plots(found, out)
     if as_json:
-        click.echo(json.dumps([validation_as_json(each, path.name) for path, each in found], allow_nan=False))
+        click.echo(json.dumps([validation_as_json(each, name) for name, each in found], allow_nan=False))
     else:
-        for path, each in found:
-            print_validation(Console(), each, path.name)
+        for name, each in found:
+            print_validation(Console(), each, name)
         for file in written:
             click.echo(f"wrote {file}")
-    Keeping(None, (), required, {}).end([each.verdict for _, each in found])
+    check_required(required, [each.verdict for _, each in found])
 
 
-def _plots(found: list[tuple[Path, Validation]], out: Path) -> list[Path]:
+def _clock(path: Path, columns: dict[str, Any], dt: float) -> dict[str, Any]:
+    """Return the model's sampling time where neither the log nor an option tells one."""
+    told = columns["dt"] is not None or columns["time_column"] is not None
+    return {} if told or time_candidates(read_columns(path).names) else {"dt": dt}
+
+
+def _plots(found: list[tuple[str, Validation]], out: Path) -> list[Path]:
     """Write a plot for each log; return the files."""
-    files = []
+    files: list[Path] = []
     with write_errors_reported(out):
-        for path, each in found:
-            files.append(out / f"{path.stem}-validation.png")
+        for name, each in found:
+            stem = Path(name).stem
+            taken = sum(file.name.startswith(f"{stem}-validation") for file in files)
+            files.append(out / f"{stem}-validation{f'-{taken + 1}' if taken else ''}.png")
             each.plot()[0].figure.savefig(files[-1], dpi=110)
     return files

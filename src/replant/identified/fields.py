@@ -113,6 +113,12 @@ class ModelFields:
         return None if self.covariance is None else Uncertainty(self.structure, self.parameters, self.covariance)
 
     @property
+    def rests(self) -> bool:
+        """Whether a constant input leads to rest, as far as the record tells: no mode is slower than the record."""
+        span = self.dt * self.provenance.samples
+        return has_rest(self.transfer_function, span if self.provenance.samples else math.inf)
+
+    @property
     def preprocess(self) -> Preprocess:
         """Input map and working point."""
         return Preprocess(self.input_map, self.input_level, self.output_level)
@@ -143,6 +149,18 @@ class ModelFields:
             (self.verdict.status, self.verdict.reasons, self.verdict.excited),
             self.provenance,
         )
+
+
+def has_rest(model: TransferFunction, span: float) -> bool:
+    """Return whether a model comes to rest within ``span`` s; slower modes have a gain that nobody knows.
+
+    Examples
+    --------
+    >>> g = TransferFunction([1.0], [1.0, 0.5])
+    >>> has_rest(g, 10.0), has_rest(g, 1.0)
+    (True, False)
+    """
+    return bool((model.poles.real < (-1.0 / span if span > 0.0 else 0.0)).all())
 
 
 def _known(name: str, value: Any) -> float:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray, increasing, record, whole
+from replant.arguments import FloatArray, increasing, record, vector, whole
 from replant.errors import InvalidArgumentError, ModelFileError
 from replant.identified import model_file, model_json, notation
 from replant.identified.fields import ModelFields
@@ -18,9 +18,11 @@ from replant.log import Log
 from replant.simulation.beside import beside
 from replant.simulation.free_run import free_run
 from replant.simulation.offset_fit import bridged
-from replant.simulation.prediction import runs_away
 from replant.statistics.autoregression import ahead
 from replant.statistics.linear_algebra import quiet
+
+SAME_CLOCK = 0.1
+"""Difference of the usual interval from the noise model's up to which that predicts [part of the interval]."""
 
 
 class Model(ModelFields):
@@ -70,8 +72,9 @@ class Model(ModelFields):
     def simulate(self, u: Any, t: Any = None, *, y: Any = None) -> FloatArray:
         """Return the output (K,) from the input alone, in absolute units.
 
-        Without ``y`` the plant begins at rest at the first input; one that integrates or is unstable has no such rest,
-        and begins at its working point.  With ``y`` offset and initial state are estimated.
+        Without ``y`` the plant begins at rest at the first input; one without a known rest, as it integrates, is
+        unstable, or slower than the record that it was made from, begins at its working point.  With ``y`` offset and
+        initial state are estimated.  What the input does between samples is `input_hold`, however far they are apart.
 
         Parameters
         ----------
@@ -102,13 +105,14 @@ class Model(ModelFields):
             u, y = record(u, y)
             return beside(self.transfer_function, v, y, self.dt, input_hold=self.input_hold, t=stamps).output
         v, g = bridged(v)[0], self.transfer_function
-        at_rest = float(v[0]) if v.size and g.is_stable else 0.0
+        at_rest = float(v[0]) if v.size and self.rests else 0.0
         v = v - at_rest
         if stamps is None:
             forced = g.simulate(v, self.dt, input_hold=self.input_hold)
         else:
             intervals = np.diff(stamps, prepend=stamps[0] - self.dt)
-            forced = free_run(g, v, intervals, self.dt, self.input_hold)[0]
+            # an interval that is the usual one or shorter is not taken for a lost sample
+            forced = free_run(g, v, intervals, float(intervals.max()), self.input_hold)[0]
         return np.asarray(self.output_level + (g.dc_gain * at_rest if at_rest else 0.0) + forced)
 
     @quiet
@@ -116,6 +120,7 @@ class Model(ModelFields):
         """Return the output (K,) predicted ``horizon`` samples ahead: from the input, and the output until then.
 
         What the simulated output leaves is predicted by the noise model; without one this is the simulated output.
+        Offset and initial state are estimated from the whole record.
 
         Parameters
         ----------
@@ -129,26 +134,27 @@ class Model(ModelFields):
         Raises
         ------
         InvalidArgumentError
-            If the horizon is longer than 1 for an unstable model, whose simulation runs away.
+            If the horizon is longer than 1 for an unstable model, whose simulation runs away, or the stamps are usually
+            another time apart than the samples of the noise model.
         """
         u, y = record(u, y)
         horizon = whole("horizon", horizon, 1)
         stamps = None if t is None else increasing(t, u.size)
-        span = self.dt * (u.size - 1) if stamps is None else float(stamps[-1] - stamps[0])
-        if runs_away(self.den, span):
-            if horizon > 1:
-                raise InvalidArgumentError(
-                    f"horizon must be 1 for an unstable model, got {horizon}: what it predicts runs away"
-                )
-            return self._beside(u, y, stamps)
-        output = self._beside(u, y, stamps)
-        if self.noise is None:
-            return output
-        return output + ahead(self.noise.coefficients, np.where(np.isfinite(y), y - output, 0.0), horizon)
-
-    def _beside(self, u: FloatArray, y: FloatArray, stamps: FloatArray | None) -> FloatArray:
-        v = self.linear_input(u)
-        return beside(self.transfer_function, v, y, self.dt, input_hold=self.input_hold, t=stamps).output
+        dt = self.dt if stamps is None else usual_interval(stamps, self.dt)
+        found = beside(self.transfer_function, self.linear_input(u), y, dt, input_hold=self.input_hold, t=stamps)
+        if found.is_prediction and horizon > 1:
+            raise InvalidArgumentError(
+                f"horizon must be 1 for an unstable model, got {horizon}: what it predicts runs away"
+            )
+        if found.is_prediction or self.noise is None:
+            return found.output
+        if not abs(dt / self.noise.dt - 1.0) < SAME_CLOCK:
+            raise InvalidArgumentError(
+                f"the noise model is that of samples {self.noise.dt:g} s apart, t is usually {dt:g} s: "
+                "simulate instead, or identify at this sampling time"
+            )
+        residual = np.where(np.isfinite(y), y - found.output, 0.0)
+        return found.output + ahead(self.noise.coefficients, residual, horizon)
 
     def of_log(self, input_name: str, output_name: str, source: str, sha256: str = "") -> Model:
         """Return the same model with the names of its signals, and the name and digest of the log's file.
@@ -211,7 +217,26 @@ class Model(ModelFields):
         """Return poles and zeros in rad/s, with the covariances of the poles."""
         return PoleMap.of(self.transfer_function, self.uncertainty)
 
-    def validate(self, log: Log | Any, y: Any = None, t: Any = None) -> Validation:
+    def plot(self, axes: Any = None) -> Any:
+        """Draw step response, poles, and Bode diagram; return four axes of matplotlib.
+
+        Parameters
+        ----------
+        axes : four matplotlib axes, optional
+            Drawn into; without them a figure is made.
+        """
+        from replant.plotting.palette import blank_figure
+
+        if axes is None:
+            axes = blank_figure(9.0, 6.4).subplots(2, 2)
+        step, poles, magnitude, phase = np.asarray(axes, dtype=object).ravel()
+        self.step().plot(step)
+        self.poles().plot(poles)
+        self.bode().plot((magnitude, phase))
+        magnitude.set_xlabel("frequency [rad/s]")
+        return np.array([step, poles, magnitude, phase], dtype=object)
+
+    def validate(self, log: Log | Any, y: Any = None, t: Any = None, *, reference: Any = None) -> Validation:
         """Compare the model with another record; offset and initial state are estimated, nothing else.
 
         Parameters
@@ -222,13 +247,15 @@ class Model(ModelFields):
             Measured output, where ``log`` is an array.
         t : (K,) array, optional
             Time stamps in s, where ``log`` is an array; without them samples are `dt` apart.
+        reference : (K,) array, optional
+            Set-point or dither, where ``log`` is an array and a controller makes the input; see `replant.fit`.
 
         Raises
         ------
         InvalidArgumentError
             If the record is too short, or has no input and output.
         """
-        return validate(self, *_signals(log, y, t, self.dt))
+        return validate(self, *_signals(log, y, t, reference, self.dt))
 
     def score(self, log: Log | Any, y: Any = None, t: Any = None) -> float:
         """Return the simulated fit in percent to another record; see `validate`."""
@@ -250,7 +277,7 @@ class Model(ModelFields):
         return self.transfer_function.to_sympy()
 
     def to_json(self) -> str:
-        """Return the model as one JSON object; see docs/json.md.
+        """Return the model as one JSON object; see docs/models.md.
 
         Raises
         ------
@@ -313,13 +340,32 @@ def load_model(path: AnyPath) -> Model:
         raise ModelFileError(f"{path}: {error}") from error
 
 
-def _signals(log: Any, y: Any, t: Any, dt: float) -> tuple[FloatArray, FloatArray, FloatArray | None, float]:
-    """Return input, output, stamps and sampling time of a log, or of arrays."""
+def usual_interval(t: FloatArray, dt: float) -> float:
+    """Return the usual interval of time stamps (K,) in s; of fewer than two ``dt``.
+
+    Examples
+    --------
+    >>> usual_interval(np.array([0.0, 1.0, 2.0, 9.0]), 0.1)
+    1.0
+    """
+    return float(np.median(np.diff(t))) if t.size > 1 else dt
+
+
+def _signals(
+    log: Any, y: Any, t: Any, reference: Any, dt: float
+) -> tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None, float]:
+    """Return input, output, stamps, reference and sampling time of a log, or of arrays."""
     if isinstance(log, Log):
-        if y is not None or t is not None:
-            raise InvalidArgumentError("a log has its own output and time: leave out y and t")
-        return log.input, log.output, log.stamps, log.dt
+        if y is not None or t is not None or reference is not None:
+            raise InvalidArgumentError("a log has its own output, time and reference: leave out y, t and reference")
+        return log.input, log.output, log.stamps, log.reference, log.dt
     if y is None:
         raise InvalidArgumentError("give a Log, or the input and the output: model.validate(u, y)")
     u, y = record(log, y)
-    return u, y, None if t is None else increasing(t, u.size), dt
+    r = None if reference is None else vector("reference", reference)
+    if r is not None and r.size != u.size:
+        raise InvalidArgumentError(f"reference must have one value for each of {u.size} samples, got {r.size}")
+    if t is None:
+        return u, y, None, r, dt
+    stamps = increasing(t, u.size)
+    return u, y, stamps, r, usual_interval(stamps, dt)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import threading
 from pathlib import Path
 
 from replant.errors import ModelFileError
@@ -15,21 +16,47 @@ LARGEST = 2**24
 """Largest file that is read as a model [bytes]."""
 
 
+def check_target(path: AnyPath) -> None:
+    """Check that a model may be written to a file: that it does not exist, or holds a model, and its folder exists.
+
+    Raises
+    ------
+    ModelFileError
+        If it may not: a measurement with a name typed in the wrong place would be lost.
+    """
+    try:
+        file = Path(path).resolve()
+        if not file.parent.is_dir():
+            raise ModelFileError(f"{path}: there is no folder {file.parent}")
+        if not file.exists():
+            return
+        begin = b""
+        if file.is_file():
+            with file.open("rb") as stream:
+                begin = stream.read(LARGEST)
+    except (OSError, ValueError, RuntimeError) as error:
+        if isinstance(error, ModelFileError):
+            raise
+        raise ModelFileError(f"{path}: the model could not be written ({reason_of(error)})") from error
+    if b'"schema_version"' not in begin or b'"den"' not in begin:
+        raise ModelFileError(f"{path}: it exists and is no model; give another name")
+
+
 def write(path: AnyPath, written: str) -> None:
     """Write a text first under another name beside the file, so that nobody reads half of it.
 
     Raises
     ------
     ModelFileError
-        If the file cannot be written; one that was there is unchanged.
+        If the file cannot be written, or one that was there is no model; it is then unchanged.
     """
+    check_target(path)
     try:
         file = Path(path).resolve()
-        if file.exists() and not file.is_file():  # root could replace a device
-            raise ValueError("it is not a regular file")
-        new = file.with_name(file.name + ".new")
+        new = file.with_name(f".{file.name}.{os.getpid()}.{threading.get_ident()}.new")
         try:
-            new.write_text(written, encoding="utf-8")
+            with new.open("x", encoding="utf-8") as stream:
+                stream.write(written)
             new.replace(file)
         finally:
             with contextlib.suppress(OSError):

@@ -1,7 +1,8 @@
 """The JSON of a model: one object, versioned, from which the model is rebuilt to the bit.
 
 What follows from other entries, as ``num``, ``den``, ``poles`` and each ``std``, is written for readers of other
-programs, and compared when the model is read.  `schema/model-1.json` describes every entry.
+programs; ``num``, ``den`` and ``delay`` are compared when the model is read.  `schema/model-1.json` describes every
+entry.
 """
 
 from __future__ import annotations
@@ -22,6 +23,12 @@ from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.statistics.linear_algebra import quiet
 
+ROUNDED = 1e-6
+"""Difference that the rounding of a computation makes in a covariance [part].
+Derivation: some thousand million times the precision of float64.
+"""
+LONGEST = 2**63
+"""Whole number from which on none is read [number]."""
 VERSION = 1
 """Version of the layout; raised where an entry changes its meaning or goes away [count]."""
 
@@ -111,7 +118,7 @@ def loads(written: str | bytes) -> dict[str, Any]:
     array([1., 2.])
     """
     try:
-        read = json.loads(written, parse_constant=_refuse)
+        read = json.loads(written, parse_constant=_refuse, object_pairs_hook=_without_repeats)
     except (ValueError, RecursionError) as error:  # also of bytes that are no text
         raise ModelFileError(f"it is not JSON: {error}") from error
     return fields_of(read)
@@ -149,6 +156,8 @@ def fields_of(read: Any) -> dict[str, Any]:
     for name, expected in (("num", model.num), ("den", model.den)):
         if not _same(read.get(name), expected):
             raise ModelFileError(f"'{name}' contradicts 'parameters': change both, or neither")
+    if _real(read, "delay") != model.delay:
+        raise ModelFileError("'delay' contradicts 'structure': change both, or neither")
     return found
 
 
@@ -209,6 +218,8 @@ def _entry(where: dict[str, Any], name: str, *kinds: type) -> Any:
     if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
         wanted = " or ".join(JSON_KINDS[kind] for kind in kinds)
         raise ModelFileError(f"the entry '{name}' must be {wanted}, got {json.dumps(value)[:40]}")
+    if isinstance(value, int) and not abs(value) < LONGEST and float not in kinds:
+        raise ModelFileError(f"the entry '{name}' is too large")
     return value
 
 
@@ -246,7 +257,13 @@ def _matrix(read: Any, size: int) -> FloatArray | None:
     rows = read if isinstance(read, list) else []
     if len(rows) != size or not all(_is_vector(row, size) for row in rows):
         raise ModelFileError(f"the entry 'covariance' must be {size} lists of {size} numbers, or null")
-    return _array(rows)
+    matrix = _array(rows)
+    spread = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    bound = spread * spread[:, None]
+    uneven = np.abs(matrix - matrix.T) > ROUNDED * bound
+    if (np.diag(matrix) < 0.0).any() or uneven.any() or (np.abs(matrix) > (1.0 + ROUNDED) * bound).any():
+        raise ModelFileError("the entry 'covariance' is none: a variance below 0, or rows and columns that differ")
+    return matrix
 
 
 def _is_vector(read: Any, size: int | None = None) -> bool:
@@ -296,6 +313,14 @@ def _pole(pole: complex) -> dict[str, Any]:
         "damping": finite(-pole.real / magnitude) if magnitude else None,
         "time_constant": finite(-1.0 / pole.real) if pole.real else None,
     }
+
+
+def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    read = dict(pairs)
+    if len(read) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"the entry {next(name for name in names if names.count(name) > 1)[:40]!r} comes twice")
+    return read
 
 
 def _refuse(constant: str) -> Any:

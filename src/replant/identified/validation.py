@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import BoolArray, FloatArray
+from replant.arguments import FloatArray
 from replant.assessment import assess_record
 from replant.assessment.verdict import Verdict
 from replant.engine.record import Record
@@ -35,6 +35,14 @@ Sensitivity: not measured.
 """
 FEWEST_SEGMENTS = 8
 """Segments below which a spectrum tells nothing [count]."""
+CHANCE = 0.05
+"""How often the error of a right model exceeds its limit [share].
+Level: 95 %.
+"""
+ROUNDING = 1e-9
+"""Residual below which it is rounding, which nothing is tested for [part of the output's spread].
+Derivation: some million times the precision of float64.
+"""
 EXCITED = 0.01
 """Power density of the model's output below which a frequency is not excited [part of the largest].
 Origin: a tenth of the amplitude.
@@ -62,8 +70,12 @@ class ErrorByFrequency:
 
     @property
     def worst(self) -> float:
-        """Largest error beyond its limit, relative to abs G; 0 where none is."""
-        beyond = self.error > self.limit
+        """Largest error that chance does not explain, relative to abs G; 0 where none is.
+
+        The largest of F errors of a right model exceeds the limit that each of them exceeds with the chance 0.05 / F in
+        one record of twenty.
+        """
+        beyond = self.error > self.limit * math.sqrt(1.0 + math.log(self.error.size) / -math.log(CHANCE))
         return float(self.error[beyond].max()) if beyond.any() else 0.0
 
 
@@ -137,7 +149,9 @@ class Validation:
 
 
 @quiet
-def validate(model: ModelFields, u: FloatArray, y: FloatArray, t: FloatArray | None, dt: float) -> Validation:
+def validate(
+    model: ModelFields, u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray | None, dt: float
+) -> Validation:
     """Return a model beside a record.
 
     Parameters
@@ -147,6 +161,8 @@ def validate(model: ModelFields, u: FloatArray, y: FloatArray, t: FloatArray | N
         Raw input and measured output; NaN where there is none.
     t : (K,) array or None
         Time stamps in s; None for a regular clock.
+    r : (K,) array or None
+        Set-point or dither, where a controller makes the input.
     dt : float
         Sampling time in s.
 
@@ -157,6 +173,8 @@ def validate(model: ModelFields, u: FloatArray, y: FloatArray, t: FloatArray | N
     """
     v = model.linear_input(u)
     y = np.where(np.isfinite(v) & np.isfinite(y), y, np.nan)
+    if r is not None:
+        y = np.where(np.isfinite(r), y, np.nan)
     kept, needed = np.isfinite(y), model.structure.size + 1
     if kept.sum() < needed:
         raise InvalidArgumentError(f"the record has {int(kept.sum())} usable samples, a validation needs {needed}")
@@ -173,26 +191,41 @@ def validate(model: ModelFields, u: FloatArray, y: FloatArray, t: FloatArray | N
         simulation.output,
         residual,
         clock,
-        correlations(residual, v, lags),
+        correlations(residual, v, lags) if _is_more_than_rounding(residual, y) else None,
         _by_frequency(model, v, residual, dt) if t is None else None,
-        _verdict(model, v, y, clock, kept, dt, regular=t is None),
+        _verdict(model, v, y, clock, r, dt, regular=t is None),
         int(kept.sum()),
         simulation.is_prediction,
     )
 
 
 def _verdict(
-    model: ModelFields, v: FloatArray, y: FloatArray, clock: FloatArray, kept: BoolArray, dt: float, *, regular: bool
+    model: ModelFields,
+    v: FloatArray,
+    y: FloatArray,
+    clock: FloatArray,
+    r: FloatArray | None,
+    dt: float,
+    *,
+    regular: bool,
 ) -> Verdict:
     """Return the verdict on the model by the samples of a record that have input and output."""
+    kept = np.isfinite(y)
     intervals = np.array([dt]) if regular and kept.all() else np.diff(clock[kept], prepend=clock[kept][:1] - dt)
     # the constant beside G(s) is estimated from the record: its mean keeps the numbers small
-    record = Record(v[kept] - v[kept].mean(), y[kept] - y[kept].mean(), intervals, model.input_hold)
+    record = Record(
+        v[kept] - v[kept].mean(), y[kept] - y[kept].mean(), intervals, model.input_hold, None if r is None else r[kept]
+    )
     instruments = model.provenance.method != "least_squares"
     found = assess_record(
         model.structure, model.parameters, record, dt, model.covariance, instruments=instruments, unseen=True
     )
     return Verdict(found.status, found.reasons, found.excited)
+
+
+def _is_more_than_rounding(residual: FloatArray, y: FloatArray) -> bool:
+    kept = np.isfinite(residual)
+    return bool(kept.any()) and float(np.std(residual[kept])) > ROUNDING * float(np.std(y[np.isfinite(y)]))
 
 
 def _by_frequency(model: ModelFields, v: FloatArray, residual: FloatArray, dt: float) -> ErrorByFrequency | None:
@@ -220,5 +253,5 @@ def _by_frequency(model: ModelFields, v: FloatArray, residual: FloatArray, dt: f
     omega, power, left, cross, gain = (each[excited] for each in (omega, power, left, cross, gain))
     noise = np.maximum(left - np.abs(cross) ** 2 / power, 0.0)
     # abs E has two parts: of a right model, its square over the mean of its square is exponentially distributed
-    limit = np.sqrt(-math.log(0.05) * noise / (segments * power))
+    limit = np.sqrt(-math.log(CHANCE) * noise / (segments * power))
     return ErrorByFrequency(omega, np.abs(cross) / power / gain, limit / gain)

@@ -57,7 +57,7 @@ def fit(
     delay: float = 0.0,
     method: str = AUTO,
     filter: StateVariableFilter | str = AUTO,  # noqa: A002 - the field's word
-    preprocess: Preprocess = Preprocess(),  # noqa: B008 - frozen
+    preprocess: Preprocess | None = None,
     t: Any = None,
     reference: Any = None,
 ) -> FitResult:
@@ -89,7 +89,8 @@ def fit(
     filter : StateVariableFilter or "auto"
         For least squares.  "auto" tries a range of cutoffs and takes the one whose model simulates the record best.
     preprocess : Preprocess
-        Input map and working point.  "srivc" estimates the offset of the output in any case.
+        Input map and working point, by default that of a log's means, and of arrays 0.  "srivc" estimates the offset
+        of the output in any case.
     t : (K,) array, optional
         Time stamps in s, strictly increasing, of an irregular clock; for "srivc".
     reference : (K,) array, optional
@@ -119,6 +120,7 @@ def fit(
     """
     structure = Structure.wanted(structure, poles, zeros, delay)
     given = Samples.of(u, y, dt, t, reference)
+    preprocess = given.preprocess if preprocess is None else preprocess
     method = one_of("method", method, METHODS)
     dt = Request(structure, given.dt, filter=filter, preprocess=preprocess).dt
     u, y = record(given.u, given.y)
@@ -166,7 +168,9 @@ def _with_record(result: FitResult, raw: RawRecord, given: Samples) -> FitResult
     signal = result.reference.signal if result.reference else None
     record = raw.made_ready(result.bridged(raw.y), signal, result.filter.input_hold)
     usual = None if raw.stamps is None else float(np.median(np.diff(raw.stamps)))
-    return given.named(dataclasses.replace(result, record=record, usual_interval=usual))
+    used = raw.usable
+    means = (float(raw.mapped[used].mean()), float(raw.y[used].mean())) if used.any() else (0.0, 0.0)
+    return given.named(dataclasses.replace(result, record=record, means=means, usual_interval=usual))
 
 
 def _check_length(samples: int, structure: Structure) -> None:

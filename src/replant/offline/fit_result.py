@@ -11,6 +11,7 @@ import numpy as np
 from replant.arguments import FloatArray, IntArray
 from replant.assessment import Assessment, Simulation, assess_record
 from replant.engine.record import Record
+from replant.identified.fields import has_rest
 from replant.identified.model import Model
 from replant.identified.provenance import Provenance
 from replant.model.noise import NoiseModel
@@ -64,6 +65,8 @@ class FitResult:
         Indices of the samples without an output, whose input was used.
     record : Record or None
         The record made ready, with the model's outputs where they are missing or outliers: what the verdict looks at.
+    means : tuple of two floats
+        Of the mapped input and of the output, where both can be used.
     usual_interval : float or None
         Median interval of the time stamps in s; None for a regular clock.
     input_name, output_name : str
@@ -89,6 +92,7 @@ class FitResult:
     outliers: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     missing: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     record: Record | None = None
+    means: tuple[float, float] = (0.0, 0.0)
     usual_interval: float | None = None
     input_name: str = "u"
     output_name: str = "y"
@@ -121,7 +125,7 @@ class FitResult:
     @cached_property
     def model(self) -> Model:
         """What is worth keeping: G(s) with working point, names, uncertainty, fit and verdict."""
-        rest = self.preprocess.output_offset if self.simulation.is_prediction else self.simulation.offset
+        entered, given = self.working_point
         return Model(
             self.structure,
             self.parameters,
@@ -130,8 +134,8 @@ class FitResult:
             noise=self.noise,
             input_hold=self.filter.input_hold,
             input_map=self.preprocess.input_map,
-            input_level=float(self.preprocess.input_offset),
-            output_level=float(rest),
+            input_level=entered,
+            output_level=given,
             input_name=self.input_name,
             output_name=self.output_name,
             simulated_fit=self.simulation.fit,
@@ -140,6 +144,14 @@ class FitResult:
             verdict=self.verdict,
             provenance=Provenance(self.method, self.source, self.sha256, self.samples),
         )
+
+    @property
+    def working_point(self) -> tuple[float, float]:
+        """Levels of the mapped input and of the output between which G(s) acts: of a model at rest, or the means."""
+        assert self.record is not None, "`fit` keeps the record"
+        if not self.simulation.is_prediction and has_rest(self.transfer_function, self.record.span):
+            return float(self.preprocess.input_offset), self.simulation.offset
+        return self.means
 
     def bridged(self, y: FloatArray) -> FloatArray:
         """Return an output (K,) with the model's where it is missing or an outlier: what the model was made from."""

@@ -8,6 +8,7 @@ from typing import Any
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.log import Log
 from replant.offline.fit_result import FitResult
+from replant.regressor.preprocess import Preprocess
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +27,8 @@ class Samples:
         With the units in brackets at the end.
     source : str
         Name of the log's file.
+    is_log : bool
+        Whether they are those of a log.
     """
 
     u: Any
@@ -36,6 +39,7 @@ class Samples:
     input_name: str = "u"
     output_name: str = "y"
     source: str = ""
+    is_log: bool = False
 
     @classmethod
     def of(cls, u: Any, y: Any, dt: float | None, t: Any, reference: Any) -> Samples:
@@ -53,10 +57,15 @@ class Samples:
                 raise InvalidArgumentError(
                     "a log has its own output, clock and reference: leave out y, dt, t, reference"
                 )
-            return cls(u.input, u.output, u.dt, u.stamps, u.reference, u.input_name, u.output_name, u.path.name)
+            return cls(u.input, u.output, u.dt, u.stamps, u.reference, u.input_name, u.output_name, u.path.name, True)
         if y is None or dt is None:
             raise ArgumentTypeError("give a Log, or input u, output y and sampling time dt: fit(u, y, dt, poles=2)")
         return cls(u, y, dt, t, reference)
+
+    @property
+    def preprocess(self) -> Preprocess:
+        """Working point by default: a rig is rarely at rest at zero; of arrays nothing is known."""
+        return Preprocess("identity", "mean", "mean") if self.is_log else Preprocess()
 
     def named(self, result: FitResult) -> FitResult:
         """Return the result of a fit with the names of these samples."""

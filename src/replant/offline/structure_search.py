@@ -119,7 +119,7 @@ def search(
     zeros: Iterable[int] | None = None,
     delays: Iterable[float] = (0.0,),
     bias: bool = False,
-    preprocess: Preprocess = Preprocess(),  # noqa: B008 - frozen
+    preprocess: Preprocess | None = None,
     reference: Any = None,
     t: Any = None,
     progress: Callable[[int, int], None] = lambda done, of: None,
@@ -149,7 +149,7 @@ def search(
     bias : bool
         Whether a bias is identified.
     preprocess : Preprocess
-        Input map and working point.
+        Input map and working point; see `fit`.
     reference : (K,) array, optional
         Where a controller makes the input, see `fit`.
     t : (K,) array, optional
@@ -177,6 +177,7 @@ def search(
     "The Elements of Statistical Learning", section 7.10 (the rule of one standard error).
     """
     given = Samples.of(u, y, dt, t, reference)
+    preprocess = given.preprocess if preprocess is None else preprocess
     u, y = record(given.u, given.y)
     dt, delays = given.dt, sorted(set(delays))
     grid = _grid(poles, zeros, delays, bias)

@@ -335,7 +335,14 @@ class Identifier(Estimate):
         """What is worth keeping: G(s) with working point, uncertainty, noise model, fit and verdict.
 
         Fit and working point are those of the newest samples, at most 10000.  Takes some tens of milliseconds.
+
+        Raises
+        ------
+        InvalidArgumentError
+            While there is no estimate; see `has_model`.
         """
+        if not self.has_model:
+            raise InvalidArgumentError(f"there is no model yet: {self.samples} samples are too few")
         return model_of(self)
 
     def _take(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from replant.assessment.verdict import Verdict
+from replant.identified.fields import has_rest
 from replant.identified.model import Model
 from replant.identified.provenance import Provenance
 from replant.online.readout import Estimate
@@ -43,8 +44,10 @@ def model_of(
         simulation, one_step_fit = _newest(estimate)
     settings, verdict = estimate.settings, estimate.assess() if verdict is None else verdict
     preprocess = estimate.request.preprocess if settings is None else settings.preprocess
-    # during start-up the working point may not be known yet: the simulation's offset is then that of all inputs
-    entered, given = (_number(level) for level in (preprocess.input_offset, preprocess.output_offset))
+    entered, given = _number(preprocess.input_offset), simulation.offset  # not known yet during start-up: 0
+    u, y, intervals = estimate.recent.T
+    if y.size and (simulation.is_prediction or not has_rest(estimate.transfer_function, float(intervals.sum()))):
+        entered, given = float(u.mean()), float(y.mean())
     return Model(
         estimate.structure,
         estimate.parameters,
@@ -54,7 +57,7 @@ def model_of(
         input_hold=estimate.input_hold,
         input_map=preprocess.input_map,
         input_level=entered,
-        output_level=given if simulation.is_prediction else simulation.offset,
+        output_level=given,
         simulated_fit=simulation.fit,
         one_step_fit=one_step_fit,
         rejected=tuple(estimate.rejected.items()),
