@@ -87,7 +87,7 @@ def test_settings_printed_by_run_repeat_it(capsys, log: Path) -> None:
 
     _, out, _ = call(capsys, "run", log, *COLUMNS)
     _, as_json, _ = call(capsys, "run", log, *COLUMNS, "--json")
-    code = out[out.index("ident = ") :].replace("ident = ", "", 1)
+    code = out[out.index("ident = ") : out.index("Next: ")].replace("ident = ", "", 1)
     identifier = eval(code, {"rp": rp})
     data = np.loadtxt(log, delimiter=",", skiprows=1)
     identifier.update_many(data[:, 1], data[:, 2])

@@ -78,11 +78,12 @@ def merge(output: Signal, held: Sequence[Signal]) -> Merged:
 
     Examples
     --------
-    The input steps at 0.2 s, where an output is measured, then at 0.3 s, where none is:
+    The input steps at 0.2 s, where an output is measured, then at 0.3 s, where none is.  At 0.4 s the next one may have
+    come to the former:
 
     >>> output = Signal(np.array([0.0, 0.2, 0.4]), np.array([0.0, 0.1, 0.9]))
     >>> merge(output, [Signal(np.array([0.0, 0.2]), np.array([0.0, 1.0]))]).held
-    (array([0., 1., 1.]),)
+    (array([0., 1.]),)
     >>> both = merge(output, [Signal(np.array([0.0, 0.2, 0.3]), np.array([0.0, 1.0, 0.0]))])
     >>> both.t, both.output, both.held
     (array([0. , 0.2, 0.3, 0.4]), array([0. , 0.1, nan, 0.9]), (array([0., 1., 0., 0.]),))

@@ -238,6 +238,7 @@ def doubtful_unit(log: str | os.PathLike[str] | Table, time: str | None = None) 
     Examples
     --------
     >>> import tempfile
+    >>> from pathlib import Path
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "log.csv")
     ...     _ = file.write_text("t,u,y\n0,1,0\n20,1,0.5\n40,1,0.75\n")
