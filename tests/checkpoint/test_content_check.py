@@ -151,3 +151,11 @@ def test_inputs_from_before_the_record_act_no_longer_than_the_dead_time(value: f
     engine_state(ident).reals[at.UNKNOWN_INPUT] = value
     with pytest.raises(rp.DamagedCheckpointError, match="not valid"):
         rp.Identifier.from_bytes(ident.to_bytes())
+
+
+@pytest.mark.parametrize("seed", [0, 2**53, 2**63 - 1])
+def test_any_seed_that_an_identifier_takes_can_be_saved(seed: int) -> None:
+    ident = identifier(replay=rp.Replay(capacity=50, batch_size=4, warmup=4, seed=seed))
+    ident.update_many(np.ones(20), np.ones(20))
+    data = ident.to_bytes()
+    assert rp.Identifier.from_bytes(data).to_bytes() == data

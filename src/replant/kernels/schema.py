@@ -209,7 +209,7 @@ class StateSlots(Table):
     capacity = Integer("rows of the replay buffer", LAYOUT)
     batch_size = Integer("updates a sample once the buffer is warm", LAYOUT)
     warmup = Integer("rows that the buffer must exceed before batches begin", LAYOUT)
-    seed = Integer("of the random stream", LAYOUT)
+    seed = Integer("of the random stream", LAYOUT, below=str(2**63))
     drawn = Integer("position in the random stream", BUFFER)
     buffer_filled = Integer("rows of the buffer in use", BUFFER, below="capacity + 1")
     buffer_head = Integer("row that the next sample goes to", BUFFER, below="capacity")
