@@ -48,6 +48,8 @@ class StepResponse:
     output: FloatArray
     std: FloatArray | None
 
+    WHAT = "step response"
+
     @classmethod
     def of(cls, model: TransferFunction, known: Uncertainty | None, time: FloatArray) -> Self:
         """Return the response of a model at times (N,), which begin at 0 and are equally spaced, in s."""
@@ -63,7 +65,7 @@ class StepResponse:
         """
         from replant.plotting.responses import draw_over_time
 
-        return draw_over_time(self.time, self.output, self.std, "step response", ax)
+        return draw_over_time(self.time, self.output, self.std, self.WHAT, ax)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +81,8 @@ class ImpulseResponse(StepResponse):
         Standard deviation of the output; None where it is not known.
     """
 
+    WHAT = "impulse response"
+
     @classmethod
     def of(cls, model: TransferFunction, known: Uncertainty | None, time: FloatArray) -> Self:
         """Return the response of a model at times (N,), which begin at 0 and are equally spaced, in s.
@@ -93,18 +97,6 @@ class ImpulseResponse(StepResponse):
                 "G(s) has as many zeros as poles: its impulse response holds an impulse; use step()"
             )
         return cls(time, *_over_time(model, known, time, impulse=True))
-
-    def plot(self, ax: Any = None) -> Any:
-        """Draw the response with its band of +-2 standard deviations; return the axes of matplotlib.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, optional
-            Drawn into; without it a figure is made.
-        """
-        from replant.plotting.responses import draw_over_time
-
-        return draw_over_time(self.time, self.output, self.std, "impulse response", ax)
 
 
 @dataclass(frozen=True, eq=False)

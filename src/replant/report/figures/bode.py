@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.identified.responses import frequencies
 from replant.report.figures import style
 from replant.report.figures.poles import usable_uncertainty
 from replant.runs.result import Result
 
-POINTS = 400
-"""Frequencies of a Bode plot [count]."""
 WIDEST_DB, WIDEST_DEGREES = 60.0, 180.0
 """Half-width at which a band is cut, in dB and in degrees: beyond it nothing is known anyway [dB, degrees]."""
 
@@ -44,7 +43,7 @@ def draw_bode(
     top.set_ylabel(f"magnitude [dB re {unit}]" if unit else "magnitude [dB]")
     bottom.set_ylabel("phase [°]")
     bottom.set_xlabel("frequency [rad/s]")
-    omega = frequencies(result, dt)
+    omega = frequencies(result.transfer_function, dt)
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         response = result.transfer_function.response(omega)
         magnitude = 20.0 * np.log10(np.abs(response))
@@ -61,17 +60,6 @@ def draw_bode(
     bottom.semilogx(omega, phase, color=style.MODEL, lw=1.8)
     _finish(top, bottom, omega, magnitude, phase)
     return np.array([top, bottom], dtype=object)
-
-
-def frequencies(result: Result, dt: float) -> FloatArray:
-    """Return angular frequencies (F,) from 1/30 of the slowest root to 30 times the fastest, at most Nyquist's."""
-    model = result.transfer_function
-    sizes = np.abs(np.concatenate([model.poles, model.zeros]))
-    nyquist = math.pi / dt
-    sizes = sizes[np.isfinite(sizes) & (sizes > 1e-9 * nyquist) & (sizes < 1e3 * nyquist)]
-    low, high = (nyquist / 1e4, nyquist) if sizes.size == 0 else (float(sizes.min()) / 30, float(sizes.max()) * 30)
-    high = max(min(high, nyquist), 10 * low)
-    return np.asarray(np.geomspace(low, high, POINTS))
 
 
 def _band(result: Result, omega: FloatArray, magnitude: FloatArray, phase: FloatArray, top: Any, bottom: Any) -> None:
