@@ -160,3 +160,15 @@ def test_poles_come_in_pairs_with_mirrored_covariances() -> None:
     first, second = found.pole_covariance
     np.testing.assert_allclose(np.diag(first), np.diag(second))
     assert first[0, 1] == -second[0, 1]
+
+
+def test_the_model_to_be_kept_has_the_working_point_of_the_rig() -> None:
+    """The window is drawn over the input as it is, the model acts on deviations from its level."""
+    u = 5.0 + np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 60), 25)
+    y = 30.0 + rp.TransferFunction([2.0], [1.0, 0.5]).simulate(u - 5.0, 0.1)
+    ident = rp.Identifier(poles=1, dt=0.1, preprocess=rp.Preprocess("identity", "mean", "mean"))
+    ident.update_many(u, y)
+    view = make_view(ident, SessionInfo(), EstimateHistory(2))
+    kept = rp.Model.from_json(json.dumps(view.model))
+    assert kept == ident.model
+    assert abs(kept.simulate(np.full(3, 5.0))[0] - 30.0) < 0.1

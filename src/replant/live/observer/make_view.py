@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
-from replant.assessment import Simulation, Verdict, simulate
+from replant.assessment import Verdict, simulate
 from replant.identified.model_json import as_object
 from replant.live.observer.history import EstimateHistory
 from replant.live.observer.view import (
@@ -60,7 +60,7 @@ def make_view(identifier: Identifier, info: SessionInfo, history: EstimateHistor
     std = uncertainty.std
     model = identifier.transfer_function
     finite = known and bool(np.isfinite(parameters).all())
-    window, simulation = _window(identifier, model if finite else None, info.at)
+    window, simulated = _window(identifier, model if finite else None, info.at)
     verdict = identifier.assess()
     history.append(info.at, parameters, std)
     return View(
@@ -85,19 +85,19 @@ def make_view(identifier: Identifier, info: SessionInfo, history: EstimateHistor
         verdict=verdict.status,
         excited=verdict.excited,
         reasons=verdict.reasons,
-        simulated=math.nan if simulation is None else simulation.fit,
+        simulated=simulated,
         window=window,
         bode=_bode(model if finite else None, uncertainty, identifier.dt),
         history=history.rows(),
-        model=_kept(identifier, simulation, verdict) if finite else {},
+        model=_kept(identifier, verdict) if finite else {},
     )
 
 
-def _kept(identifier: Identifier, simulation: Simulation | None, verdict: Verdict) -> dict[str, Any]:
+def _kept(identifier: Identifier, verdict: Verdict) -> dict[str, Any]:
     """Return the model to be kept as an object of JSON; empty where its input map is a Python function."""
     if callable(identifier.request.preprocess.input_map):
         return {}
-    return as_object(model_of(identifier, simulation, math.nan, verdict))
+    return as_object(model_of(identifier, verdict=verdict))
 
 
 def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str, Any]:
@@ -128,8 +128,8 @@ def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str
     }
 
 
-def _window(identifier: Identifier, model: TransferFunction | None, at: float) -> tuple[Window, Simulation | None]:
-    """Return the newest samples with the model's output, and how it was simulated, if it was."""
+def _window(identifier: Identifier, model: TransferFunction | None, at: float) -> tuple[Window, float]:
+    """Return the newest samples with the model's output, and its fit in percent."""
     u, y, intervals = identifier.recent.T
     kept = identifier.recent_reference
     r = np.zeros(0) if kept is None else kept
@@ -139,19 +139,19 @@ def _window(identifier: Identifier, model: TransferFunction | None, at: float) -
         u, y, intervals, r = (signal[-LONGEST_IRREGULAR:] for signal in (u, y, intervals, r))
         judged = judged[-LONGEST_IRREGULAR:]
     t = at - (intervals.sum() - np.cumsum(intervals))
-    output, run = np.full(u.size, np.nan), None
+    output, fit = np.full(u.size, np.nan), math.nan
     if model is not None and judged.any():
         stamps = None if regular else t
         known = np.where(judged, y, np.nan)
         with np.errstate(all="ignore"):
             run = simulate(model, u, known, identifier.dt, input_hold=identifier.input_hold, t=stamps)
-        output = run.output
+        output, fit = run.output, run.fit
     left_out = _left_out(t, judged)
     if u.size > POINTS:
         drawn = [thin(signal, POINTS) for signal in (u, y, output)]
         t, (u, y, output) = t[drawn[0].indices(t.size)], (signal.values for signal in drawn)
         r = thin(r, POINTS).values if r.size else r
-    return Window(t, u, y, output, left_out, r), run
+    return Window(t, u, y, output, left_out, r), fit
 
 
 def _left_out(t: FloatArray, judged: BoolArray) -> FloatArray:
