@@ -90,6 +90,8 @@ def lived(data: bytes, chance: random.Random, *, plainly: bool = False) -> str:
         if not str(error) or "\n" in str(error) or len(str(error)) > 400:
             raise FindingError(f"no reason in one line: {error!r}") from error
         return "refused"
+    except rp.SystemRefusedError:  # no memory for as large a buffer
+        return "refused"
     _live(ident, chance, plainly=plainly)
     return "accepted"
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from replant.arguments import FloatArray, IntArray
 from replant.engine.dimensions import Dimensions, entries_of, reference_sizes, ring_of
+from replant.errors import SystemRefusedError
 from replant.kernels.schema import FIXED, StateSlots
 from replant.kernels.slot_tables import Block, Slot
 from replant.model.structure import Structure
@@ -101,7 +102,14 @@ class State(StateSlots):
         ints = np.zeros(shapes["ints"], np.int64)
         for block, begin in sizes.begins.items():
             ints[block.index] = begin
-        state = cls(ints, *(np.zeros(shapes[name]) for name in ("reals", "banks", "buffer", "recent")))
+        try:
+            state = cls(ints, *(np.zeros(shapes[name]) for name in ("reals", "banks", "buffer", "recent")))
+        except MemoryError as error:
+            rows, columns = shapes["buffer"]
+            raise SystemRefusedError(
+                f"the system grants no memory for a replay buffer of {rows:,} rows of {columns} numbers: "
+                "ask for a smaller capacity"
+            ) from error
         state.order, state.entries, state.ring_size = sizes.order, sizes.entries, sizes.ring
         state.memory_size, state.settings_size = sizes.memory, sizes.settings
         state.capacity, state.batch_size, state.recent_size = sizes.capacity, sizes.batch, sizes.recent
