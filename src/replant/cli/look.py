@@ -28,7 +28,7 @@ def command(
     as_json: bool,
     out: Path | None,
 ) -> None:
-    """Show what is in LOG (csv, txt, parquet or a folder of it, mat, npz), and suggest a command to begin with.
+    """Show what is in LOG (csv, mat, parquet and more), and suggest a command to begin with.
 
     Columns with type, range, missing samples and resolution; the clock; which columns look like input, output and
     reference; and the delay between input and output.  What is guessed is called a guess.
