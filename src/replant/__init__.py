@@ -50,6 +50,8 @@ __all__ = [
     "UnsupportedDependencyError",
     "Validation",
     "__version__",
+    "decimate",
+    "detrend",
     "examples",
     "figures",
     "fit",
@@ -57,6 +59,7 @@ __all__ = [
     "load",
     "load_model",
     "read_log",
+    "resample",
     "run",
     "search",
 ]

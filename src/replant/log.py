@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from replant.arguments import (
     keep,
     number,
+    one_of,
     truth,
     vector,
     whole,
@@ -51,6 +52,8 @@ class Log:
         The part of the file that was read, in s from its first row; None: from the first, or to the last.
     irregular : bool or None
         Whether the clock is irregular, so that its stamps count; None: `time` tells.
+    input_hold : {"zoh", "foh"}
+        What the input does between two samples: it is held, or goes on in a straight line.
 
     Examples
     --------
@@ -73,6 +76,7 @@ class Log:
     begin: float | None = None
     end: float | None = None
     irregular: bool | None = None
+    input_hold: str = "zoh"
 
     def __post_init__(self) -> None:
         keep(self, "input", vector)
@@ -85,6 +89,7 @@ class Log:
         keep(self, "earlier", whole, 0)
         if self.irregular is not None:
             keep(self, "irregular", truth)
+        keep(self, "input_hold", one_of, ("zoh", "foh"))
 
     def __len__(self) -> int:
         return self.earlier + int(self.input.shape[0])

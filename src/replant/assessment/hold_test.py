@@ -50,7 +50,7 @@ def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     size = runs.size(step, Speeds.of(evidence, closed=False).poles)
     reason = "the input seems to run straight between its samples, not to be held: taken so, a coefficient differs by"
     status = "inconsistent" if size > FARTHEST else "trusted"
-    return [Finding(status, f'{reason} {percent(size)}: identify with RefinedFilter(input_hold="foh")')]
+    return [Finding(status, f'{reason} {percent(size)}: use --input-hold foh, or RefinedFilter("foh")')]
 
 
 def _improved(evidence: Evidence, record: Record, rows: slice) -> tuple[ModelRun, float] | None:

@@ -58,10 +58,7 @@ def command(as_json: bool, out: Path | None, method: str, **options: Any) -> Non
     else:
         log, request = open_log(options)
         make_folder(out)
-        fitted = fit(
-            log.input, log.output, log.dt, request.structure, method=method, preprocess=request.preprocess,
-            t=log.stamps, **_reference(log),
-        )  # fmt: skip
+        fitted = fit(log, structure=request.structure, method=method, preprocess=request.preprocess)
     _deliver(fitted, log, begun, found, keeping, as_json=as_json, out=out)
 
 
@@ -72,22 +69,14 @@ def _search(log: Log, options: dict[str, Any]) -> SearchResult:
     with progress_bar() as bar:
         task = bar.add_task("structures", total=None)
         return search(
-            log.input,
-            log.output,
-            log.dt,
+            log,
             poles=options["poles"],
             zeros=zeros,
             delays=options["delay"],
             bias=options["bias"],
             preprocess=preprocess_of(options),
             progress=lambda done, of: bar.update(task, completed=done, total=of),
-            t=log.stamps,
-            **_reference(log),
         )
-
-
-def _reference(log: Log) -> dict[str, Any]:
-    return {} if log.reference is None else {"reference": log.reference}
 
 
 def _deliver(

@@ -5,14 +5,17 @@ from __future__ import annotations
 import functools
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
 from replant.cli.choice import Choice
+from replant.cli.condition import CONDITIONING, conditioned, input_hold_of, is_conditioned
 from replant.cli.missing import check_complete
 from replant.cli.notes import note, silence
+from replant.cli.optimizer_option import OptimizerChoice
 from replant.cli.ranges import Seconds, Whole
 from replant.data.logs import (
     Log,
@@ -25,8 +28,9 @@ from replant.data.logs.time_unit import COARSE
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.optimizers import OPTIMIZERS
+from replant.regressor.filters import RefinedFilter
 from replant.regressor.preprocess import Preprocess
-from replant.settings import Request
+from replant.settings import AUTO, Request
 
 MOST_OFF = 0.1
 """Difference of the time stamps' usual interval from the sampling time given that needs no word: jitter and lost
@@ -46,10 +50,17 @@ INPUT_MAP = click.option(
 )
 OPTIMIZER = click.option(
     "--optimizer",
-    type=Choice(["auto", *OPTIMIZERS]),
+    type=OptimizerChoice(),
     default="auto",
     show_default=True,
-    help="Method of updating the estimate; auto is recursive least squares with instruments.",
+    help="Method of updating the estimate; auto is recursive least squares with instruments.  Others: "
+    f"{', '.join(OPTIMIZERS)}.  Settings behind a colon, as in amsgrad:step_size=0.001; else they are chosen from the "
+    "data.",
+)
+INPUT_HOLD = click.option(
+    "--input-hold",
+    type=Choice(["zoh", "foh"]),
+    help="The input between two samples: held (zoh), or a straight line (foh).  [default: zoh; foh with --decimate]",
 )
 
 _STAMPS_COUNT = "each sample counts at its own time (--dt S instead would take the clock for regular)"
@@ -101,6 +112,8 @@ _REST: list[Callable[[Any], Any]] = [
     BIAS,
     FEEDTHROUGH,
     INPUT_MAP,
+    INPUT_HOLD,
+    *CONDITIONING,
     click.option("--quiet", is_flag=True, help="Print the result and errors only: no notes, no progress."),
     click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
     click.option(
@@ -152,7 +165,9 @@ def request_of(options: dict[str, Any], dt: float) -> Request:
     """Return the request that the options describe, for a log with sampling time ``dt`` in s."""
     zeros = options["zeros"][0] if options["zeros"] else 0
     structure = Structure(options["poles"][0], zeros, options["delay"][0], options["bias"], options["feedthrough"])
-    return Request(structure, dt, preprocess=preprocess_of(options), optimizer=options.get("optimizer", "auto"))
+    state_filter = AUTO if input_hold_of(options) == "zoh" else RefinedFilter("foh")
+    optimizer = options.get("optimizer", AUTO)
+    return Request(structure, dt, preprocess=preprocess_of(options), filter=state_filter, optimizer=optimizer)
 
 
 def recording_of(options: dict[str, Any], progress: Callable[[int, int], None]) -> Recording:
@@ -168,6 +183,9 @@ def recording_of(options: dict[str, Any], progress: Callable[[int, int], None]) 
     _check_one_of_each(options)
     recording = open_recording(options["log"], **_columns(options), progress=progress)
     _note(options, recording)
+    if is_conditioned(options):
+        whole = open_recording(options["log"], **_columns(options), most_held=sys.maxsize)
+        return whole.of_log(conditioned(whole.held, options))
     return recording
 
 
@@ -202,8 +220,8 @@ def read(options: dict[str, Any]) -> Log:
     """
     recording = open_recording(options["log"], **_columns(options), most_held=sys.maxsize)
     _note(options, recording)
-    assert recording.held is not None
-    return recording.held
+    log = conditioned(recording.held, options)
+    return replace(log, input_hold=input_hold_of(options))
 
 
 def _note(options: dict[str, Any], recording: Recording) -> None:

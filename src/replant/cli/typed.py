@@ -8,6 +8,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from replant.cli.optimizer_option import OptimizerChoice
 from replant.cli.ranges import Range
 
 #: Options that say what is done with a result, not how it is made.
@@ -28,7 +29,7 @@ def command_line(*, with_output: bool = False) -> str:
             words += map(str, value if isinstance(value, tuple) else (value,))
         elif value is True:
             words.append(parameter.opts[-1])
-        elif isinstance(parameter.type, Range):
+        elif isinstance(parameter.type, Range | OptimizerChoice):
             words += [parameter.opts[-1], parameter.type.written(value)]
         else:
             for entry in value if isinstance(value, tuple) else (value,):

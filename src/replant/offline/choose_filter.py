@@ -38,6 +38,7 @@ def choose_filter(
     u: FloatArray,
     y: FloatArray,
     t: FloatArray | None = None,
+    input_hold: str = "zoh",
 ) -> StateVariableFilter:
     """Return the filter whose least-squares model fits a record best when simulated from the input alone.
 
@@ -55,6 +56,8 @@ def choose_filter(
         Raw input and output; the first `MOST_SAMPLES` are used.
     t : (K,) array, optional
         Time stamps of an irregular clock in s.
+    input_hold : {"zoh", "foh"}
+        What the input does between samples.
     """
     u, y, t = u[:MOST_SAMPLES], y[:MOST_SAMPLES], None if t is None else t[:MOST_SAMPLES]
     accepted, _ = screen(preprocess.map_input(u), y)
@@ -63,12 +66,15 @@ def choose_filter(
     slowest, fastest = SLOWEST_CUTOFF / lasts, 1.0 / dt
     candidates = np.geomspace(min(slowest, fastest / 10), fastest, CANDIDATES)
     linear_input = np.where(accepted, preprocess.map_input(u) - float(preprocess.input_offset), np.nan)
-    best, best_fit = StateVariableFilter(cutoff=rounded(float(candidates[CANDIDATES // 2]))), -np.inf
+    best, best_fit = (
+        StateVariableFilter(cutoff=rounded(float(candidates[CANDIDATES // 2])), input_hold=input_hold),
+        -np.inf,
+    )
     for cutoff in candidates:
-        tried = StateVariableFilter(cutoff=rounded(float(cutoff)))
+        tried = StateVariableFilter(cutoff=rounded(float(cutoff)), input_hold=input_hold)
         phi, target = regressors(structure, dt, tried, preprocess, u, y, t)
         model = structure.transfer_function(least_squares(phi, target).parameters)
-        fit = simulate(model, linear_input, y, dt, t=t).fit if model.is_stable else -np.inf
+        fit = simulate(model, linear_input, y, dt, input_hold=input_hold, t=t).fit if model.is_stable else -np.inf
         if fit > best_fit:
             best, best_fit = tried, fit
     return best

@@ -33,7 +33,7 @@ from replant.offline.reference_use import ReferenceUse, use_of
 from replant.offline.refined import Refined
 from replant.offline.samples import Samples
 from replant.offline.srivc import first_model
-from replant.regressor.filters import RefinedFilter, StateVariableFilter
+from replant.regressor.filters import Filter, RefinedFilter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
 from replant.settings import AUTO, Request
 from replant.simulation.prediction import prediction_error, runs_away
@@ -56,7 +56,7 @@ def fit(
     zeros: int = 0,
     delay: float = 0.0,
     method: str = AUTO,
-    filter: StateVariableFilter | str = AUTO,  # noqa: A002 - the field's word
+    filter: Filter | str = AUTO,  # noqa: A002 - the field's word
     preprocess: Preprocess | None = None,
     t: Any = None,
     reference: Any = None,
@@ -86,8 +86,10 @@ def fit(
         Dead time in s.
     method : {"auto", "srivc", "least_squares"}
         "auto" is "srivc", and least squares if that finds no model, for example if the input hardly moves.
-    filter : StateVariableFilter or "auto"
-        For least squares.  "auto" tries a range of cutoffs and takes the one whose model simulates the record best.
+    filter : StateVariableFilter, RefinedFilter or "auto"
+        "srivc" uses its `input_hold` alone, what the input does between samples; "auto" is that of the log, and of
+        arrays "zoh".  Least squares needs a StateVariableFilter; "auto" tries a range of cutoffs and takes the one
+        whose model simulates the record best.
     preprocess : Preprocess
         Input map and working point, by default that of a log's means, and of arrays 0.  "srivc" estimates the offset
         of the output in any case.
@@ -123,6 +125,7 @@ def fit(
     preprocess = given.preprocess if preprocess is None else preprocess
     method = one_of("method", method, METHODS)
     dt = Request(structure, given.dt, filter=filter, preprocess=preprocess).dt
+    hold = given.input_hold if isinstance(filter, str) else filter.input_hold
     u, y = record(given.u, given.y)
     stamps = None if given.t is None else increasing(given.t, u.size)
     r = _reference(given.reference, u.size, method)
@@ -138,7 +141,7 @@ def fit(
     preprocess = preprocess.resolve(u, y)
     use = None
     if method != "least_squares":
-        raw = RawRecord(structure, dt, preprocess, u, y, stamps)
+        raw = RawRecord(structure, dt, preprocess, u, y, stamps, hold)
         use = None if r is None else use_of(r, raw.made_ready(y, r))
         solution = _solution(raw, r if use is None or use.used else None)
         if solution.found is None and use is not None:
@@ -157,16 +160,16 @@ def fit(
             "time stamps if they are only jitter"
         )
     if not isinstance(filter, StateVariableFilter):
-        filter = choose_filter(structure, dt, preprocess, u, y)  # noqa: A001
+        filter = choose_filter(structure, dt, preprocess, u, y, input_hold=hold)  # noqa: A001
     result = _least_squares_result(structure, dt, filter, preprocess, u, y, accepted, rejected)
-    raw = RawRecord(structure, dt, preprocess, u, y, None)
+    raw = RawRecord(structure, dt, preprocess, u, y, None, filter.input_hold)
     return _with_record(dataclasses.replace(result, reference=use), raw, given)
 
 
 def _with_record(result: FitResult, raw: RawRecord, given: Samples) -> FitResult:
     """Return a result with the record that its verdict looks at, and the names of its signals."""
     signal = result.reference.signal if result.reference else None
-    record = raw.made_ready(result.bridged(raw.y), signal, result.filter.input_hold)
+    record = raw.made_ready(result.bridged(raw.y), signal)
     usual = None if raw.stamps is None else float(np.median(np.diff(raw.stamps)))
     used = raw.usable
     means = (float(raw.mapped[used].mean()), float(raw.y[used].mean())) if used.any() else (0.0, 0.0)
@@ -207,6 +210,8 @@ class RawRecord:
     u, y : (K,) arrays
     stamps : (K,) array or None
         Time stamps in s; None for a regular clock.
+    input_hold : {"zoh", "foh"}
+        Whether the input is held between two samples or goes on in a straight line.
     """
 
     structure: Structure
@@ -215,6 +220,7 @@ class RawRecord:
     u: FloatArray
     y: FloatArray
     stamps: FloatArray | None
+    input_hold: str
 
     @cached_property
     def mapped(self) -> FloatArray:
@@ -231,14 +237,14 @@ class RawRecord:
         """Which samples (K,) can be used."""
         return screen(self.mapped, self.y)[0]
 
-    def made_ready(self, y: FloatArray, r: FloatArray | None, input_hold: str = "zoh") -> Record:
+    def made_ready(self, y: FloatArray, r: FloatArray | None) -> Record:
         """Return the record with another output (K,), and a reference (K,) or None."""
-        return ready_record(self.structure, self.dt, self.preprocess, self.u, y, self.stamps, input_hold, r)
+        return ready_record(self.structure, self.dt, self.preprocess, self.u, y, self.stamps, self.input_hold, r)
 
     def simulated(self, model: TransferFunction, y: FloatArray) -> Simulation:
         """Return a model run from the input, offset and initial state fitted to the outputs (K,) that are not NaN."""
         linear_input = np.where(self.known, self.mapped - float(self.preprocess.input_offset), np.nan)
-        return simulate(model, linear_input, y, self.dt, t=self.stamps)
+        return simulate(model, linear_input, y, self.dt, input_hold=self.input_hold, t=self.stamps)
 
     def one_step(self, residual: FloatArray) -> FloatArray:
         """Return the one-step prediction error (K,) of a free run's residual (K,)."""
@@ -298,7 +304,7 @@ def _refined_result(
         structure,
         dt,
         "srivc",
-        RefinedFilter(),
+        RefinedFilter(raw.input_hold),
         raw.preprocess,
         found.theta[:size],
         solution.widening * found.covariance[:size, :size],

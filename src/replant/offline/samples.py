@@ -29,6 +29,8 @@ class Samples:
         Name of the log's file.
     is_log : bool
         Whether they are those of a log.
+    input_hold : {"zoh", "foh"}
+        Whether the input is held between two samples or goes on in a straight line.
     """
 
     u: Any
@@ -40,6 +42,7 @@ class Samples:
     output_name: str = "y"
     source: str = ""
     is_log: bool = False
+    input_hold: str = "zoh"
 
     @classmethod
     def of(cls, u: Any, y: Any, dt: float | None, t: Any, reference: Any) -> Samples:
@@ -57,7 +60,10 @@ class Samples:
                 raise InvalidArgumentError(
                     "a log has its own output, clock and reference: leave out y, dt, t, reference"
                 )
-            return cls(u.input, u.output, u.dt, u.stamps, u.reference, u.input_name, u.output_name, u.path.name, True)
+            return cls(
+                u.input, u.output, u.dt, u.stamps, u.reference, u.input_name, u.output_name, u.path.name, True,
+                u.input_hold,
+            )  # fmt: skip
         if y is None or dt is None:
             raise ArgumentTypeError("give a Log, or input u, output y and sampling time dt: fit(u, y, dt, poles=2)")
         return cls(u, y, dt, t, reference)

@@ -19,6 +19,7 @@ from replant.model.structure import Structure
 from replant.offline.fit import fit
 from replant.offline.fit_result import FitResult
 from replant.offline.samples import Samples
+from replant.regressor.filters import RefinedFilter
 from replant.regressor.preprocess import Preprocess, screen
 from replant.simulation.prediction import prediction_error, runs_away
 from replant.statistics.linear_algebra import quiet, real_coefficients
@@ -183,10 +184,10 @@ def search(
     grid = _grid(poles, zeros, delays, bias)
     r = None if given.reference is None else vector("reference", given.reference)
     stamps = None if given.t is None else increasing(given.t, u.size)
-    tried = []
+    tried, held = [], RefinedFilter(given.input_hold)
     for done, structure in enumerate(grid):
         progress(done, len(grid))
-        tried.append(_try(structure, u, y, r, stamps, dt, preprocess))
+        tried.append(_try(structure, u, y, r, stamps, dt, preprocess, held))
     progress(len(grid), len(grid))
     usable = [candidate for candidate in tried if math.isfinite(candidate.held_out)]
     if not usable:
@@ -198,7 +199,7 @@ def search(
 
     def fitted(delay: float) -> FitResult:
         structure = replace(chosen.structure, delay=delay)
-        return fit(u, y, dt, structure, method="srivc", preprocess=preprocess, t=stamps, reference=r)
+        return fit(u, y, dt, structure, method="srivc", preprocess=preprocess, filter=held, t=stamps, reference=r)
 
     best_fit = given.named(_between_points(fitted, chosen.structure.delay, delays, dt))
     return SearchResult(best_fit, chosen, tuple(tried))
@@ -261,6 +262,7 @@ def _try(
     t: FloatArray | None,
     dt: float,
     preprocess: Preprocess,
+    held: RefinedFilter,
 ) -> Candidate:
     """Fit a structure to either end's 70 % of a record, and hold the rest out."""
     trained = int(TRAINED * u.size)
@@ -270,7 +272,7 @@ def _try(
             name: None if signal is None else signal[seen] for name, signal in (("reference", r), ("t", t))
         }
         try:
-            fitted = fit(u[seen], y[seen], dt, structure, method="srivc", preprocess=preprocess, **more)
+            fitted = fit(u[seen], y[seen], dt, structure, method="srivc", preprocess=preprocess, filter=held, **more)
         except InvalidArgumentError:  # the record is too short for this structure, or the fit found no model
             return Candidate(structure, -math.inf, np.full(2 * STRETCHES, np.inf), math.inf, math.inf)
         unseen = slice(trained, u.size) if seen.start == 0 else slice(0, u.size - trained)
@@ -311,7 +313,8 @@ def _error_held_out(fitted: FitResult, u: FloatArray, y: FloatArray, t: FloatArr
         error = _predicted(fitted, u[whole_part], y[whole_part], stamps)
     else:
         measured = np.where(np.arange(start, unseen.stop) < unseen.start, np.nan, y[whole_part])
-        error = measured - simulate(fitted.transfer_function, mapped, measured, dt, t=stamps).output
+        hold = fitted.filter.input_hold
+        error = measured - simulate(fitted.transfer_function, mapped, measured, dt, input_hold=hold, t=stamps).output
     error[:unknown] = np.nan  # answers to inputs that are not known
     return error[skipped:]
 
@@ -332,7 +335,8 @@ def _uncertainty(fitted: FitResult) -> float:
 
 def _predicted(fitted: FitResult, u: FloatArray, y: FloatArray, t: FloatArray | None) -> FloatArray:
     """Return the error (K,) of the output predicted one step ahead; NaN where there is no output, or no prediction."""
-    ready = ready_record(fitted.structure, fitted.dt, fitted.preprocess, u, y, t)
+    hold = fitted.filter.input_hold
+    ready = ready_record(fitted.structure, fitted.dt, fitted.preprocess, u, y, t, hold)
     error = prediction_error(fitted.structure, fitted.parameters, ready, fitted.dt)
     found = np.full(y.size, np.nan)
     if error is not None:

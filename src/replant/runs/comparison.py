@@ -127,7 +127,10 @@ def _identify(
     if name in OFFLINE:
         begun = time.perf_counter()
         more: dict[str, Any] = {} if r is None else {"reference": r}
-        fitted = fit(u, y, request.dt, request.structure, method=name, preprocess=request.preprocess, t=t, **more)
+        hold = request.filter if name == "srivc" else AUTO
+        fitted = fit(
+            u, y, request.dt, request.structure, method=name, preprocess=request.preprocess, filter=hold, t=t, **more
+        )
         return Contender(name, result_of_fit(fitted, u, y, begun, t), fitted)
     request = _online(name, request)
     return Contender(name, run_online(request, u, y, lambda done: progress(name, done / u.size), reference=r, t=t))

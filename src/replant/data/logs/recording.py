@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +55,12 @@ class Recording:
     end: float | None = None
     irregularity: str = ""
     unit: float = 1.0
+
+    def of_log(self, log: Log) -> Recording:
+        """Return a recording whose samples are those of a log, which is held in memory."""
+        irregularity = self.irregularity if log.stamps is not None else ""
+        complete = bool(np.isfinite(log.input).all() and np.isfinite(log.output).all())
+        return replace(self, dt=log.dt, samples=len(log), complete=complete, held=log, irregularity=irregularity)
 
     @property
     def irregular(self) -> bool:

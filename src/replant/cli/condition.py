@@ -1,0 +1,68 @@
+"""The options that condition a log before it is identified."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from replant.cli.notes import note
+from replant.data.conditioning import decimate, detrend, resample
+from replant.errors import InvalidArgumentError
+from replant.log import Log
+
+CONDITIONING: list[Callable[[Any], Any]] = [
+    click.option("--detrend", is_flag=True, help="Subtract from each signal the straight line that fits it best."),
+    click.option(
+        "--decimate",
+        type=click.IntRange(2),
+        metavar="N",
+        help="Filter the signals against aliasing and keep one sample of N; the input then goes in straight lines.",
+    ),
+    click.option(
+        "--resample",
+        type=float,
+        metavar="S",
+        help="Put the samples S seconds apart: the input's mean over each interval, the output interpolated.",
+    ),
+]
+
+
+def is_conditioned(options: dict[str, Any]) -> bool:
+    """Return whether the options change the samples, so that the whole log must be in memory."""
+    return bool(options.get("detrend")) or any(options.get(name) is not None for name in ("decimate", "resample"))
+
+
+def input_hold_of(options: dict[str, Any]) -> str:
+    """Return what the input does between two samples, as `replant.Log.input_hold`."""
+    given = options.get("input_hold")
+    return str(given) if given is not None else "foh" if options.get("decimate") else "zoh"
+
+
+def conditioned(log: Log | None, options: dict[str, Any]) -> Log:
+    """Return a log as the options ask for it, and say on standard error what was done.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the log cannot be conditioned so; the message names the option.
+    """
+    assert log is not None
+    for name, change in (("resample", resample), ("decimate", decimate)):
+        if options.get(name) is not None:
+            try:
+                log = change(log, options[name])
+            except InvalidArgumentError as error:
+                raise InvalidArgumentError(f"--{name} {options[name]:g}: {error}") from None
+    if options.get("resample") is not None:
+        note(f"resampled: {len(log):,} samples, {log.dt:g} s apart; where gaps are, both signals are missing")
+    if options.get("decimate") is not None:
+        note(
+            f"decimated: filtered against aliasing, one sample of {options['decimate']} kept, now {len(log):,}, "
+            f"{log.dt:g} s apart"
+        )
+    if options.get("detrend"):
+        log = detrend(log)
+        note("detrended: a straight line is subtracted from each signal, its mean kept")
+    return log

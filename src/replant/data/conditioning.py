@@ -1,0 +1,207 @@
+"""Conditioning of a log before it is identified: trend removed, rate lowered, an irregular clock made regular.
+
+What a user asks for, and nothing by itself.  The three functions return another `Log`; G(s) links its signals as it
+links those of the log, because each is a linear operation applied to input, output and reference alike.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from replant.arguments import FloatArray, positive, whole
+from replant.errors import InvalidArgumentError
+from replant.log import Log
+
+HALF_LENGTH = 10
+"""Half the length of the filter before samples are left out [new sampling times].
+Derivation: with `ATTENUATION` the edge of its passband is then 0.13 new sampling rates wide.
+"""
+
+ATTENUATION = 60.0
+"""Attenuation of what would be aliased [dB]."""
+
+CUTOFF = 0.8
+"""Frequency at which the filter has fallen to a half [new Nyquist frequency]."""
+
+LONGEST_GAP = 3.0
+"""Distance of two stamps from which on the samples between them are taken for lost [usual intervals]."""
+
+SAME = 1e-9
+"""Part of an interval that rounding makes [intervals]."""
+
+COARSEST = 2.0
+"""Longest new sampling time of a log without a filter against aliasing [usual intervals]."""
+
+
+def detrend(log: Log) -> Log:
+    """Subtract from each signal of a log the straight line that fits it best, and keep its mean.
+
+    A sensor that drifts, or a load that grows, adds a line to the output; the input's own line and the plant's answer
+    to it go with it.  A record that is not much longer than the plant's slowest time constant, a single step, and a
+    plant that integrates are no case for it: there the line is part of the answer.
+
+    Parameters
+    ----------
+    log : Log
+
+    Returns
+    -------
+    Log
+        Samples that are missing stay so.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import replant as rp
+    >>> log = rp.examples.motor()
+    >>> drifting = rp.Log(log.input, log.output + np.linspace(0, 500, len(log)), log.dt, None, "u", "y", log.path)
+    >>> for each in log, drifting, rp.detrend(drifting):
+    ...     print(rp.fit(each, poles=1).transfer_function)
+    3623 / (s + 2.127)
+    408.3 / (s - 0.008126)
+    3632 / (s + 2.163)
+    """
+    since = np.arange(log.input.size) * log.dt if log.stamps is None else log.stamps
+
+    def without_line(signal: FloatArray) -> FloatArray:
+        known = np.isfinite(signal)
+        if known.sum() < 2:
+            return signal
+        t = since - since[known].mean()
+        slope = float(t[known] @ signal[known]) / float(t[known] @ t[known])
+        return np.asarray(signal - slope * t)
+
+    return _with_signals(log, without_line)
+
+
+def decimate(log: Log, factor: int) -> Log:
+    """Lower the rate of a log: filter every signal against aliasing, then keep one sample of ``factor``.
+
+    The filter is a symmetric FIR filter, 60 dB down at the new rate's Nyquist frequency, of 20 new sampling times: it
+    moves nothing in time.  The filtered input is no longer held between samples: the log says that it goes on in a
+    straight line, and a fit takes it so.  Samples within ten new sampling times of a missing one are missing.
+
+    Parameters
+    ----------
+    log : Log
+        With a regular clock.
+    factor : int
+        At least 2.
+
+    Returns
+    -------
+    Log
+        With the sampling time ``factor * log.dt`` and the ``input_hold`` "foh".
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the clock is irregular, or the log is shorter than the filter.
+
+    Examples
+    --------
+    >>> import replant as rp
+    >>> log = rp.decimate(rp.examples.motor(), 2)
+    >>> len(log), log.dt, log.input_hold
+    (2047, 0.04, 'foh')
+    """
+    from scipy import signal as filters  # slow to import
+
+    factor = whole("factor", factor, 2)
+    if log.stamps is not None:
+        raise InvalidArgumentError("the clock is irregular: a log is decimated on a regular clock; resample it before")
+    half = HALF_LENGTH * factor
+    if log.input.size <= 2 * half:
+        raise InvalidArgumentError(
+            f"the log has {log.input.size} samples: decimation by {factor} needs more than {2 * half}"
+        )
+    weights = filters.firwin(2 * half + 1, CUTOFF / factor, window=("kaiser", filters.kaiser_beta(ATTENUATION)))
+
+    def thinned(signal: FloatArray) -> FloatArray:
+        known = np.isfinite(signal)
+        level = float(signal[known].mean()) if known.any() else 0.0
+        padded = np.pad(np.where(known, signal - level, 0.0), half, mode="reflect", reflect_type="odd")
+        smooth = level + filters.oaconvolve(padded, weights, mode="valid")
+        if not known.all():
+            reached = np.convolve(np.pad(~known, half), np.ones(2 * half + 1), mode="valid")
+            smooth[reached > 0] = np.nan
+        return np.asarray(smooth[::factor])
+
+    time = None if log.time is None else log.time[::factor]
+    return _with_signals(log, thinned, dt=log.dt * factor, time=time, input_hold="foh")
+
+
+def resample(log: Log, dt: float) -> Log:
+    """Put a log onto a regular clock, for the methods that need one.
+
+    The input, which is held between its stamps, becomes its mean over each new interval, so that its integral is
+    kept.  The output is interpolated in a straight line between its stamps.  In a gap of more than three usual
+    intervals both are missing.  The methods that use instruments take an irregular clock as it is, without error: keep
+    them where you can.
+
+    Parameters
+    ----------
+    log : Log
+    dt : float
+        New sampling time in s, at most twice the usual interval: beyond, `decimate` lowers the rate without aliasing.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If ``dt`` is not positive, or too long.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pathlib import Path
+    >>> t = np.array([0.0, 1.0, 2.5, 3.0, 4.0])
+    >>> late = Log(np.array([0.0, 1.0, 2.0, 3.0, 3.0]), 2 * t, 1.0, t, "u", "y", Path("log.csv"))
+    >>> again = resample(late, 1.0)
+    >>> again.input, again.output
+    (array([0. , 1. , 1.5, 3. , 3. ]), array([0., 2., 4., 6., 8.]))
+    """
+    dt = positive("dt", dt)
+    t = np.arange(log.input.size) * log.dt if log.stamps is None else log.stamps
+    usual = float(np.median(np.diff(t))) if t.size > 1 else log.dt
+    if dt > COARSEST * usual * (1 + 1e-9):
+        raise InvalidArgumentError(
+            f"the new sampling time of {dt:g} s is more than twice the usual interval of {usual:g} s: samples in "
+            "between would be lost; decimate lowers the rate, with a filter against aliasing"
+        )
+    count = math.floor((t[-1] - t[0]) / dt * (1 + 1e-12)) + 1
+    grid = t[0] + dt * np.arange(count)
+    lost = np.diff(t) > LONGEST_GAP * usual
+    after = np.clip(np.searchsorted(t, grid, "right"), 1, t.size - 1) - 1
+    missing = lost[after] & (grid > t[after]) & (grid < t[after + 1])
+
+    edges = np.append(grid, grid[-1] + dt)
+
+    def integral(signal: FloatArray) -> FloatArray:
+        within = np.concatenate([[0.0], np.cumsum(signal[:-1] * np.diff(t))])
+        return np.asarray(np.interp(edges, t, within) + np.maximum(edges - t[-1], 0.0) * signal[-1])
+
+    def averaged(signal: FloatArray) -> FloatArray:
+        known = np.isfinite(signal)
+        means = np.diff(integral(np.where(known, signal, 0.0))) / dt
+        unknown = np.diff(integral((~known).astype(float))) > SAME * dt
+        return np.asarray(np.where(missing | unknown, np.nan, means))
+
+    def interpolated(signal: FloatArray) -> FloatArray:
+        return np.asarray(np.where(missing, np.nan, np.interp(grid, t, signal)))
+
+    reference = None if log.reference is None else averaged(log.reference)
+    return dataclasses.replace(
+        log, input=averaged(log.input), output=interpolated(log.output), reference=reference, dt=dt,
+        time=grid, irregular=False, earlier=0,
+    )  # fmt: skip
+
+
+def _with_signals(log: Log, change: Callable[[FloatArray], FloatArray], **other: Any) -> Log:
+    """Return a log with each signal changed, and other fields replaced."""
+    reference = None if log.reference is None else change(log.reference)
+    return dataclasses.replace(log, input=change(log.input), output=change(log.output), reference=reference, **other)

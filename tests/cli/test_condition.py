@@ -1,0 +1,113 @@
+"""The options that condition a log, and those that give an optimizer its settings."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.cli import main
+from replant.cli.optimizer_option import OptimizerChoice
+from replant.optimizers import OPTIMIZERS
+from replant.signals import prbs
+
+PLANT = rp.TransferFunction([4.0], [1.0, 2.0])
+DT = 0.01
+OPTIONS = ("-i", "u", "-o", "y", "-p", "1", "--json")
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    u = prbs(6000, hold=20, bits=9)
+    y = PLANT.simulate(u, DT)
+    path = tmp_path / "log.csv"
+    rows = (f"{DT * k:.2f},{u[k]},{y[k].item()!r}\n" for k in range(u.size))
+    path.write_text("t,u,y\n" + "".join(rows))
+    return path
+
+
+def model_of(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[dict[str, object], str]:
+    main([*map(str, words), *OPTIONS])
+    said = capsys.readouterr()
+    answer: dict[str, object] = json.loads(said.out)
+    return answer, said.err
+
+
+def values_of(answer: dict[str, object]) -> list[float]:
+    parameters = answer["parameters"]
+    assert isinstance(parameters, dict)
+    return [entry["value"] for entry in parameters.values()]
+
+
+@pytest.mark.parametrize("command", ["run", "fit"])
+def test_a_decimated_log_gives_the_same_plant_and_the_filter_is_said(
+    capsys: pytest.CaptureFixture[str], log: Path, command: str
+) -> None:
+    answer, notes = model_of(capsys, command, log, "--decimate", 5)
+    assert (answer["dt"], answer["input_hold"]) == (0.05, "foh")
+    assert "filtered against aliasing" in notes
+    np.testing.assert_allclose(values_of(answer), [2.0, 4.0], rtol=0.01)
+
+
+def test_a_log_is_resampled_and_detrended_as_in_python(capsys: pytest.CaptureFixture[str], log: Path) -> None:
+    answer, notes = model_of(capsys, "fit", log, "--resample", 0.015, "--detrend")
+    whole = rp.read_log(log, input="u", output="y")
+    expected = rp.fit(rp.detrend(rp.resample(whole, 0.015)), poles=1)
+    assert values_of(answer) == expected.parameters.tolist()
+    assert "resampled" in notes
+    assert "detrended" in notes
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (("--decimate", 1), "--decimate"),
+        (("--decimate", 400), "--decimate 400: the log has 6000 samples"),
+        (("--resample", 0.5), "--resample 0.5: the new sampling time"),
+        (("--resample", "nan"), "--resample nan: dt must be"),
+        (("--input-hold", "spline"), "'spline' is not one of"),
+    ],
+)
+def test_what_cannot_be_done_names_the_option(
+    capsys: pytest.CaptureFixture[str], log: Path, words: tuple[object, ...], problem: str
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        model_of(capsys, "fit", log, *words)
+    assert ended.value.code == 2
+    assert problem in capsys.readouterr().err
+
+
+def test_an_optimizer_takes_its_settings(capsys: pytest.CaptureFixture[str], log: Path) -> None:
+    main(["run", str(log), "-i", "u", "-o", "y", "-p", "1", "--optimizer", "AMSGrad:step-size=0.003, beta1=0.8"])
+    assert "AMSGrad(step_size=0.003, beta1=0.8" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("typed", "problem"),
+    [
+        ("amsgrad:stepsize=1", "did you mean 'step_size'?"),
+        ("amsgrad:beta1=0.8", "amsgrad needs step_size too"),
+        ("amsgrad:step_size", "write a number behind step_size="),
+        ("amsgrad:step_size=fast", "write a number behind step_size="),
+        ("amsgrad:step_size=-1", "step_size must be"),
+        ("auto:gain=1", "auto takes no settings"),
+        ("adan:gain=1", "did you mean"),
+    ],
+)
+def test_settings_that_cannot_be_are_named(
+    capsys: pytest.CaptureFixture[str], log: Path, typed: str, problem: str
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        model_of(capsys, "run", log, "--optimizer", typed)
+    assert ended.value.code == 2
+    assert problem in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize("name", OPTIMIZERS)
+def test_every_optimizer_is_written_as_it_is_read(name: str) -> None:
+    option, chosen = OptimizerChoice(), OPTIMIZERS[name].suggested(0.01, 1000)
+    assert option.convert(option.written(chosen), None, None) == chosen
+    assert option.written(option.convert(name, None, None)) == name
