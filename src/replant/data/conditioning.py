@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -76,7 +74,12 @@ def detrend(log: Log) -> Log:
         slope = float(t[known] @ signal[known]) / float(t[known] @ t[known])
         return np.asarray(signal - slope * t)
 
-    return _with_signals(log, without_line)
+    return dataclasses.replace(
+        log,
+        input=without_line(log.input),
+        output=without_line(log.output),
+        reference=None if log.reference is None else without_line(log.reference),
+    )
 
 
 def decimate(log: Log, factor: int) -> Log:
@@ -84,7 +87,8 @@ def decimate(log: Log, factor: int) -> Log:
 
     The filter is a symmetric FIR filter, 60 dB down at the new rate's Nyquist frequency, of 20 new sampling times: it
     moves nothing in time.  The filtered input is no longer held between samples: the log says that it goes on in a
-    straight line, and a fit takes it so.  Samples within ten new sampling times of a missing one are missing.
+    straight line, and a fit takes it so.  Ten new sampling times at either end, which the filter does not reach, are
+    left out; samples within ten of a missing one are missing.
 
     Parameters
     ----------
@@ -108,7 +112,7 @@ def decimate(log: Log, factor: int) -> Log:
     >>> import replant as rp
     >>> log = rp.decimate(rp.examples.motor(), 2)
     >>> len(log), log.dt, log.input_hold
-    (2047, 0.04, 'foh')
+    (2027, 0.04, 'foh')
     """
     from scipy import signal as filters  # slow to import
 
@@ -125,15 +129,26 @@ def decimate(log: Log, factor: int) -> Log:
     def thinned(signal: FloatArray) -> FloatArray:
         known = np.isfinite(signal)
         level = float(signal[known].mean()) if known.any() else 0.0
-        padded = np.pad(np.where(known, signal - level, 0.0), half, mode="reflect", reflect_type="odd")
-        smooth = level + filters.oaconvolve(padded, weights, mode="valid")
+        smooth = level + filters.oaconvolve(np.where(known, signal - level, 0.0), weights, mode="valid")
         if not known.all():
-            reached = np.convolve(np.pad(~known, half), np.ones(2 * half + 1), mode="valid")
+            reached = np.convolve(~known, np.ones(2 * half + 1), mode="valid")
             smooth[reached > 0] = np.nan
         return np.asarray(smooth[::factor])
 
-    time = None if log.time is None else log.time[::factor]
-    return _with_signals(log, thinned, dt=log.dt * factor, time=time, input_hold="foh")
+    def centred(signal: FloatArray) -> FloatArray:
+        """Return a held signal at its stamps as a straight line has it: the mean of the steps that meet there."""
+        before = np.concatenate([signal[:1], signal[:-1]])
+        return np.asarray((before + signal) / 2 if log.input_hold == "zoh" else signal)
+
+    return dataclasses.replace(
+        log,
+        input=thinned(centred(log.input)),
+        output=thinned(log.output),
+        reference=None if log.reference is None else thinned(centred(log.reference)),
+        dt=log.dt * factor,
+        time=None if log.time is None else log.time[half : log.input.size - half : factor],
+        input_hold="foh",
+    )
 
 
 def resample(log: Log, dt: float) -> Log:
@@ -199,9 +214,3 @@ def resample(log: Log, dt: float) -> Log:
         log, input=averaged(log.input), output=interpolated(log.output), reference=reference, dt=dt,
         time=grid, irregular=False, earlier=0,
     )  # fmt: skip
-
-
-def _with_signals(log: Log, change: Callable[[FloatArray], FloatArray], **other: Any) -> Log:
-    """Return a log with each signal changed, and other fields replaced."""
-    reference = None if log.reference is None else change(log.reference)
-    return dataclasses.replace(log, input=change(log.input), output=change(log.output), reference=reference, **other)
