@@ -37,6 +37,17 @@ def test_one_outlier_is_named_and_changes_nothing(size: float) -> None:
     assert found.simulation.fit > clean.simulation.fit - 0.5
 
 
+@pytest.mark.parametrize("number", [30, 60, 85])
+def test_an_outlier_at_a_step_of_the_input_is_one_all_the_same(number: int) -> None:
+    u, y = noisy(1)
+    at = np.flatnonzero(np.diff(u))[[number]] + 1
+    clean = rp.fit(u, y, DT, STRUCTURE)
+    y[at] = 1e4
+    found = rp.fit(u, y, DT, STRUCTURE)
+    assert found.outliers.tolist() == at.tolist()
+    assert away(found, clean) < 0.3
+
+
 def test_many_outliers_are_found() -> None:
     u, y = noisy(2)
     clean = rp.fit(u, y, DT, STRUCTURE)

@@ -70,6 +70,11 @@ Origin: not recorded.
 Sensitivity: not measured.
 """
 
+BY_CHANCE = 0.01
+"""Probability below which outliers are no longer at steps of the input by chance.
+Level: 0.01, of a binomial test; a lone outlier is taken for an answer where steps are rarer than one sample in 100.
+"""
+
 Solve = Callable[[FloatArray], tuple[Record, Refined | None]]
 Simulate = Callable[[Refined, FloatArray], FloatArray | None]
 
@@ -190,5 +195,12 @@ def _outliers(u: FloatArray, y: FloatArray, error: FloatArray) -> BoolArray:
     found[known] = away > max(limit, STEPS * step if step < math.inf else 0.0)
     steps = np.abs(np.diff(u, prepend=u[:1])) > JUMP * float(np.ptp(u[np.isfinite(u)]))
     steps |= np.roll(steps, 1)
-    follow = float(steps.mean()) < 0.5 and 2 * int((found & steps).sum()) > int(found.sum())
+    follow = _more_than_chance(int((found & steps).sum()), int(found.sum()), float(steps.mean()))
     return nothing if follow or not 0 < int(found.sum()) <= MOST * error.size else found
+
+
+def _more_than_chance(at_steps: int, outliers: int, share: float) -> bool:
+    """Return whether more outliers are at steps than the share of steps among the samples makes by chance."""
+    from scipy import special  # slow to import
+
+    return 2 * at_steps > outliers and float(special.bdtrc(at_steps - 1, outliers, share)) < BY_CHANCE

@@ -341,3 +341,20 @@ def test_an_error_beyond_the_first_block_has_its_line(
     rows[252] = "1,2"
     with pytest.raises(LogError, match="line 254 has 2 cells where line 1 has 3"):
         read_columns(write(end.join(["t,u,y", *rows]).encode())).column("u")
+
+
+def test_a_title_above_the_names_is_left_out_and_said(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("Motor test\n\nOperator;Smith\nt;u;y\ns;V;mm\n0;1;2\n1;3;4\n2;5;6\n3;7;8\n")
+    table = read_columns(path)
+    assert table.names == ("t [s]", "u [V]", "y [mm]")
+    assert table.notes == (f"{path}: lines 1 to 3 are above the names, and left out",)
+    assert table.column("y").tolist() == [2.0, 4.0, 6.0, 8.0]
+
+
+@pytest.mark.parametrize("above", ["t,u\n", "0,1\n", "t u y\n"])
+def test_a_short_line_above_numbers_is_no_title(tmp_path: Path, above: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(above + "0,1,2\n1,3,4\n2,5,6\n")
+    with pytest.raises(LogError, match="line 2"):
+        read_columns(path).column(0)

@@ -11,6 +11,7 @@ from replant.data.inspection.columns import Column, Contents, read_contents
 from replant.data.inspection.influence import Response, prepared, response
 from replant.data.inspection.roles import INPUT, OUTPUT, Roles, find_roles
 from replant.data.logs.formats import read_columns
+from replant.data.logs.rasters import side_by_side
 from replant.data.logs.table import Table
 
 POLES = 2
@@ -101,7 +102,7 @@ def inspect(
     >>> found.clock.dt, found.roles.input.column.name, options_of(found)
     (0.1, 'u', ('-i', 'u', '-o', 'y', '-p', '2'))
     """
-    table = read_columns(path)
+    table = side_by_side(read_columns(path))
     given = {role: table.find(key) for role, key in ((INPUT, input), (OUTPUT, output)) if key is not None}
     for number in given.values():
         table.column(number)  # raises, with the place of the cell that is no number

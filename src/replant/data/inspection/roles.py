@@ -166,14 +166,16 @@ class _Forces:
 def _candidates(signals: dict[int, Column], role: str, known: dict[str, int]) -> list[int]:
     """Return the columns that may have a role: the one given, else those named so, else those not named otherwise.
 
-    Beside a column that is given, any other, too: the names may tell what they told of that one.
+    Where all are named otherwise, any but a reference: two channels of one topic share its name.  Beside a column that
+    is given, a reference, too.
     """
     if role in known:
         return [number for number in (known[role],) if number in signals]
     others = [column for number, column in signals.items() if number not in known.values()]
     named = [column.number for column in others if role_by_name(column.name) == role]
     unnamed = [column.number for column in others if role_by_name(column.name) is None]
-    return named or unnamed or [column.number for column in others if known]
+    rest = [column.number for column in others if known or role_by_name(column.name) != REFERENCE]
+    return named or unnamed or rest
 
 
 def _score(a: Column, b: Column, forces: _Forces) -> float:

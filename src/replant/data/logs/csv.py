@@ -59,6 +59,10 @@ def read(path: Path) -> Table:
         If the file is empty, is not text, or has no row of data.
     """
     layout, notes = sniff(path), []
+    if layout.title:
+        first, last = layout.title[0], layout.title[-1]
+        lines = f"line {first} is" if first == last else f"lines {first} to {last} are"
+        notes.append(f"{path}: {lines} above the names, and left out")
     cut = cut_line(path, layout)
     if cut:
         layout = replace(layout, is_cut=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -142,6 +142,56 @@ def merged(table: Table, roles: Mapping[str, int]) -> Table:
         in_seconds=frozenset({0}),
         approximate_rows=found.t.size,
         notes=table.notes,
+    )
+
+
+def side_by_side(table: Table) -> Table:
+    """Return a table to look at: every channel at the stamps of the one with the most samples, and these as the time.
+
+    Each value is held until the next one; before the first there is none.  The columns keep their numbers, and the time
+    comes behind them.  To identify, two channels are `merged`.
+
+    Parameters
+    ----------
+    table : Table
+
+    Raises
+    ------
+    LogError
+        If no channel can be read.
+
+    Examples
+    --------
+    >>> u = Channel("u", lambda: Signal(np.array([0.0, 2.0]), np.array([1.0, 2.0])))
+    >>> y = Channel("y", lambda: Signal(np.arange(4.0), np.zeros(4)))
+    >>> side_by_side(channel_table(Path("log.mf4"), [u, y])).column("u")
+    array([1., 1., 2., 2.])
+    """
+    if table.stamps is None:
+        return table
+    stamps, problems = {}, []
+    for number in range(len(table.names)):
+        try:
+            stamps[number] = table.stamps(number)
+        except LogError as problem:
+            problems.append(problem)
+    if not stamps:
+        raise problems[0]
+    time, stamps_of = max(stamps.values(), key=len), table.stamps
+
+    def column(number: int) -> NDArray[np.float64]:
+        if number == len(table.names):
+            return time - time[:1]
+        values, t = table.column(number), stamps_of(number)
+        newest = np.searchsorted(np.maximum.accumulate(t), time, "right") - 1
+        return np.where(newest < 0, np.nan, values[newest]) if t.size else np.full(time.size, np.nan)
+
+    return replace(
+        table,
+        names=(*table.names, TIME),
+        blocks=lambda numbers: iter([[column(number) for number in numbers]]),
+        stamps=None,
+        in_seconds=frozenset({len(table.names)}),
     )
 
 

@@ -62,6 +62,8 @@ class Layout:
         What its cells hold.
     is_cut : bool
         Whether its last line is cut off, and left out.
+    title : range
+        The 1-based lines above the names, which are left out: a title, a serial number.
     """
 
     names: tuple[str, ...]
@@ -71,6 +73,7 @@ class Layout:
     encoding: str
     content: Content = field(default_factory=Content)
     is_cut: bool = False
+    title: range = range(0)
 
 
 def is_data(line: str) -> bool:
@@ -108,6 +111,7 @@ def sniff(path: Path) -> Layout:
     if not rows:
         raise LogError(f"{path}: the file is empty; a log has a row of names and one row of numbers per sample")
     delimiter = _delimiter([line for _, line in rows])
+    above, rows = rows[0][0], _below_title(rows, delimiter)
     number, line = rows[0]
     try:
         first = split_line(line, delimiter)
@@ -125,7 +129,8 @@ def sniff(path: Path) -> Layout:
     if units is not None:
         names, rows, below = with_units(names, units), rows[1:], below[1:]
     _check_lengths(path, number, names)
-    return Layout(names, delimiter, number, rows[1][0], encoding, content_of(names, below, delimiter))
+    title = range(above, number)
+    return Layout(names, delimiter, number, rows[1][0], encoding, content_of(names, below, delimiter), title=title)
 
 
 def _check_lengths(path: Path, number: int, names: Sequence[str]) -> None:
@@ -231,6 +236,16 @@ def _split_or_none(line: str, delimiter: str | None) -> list[str] | None:
         return split_line(line, delimiter)
     except CellError:
         return None
+
+
+def _below_title(rows: list[tuple[int, str]], delimiter: str | None) -> list[tuple[int, str]]:
+    """Return the rows from the names on: lines of fewer cells above a row of names are a title."""
+    widths = [len(_split_or_none(line, delimiter) or ()) for _, line in rows]
+    usual = Counter(widths).most_common(1)[0][0]
+    at = widths.index(usual)
+    names = _split_or_none(rows[at][1], delimiter) or []
+    is_title = at > 0 and max(widths[:at]) < usual and len(rows) > at + 1
+    return rows[at:] if is_title and all(name[:1].isalpha() for name in names) else rows
 
 
 def _is_header(path: Path, line: int, first: Sequence[str], others: Sequence[Sequence[str]]) -> bool:
