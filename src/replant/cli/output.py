@@ -91,15 +91,18 @@ def deliver(
             click.echo(f"\nSettings chosen from the data; in Python:\n{identifier_as_python(result.settings)}")
         for path in paths:
             click.echo(f"wrote {path}")
-        _say_what_next(keeping)
+        _say_what_next(keeping, result.verdict.status, is_searched="candidates" in report)
     check_required(keeping.required, [result.verdict, *(each.verdict for _, each in validations)])
 
 
-def _say_what_next(keeping: Keeping) -> None:
-    """Print how the model is kept and checked, as far as the command did not ask for it."""
+def _say_what_next(keeping: Keeping, status: str, *, is_searched: bool) -> None:
+    """Print what to do with the model, as far as the command did not ask for it."""
     if is_quiet() or keeping.other_logs:
         return
-    if keeping.saved is None:
+    if status == "inconsistent" and not is_searched:
+        command = "" if click.get_current_context().info_name == "fit" else "replant fit with "
+        click.echo(f"\nNext: search the structure with {command}-p 1:3, and --delay 0:1:0.1 where there is dead time")
+    elif keeping.saved is None:
         click.echo("\nNext: keep the model with --save model.json, check it on another log with --validate LOG2")
     else:
         click.echo(f"\nNext: check the model on another log, replant validate {keeping.saved} LOG2")
