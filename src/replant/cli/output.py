@@ -100,8 +100,9 @@ def _say_what_next(keeping: Keeping, status: str, *, is_searched: bool) -> None:
     if is_quiet() or keeping.other_logs:
         return
     if status == "inconsistent" and not is_searched:
-        command = "" if click.get_current_context().info_name == "fit" else "replant fit with "
-        click.echo(f"\nNext: search the structure with {command}-p 1:3, and --delay 0:1:0.1 where there is dead time")
+        click.echo(
+            "\nNext: let `replant fit` search the structure, with -p 1:3, and --delay 0:1:0.1 where there is dead time"
+        )
     elif keeping.saved is None:
         click.echo("\nNext: keep the model with --save model.json, check it on another log with --validate LOG2")
     else:
