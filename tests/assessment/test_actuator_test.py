@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.assessment.actuator_test import play
+from replant.kernels.filters.play import play
 from replant.signals import random_steps
 from support.builders import DT, binary
 
@@ -71,9 +71,3 @@ def test_a_pole_too_few_is_no_actuator() -> None:
     found = ident.assess()
     assert found.status == "inconsistent"
     assert not any("the actuator seems" in reason for reason in found.reasons), found.reasons
-
-
-def test_a_play_follows_where_it_is_pushed() -> None:
-    """Between the walls nothing moves; from then on the distance to the input is half of the play."""
-    v = np.array([0.0, 0.1, 0.3, 1.0, 0.9, 0.6, -1.0])
-    np.testing.assert_allclose(play(v, 0.2), [0.0, 0.0, 0.1, 0.8, 0.8, 0.8, -0.8])

@@ -17,7 +17,6 @@ Krasnosel'skii and Pokrovskii (1989), "Systems with Hysteresis" (the play operat
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -138,21 +137,11 @@ def _scaled(u: FloatArray) -> FloatArray:
 
 def _curves(v: FloatArray) -> Iterator[tuple[FloatArray, tuple[str, str]]]:
     """Yield curves (K, C) of the scaled input, and what they are where they grow less and more than straight ones."""
+    from replant.kernels.filters.play import play  # compiled: imported where it is used
+
     yield np.column_stack([v**3, v**5]), (SATURATES, DEAD)
     yield np.abs(v)[:, None], (LOPSIDED, LOPSIDED)
     yield np.column_stack([play(v, width) for width in WIDTHS]), (LOOSE, LOOSE)
-
-
-def play(v: FloatArray, width: float) -> FloatArray:
-    """Return the output (K,) of a play of half a width behind a signal: it follows where it is pushed.
-
-    Examples
-    --------
-    >>> play(np.array([0.0, 1.0, 0.8, 0.0]), 0.5)
-    array([0. , 0.5, 0.5, 0.5])
-    """
-    pushed = itertools.accumulate(v.tolist(), lambda held, at: min(max(held, at - width), at + width), initial=0.0)
-    return np.array(list(pushed)[1:])
 
 
 def _grows_outward(v: FloatArray, curve: FloatArray) -> bool:

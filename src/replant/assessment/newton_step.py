@@ -179,8 +179,8 @@ class Whitened:
     def step(self, rows: slice) -> tuple[FloatArray, FloatArray, float]:
         """Return the step (n,) that some rows ask for, its covariance C (n, n), and step' C^-1 step."""
         nuisances = self.nuisances[rows]
-        zeta = without(self.slopes[rows], nuisances)
-        error = without(self.white[rows, None], nuisances)[:, 0]
+        moving = without(np.column_stack([self.slopes[rows], self.white[rows]]), nuisances)
+        zeta, error = moving[:, :-1], moving[:, -1]
         lengths = lengths_of(zeta)
         zeta = zeta / lengths
         instruments = _instruments(zeta, None if self.by_reference is None else self.by_reference[rows], nuisances)
