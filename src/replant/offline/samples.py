@@ -1,14 +1,24 @@
-"""Samples: what `fit`, `search` and `run` are given: a log, or arrays and a sampling time."""
+"""Samples: what `fit`, `search` and `run` are given: a log, several, or arrays and a sampling time."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.log import Log
 from replant.offline.fit_result import FitResult
 from replant.regressor.preprocess import Preprocess
+
+BETWEEN = 1000.0
+"""Gap between two logs that are fitted together [sampling times].
+Derivation: a gap of any length begins a new part; none of the estimate depends on it.
+"""
+
+SAME_CLOCK = 1e-3
+"""Difference of two logs' sampling times up to which they are the same [part]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +65,10 @@ class Samples:
         InvalidArgumentError
             If there is a log and something else.
         """
+        if isinstance(u, list | tuple) and u and all(isinstance(each, Log) for each in u):
+            if any(given is not None for given in (y, dt, t, reference)):
+                raise InvalidArgumentError("logs have their own outputs, clocks and references: give them alone")
+            return cls.of_several(list(u))
         if isinstance(u, Log):
             if any(given is not None for given in (y, dt, t, reference)):
                 raise InvalidArgumentError(
@@ -67,6 +81,42 @@ class Samples:
         if y is None or dt is None:
             raise ArgumentTypeError("give a Log, or input u, output y and sampling time dt: fit(u, y, dt, poles=2)")
         return cls(u, y, dt, t, reference)
+
+    @classmethod
+    def of_several(cls, logs: list[Log]) -> Samples:
+        """Return the samples of several logs of one rig, one behind the other with a gap between.
+
+        Behind the gap the state is estimated anew, as behind any other.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the logs differ in sampling time, signals or input hold.
+        """
+        first, origin, stamps = logs[0], 0.0, []
+        for number, log in enumerate(logs):
+            for what in ("input_name", "output_name", "reference_name", "input_hold"):
+                if getattr(log, what) != getattr(first, what):
+                    raise InvalidArgumentError(
+                        f"log {number} differs in its {what}: {getattr(log, what)!r}, the first has "
+                        f"{getattr(first, what)!r}; give logs of the same signals"
+                    )
+            if not abs(log.dt / first.dt - 1.0) < SAME_CLOCK:
+                raise InvalidArgumentError(
+                    f"log {number} has the sampling time {log.dt:g} s, the first {first.dt:g} s; resample one of them"
+                )
+            t = first.dt * np.arange(log.input.size) if log.stamps is None else log.stamps - log.stamps[0]
+            stamps.append(origin + t)
+            origin = float(stamps[-1][-1]) + BETWEEN * first.dt
+        if len(logs) == 1:
+            return cls.of(first, None, None, None, None)
+        u, y = (np.concatenate([getattr(log, name) for log in logs]) for name in ("input", "output"))
+        r = None if first.reference is None else np.concatenate([log.reference for log in logs])
+        source = ", ".join(log.path.name for log in logs)
+        return cls(
+            u, y, first.dt, np.concatenate(stamps), r, first.input_name, first.output_name, source, True,
+            first.input_hold,
+        )  # fmt: skip
 
     @property
     def preprocess(self) -> Preprocess:

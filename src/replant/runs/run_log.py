@@ -37,8 +37,8 @@ def run(
 
     Parameters
     ----------
-    u : (K,) array or Log
-        Raw input, or a log with input, output and sampling time.
+    u : (K,) array, Log or list of Log
+        Raw input, or a log with input, output and sampling time; or several logs of one rig, which give one model.
     y : (K,) array
         Output.
     dt : float

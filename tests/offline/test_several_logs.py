@@ -1,0 +1,73 @@
+"""Several logs of one rig give one model, each from a state of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replant as rp
+
+TRUE = np.array([0.8, 4.0, 4.0])
+DT = 0.05
+
+
+def log(seed: int, noise: float = 0.05, delay: float = 0.0, samples: int = 1000, **more: Any) -> rp.Log:
+    """A record that begins in full motion, at a level of 3."""
+    random = np.random.default_rng(seed)
+    u = np.repeat(random.choice([-1.0, 1.0], (samples + 300) // 10), 10)
+    y = 3.0 + rp.TransferFunction([4.0], [1.0, 0.8, 4.0], delay=delay).simulate(u, DT)
+    y += noise * random.standard_normal(u.size)
+    return rp.Log(u[300:], y[300:], DT, None, "u", "y", Path(f"log{seed}.csv"), **more)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.4])
+@pytest.mark.parametrize("identify", [rp.fit, rp.run])
+def test_without_noise_the_plant_comes_out_exactly(identify: Callable[..., Any], delay: float) -> None:
+    logs = [log(seed, 0.0, delay) for seed in (1, 2, 3)]
+    model = identify(logs, structure=rp.Structure(2, delay=delay)).model
+    np.testing.assert_allclose(model.parameters[:3], TRUE, rtol=1e-8)
+    assert model.simulated_fit > 99.99
+    assert model.provenance.source == "log1.csv, log2.csv, log3.csv"
+
+
+def test_they_know_as_much_as_all_of_them() -> None:
+    """The information adds up: four records have half the standard deviation of one, and the truth lies within."""
+    alone, together = (rp.fit([log(seed) for seed in seeds], poles=2) for seeds in ([1], [1, 2, 3, 4]))
+    assert alone.uncertainty is not None
+    assert together.uncertainty is not None
+    assert together.samples == 4000
+    np.testing.assert_allclose(together.uncertainty.std / alone.uncertainty.std, 0.5, rtol=0.25)
+    assert (np.abs(together.parameters - TRUE) / together.uncertainty.std).max() < 4.0
+    assert together.verdict.status == "trusted"
+
+
+def test_a_search_takes_them_too() -> None:
+    found = rp.search([log(1), log(2)], poles=[1, 2], zeros=[0])
+    assert found.best.structure == rp.Structure(2)
+
+
+def test_one_log_in_a_list_is_that_log() -> None:
+    np.testing.assert_array_equal(rp.fit([log(1)], poles=2).parameters, rp.fit(log(1), poles=2).parameters)
+
+
+@pytest.mark.parametrize(
+    ("other", "problem"),
+    [
+        (replace(log(2), dt=0.1), "log 1 has the sampling time 0.1 s"),
+        (replace(log(2), output_name="z"), "log 1 differs in its output_name: 'z'"),
+        (replace(log(2), input_hold="foh"), "log 1 differs in its input_hold"),
+    ],
+)
+def test_logs_that_do_not_belong_together_are_refused(other: rp.Log, problem: str) -> None:
+    with pytest.raises(rp.InvalidArgumentError, match=problem):
+        rp.fit([log(1), other], poles=2)
+
+
+def test_they_stand_alone() -> None:
+    with pytest.raises(rp.InvalidArgumentError, match="give them alone"):
+        rp.fit([log(1), log(2)], None, DT, poles=2)
