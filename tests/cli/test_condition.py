@@ -1,4 +1,4 @@
-"""The options that condition a log, and those that give an optimizer its settings."""
+"""The options that condition a log, give an optimizer its settings, and show progress."""
 
 from __future__ import annotations
 
@@ -111,3 +111,13 @@ def test_every_optimizer_is_written_as_it_is_read(name: str) -> None:
     option, chosen = OptimizerChoice(), OPTIMIZERS[name].suggested(0.01, 1000)
     assert option.convert(option.written(chosen), None, None) == chosen
     assert option.written(option.convert(name, None, None)) == name
+
+
+def test_progress_is_printed_in_lines_where_it_is_asked_for(capsys: pytest.CaptureFixture[str], log: Path) -> None:
+    _, said = model_of(capsys, "run", log, "--progress")
+    lines = [line for line in said.splitlines() if line.startswith("replant: identifying ")]
+    assert lines[-1] == "replant: identifying 100 %"
+    assert 2 <= len(lines) <= 11
+    assert "identifying" not in model_of(capsys, "run", log)[1]
+    with pytest.raises(SystemExit):
+        model_of(capsys, "run", log, "--progress", "--quiet")

@@ -15,9 +15,9 @@ from replant.cli.keeping import kept
 from replant.cli.options import log_options, open_log
 from replant.cli.output import (
     make_folder,
-    progress_bar,
     write_errors_reported,
 )
+from replant.cli.progress import progress_bar
 from replant.cli.typed import command_line
 from replant.data.logs import Log
 from replant.errors import InvalidArgumentError

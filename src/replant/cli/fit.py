@@ -16,7 +16,8 @@ from replant.cli.options import (
     read,
     search_options,
 )
-from replant.cli.output import deliver, make_folder, progress_bar
+from replant.cli.output import deliver, make_folder
+from replant.cli.progress import progress_bar
 from replant.data.logs import Log
 from replant.offline.fit import METHODS, fit
 from replant.offline.fit_result import FitResult

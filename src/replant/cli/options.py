@@ -16,6 +16,7 @@ from replant.cli.condition import CONDITIONING, conditioned, input_hold_of, is_c
 from replant.cli.missing import check_complete
 from replant.cli.notes import note, silence
 from replant.cli.optimizer_option import OptimizerChoice
+from replant.cli.progress import ask
 from replant.cli.ranges import Seconds, Whole
 from replant.data.logs import (
     Log,
@@ -115,6 +116,11 @@ _REST: list[Callable[[Any], Any]] = [
     INPUT_HOLD,
     *CONDITIONING,
     click.option("--quiet", is_flag=True, help="Print the result and errors only: no notes, no progress."),
+    click.option(
+        "--progress",
+        is_flag=True,
+        help="Print progress in lines where standard error is no terminal.",
+    ),
     click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
     click.option(
         "--out", type=click.Path(path_type=Path), metavar="DIR", help="Write plots (PNG) and report.html here."
@@ -134,9 +140,13 @@ def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def _decorated(command: Callable[..., Any], options: list[Callable[[Any], Any]]) -> Callable[..., Any]:
     @functools.wraps(command)
-    def checked(*, quiet: bool, **given: Any) -> Any:
+    def checked(*, quiet: bool, progress: bool, **given: Any) -> Any:
+        if quiet and progress:
+            raise click.UsageError("--quiet and --progress: give one of them")
         if quiet:
             silence()
+        if progress:
+            ask()
         check_complete(given)
         return command(**given)
 

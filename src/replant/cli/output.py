@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,7 +16,6 @@ from replant.cli.notes import is_quiet
 from replant.cli.typed import command_line
 from replant.data.logs import Log
 from replant.report.html.python_program import identifier_as_python
-from replant.report.number_format import with_prefix
 from replant.report.terminal.summary import as_json as result_as_json
 from replant.report.terminal.summary import print_result, record_line
 from replant.report.terminal.validation import as_json as validation_as_json
@@ -143,40 +141,6 @@ def make_folder(out: Path | None) -> None:
         raise click.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
     with write_errors_reported(out):
         out.mkdir(parents=True, exist_ok=True)
-
-
-def progress_bar(*, rate: bool = False) -> Any:
-    """Return a progress bar on standard error, which only a terminal shows.
-
-    With ``rate`` it also shows samples a second and the remaining time.
-    """
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    columns: list[Any] = [TextColumn("{task.description:11}"), BarColumn(), TaskProgressColumn()]
-    columns += [_rate_column(), TimeRemainingColumn(), TextColumn("left")] if rate else [TimeElapsedColumn()]
-    return Progress(
-        *columns, console=Console(stderr=True), transient=True, disable=is_quiet() or not sys.stderr.isatty()
-    )
-
-
-def _rate_column() -> Any:
-    from rich.progress import ProgressColumn, Task
-    from rich.text import Text
-
-    class Rate(ProgressColumn):
-        def render(self, task: Task) -> Text:
-            speed = task.finished_speed or task.speed
-            return Text("" if not speed else f"{with_prefix(speed)} samples/s")
-
-    return Rate()
 
 
 @contextmanager

@@ -12,9 +12,9 @@ import click
 from replant.cli.choice import did_you_mean
 from replant.cli.output import (
     make_folder,
-    progress_bar,
     write_errors_reported,
 )
+from replant.cli.progress import progress_bar
 from replant.cli.typed import command_line
 from replant.paper.actuator import rendering
 from replant.paper.actuator.experiment import NOTES, Actuator

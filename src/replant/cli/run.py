@@ -21,8 +21,8 @@ from replant.cli.output import (
     announced_compiling,
     deliver,
     make_folder,
-    progress_bar,
 )
+from replant.cli.progress import progress_bar
 from replant.data.logs import Recording
 from replant.runs.full_trace import FullTrace
 from replant.runs.result import Result

@@ -12,7 +12,7 @@ from replant.cli.optimizer_option import OptimizerChoice
 from replant.cli.ranges import Range
 
 #: Options that say what is done with a result, not how it is made.
-OF_OUTPUT = ("as_json", "out", "full_trace", "saved", "other_logs", "required", "quiet")
+OF_OUTPUT = ("as_json", "out", "full_trace", "saved", "other_logs", "required", "quiet", "progress")
 
 
 def command_line(*, with_output: bool = False) -> str:
