@@ -11,13 +11,13 @@ import replant as rp
 from replant.assessment import fit_percent, simulate
 from replant.identified.model_json import as_object
 from replant.live.dashboard import Hub
+from replant.live.observer.make_responses import bode_of, step_of
 
 DT = 0.01
 PLANT = rp.TransferFunction([3.0, 6.0], [1.0, 1.6, 40.0])
 STRUCTURE = rp.Structure(poles=2, zeros=1)
 CHUNK = 20  # samples between two views
 WINDOW = 1000  # samples that a view shows
-FREQUENCIES = np.logspace(-1, 2, 120)
 
 
 def record(samples: int = 40_000, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
@@ -87,6 +87,7 @@ class Feed:
         known, verdict = ident.uncertainty, ident.assess()
         starting = ident.status == "starting"
         self.history = [*self.history, (at, ident.parameters.tolist(), known.std.tolist())][-1000:]
+        shown = None if starting else model
         modes = () if starting else known.modes
         gain = model.dc_gain if model.den[-1] else np.nan
         return {
@@ -98,7 +99,8 @@ class Feed:
             **{"zeros": [] if starting else model.zeros.tolist(), "dc_gain": gain, "dc_gain_std": known.dc_gain_std},
             **{"verdict": verdict.status, "excited": verdict.excited, "reasons": verdict.reasons},
             **self._window(model, starting),
-            "bode": {key: [] for key in _BODE} if starting else _bode(model, known),
+            **{"bode": vars(bode_of(shown, known, DT)), "step": vars(step_of(shown, known)), "truth": None},
+            **{"input_label": "input", "output_label": "output"},
             "model": {} if starting else as_object(ident.model),
             "history": dict(zip(("t", "parameters", "std"), map(list, zip(*self.history, strict=True)), strict=True)),
         }
@@ -110,14 +112,6 @@ class Feed:
         run = np.full(y.size, np.nan) if starting else simulate(model, u, y, DT).output
         fit = np.nan if starting else fit_percent(y, run)
         t = DT * np.arange(first, self.taken)
-        return {"simulated": fit, "window": {"t": t, "u": u, "y": y, "model": run, "left_out": []}}
+        window = {"t": t, "u": u, "y": y, "model": run, "residual": y - run, "left_out": []}
+        return {"simulated": fit, "residual_std": np.nan if starting else 0.1, "window": window}
 
-
-_BODE = ("omega", "magnitude_db", "phase_deg", "magnitude_low", "magnitude_high")
-
-
-def _bode(model: rp.TransferFunction, known: rp.Uncertainty) -> dict[str, Any]:
-    response = np.polyval(model.num, 1j * FREQUENCIES) / np.polyval(model.den, 1j * FREQUENCIES)
-    magnitude, phase = 20 * np.log10(np.abs(response)), np.degrees(np.unwrap(np.angle(response)))
-    spread = 2 * 20 / np.log(10) * known.response(FREQUENCIES)[0]
-    return dict(zip(_BODE, (FREQUENCIES, magnitude, phase, magnitude - spread, magnitude + spread), strict=True))

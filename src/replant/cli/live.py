@@ -13,6 +13,7 @@ import click
 from replant.cli.choice import Choice
 from replant.cli.options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER
 from replant.errors import InvalidArgumentError
+from replant.live.observer.view import SignalNames
 from replant.live.run_session import Plan, run
 from replant.live.session.end_conditions import Limits
 from replant.model.structure import Structure
@@ -167,6 +168,7 @@ def command(source: str, loop: bool, **options: Any) -> None:
         _address(options["dashboard"]),
         _token(options),
         None if rig is None else rig.plant,
+        demo_signals(source),
         options["ttl"],
     )
     if not run(plan):
@@ -202,6 +204,21 @@ def demo_rig(source: str) -> Rig | None:
     if not is_demo(source):
         return None
     return motor_rig() if LOOP in source.partition("?")[2].split("&") else deap_rig()
+
+
+def demo_signals(source: str) -> SignalNames:
+    """Return the names of the signals of the simulated rig whose address the source is; of another source no names.
+
+    Examples
+    --------
+    >>> demo_signals("demo").input, demo_signals("demo?loop=pi").output, demo_signals("log.csv").output
+    ('voltage [kV]', 'speed [rad/s]', 'output')
+    """
+    rig = demo_rig(source)
+    if rig is None:
+        return SignalNames()
+    looped = rig.plant is motor_rig().plant
+    return SignalNames("voltage [V]", "speed [rad/s]") if looped else SignalNames("voltage [kV]", "displacement [mm]")
 
 
 def is_demo(source: str) -> bool:

@@ -29,6 +29,12 @@ SETTLED = 6.0
 """Time constants of the slowest mode after which a step response has settled: 0.25 % is left [time constants]."""
 BEYOND = 30.0
 """How far a frequency response reaches beyond the slowest and the fastest root [ratio]."""
+RESONANT = 0.3
+"""Damping below which a pair of roots makes a peak that needs frequencies of its own [damping ratio]."""
+NEAR_RESONANCE = 32
+"""Frequencies about each peak; an even number, as at an undamped root itself the response is not finite [count]."""
+LEAST_DAMPING = 1e-4
+"""Damping at which peaks are not resolved any further [damping ratio]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,28 +236,42 @@ def time_of(model: TransferFunction, duration: float | None = None) -> FloatArra
     return np.linspace(0.0, positive("duration", duration), POINTS)
 
 
-def frequencies(model: TransferFunction, dt: float) -> FloatArray:
+def frequencies(model: TransferFunction, dt: float, points: int = POINTS) -> FloatArray:
     """Return angular frequencies (F,) from 1/30 of the slowest root to 30 times the fastest, at most Nyquist's.
+
+    They are equally spaced on a logarithmic axis, and closer about each resonance and antiresonance, so that a curve
+    through them shows the whole peak.
 
     Parameters
     ----------
     model : TransferFunction
     dt : float
         Sampling time in s.
+    points : int
+        Number of those that are equally spaced.
 
     Examples
     --------
     >>> frequencies(TransferFunction([1.0], [1.0, 3.0]), dt=0.1)[[0, -1]].round(2)
     array([ 0.1 , 31.42])
     """
-    sizes = np.abs(np.concatenate([model.poles, model.zeros]))
+    roots = np.concatenate([model.poles, model.zeros])
+    sizes = np.abs(roots)
     nyquist = math.pi / dt
     sizes = sizes[np.isfinite(sizes) & (sizes > 1e-9 * nyquist) & (sizes < 1e3 * nyquist)]
     low, high = nyquist / 1e4, nyquist
     if sizes.size:
         low, high = float(sizes.min()) / BEYOND, float(sizes.max()) * BEYOND
     high = max(min(high, nyquist), 10 * low)
-    return np.asarray(np.geomspace(low, high, POINTS))
+    peaks = [_about(complex(root)) for root in roots if root.imag > 0.0 and abs(root.real) < RESONANT * abs(root)]
+    close = np.concatenate([np.zeros(0), *peaks])
+    return np.unique(np.concatenate([np.geomspace(low, high, points), close[(close > low) & (close < high)]]))
+
+
+def _about(root: complex) -> FloatArray:
+    """Return frequencies about a resonance, from a tenth of the half-width of its peak to ten times that."""
+    half_width = max(abs(root.real) / abs(root), LEAST_DAMPING)
+    return np.asarray(abs(root) * np.exp(half_width * np.sinh(np.linspace(-3.0, 3.0, NEAR_RESONANCE))))
 
 
 @quiet

@@ -14,6 +14,7 @@ from replant.live.observer.history import EstimateHistory
 from replant.live.observer.make_view import make_view
 from replant.live.observer.process import DashboardAddress, ObserverOptions
 from replant.live.observer.terminal import print_summary
+from replant.live.observer.view import UNNAMED, SignalNames
 from replant.live.outputs.disk_writer import DiskWriter
 from replant.live.outputs.message import time_to_live
 from replant.live.outputs.notices import Notices
@@ -53,6 +54,8 @@ class Plan:
         The token that a browser must present.
     truth : TransferFunction or None
         The true plant of a simulated rig.
+    signals : SignalNames
+        Names of input and output.
     ttl : float or None
         Seconds for which "trusted" may stand without an accepted sample; None: see `time_to_live`.
     """
@@ -67,6 +70,7 @@ class Plan:
     dashboard: tuple[str, int] | None = None
     token: str | None = None
     truth: TransferFunction | None = None
+    signals: SignalNames = UNNAMED
     ttl: float | None = None
 
 
@@ -95,7 +99,7 @@ def run(plan: Plan) -> bool:
         for to in plan.sinks:
             sinks.append(open_sink(to, ttl))
             opened.callback(sinks[-1].close)
-        observer = Observer(ObserverOptions(address, terminal=True, truth=plan.truth))
+        observer = Observer(ObserverOptions(address, terminal=True, truth=plan.truth, signals=plan.signals))
         opened.callback(observer.close)
         for line in messages + ([f"replant: watch it at {observer.url}"] if observer.url else []):
             observer.show(line)

@@ -6,22 +6,16 @@ import re
 from dataclasses import dataclass
 
 from replant.report.number_format import complex_number, number
+from replant.report.verdict_words import BAD as BAD
+from replant.report.verdict_words import GOOD as GOOD
+from replant.report.verdict_words import WARN as WARN
+from replant.report.verdict_words import words_of
 from replant.runs.result import Result
 
-GOOD, WARN, BAD = "good", "warn", "bad"
 FEW_SAMPLES = 10
 """Samples for each parameter below which a record is called short [samples]."""
 MANY_REJECTED = 0.01
 """Share of rejected samples that is mentioned as many [share of samples]."""
-
-# status: gravity, headline, what it means
-_VERDICTS = {
-    "trusted": (GOOD, "Trusted", "The model explains the record."),
-    "converging": (WARN, "Still converging", "The record does not determine the model well enough yet."),
-    "not excited": (BAD, "Not excited", "The record does not determine every parameter: do not use this model."),
-    "inconsistent": (BAD, "Inconsistent", "The model does not explain the record: do not use it as it is."),
-    "diverged": (BAD, "Diverged", "This is the last finite estimate: do not use it."),
-}
 
 
 @dataclass(frozen=True)
@@ -35,11 +29,14 @@ class Finding:
         In a word or two.
     text : str
         In whole sentences.
+    usable : bool
+        False where the model must not be used for anything.
     """
 
     gravity: str
     headline: str
     text: str
+    usable: bool = True
 
 
 def without_reasons(status: str, *, excited: bool) -> str:
@@ -61,13 +58,14 @@ def findings(result: Result, total: int) -> list[Finding]:
 
 def _of_verdict(result: Result) -> list[Finding]:
     status, reasons = result.verdict.status, result.verdict.reasons
-    gravity, headline, meaning = _VERDICTS.get(status, (WARN, status.capitalize(), ""))
+    words = words_of(status)
     if result.samples == 0:
         why = "Every sample was rejected" if any(result.rejected.values()) else "The record is empty"
-        return [Finding(BAD, "No sample used", f"{why}: there is nothing to identify a model from.")]
+        return [Finding(BAD, "No sample used", f"{why}: there is nothing to identify a model from.", usable=False)]
     if status != "diverged" and result.samples < FEW_SAMPLES * result.structure.size:
         return []  # of so few samples the verdict is meaningless: `_of_samples` says that they are few
-    return [Finding(gravity, headline, " ".join([meaning, *map(_sentence, reasons)]).strip())]
+    text = " ".join([words.meaning, *map(_sentence, reasons)]).strip()
+    return [Finding(words.gravity, words.headline, text, words.usable)]
 
 
 def _of_samples(result: Result, total: int) -> list[Finding]:
@@ -76,7 +74,7 @@ def _of_samples(result: Result, total: int) -> list[Finding]:
     if 0 < result.samples < FEW_SAMPLES * size:
         count = f"{result.samples} sample{'s' if result.samples > 1 else ''}"
         text = f"{count} cannot determine {size} parameters: record at least {FEW_SAMPLES * size}."
-        found.append(Finding(BAD, "Too short", text))
+        found.append(Finding(BAD, "Too short", text, usable=False))
     if rejected > MANY_REJECTED * max(total, 1):
         reasons = ", ".join(f"{count:,} {reason}" for reason, count in result.rejected.items() if count)
         share = number(100.0 * rejected / total, 3)

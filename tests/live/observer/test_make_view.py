@@ -11,7 +11,7 @@ import replant as rp
 from replant.assessment import simulate
 from replant.live.observer.history import EstimateHistory
 from replant.live.observer.make_view import POINTS, make_view
-from replant.live.observer.view import SessionInfo, View
+from replant.live.observer.view import SessionInfo, SignalNames, View
 from support.live_fakes import DT, PLANT, REQUEST, record
 from support.live_views import resting_view, viewed
 
@@ -139,7 +139,7 @@ def test_a_view_is_json_under_its_own_names(samples: int) -> None:
     found = viewed(samples, rp.Structure(3, 1))
     plain = json.loads(json.dumps(found.to_json(), allow_nan=False))
     assert set(plain) == set(vars(found))
-    assert set(plain["window"]) == {"t", "u", "y", "r", "model", "left_out"}
+    assert set(plain["window"]) == {"t", "u", "y", "r", "model", "residual", "left_out"}
     assert set(plain["history"]) == {"t", "parameters", "std"}
     assert len(plain["parameters"]) == found.parameters.size
     if found.poles.size:
@@ -172,3 +172,72 @@ def test_the_model_to_be_kept_has_the_working_point_of_the_rig() -> None:
     kept = rp.Model.from_json(json.dumps(view.model))
     assert kept == ident.model
     assert abs(kept.simulate(np.full(3, 5.0))[0] - 30.0) < 0.1
+
+
+def lightly_damped(u: np.ndarray, dt: float) -> tuple[rp.Identifier, rp.TransferFunction]:
+    """A plant with a slow mode and a resonance of 1 % damping, and an identifier that has learned it."""
+    plant = rp.TransferFunction([400.0, 100.0], np.polymul([1.0, 0.1], [1.0, 0.4, 400.0]))
+    y = plant.simulate(u, dt) + 1e-3 * np.random.default_rng(3).standard_normal(u.size)
+    identifier = rp.Identifier(rp.Structure(3, 1), dt)
+    identifier.update_many(u, y)
+    return identifier, plant
+
+
+def test_bode_and_step_show_a_resonance_and_the_truth_beside_it() -> None:
+    u = np.repeat(np.random.default_rng(2).choice([-1.0, 1.0], 800), 5)
+    identifier, plant = lightly_damped(u, 0.02)
+    view = make_view(identifier, SessionInfo(at=80.0), EstimateHistory(5), truth=plant)
+    model = identifier.transfer_function
+    near = np.linspace(18.0, 22.0, 20_001)
+    peak = 20 * np.log10(np.abs(model.response(near)).max())
+    shown = (view.bode.omega > 18.0) & (view.bode.omega < 22.0)
+    assert view.bode.magnitude_db[shown].max() == pytest.approx(peak, abs=0.1)  # of equally spaced ones: 4 dB
+    assert (np.diff(view.bode.omega) > 0).all()
+    assert view.truth is not None
+    np.testing.assert_allclose(view.truth.parameters, [*plant.den[1:], *plant.num])
+    np.testing.assert_allclose(view.truth.magnitude_db, 20 * np.log10(np.abs(plant.response(view.bode.omega))))
+    assert view.step.t.size == view.step.y.size == view.truth.step.size
+    early = (view.step.t > 0.0) & (view.step.t < 1.0)
+    exact = np.array([plant.simulate(np.ones(2), t)[1] for t in view.step.t[early]])
+    assert early.sum() > 2 * 1.0 * 20.0 / 6.28  # the oscillation is seen, not its aliases
+    np.testing.assert_allclose(view.truth.step[early], exact, rtol=1e-6)
+    assert (view.step.low <= view.step.y).all()
+    assert (view.step.y <= view.step.high).all()
+
+
+def test_without_a_known_plant_there_is_no_truth_and_of_another_structure_no_true_coefficients() -> None:
+    u = np.repeat(np.random.default_rng(2).choice([-1.0, 1.0], 200), 5)
+    identifier, plant = lightly_damped(u, 0.02)
+    assert make_view(identifier, SessionInfo(), EstimateHistory(5)).truth is None
+    other = rp.Identifier(rp.Structure(1), 0.02)
+    other.update_many(u, plant.simulate(u, 0.02))
+    truth = make_view(other, SessionInfo(), EstimateHistory(2), truth=plant).truth
+    assert truth is not None
+    assert np.isnan(truth.parameters).all()
+    assert truth.poles.size == 3
+
+
+def test_the_residual_is_measured_minus_simulated_and_leaves_out_what_is_bridged() -> None:
+    identifier, view = after_a_stuck_sensor(900)
+    np.testing.assert_allclose(view.window.residual, view.window.y - view.window.model)
+    assert view.residual_std == pytest.approx(np.nanstd(view.window.residual), rel=0.3)
+    identifier, _ = after_a_stuck_sensor(1800)
+    short = make_view(identifier, SessionInfo(), EstimateHistory(2)).window
+    assert np.isnan(short.residual).any()
+    assert np.isnan(viewed(20).residual_std)
+
+
+def test_the_newest_part_of_a_long_window_can_be_looked_at_alone() -> None:
+    u, y = record(5000)
+    identifier = rp.Identifier(**vars(REQUEST))
+    identifier.update_many(u, y)
+    t = make_view(identifier, SessionInfo(at=250.0), EstimateHistory(2)).window.t
+    assert (t > 240.0).sum() == pytest.approx(10.0 / DT, abs=5)  # every sample
+    assert t.size <= POINTS
+
+
+def test_the_mapped_input_is_named() -> None:
+    squared = rp.Identifier(rp.Structure(1), DT, preprocess=rp.Preprocess("square"))
+    view = make_view(squared, SessionInfo(), EstimateHistory(2), signals=SignalNames("voltage [kV]", "way [mm]"))
+    assert (view.input_label, view.output_label) == ("voltage² [kV²]", "way [mm]")
+    assert viewed(20).input_label == "input"

@@ -24,6 +24,7 @@ from replant.live.dashboard.hub import COMMANDS, Hub
 from replant.live.dashboard.security import HEADERS, Guard
 from replant.report.html.page import asset as report_asset
 from replant.report.html.uplot import uplot
+from replant.report.verdict_words import VERDICTS
 
 PERIOD = 0.2
 """Time between two views to one browser [s]."""
@@ -34,7 +35,8 @@ MOST_WATCHING = 256
 _OVER, _TRY_LATER, _POLICY = 1000, 1013, 1008
 """Codes with which a websocket is closed: over, try again later, policy [number]."""
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
-_OWN = ("dashboard.js", "format.js", "plots.js", "plane.js", "model.js", "dashboard.css", "icon.svg")
+_SCRIPTS = ("dashboard", "verdict", "format", "model", "plane", "chart", "span", "signals", "responses", "parameters")
+_OWN = (*(f"{name}.js" for name in _SCRIPTS), "dashboard.css", "icon.svg")
 
 
 def create_app(hub: Hub, *, token: str | None, hosts: tuple[str, ...]) -> Starlette:
@@ -211,10 +213,17 @@ def _own(name: str) -> bytes:
     return resources.files("replant.live.dashboard").joinpath("assets", name).read_bytes()
 
 
+def _words() -> str:
+    """Return a module with the words of each verdict, which are those of the report."""
+    words = {status: [each.gravity, each.headline, each.meaning] for status, each in VERDICTS.items()}
+    return f"export const VERDICTS = new Map(Object.entries({json.dumps(words)}));\n"
+
+
 @cache
 def _assets() -> dict[str, bytes]:
     """Return everything that the page loads, by name."""
     found = {name: _own(name) for name in _OWN}
+    found["words.js"] = _words().encode()
     found["palette.css"] = report_asset("palette.css").encode()  # the report's colours
     found["uPlot.js"], found["uPlot.css"] = (text.encode() for text in uplot())
     return found

@@ -16,7 +16,8 @@ from replant.errors import ReplantError
 COMMANDS = ("freeze", "adapt", "reset")
 DIGITS = 7
 """Digits of a number that is only drawn: a screen shows four [count]."""
-_DRAWN = ("window", "bode", "history")
+_SLOW = ("bode", "step", "truth")  # they change slowly: they are sent with the history
+_DRAWN = ("window", *_SLOW, "history")
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Frame:
     number : int
         Counts up from 1.
     view, history : str
-        JSON objects: the view without its history; the history alone, which is long and changes slowly.
+        JSON objects: the view without what changes slowly; the history and the responses, which do.
     """
 
     number: int
@@ -129,7 +130,8 @@ class Hub:
             shown = {key: _rounded(value) if key in _DRAWN else value for key, value in view.items()}
             history = shown.pop("history", None)
             shown.pop("model", None)  # only for whoever downloads it
-            self._frame = Frame(number, _text({"view": shown}), _text({"history": history}))
+            slow = {key: shown.pop(key) for key in _SLOW if key in shown}
+            self._frame = Frame(number, _text({"view": shown}), _text({"history": history, "slow": slow}))
         return self._frame
 
     @property

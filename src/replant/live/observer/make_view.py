@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,32 +12,32 @@ from replant.arguments import BoolArray, FloatArray
 from replant.assessment import Verdict, simulate
 from replant.identified.model_json import as_object
 from replant.live.observer.history import EstimateHistory
-from replant.live.observer.view import (
-    Bode,
-    SessionInfo,
-    View,
-    Window,
-)
+from replant.live.observer.make_responses import bode_of, step_of, truth_of
+from replant.live.observer.view import UNNAMED, SessionInfo, SignalNames, View, Window
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.online.identifier import Identifier
 from replant.online.model_of import model_of
+from replant.report.figures.style import mapped_label
 from replant.runs.thinning import thin
 from replant.simulation.stretches import joined, stretches_of
 
-POINTS = 1000
+POINTS = 1200
 """Points of the window: more than its picture has columns [count]."""
-FREQUENCIES = 200
-"""Frequencies of a Bode plot [count]."""
+NEWEST = 10.0
+"""Time at the end of a long window that may be looked at alone, and gets a third of the points [s]."""
 LONGEST_IRREGULAR = 3000
 """Samples simulated where each interval costs a discretisation of its own [samples]."""
-SIGMAS = 2.0
-"""Half-width of a band [standard deviations]."""
-WIDEST = 60.0
-"""Half-width at which a band is cut: beyond it nothing is known anyway [dB]."""
 
 
-def make_view(identifier: Identifier, info: SessionInfo, history: EstimateHistory) -> View:
+def make_view(
+    identifier: Identifier,
+    info: SessionInfo,
+    history: EstimateHistory,
+    *,
+    truth: TransferFunction | None = None,
+    signals: SignalNames = UNNAMED,
+) -> View:
     """Return the view of an identifier, and append its row to ``history``.
 
     Parameters
@@ -46,6 +47,10 @@ def make_view(identifier: Identifier, info: SessionInfo, history: EstimateHistor
     info : SessionInfo
     history : EstimateHistory
         The rows of earlier views.
+    truth : TransferFunction, optional
+        The true plant of a simulated rig.
+    signals : SignalNames
+        Names of input and output.
 
     Examples
     --------
@@ -63,6 +68,8 @@ def make_view(identifier: Identifier, info: SessionInfo, history: EstimateHistor
     window, simulated = _window(identifier, model if finite else None, info.at)
     verdict = identifier.assess()
     history.append(info.at, parameters, std)
+    shown = model if finite else None
+    bode = bode_of(shown, uncertainty, identifier.dt)
     return View(
         at=info.at,
         samples=identifier.samples,
@@ -86,11 +93,22 @@ def make_view(identifier: Identifier, info: SessionInfo, history: EstimateHistor
         excited=verdict.excited,
         reasons=verdict.reasons,
         simulated=simulated,
+        residual_std=_residual_std(identifier),
+        input_label=mapped_label(signals.input, identifier.request.preprocess.input_map),
+        output_label=signals.output,
         window=window,
-        bode=_bode(model if finite else None, uncertainty, identifier.dt),
+        bode=bode,
+        step=step_of(shown, uncertainty),
+        truth=truth_of(truth, identifier.structure, shown, bode),
         history=history.rows(),
         model=_kept(identifier, verdict) if finite else {},
     )
+
+
+def _residual_std(identifier: Identifier) -> float:
+    """Return the standard deviation of the residual by the noise model; NaN where there is none."""
+    noise = identifier.noise
+    return math.nan if noise is None or noise.residual_variance == 0.0 else math.sqrt(noise.residual_variance)
 
 
 def _kept(identifier: Identifier, verdict: Verdict) -> dict[str, Any]:
@@ -146,43 +164,30 @@ def _window(identifier: Identifier, model: TransferFunction | None, at: float) -
         with np.errstate(all="ignore"):
             run = simulate(model, u, known, identifier.dt, input_hold=identifier.input_hold, t=stamps)
         output, fit = run.output, run.fit
-    left_out = _left_out(t, judged)
-    if u.size > POINTS:
-        drawn = [thin(signal, POINTS) for signal in (u, y, output)]
-        t, (u, y, output) = t[drawn[0].indices(t.size)], (signal.values for signal in drawn)
-        r = thin(r, POINTS).values if r.size else r
-    return Window(t, u, y, output, left_out, r), fit
+    residual = np.where(judged, y - output, np.nan)
+    drawn_t, drawn = _thinned(t, [u, y, output, residual, *([r] if r.size else [])])
+    u, y, output, residual, *others = drawn
+    return Window(drawn_t, u, y, output, residual, _left_out(t, judged), others[0] if others else r), fit
+
+
+def _thinned(t: FloatArray, signals: Sequence[FloatArray]) -> tuple[FloatArray, list[FloatArray]]:
+    """Return times and signals (V,) as they are drawn: of a long window, the newest part is thinned less."""
+    if t.size <= POINTS:
+        return t, list(signals)
+    begin = int(np.searchsorted(t, t[-1] - NEWEST))
+    parts = [slice(0, t.size)]
+    if begin > t.size // 2:
+        parts = [slice(0, begin), slice(begin, t.size)]
+    points = [POINTS] if len(parts) == 1 else [2 * POINTS // 3, POINTS // 3]
+    times, drawn = [], []
+    for part, count in zip(parts, points, strict=True):
+        thinned = [thin(signal[part], count) for signal in signals]
+        times.append(t[part][thinned[0].indices(t[part].size)])
+        drawn.append([signal.values for signal in thinned])
+    return np.concatenate(times), [np.concatenate(pieces) for pieces in zip(*drawn, strict=True)]
 
 
 def _left_out(t: FloatArray, judged: BoolArray) -> FloatArray:
     """Return begin and end (L, 2) of the stretches left out, in rig time; each begins at the sample before it."""
     rows = joined(stretches_of(~judged), max(1, t.size // POINTS))
     return np.column_stack([t[np.maximum(rows[:, 0] - 1, 0)], t[np.minimum(rows[:, 1], t.size) - 1]])
-
-
-def _bode(model: TransferFunction | None, uncertainty: Uncertainty, dt: float) -> Bode:
-    """Return the frequency response, from well below the slowest root to well above the fastest, at most to Nyquist."""
-    nothing = np.zeros(0)
-    if model is None:
-        return Bode(nothing, nothing, nothing, nothing, nothing)
-    nyquist = math.pi / dt
-    sizes = np.abs(np.concatenate([model.poles, model.zeros]))
-    sizes = sizes[np.isfinite(sizes) & (sizes > 1e-9 * nyquist) & (sizes < 1e3 * nyquist)]
-    low, high = (float(sizes.min()) / 30, float(sizes.max()) * 30) if sizes.size else (nyquist / 1e4, nyquist)
-    omega = np.geomspace(low, max(min(high, nyquist), 10 * low), FREQUENCIES)
-    with np.errstate(all="ignore"):
-        response = model.response(omega)
-        magnitude = 20.0 * np.log10(np.abs(response))
-        if not np.isfinite(magnitude).all():
-            return Bode(nothing, nothing, nothing, nothing, nothing)
-        phase = np.degrees(np.unwrap(np.angle(response)))
-        phase -= 360.0 * round(float(phase[0]) / 360.0)
-        half = _half_band(uncertainty, omega)
-    return Bode(omega, magnitude, phase, magnitude - half, magnitude + half)
-
-
-def _half_band(uncertainty: Uncertainty, omega: FloatArray) -> FloatArray:
-    if not np.isfinite(uncertainty.covariance).all():
-        return np.full(omega.size, np.nan)
-    relative, _ = uncertainty.response(omega)
-    return np.minimum(SIGMAS * 20.0 / math.log(10.0) * relative, WIDEST)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from replant.errors import ReplantError
 from replant.live.observer.history import EstimateHistory
 from replant.live.observer.make_view import make_view
-from replant.live.observer.view import Rows, SessionInfo, View
+from replant.live.observer.view import UNNAMED, Rows, SessionInfo, SignalNames, View
 from replant.live.outputs.notices import Notices
 from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
@@ -54,6 +54,8 @@ class ObserverOptions:
         Whether to write the status to standard error.
     truth : TransferFunction or None
         The true plant of a simulated rig, shown beside the estimate.
+    signals : SignalNames
+        Names of input and output.
     history : Rows or None
         History of the observer that this one replaces.
     """
@@ -61,6 +63,7 @@ class ObserverOptions:
     dashboard: DashboardAddress | None = None
     terminal: bool = False
     truth: TransferFunction | None = None
+    signals: SignalNames = UNNAMED
     history: Rows | None = None
 
 
@@ -192,7 +195,10 @@ class _Observing:
                 self._history.restore(self._options.history)
         elif self._view is not None and identifier.samples < self._view.samples:  # the identifier was reset
             self._history.clear()
-        self._identifier, self._view = identifier, make_view(identifier, handover.info, self._history)
+        self._view = make_view(
+            identifier, handover.info, self._history, truth=self._options.truth, signals=self._options.signals
+        )
+        self._identifier = identifier
 
     def _show(self, view: View | None, lines: Sequence[str]) -> None:
         """Show lines at the terminal, and a view, if there is one, at the terminal and on the page."""

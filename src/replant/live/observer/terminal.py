@@ -15,19 +15,20 @@ from replant.model.transfer_function import TransferFunction
 from replant.report.findings import without_reasons
 from replant.report.number_format import grouped, off_by, with_std
 from replant.report.terminal.summary import fraction, true_parameters, wrapped
+from replant.report.verdict_words import colour_of
 
 LINES_APART = 5.0
 """Time between two lines where nobody watches [s]."""
 REASONS_WIDTH = 71
 """Width of the reasons, where a terminal has 80 columns [columns]."""
-#: For each verdict a shape and a colour; each of them alone identifies it.
-LOOKS = {
-    "trusted": ("●", "green"),
-    "converging": ("◐", "yellow"),
-    "not excited": ("○", "yellow"),
-    "inconsistent": ("▲", "red"),
-    "diverged": ("✕", "red"),
-    UNKNOWN: ("?", "yellow"),
+#: For each verdict a shape, which identifies it without its colour.
+SHAPES = {
+    "trusted": "●",
+    "converging": "◐",
+    "not excited": "○",
+    "inconsistent": "▲",
+    "diverged": "✕",
+    UNKNOWN: "?",
 }
 
 
@@ -126,7 +127,7 @@ def render(view: View, truth: TransferFunction | None = None, *, running: bool =
     from rich.padding import Padding
     from rich.text import Text
 
-    shape, colour = LOOKS.get(view.verdict, ("?", "default"))
+    shape, colour = SHAPES.get(view.verdict, "?"), colour_of(view.verdict)
     frozen = "" if view.adapting else "  (frozen: samples arrive, but the estimate is not updated)"
     rows: list[Any] = [_head(view), Text(_traffic(view, running=running), no_wrap=True, overflow="ellipsis")]
     if view.window.r.size:

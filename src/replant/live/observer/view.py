@@ -43,6 +43,22 @@ class SessionInfo:
     silence: float = 0.0
 
 
+@dataclass(frozen=True)
+class SignalNames:
+    """Names of a rig's signals, with their units in brackets where known; of the input before its map.
+
+    Attributes
+    ----------
+    input, output : str
+    """
+
+    input: str = "input"
+    output: str = "output"
+
+
+UNNAMED = SignalNames()
+
+
 @dataclass(frozen=True, eq=False)
 class Window:
     """The newest samples, thinned to their extremes, and the model's output simulated from the input alone.
@@ -51,6 +67,8 @@ class Window:
     ----------
     t, u, y, model : (V,) arrays
         Rig time in s; mapped input, measured and modelled output, in their units; NaN where unknown.
+    residual : (V,) array
+        Measured minus modelled output; NaN for samples that are left out.
     left_out : (L, 2) array
         Begin and end, in rig time, of the stretches that verdict, fit and offset leave out: samples that were bridged
         or lie before the last interruption.
@@ -62,6 +80,7 @@ class Window:
     u: FloatArray
     y: FloatArray
     model: FloatArray
+    residual: FloatArray
     left_out: FloatArray
     r: FloatArray
 
@@ -83,6 +102,45 @@ class Bode:
     phase_deg: FloatArray
     magnitude_low: FloatArray
     magnitude_high: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """The step response with a band of two standard deviations.
+
+    Attributes
+    ----------
+    t : (S,) array
+        Time since the step in s, closer where a fast mode settles; empty where the response is not finite.
+    y, low, high : (S,) arrays
+        Output by a unit step of the mapped input, and its band; the band is NaN where it is not known.
+    """
+
+    t: FloatArray
+    y: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """The true plant of a simulated rig, at the frequencies and times of the estimate's responses.
+
+    Attributes
+    ----------
+    parameters : (P,) array
+        NaN for those that the plant does not have.
+    poles, zeros : complex arrays
+    magnitude_db, phase_deg : (F,) arrays
+    step : (S,) array
+    """
+
+    parameters: FloatArray
+    poles: npt.NDArray[np.complex128]
+    zeros: npt.NDArray[np.complex128]
+    magnitude_db: FloatArray
+    phase_deg: FloatArray
+    step: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +196,15 @@ class View:
     simulated : float
         Fit in percent of the model, simulated from the input alone, over those samples of the window that the verdict
         uses.
+    residual_std : float
+        Standard deviation of the residual by the noise model; NaN where there is none.
+    input_label, output_label : str
+        Names of the mapped input and of the output, with their units where known.
     window : Window
     bode : Bode
+    step : Step
+    truth : Truth or None
+        None if the plant is not known.
     history : Rows
     model : mapping
         The model to be kept, as JSON; empty while there is none.
@@ -171,8 +236,13 @@ class View:
     excited: bool
     reasons: tuple[str, ...]
     simulated: float
+    residual_std: float
+    input_label: str
+    output_label: str
     window: Window
     bode: Bode
+    step: Step
+    truth: Truth | None
     history: Rows
     model: Mapping[str, Any]
 
@@ -202,6 +272,6 @@ def _plain(value: Any) -> Any:
         return [_plain(item) for item in value]
     if isinstance(value, Mapping):
         return dict(value)
-    if isinstance(value, Window | Bode | Rows | View):
+    if isinstance(value, Window | Bode | Step | Truth | Rows | View):
         return {entry.name: _plain(getattr(value, entry.name)) for entry in fields(value)}
     return value

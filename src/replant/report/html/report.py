@@ -44,6 +44,7 @@ from replant.settings import Settings
 
 NO_MODEL = "<p>G(s) could not be estimated.</p>"
 DO_NOT_USE = '<p class="note">Do not use this model: see the verdict above.</p>'
+CONTRADICTED = '<p class="note">The samples contradict this model: see the verdict above.</p>'
 
 
 def write_report(
@@ -118,7 +119,7 @@ def _fields(material: Material, title: str, command: str, python: str) -> dict[s
         "lede": html.escape(_lede(material)),
         "date": today(),
         "verdict": _verdict(found),
-        "model_note": DO_NOT_USE if found[0].gravity == BAD else "",
+        "model_note": _note(found),
         "math": mathml(material.result.transfer_function) if material.result.parameters.any() else NO_MODEL,
         "figures": _figures(material),
         **_sections(material, plots),
@@ -179,6 +180,13 @@ def _room(plot: dict[str, Any]) -> str:
         f'<div class="plot" id="{name}" tabindex="0" role="group" aria-label="{label} over time. {keys}" '
         f'style="height:{plot["height"]}px">{nothing}</div></div>'
     )
+
+
+def _note(found: Sequence[Finding]) -> str:
+    """Return what must be read beside G(s), in agreement with the verdict."""
+    if not all(each.usable for each in found):
+        return DO_NOT_USE
+    return CONTRADICTED if found[0].gravity == BAD else ""
 
 
 def _lede(material: Material) -> str:

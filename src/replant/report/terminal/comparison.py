@@ -6,18 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from replant.model.structure import Structure
-from replant.report.findings import (
-    BAD,
-    GOOD,
-    WARN,
-    findings,
-    without_reasons,
-)
+from replant.report.findings import BAD, GOOD, findings, without_reasons
 from replant.report.number_format import percent, uncertain
 from replant.report.terminal.summary import as_json as result_as_json
+from replant.report.verdict_words import COLOURS
 from replant.runs.comparison import Contender, best
 
-COLOURS = {GOOD: "green", WARN: "yellow", BAD: "red"}
 OUTCOME = ("verdict", "simulated", "one step", "time")
 VERDICT = 1 + OUTCOME.index("verdict")  # its column, behind the method's
 GAP = 2

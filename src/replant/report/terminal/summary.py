@@ -13,6 +13,7 @@ from replant.identified import model_json
 from replant.identified.model import Model
 from replant.model.transfer_function import TransferFunction
 from replant.report.number_format import duration, interval, off_by, percent, with_std
+from replant.report.verdict_words import colour_of
 from replant.runs.clock import Clock
 from replant.runs.result import Result
 
@@ -84,9 +85,7 @@ def print_kept_model(console: Any, model: Model) -> None:
 
 def print_verdict(console: Any, verdict: Verdict) -> None:
     """Print a verdict's status in its colour, and its reasons below."""
-    mild = verdict.status == "converging"
-    colour = "green" if verdict.status == "trusted" else "yellow" if mild else "red"
-    console.print(f"Verdict  [bold {colour}]{verdict.status}[/]", highlight=False)
+    console.print(f"Verdict  [bold {colour_of(verdict.status)}]{verdict.status}[/]", highlight=False)
     for reason in verdict.reasons:
         for line in wrapped(reason, console.width - REASON_INDENT):
             console.print(" " * REASON_INDENT + line, highlight=False, markup=False, soft_wrap=True)

@@ -2,66 +2,16 @@
 import { clock, count, percent, rate, shortly, uncertain } from "./format.js";
 import { fillModes, typeset } from "./model.js";
 import { splane } from "./plane.js";
-import { bodePlots, parameterPlots, readColours, timePlots } from "./plots.js";
+import { dragging, readColours } from "./chart.js";
+import { parameterPlots } from "./parameters.js";
+import { bodePlots, stepPlot } from "./responses.js";
+import { signalPlots } from "./signals.js";
+import { timeSpan } from "./span.js";
+import { drawVerdict } from "./verdict.js";
 
 const at = id => document.getElementById(id);
 const write = (place, text) => { if (place.textContent !== text) place.textContent = text; };
-const page = { view: null, history: null, paused: false, due: false, acting: false };
-
-// --- the verdict: a sentence, a colour and a shape ---
-const SIGNS = {
-  good: "M12 1a11 11 0 1 0 0 22a11 11 0 1 0 0-22z|M6.5 12.5l3.7 3.7 7.3-8",
-  warn: "M12 1.5L23.5 22H.5z|M12 9v6M12 18v.6",
-  bad: "M7.4 1h9.2L23 7.4v9.2L16.6 23H7.4L1 16.6V7.4z|M8 8l8 8M16 8l-8 8",
-  none: "M12 1L23 12L12 23L1 12z|M7.5 12h.1M12 12h.1M16.5 12h.1",
-};
-const VERDICTS = {
-  trusted: ["good", "Trusted", "The model predicts samples that were not used to estimate it."],
-  converging: ["warn", "Still converging", "The estimate has not converged: do not use it yet."],
-  "not excited": ["bad", "Not excited", "The input does not excite the plant enough to determine the parameters: do not use this model."],
-  inconsistent: ["bad", "Inconsistent", "The model does not explain the samples: do not use it."],
-  diverged: ["bad", "Diverged", "The page shows the last finite estimate: do not use it."],
-  unknown: ["warn", "Unknown", "The model cannot be judged at present: do not use it."],
-};
-// shown instead of the verdict while no views arrive: the last verdict was about the past
-const APART = {
-  over: ["The session has ended", "The page shows its last estimate, which is no longer judged."],
-  silent: ["The session does not answer", "The page shows its last estimate, which is not judged at present."],
-  lost: ["Not connected", "The page shows the last estimate received, which is not judged at present."],
-};
-
-const RESTS = "The input moves too little now: nothing can be learned.";
-
-const sentence = text => (text ? text[0].toUpperCase() + text.slice(1).replace(/\.?$/, ".") : "");
-
-function drawVerdict(view) {
-  let [gravity, headline, meaning] = VERDICTS[view.verdict] ?? ["warn", sentence(view.verdict).replace(/\.$/, ""), ""];
-  if (view.verdict === "trusted" && !view.excited) meaning += ` ${RESTS}`; // right as far as is known, and not tested now
-  if (view.status === "starting") {
-    [gravity, headline, meaning] = ["none", "Collecting the first samples", view.den?.length
-      ? "The model shown is provisional: it is made from few samples and tested on none."
-      : "The first model is estimated when there are enough samples."];
-  }
-  const apart = apartFrom();
-  if (apart) [gravity, headline, meaning] = ["none", APART[apart][0], `${APART[apart][1]} The last verdict was: ${headline.toLowerCase()}.`];
-  const box = document.querySelector(".verdict");
-  if (box.dataset.gravity !== gravity || !box.querySelector("path")) {
-    box.dataset.gravity = gravity;
-    const paths = SIGNS[gravity].split("|").map((d, i) => {
-      const path = document.createElementNS("http://www.w3.org/2000/svg", "path");
-      path.setAttribute("d", d);
-      if (i) path.setAttribute("class", "mark");
-      return path;
-    });
-    box.querySelector("svg").replaceChildren(...paths);
-  }
-  write(at("headline"), headline);
-  write(at("meaning"), meaning);
-  write(at("announced"), `Verdict: ${headline}. ${meaning}`); // read aloud when it changes, unlike the figures below
-  const list = at("reasons"), reasons = view.reasons.map(sentence);
-  while (list.children.length > reasons.length) list.lastChild.remove();
-  reasons.forEach((text, i) => write(list.children[i] ?? list.appendChild(document.createElement("li")), text));
-}
+const page = { view: null, history: null, slow: {}, shown: {}, paused: false, due: false, acting: false };
 
 // --- figures ---
 const total = counts => Object.values(counts ?? {}).reduce((sum, value) => sum + value, 0);
@@ -81,6 +31,12 @@ function drawVitals(view) {
   at("adapt").title = view.adapting ? "Stop updating the parameters; samples are still judged" : "Update the parameters again";
 }
 
+/** Name input and output beside their headings, where they have names. */
+function nameSignals({ input_label: input, output_label: output }) {
+  write(at("input-name"), input && input !== "input" ? input : "");
+  write(at("output-name"), output && output !== "output" ? output : "");
+}
+
 function small(place, [value, std]) {
   const note = document.createElement("small");
   note.textContent = std;
@@ -88,22 +44,29 @@ function small(place, [value, std]) {
 }
 
 // --- drawing: the newest view, at most once a frame, and only while the page is visible ---
-const time = timePlots(), bode = bodePlots(), parameters = parameterPlots(at("multiples")), plane = splane(at("plane"));
+const span = timeSpan(at("span"), ask);
+const time = signalPlots(span), bode = bodePlots(ask), step = stepPlot(ask), parameters = parameterPlots(at("multiples"), span);
+const plane = splane(at("plane"));
+addEventListener("mouseup", ask); // what came while a stretch was being chosen
 readColours();
 
 function draw() {
   page.due = false;
-  const { view, history } = page;
-  if (!view || page.paused || document.hidden) return;
+  if (!page.paused) page.shown = { view: page.view && { ...page.view, ...page.slow }, history: page.history };
+  const { view, history } = page.shown; // paused, another stretch of it may be chosen
+  if (!view || document.hidden || dragging()) return;
   drawVitals(view);
-  drawVerdict(view);
+  drawVerdict(view, apartFrom());
   at("main").dataset.model = view.den?.length ? "yes" : "no";
   typeset(at("formula"), view);
   write(at("fit"), percent(view.simulated));
+  nameSignals(view);
+  at("main").dataset.truth = view.truth ? "yes" : "no";
   small(at("gain"), uncertain(view.dc_gain, view.dc_gain_std));
   fillModes(at("modes"), view);
   time.draw(view);
   bode.draw(view);
+  step.draw(view);
   plane.draw(view);
   if (history) parameters.draw(view, history);
   at("main").dataset.drawn = String(1 + Number(at("main").dataset.drawn ?? 0));
@@ -155,13 +118,15 @@ function connect() {
     heard = performance.now();
     if (message.view) page.view = message.view;
     if (message.history) page.history = message.history;
-    ask();
+    if (message.slow) page.slow = message.slow;
+    if (page.paused) showLink();
+    else ask();
   };
   socket.onclose = event => {
     open = false;
     over = event.code === OVER;
     showLink();
-    if (page.view) drawVerdict(page.view);
+    if (page.view) drawVerdict(page.view, apartFrom());
     if (over) say("The session has ended. Reload this page when a new session has started.");
     else if (!document.hidden) {
       timer = setTimeout(connect, wait * (0.75 + Math.random() / 2));
@@ -180,7 +145,7 @@ function comeBack() {
 setInterval(() => {
   if (apartFrom() !== "silent" || at("main").dataset.fresh === "no") return;
   showLink();
-  if (page.view) drawVerdict(page.view);
+  if (page.view) drawVerdict(page.view, apartFrom());
 }, 1000);
 
 // --- actions ---
@@ -248,7 +213,7 @@ at("report").addEventListener("click", async () => {
 if (new URLSearchParams(location.search).has("token")) history.replaceState(null, "", location.pathname); // it is in a cookie now
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
   readColours();
-  for (const chart of [...time.charts, ...bode.charts, ...parameters.charts]) chart.repaint();
+  for (const chart of [...time.charts, ...bode.charts, ...step.charts, ...parameters.charts]) chart.repaint();
 });
 document.addEventListener("visibilitychange", () => { ask(); comeBack(); });
 addEventListener("online", comeBack);

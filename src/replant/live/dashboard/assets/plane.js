@@ -1,6 +1,6 @@
 // The s-plane: poles with their ellipses of two standard deviations, zeros, lines of equal damping.
 import { known, number, tick } from "./format.js";
-import { steady } from "./plots.js";
+import { steady } from "./chart.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const DAMPINGS = [0.1, 0.3, 0.5, 0.7, 0.9];
@@ -56,6 +56,7 @@ export function splane(room) {
     const width = room.clientWidth, height = room.clientHeight;
     if (!width || !height) return;
     const poles = both(view.poles ?? [], view.pole_covariance), zeros = both(view.zeros ?? []);
+    const truth = both(view.truth?.poles ?? []);
     const reach = Math.max(...poles.map(p => Math.hypot(p.real, p.imag)), 0) || 1;
     const near = zeros.filter(zero => Math.hypot(zero.real, zero.imag) <= 5 * reach); // one far out would hide the poles
     const all = [...poles, ...near], xs = all.map(p => p.real), ys = all.map(p => Math.abs(p.imag));
@@ -70,6 +71,7 @@ export function splane(room) {
       ...near.map(p => shape("circle", { class: "zero", cx: x(p.real), cy: y(p.imag), r: 5 })),
       ...poles.map(p => shape("path", { class: p.real > 0 ? "pole unstable" : "pole", d: `M${x(p.real) - 5} ${y(p.imag) - 5}l10 10m0-10l-10 10` })),
     );
+    picture.append(...truth.map(p => shape("path", { class: "true", d: `M${x(p.real) - 7} ${y(p.imag)}l7 -7l7 7l-7 7z` })));
     const hidden = zeros.length - near.length;
     if (hidden) picture.append(shape("text", { x: width - EDGE.right, y: height - EDGE.bottom - 6, "text-anchor": "end" }, `zero far out, at ${number(zeros.find(z => !near.includes(z)).real, 3)}`));
     picture.setAttribute("aria-label", "Poles in the s-plane: " + (poles.map(p => `${number(p.real, 3)}${p.imag ? ` ${p.imag < 0 ? "−" : "+"} ${number(Math.abs(p.imag), 3)}i` : ""}`).join(", ") || "none yet"));
@@ -78,27 +80,38 @@ export function splane(room) {
   return { draw };
 }
 
+/** Whether a box is free of those before it, to which it is then added; [left, top, width] of a text of one line. */
+function places() {
+  const taken = [];
+  return (left, top, width) => {
+    const free = taken.every(([l, t, w]) => left > l + w + 4 || l > left + width + 4 || Math.abs(top - t) > 13);
+    if (free) taken.push([left, top, width]);
+    return free;
+  };
+}
+
+const LETTER = 6.6; // pixels, of the labels
+
 function grid(x, y, [left, right, bottom, top], width, height) {
-  const floor = height - EDGE.bottom, found = [];
+  const floor = height - EDGE.bottom, found = [], free = places();
   found.push(shape("rect", { class: "unstable-half", x: x(0), y: EDGE.top, width: Math.max(0, x(right) - x(0)), height: floor - EDGE.top }));
-  let above = -Infinity;
-  for (const damping of DAMPINGS) { // from the origin outwards to the frame
-    const slope = Math.sqrt(1 - damping ** 2) / damping, far = Math.min(-left, top / slope), down = Math.min(-left, -bottom / slope);
-    found.push(shape("line", { class: "ray", x1: x(0), y1: y(0), x2: x(-far), y2: y(far * slope) }));
-    found.push(shape("line", { class: "ray", x1: x(0), y1: y(0), x2: x(-down), y2: y(-down * slope) }));
-    const side = far === -left, level = side ? y(far * slope) + 4 : EDGE.top + 10;
-    if (!side || (level > EDGE.top + 24 && level > above + 14)) {
-      if (side) above = level;
-      found.push(shape("text", { class: "damping", x: x(-far) + 3, y: level }, `ζ ${damping}`));
-    }
-  }
   for (const value of ticks(left, right, width / 70)) {
     found.push(shape("line", { class: value ? "line" : "axis", x1: x(value), x2: x(value), y1: EDGE.top, y2: floor }));
     found.push(shape("text", { x: Math.min(Math.max(x(value), 12), width - 12), y: height - 5, "text-anchor": "middle" }, tick(value)));
   }
   for (const value of ticks(bottom, top, Math.max(4, height / 50))) {
     found.push(shape("line", { class: value ? "line" : "axis", x1: EDGE.left, x2: width - EDGE.right, y1: y(value), y2: y(value) }));
-    if (value) found.push(shape("text", { x: width - EDGE.right - 2, y: y(value) - 3, "text-anchor": "end" }, `${tick(value)}i`));
+    if (!value) continue;
+    const label = `${tick(value)}i`;
+    free(width - EDGE.right - 2 - LETTER * label.length, y(value) - 3, LETTER * label.length);
+    found.push(shape("text", { x: width - EDGE.right - 2, y: y(value) - 3, "text-anchor": "end" }, label));
+  }
+  for (const damping of DAMPINGS) { // from the origin outwards to the frame
+    const slope = Math.sqrt(1 - damping ** 2) / damping, far = Math.min(-left, top / slope), down = Math.min(-left, -bottom / slope);
+    found.push(shape("line", { class: "ray", x1: x(0), y1: y(0), x2: x(-far), y2: y(far * slope) }));
+    found.push(shape("line", { class: "ray", x1: x(0), y1: y(0), x2: x(-down), y2: y(-down * slope) }));
+    const label = `ζ ${damping}`, across = x(-far) + 3, level = Math.max(y(far * slope) + 4, EDGE.top + 10);
+    if (level < floor - 4 && free(across, level, LETTER * label.length)) found.push(shape("text", { class: "damping", x: across, y: level }, label));
   }
   return found;
 }

@@ -1,0 +1,66 @@
+// The verdict: a sentence, a colour and a shape; its reasons in a place of fixed height, which a button opens.
+import { VERDICTS } from "./words.js";
+
+const at = id => document.getElementById(id);
+const write = (place, text) => { if (place.textContent !== text) place.textContent = text; };
+
+const SIGNS = {
+  good: "M12 1a11 11 0 1 0 0 22a11 11 0 1 0 0-22z|M6.5 12.5l3.7 3.7 7.3-8",
+  warn: "M12 1.5L23.5 22H.5z|M12 9v6M12 18v.6",
+  bad: "M7.4 1h9.2L23 7.4v9.2L16.6 23H7.4L1 16.6V7.4z|M8 8l8 8M16 8l-8 8",
+  none: "M12 1L23 12L12 23L1 12z|M7.5 12h.1M12 12h.1M16.5 12h.1",
+};
+// shown instead of the verdict while no views arrive: the last verdict was about the past
+const APART = {
+  over: ["The session has ended", "The page shows its last estimate, which is no longer judged."],
+  silent: ["The session does not answer", "The page shows its last estimate, which is not judged at present."],
+  lost: ["Not connected", "The page shows the last estimate received, which is not judged at present."],
+};
+
+const RESTS = "The input moves too little now: nothing can be learned.";
+
+const sentence = text => (text ? text[0].toUpperCase() + text.slice(1).replace(/\.?$/, ".") : "");
+
+/** Draw the verdict of a view; apart: why the page shows the past, see `APART`. */
+export function drawVerdict(view, apart) {
+  let [gravity, headline, meaning] = VERDICTS.get(view.verdict) ?? ["warn", sentence(view.verdict).replace(/\.$/, ""), ""];
+  if (view.verdict === "trusted" && !view.excited) meaning += ` ${RESTS}`; // right as far as is known, and not tested now
+  if (view.status === "starting") {
+    [gravity, headline, meaning] = ["none", "Collecting the first samples", view.den?.length
+      ? "The model shown is provisional: it is made from few samples and tested on none."
+      : "The first model is estimated when there are enough samples."];
+  }
+  if (apart) [gravity, headline, meaning] = ["none", APART[apart][0], `${APART[apart][1]} The last verdict was: ${headline.toLowerCase()}.`];
+  const box = document.querySelector(".verdict");
+  if (box.dataset.gravity !== gravity || !box.querySelector("path")) {
+    box.dataset.gravity = gravity;
+    const paths = SIGNS[gravity].split("|").map((d, i) => {
+      const path = document.createElementNS("http://www.w3.org/2000/svg", "path");
+      path.setAttribute("d", d);
+      if (i) path.setAttribute("class", "mark");
+      return path;
+    });
+    box.querySelector("svg").replaceChildren(...paths);
+  }
+  write(at("headline"), headline);
+  write(at("meaning"), meaning);
+  write(at("announced"), `Verdict: ${headline}. ${meaning}`); // read aloud when it changes, unlike the figures below
+  const list = at("reasons"), reasons = view.reasons.map(sentence);
+  while (list.children.length > reasons.length) list.lastChild.remove();
+  reasons.forEach((text, i) => write(list.children[i] ?? list.appendChild(document.createElement("li")), text));
+  fitReasons();
+}
+
+/** Show the button only where reasons are cut off, or all are shown. */
+function fitReasons() {
+  const box = document.querySelector(".verdict"), room = at("words"), opened = box.classList.contains("open");
+  at("more").hidden = !opened && room.scrollHeight <= room.clientHeight + 1;
+}
+
+at("more").addEventListener("click", () => {
+  const opened = document.querySelector(".verdict").classList.toggle("open");
+  write(at("more"), opened ? "Fewer reasons" : "All reasons");
+  at("more").setAttribute("aria-expanded", String(opened));
+  fitReasons();
+});
+new ResizeObserver(fitReasons).observe(at("words"));
