@@ -15,9 +15,9 @@ import pytest
 import replant as rp
 from replant.cli import main
 from replant.optimizers import OPTIMIZERS
-from replant.report.figures import draw_overlay, style
+from replant.report.figures import draw_outputs, draw_overlay, draw_responses, style
 from replant.report.figures.overlay import limits
-from replant.report.html.comparison import write_comparison
+from replant.report.html.comparison import claim, write_comparison
 from replant.report.terminal.comparison import cells_of
 from replant.runs.comparison import (
     METHODS,
@@ -32,6 +32,7 @@ from support.builders import with_model
 
 PLANT = rp.TransferFunction([2.0], [1.0, 0.5])
 COLUMNS = ("--input", "u [V]", "--output", "y [rpm]", "--poles", "1")
+FIGURES = ("outputs.png", "bode.png", "parameters.png")
 SOME = ("default", "gradient", "srivc", "least_squares")
 
 
@@ -181,12 +182,15 @@ def test_the_page_holds_everything(capsys: Any, log: Path, tmp_path: Path) -> No
     out = tmp_path / "deep" / "folder"
     code, said, _ = call(capsys, "compare", log, *COLUMNS, *chosen(*SOME), "--out", out)
     assert code == 0
-    assert {path.name for path in out.iterdir()} == {"parameters.png", "report.html"}
-    assert said.endswith(f"wrote {out / 'parameters.png'}\nwrote {out / 'report.html'}\n")
+    assert {path.name for path in out.iterdir()} == {*FIGURES, "report.html"}
+    assert said.endswith("".join(f"wrote {out / name}\n" for name in (*FIGURES, "report.html")))
     page = (out / "report.html").read_text(encoding="utf-8")
     assert not re.search(r"<script|<link(?! rel=\"icon\" href=\"data:,\")|src=|url\((?!#)", page), "asks for nothing"
     assert "<h1>a&lt;b&gt;.csv</h1>" in page
-    assert page.count('<svg class="swatch" viewBox') == 2 * len(SOME)  # in the table and in the legend
+    # in the table and in three legends, one of them with the measured output
+    assert page.count('<svg class="swatch" viewBox') == 4 * len(SOME) + 1
+    assert re.search(r'<svg role="img" aria-label="Measured output, [^"]*; fit: default \d[^"]* %', page)
+    assert '<svg role="img" aria-label="Bode diagram of each method' in page
     for name in ("a0", "b0"):
         assert re.search(rf'<svg role="img" aria-label="{name} over time by method; at the end: default 0?\.?\d', page)
     assert page.count(" alone, in Python</summary>") == len(SOME)
@@ -207,6 +211,53 @@ def test_its_programs_repeat_each_part(contenders: list[Contender], tmp_path: Pa
         exec(html.unescape(program), names)
         found = names["fitted"] if entry.fitted else names["ident"]
         np.testing.assert_allclose(found.parameters, entry.result.parameters, rtol=0.02)
+
+
+def test_all_outputs_lie_over_the_measured_one(contenders: list[Contender]) -> None:
+    results = {entry.name: entry.result for entry in contenders}
+    y = np.sin(np.arange(3000) / 100.0)
+    axis = draw_outputs(results, y, 0.05, output_label="speed [rpm]")
+    measured, *models = axis.get_lines()
+    assert [line.get_label() for line in models] == list(SOME)
+    assert np.ptp(measured.get_ydata()) == pytest.approx(np.ptp(y), rel=1e-3)
+    for line in models:
+        output = results[line.get_label()].simulation.output
+        assert line.get_ydata().max() == pytest.approx(np.nanmax(output))
+        assert line.get_xdata()[-1] == pytest.approx(0.05 * 3000, rel=0.01)
+    assert len({(line.get_color(), line.get_linestyle()) for line in models}) > 1
+    assert axis.get_ylabel() == "speed [rpm]"
+
+
+def test_all_responses_stand_in_common_axes_and_a_wrong_one_does_not_flatten_them(contenders: list[Contender]) -> None:
+    results = {entry.name: entry.result for entry in contenders}
+    top, bottom = draw_responses(results, 0.05)
+    for line in top.get_lines():
+        omega, magnitude = line.get_xdata(), line.get_ydata()
+        expected = np.abs(results[line.get_label()].transfer_function.response(omega))
+        np.testing.assert_allclose(magnitude, 20 * np.log10(expected))
+    assert [line.get_label() for line in bottom.get_lines()] == list(SOME)
+    wrong = dataclasses.replace(
+        results["default"].model, covariance=None, parameters=np.array([1e-12, 1e9])
+    )  # flat at 180 dB at the slowest frequencies
+    far = {**results, "wrong": dataclasses.replace(results["default"], model=wrong)}
+    low, high = draw_responses(far, 0.05, reference="default")[0].get_ylim()
+    assert high - low < top.get_ylim()[1] - top.get_ylim()[0] + 50.0
+    nothing = dataclasses.replace(results["default"].model, covariance=None, parameters=np.zeros(2))
+    empty = {"nothing": dataclasses.replace(results["default"], model=nothing)}
+    assert draw_responses(empty, 0.05)[0].get_lines() == []
+
+
+def test_the_claim_names_the_best_trusted_model_beside_a_better_fit(contenders: list[Contender]) -> None:
+    known = next(entry for entry in contenders if entry.name == "default")
+    doubted = dataclasses.replace(known.result.verdict, status="inconsistent")
+    better = dataclasses.replace(known.result.simulation, fit=99.9)
+    other = dataclasses.replace(known.result, verdict=doubted, simulation=better)
+    both = [known, Contender("other", other)]
+    said = claim(both).replace("\u00a0", " ")
+    assert "the model of other has the best fit: 99.9 %" in said
+    assert "It is not trusted; of the models that are, that of default is best" in said
+    assert "No model is trusted" in claim([Contender("other", other)])
+    assert "trusted" not in claim([known])
 
 
 def test_the_curves_hold_the_histories(contenders: list[Contender]) -> None:

@@ -21,7 +21,8 @@ from replant.cli.progress import progress_bar
 from replant.cli.typed import command_line
 from replant.data.logs import Log
 from replant.errors import InvalidArgumentError
-from replant.report.html.comparison import save_overlay, write_comparison
+from replant.report.html.comparison import write_comparison
+from replant.report.html.comparison_figures import save_figures
 from replant.report.terminal.comparison import as_json as comparison_as_json
 from replant.report.terminal.comparison import print_comparison
 from replant.runs.comparison import (
@@ -70,10 +71,10 @@ def command(as_json: bool, out: Path | None, methods: tuple[str, ...], **options
 def _deliver(contenders: Sequence[Contender], log: Log, request: Request, *, as_json: bool, out: Path | None) -> None:
     from rich.console import Console
 
-    paths = []
+    paths: list[Path] = []
     if out is not None:
         with write_errors_reported(out):
-            paths.append(save_overlay(out / "parameters.png", contenders, log, request.preprocess))
+            paths += save_figures(out, contenders, log, request.preprocess)
             paths.append(write_comparison(out / "report.html", contenders, log, request.preprocess, command_line()))
     if as_json:
         named = [dataclasses.replace(entry, result=_named(entry.result, log)) for entry in contenders]

@@ -26,6 +26,7 @@ from replant.report.figures.correlation import draw_correlations
 from replant.report.figures.over_time import draw_excitation, draw_fit, draw_transients
 from replant.report.figures.overlay import draw_overlay
 from replant.report.figures.poles import draw_poles_and_zeros
+from replant.report.figures.side_by_side import draw_outputs, draw_responses
 from replant.report.figures.spectrum import draw_spectrum
 from replant.report.figures.step import draw_step
 from replant.report.figures.style import (
@@ -49,8 +50,10 @@ __all__ = [
     "draw_correlations",
     "draw_excitation",
     "draw_fit",
+    "draw_outputs",
     "draw_overlay",
     "draw_poles_and_zeros",
+    "draw_responses",
     "draw_spectrum",
     "draw_step",
     "draw_transients",

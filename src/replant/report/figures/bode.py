@@ -58,7 +58,8 @@ def draw_bode(
     _band(result, omega, magnitude, phase, top, bottom)
     top.semilogx(omega, magnitude, color=style.MODEL, lw=1.8, label="model")
     bottom.semilogx(omega, phase, color=style.MODEL, lw=1.8)
-    _finish(top, bottom, omega, magnitude, phase)
+    style.legend(top, 2)
+    finish_bode(top, bottom, omega, magnitude, phase)
     return np.array([top, bottom], dtype=object)
 
 
@@ -76,10 +77,20 @@ def _band(result: Result, omega: FloatArray, magnitude: FloatArray, phase: Float
     bottom.fill_between(omega, phase - degrees, phase + degrees, **look)
 
 
-def _finish(top: Any, bottom: Any, omega: FloatArray, magnitude: FloatArray, phase: FloatArray) -> None:
+def finish_bode(top: Any, bottom: Any, omega: FloatArray, magnitude: FloatArray, phase: FloatArray) -> None:
+    """Set limits and ticks of a Bode diagram, so that all of ``magnitude`` in dB and ``phase`` in degrees is seen.
+
+    Parameters
+    ----------
+    top, bottom : matplotlib axes
+        Of magnitude and phase.
+    omega : array
+        Angular frequencies in rad/s, of which the first and the last are the limits.
+    magnitude, phase : arrays
+        In dB and degrees.
+    """
     from matplotlib.ticker import MaxNLocator, MultipleLocator
 
-    style.legend(top, 2)
     span = float(np.ptp(phase))
     bottom.yaxis.set_major_locator(MultipleLocator(45 if span < 200 else 90) if span < 700 else MaxNLocator(5))
     bottom.set_ylim(min(float(phase.min()), 0.0) - 25.0, max(float(phase.max()), 0.0) + 25.0)

@@ -1,17 +1,15 @@
-"""The report of a comparison: a table of the methods, and their estimates over time in common axes."""
+"""The report of a comparison: a table of the methods; their outputs, responses and estimates in common axes."""
 
 from __future__ import annotations
 
 import html
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from replant.data.logs import Log
-from replant.plotting.palette import blank_figure
 from replant.regressor.preprocess import Preprocess
-from replant.report.figures import draw_overlay, style
-from replant.report.figures.overlay import legend_columns
+from replant.report.figures import style
 from replant.report.findings import (
     BAD,
     GOOD,
@@ -19,6 +17,7 @@ from replant.report.findings import (
     findings,
 )
 from replant.report.html import python_program, tables
+from replant.report.html.comparison_figures import estimates, outputs, responses, swatches_of
 from replant.report.html.page import (
     NO_BREAK,
     Html,
@@ -28,16 +27,9 @@ from replant.report.html.page import (
     section,
     write_page,
 )
-from replant.report.html.svg import (
-    HALF,
-    look,
-    svg,
-    variable,
-)
-from replant.report.number_format import number, percent
+from replant.report.number_format import percent
 from replant.report.terminal.comparison import OUTCOME, cells_of, gravity_of
 from replant.runs.comparison import Contender, best
-from replant.runs.result import Result
 
 
 def write_comparison(
@@ -68,7 +60,9 @@ def write_comparison(
     body = [
         section("", f'<p class="claim">{html.escape(claim(contenders))}</p>',
                 _html_table(contenders, labels, len(log)), _remarks(contenders, len(log))),
-        section("Estimates over time", _figures(contenders, log, plant_label)),
+        section("Outputs", outputs(contenders, log)),
+        section("Frequency responses", responses(contenders, log, plant_label)),
+        section("Estimates over time", estimates(contenders, log, plant_label)),
         section("How to reproduce this", code("shell", command) if command else "", _programs(contenders, log)),
         section("Record and versions", facts([*tables.of_record(log), ("versions", tables.versions())])),
     ]  # fmt: skip
@@ -90,7 +84,22 @@ def claim(contenders: Sequence[Contender]) -> str:
         " %", "\u00a0%"
     )
     level = [entry.name for entry in contenders if entry is not first and _within(entry, top)]
-    return said + (f" Within half a percentage point: {', '.join(level)}." if level else "")
+    said += f" Within half a percentage point: {', '.join(level)}." if level else ""
+    return said + _of_trust(contenders, first)
+
+
+def _of_trust(contenders: Sequence[Contender], first: Contender) -> str:
+    """Return what the verdicts add where the best fit is not that of a trusted model."""
+    trusted = [entry for entry in contenders if entry.result is not None and entry.result.verdict.status == "trusted"]
+    if first in trusted:
+        return ""
+    if not trusted:
+        return " No model is trusted."
+    fits = {entry.name: entry.result.simulation.fit for entry in trusted if entry.result is not None}
+    name = max(fits, key=lambda each: fits[each])
+    return f" It is not trusted; of the models that are, that of {name} is best: {percent(fits[name])}.".replace(
+        " %", NO_BREAK + "%"
+    )
 
 
 def _within(entry: Contender, top: float, points: float = 0.5) -> bool:
@@ -98,7 +107,7 @@ def _within(entry: Contender, top: float, points: float = 0.5) -> bool:
 
 
 def _html_table(contenders: Sequence[Contender], labels: Sequence[str], samples: int) -> str:
-    swatches = _swatches(contenders)
+    swatches = swatches_of(contenders)
     rows = []
     for entry in contenders:
         status, *cells = cells_of(entry, len(labels))
@@ -147,97 +156,6 @@ def _shortened(text: str) -> str:
     sentences = re.split(r"(?<=[.?!]) (?=[A-Z0-9])", html.escape(text.replace(" %", NO_BREAK + "%")))
     first, rest = " ".join(sentences[:2]), " ".join(sentences[2:])
     return f"{first} <details><summary>More</summary>{rest}</details>" if rest else first
-
-
-def _results(contenders: Sequence[Contender]) -> dict[str, Result]:
-    return {entry.name: entry.result for entry in contenders if entry.result is not None}
-
-
-def _swatches(contenders: Sequence[Contender]) -> dict[str, str]:
-    """Return, by method, a sample of its line in the figures."""
-    swatches = {}
-    for name, (colour, dashes) in zip(_results(contenders), style.LINES, strict=False):
-        pattern = "" if dashes == "solid" else f' stroke-dasharray="{" ".join(f"{1.4 * x:g}" for x in dashes[1])}"'
-        swatches[name] = (
-            f'<svg class="swatch" viewBox="0 0 42 8" aria-hidden="true"><path d="M0 4h42" fill="none" '
-            f'stroke="var(--{variable(colour)})" stroke-width="2.4"{pattern}/></svg>'
-        )
-    return swatches
-
-
-def _figures(contenders: Sequence[Contender], log: Log, plant_label: str) -> str:
-    """Return the estimates over time, a picture for each coefficient, below one legend."""
-    results, first = _results(contenders), best(contenders)
-    reference = first.name if first else next(iter(results))
-    structure = results[reference].structure
-    with look():
-        axes = [blank_figure(HALF, 2.5).subplots() for _ in structure.names]
-        labels = {"input_label": plant_label, "output_label": log.output_name}
-        draw_overlay(results, log.dt, reference=reference, axes=axes, **labels)
-        drawn = [
-            svg(axis.figure, name).replace("<svg", f'<svg role="img" aria-label="{_ends(results, i)}"', 1)
-            for i, (name, axis) in enumerate(zip(structure.names, axes, strict=True))
-        ]
-    legend = "".join(f"<li>{mark}{html.escape(name)}</li>" for name, mark in _swatches(contenders).items())
-    return (
-        f'<figure><ul class="lines">{legend}</ul><div class="panels">{"".join(drawn)}</div>'
-        f"<figcaption>{html.escape(_caption(contenders))}</figcaption></figure>"
-    )
-
-
-def _ends(results: Mapping[str, Result], i: int) -> str:
-    """Return the text alternative of a panel."""
-    name = next(iter(results.values())).structure.names[i]
-    ends = ", ".join(f"{method} {number(float(result.parameters[i]))}" for method, result in results.items())
-    return html.escape(f"{name} over time by method; at the end: {ends}")
-
-
-def save_overlay(path: Path, contenders: Sequence[Contender], log: Log, preprocess: Preprocess) -> Path:
-    """Draw the estimates of all methods over time into a PNG file, and return its path.
-
-    Parameters
-    ----------
-    path : Path
-        The file to write; its folder is created if missing.
-    contenders : sequence of Contender
-        At least one with a result.
-    log : Log
-    preprocess : Preprocess
-        Its input map determines the units.
-
-    Raises
-    ------
-    MissingDependencyError
-        If matplotlib is not installed.
-    """
-    results, first = _results(contenders), best(contenders)
-    plant_label = style.mapped_label(log.input_name, preprocess.input_map)
-    labels = {"input_label": plant_label, "output_label": log.output_name}
-    axes = draw_overlay(results, log.dt, reference=first.name if first else None, **labels)
-    canvas, columns = axes[0].figure, legend_columns(len(results), 5)
-    canvas.legend(
-        *axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=columns, frameon=False,
-        labelcolor=style.INK, handlelength=3.4,
-    )  # fmt: skip
-    path.parent.mkdir(parents=True, exist_ok=True)
-    canvas.savefig(path, dpi=130)
-    return path
-
-
-def _caption(contenders: Sequence[Contender]) -> str:
-    whole = [entry.name for entry in contenders if entry.result is not None and entry.result.history is None]
-    said = "Each coefficient's estimate over time, by method"
-    if whole:
-        said += f"; a horizontal line: {' and '.join(whole)}, fitted to the whole record at once"
-    late = [name for name, result in _results(contenders).items() if _is_late(result)]
-    if late:
-        said += f"; a dot: {' and '.join(late)}, with an estimate only at the end"
-    return f"{said}. Bands are two standard deviations wide to either side; curves far from the best model are cut off."
-
-
-def _is_late(result: Result) -> bool:
-    """Return whether an online run had its first estimate at the end of the record."""
-    return result.history is not None and not result.history.parameters.any()
 
 
 def _programs(contenders: Sequence[Contender], log: Log) -> str:
