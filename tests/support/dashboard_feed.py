@@ -114,4 +114,3 @@ class Feed:
         t = DT * np.arange(first, self.taken)
         window = {"t": t, "u": u, "y": y, "model": run, "residual": y - run, "left_out": []}
         return {"simulated": fit, "residual_std": np.nan if starting else 0.1, "window": window}
-

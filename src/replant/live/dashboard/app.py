@@ -29,7 +29,7 @@ from replant.report.verdict_words import VERDICTS
 PERIOD = 0.2
 """Time between two views to one browser [s]."""
 HISTORY_PERIOD = 1.0
-"""Time between two histories, which are long [s]."""
+"""Time between two messages of what is long and changes slowly, history and responses [s]."""
 MOST_WATCHING = 256
 """Browsers at a time [count]."""
 _OVER, _TRY_LATER, _POLICY = 1000, 1013, 1008
@@ -157,17 +157,21 @@ async def _converse(hub: Hub, socket: WebSocket) -> None:
 async def _send(hub: Hub, socket: WebSocket) -> None:
     """Send the newest view, wait until it is sent, and repeat: a slow browser delays no other."""
     clock = asyncio.get_running_loop().time
-    history_due = 0.0
-    async for frame in hub.subscribe():
-        due = clock() + PERIOD
-        try:
+    history_due, unsent = 0.0, ""
+    try:
+        async for frame in hub.subscribe():
+            due = clock() + PERIOD
             await socket.send_text(frame.view)
+            unsent = frame.history
             if clock() >= history_due:
                 history_due = clock() + HISTORY_PERIOD
-                await socket.send_text(frame.history)
-        except (WebSocketDisconnect, RuntimeError):  # the browser has closed the websocket
-            return
-        await asyncio.sleep(due - clock())
+                await socket.send_text(unsent)
+                unsent = ""
+            await asyncio.sleep(due - clock())
+        if unsent:  # the last view has come: what changes slowly belongs to it
+            await socket.send_text(unsent)
+    except (WebSocketDisconnect, RuntimeError):  # the browser has closed the websocket
+        return
 
 
 def _model(hub: Hub, kind: str, name: str, written: Any) -> Response:

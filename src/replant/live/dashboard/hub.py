@@ -131,7 +131,9 @@ class Hub:
             history = shown.pop("history", None)
             shown.pop("model", None)  # only for whoever downloads it
             slow = {key: shown.pop(key) for key in _SLOW if key in shown}
-            self._frame = Frame(number, _text({"view": shown}), _text({"history": history, "slow": slow}))
+            self._frame = Frame(
+                number, _text({"view": shown}), _text({"history": history, **({"slow": slow} if slow else {})})
+            )
         return self._frame
 
     @property

@@ -25,6 +25,8 @@ FASTER = 0.25
 """Part of the step response within which the fastest mode settles, below which its beginning gets times of its own
 [share].
 """
+GROWN = 3.0
+"""Time constants of an unstable mode that are shown: later it hides all others [time constants]."""
 SIGMAS = 2.0
 """Half-width of a band [standard deviations]."""
 WIDEST = 60.0
@@ -87,6 +89,9 @@ def step_of(model: TransferFunction | None, uncertainty: Uncertainty) -> view.St
 def _stretches(model: TransferFunction) -> list[FloatArray]:
     """Return the times (S,) of the whole response, and those of its beginning where its fastest mode needs more."""
     end = float(time_of(model)[-1])
+    growth = float(np.max(model.poles.real, initial=0.0))
+    if growth > 0.0:
+        end = min(end, model.delay + GROWN / growth)
     whole = np.linspace(0.0, end, TIMES)
     poles = model.poles[np.isfinite(model.poles)]
     if not poles.size:

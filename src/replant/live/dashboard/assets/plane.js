@@ -84,7 +84,7 @@ export function splane(room) {
 function places() {
   const taken = [];
   return (left, top, width) => {
-    const free = taken.every(([l, t, w]) => left > l + w + 4 || l > left + width + 4 || Math.abs(top - t) > 13);
+    const free = taken.every(([l, t, w]) => left > l + w + 4 || l > left + width + 4 || Math.abs(top - t) > 15);
     if (free) taken.push([left, top, width]);
     return free;
   };
@@ -111,7 +111,7 @@ function grid(x, y, [left, right, bottom, top], width, height) {
     found.push(shape("line", { class: "ray", x1: x(0), y1: y(0), x2: x(-far), y2: y(far * slope) }));
     found.push(shape("line", { class: "ray", x1: x(0), y1: y(0), x2: x(-down), y2: y(-down * slope) }));
     const label = `ζ ${damping}`, across = x(-far) + 3, level = Math.max(y(far * slope) + 4, EDGE.top + 10);
-    if (level < floor - 4 && free(across, level, LETTER * label.length)) found.push(shape("text", { class: "damping", x: across, y: level }, label));
+    if (level < y(0) - 6 && free(across, level, LETTER * label.length)) found.push(shape("text", { class: "damping", x: across, y: level }, label));
   }
   return found;
 }

@@ -53,8 +53,10 @@ export function drawVerdict(view, apart) {
 
 /** Show the button only where reasons are cut off, or all are shown. */
 function fitReasons() {
-  const box = document.querySelector(".verdict"), room = at("words"), opened = box.classList.contains("open");
-  at("more").hidden = !opened && room.scrollHeight <= room.clientHeight + 1;
+  const box = document.querySelector(".verdict"), opened = box.classList.contains("open"), frame = getComputedStyle(box);
+  const cut = !opened && at("words").scrollHeight > box.clientHeight - parseFloat(frame.paddingTop) - parseFloat(frame.paddingBottom) + 1;
+  box.classList.toggle("cut", cut);
+  at("more").hidden = !opened && !cut;
 }
 
 at("more").addEventListener("click", () => {
