@@ -224,7 +224,9 @@ class Ensemble:
 
     def _must_run(self) -> None:
         if "starting" in self.status:
-            raise InvalidArgumentError("some members are still starting: they have no estimate to freeze yet")
+            raise InvalidArgumentError(
+                "freezing needs a model, and some members still collect the samples for their first: try again later"
+            )
 
     def _run(self, u: FloatArray, y: FloatArray, size: int, rooms: Sequence[Room]) -> tuple[FloatArray, FloatArray]:
         """Take a chunk; return errors (K, M) and the first ``size`` parameters (M, K, size) after each sample."""

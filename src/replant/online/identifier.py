@@ -451,7 +451,9 @@ class Identifier(Estimate):
 
     def _adapt(self, adapt: bool) -> None:
         if self._settings is None:
-            raise InvalidArgumentError("the identifier is still starting: there is no estimate to freeze yet")
+            raise InvalidArgumentError(
+                "freezing needs a model, and the samples for the first one are still being collected: try again later"
+            )
         self._state.adapt = adapt
         self._state.change_began, self._state.cusum = self._state.samples, 0.0
         if not adapt:

@@ -259,7 +259,7 @@ def test_commands_are_obeyed_and_one_that_cannot_be_is_said() -> None:
 
     session, _ = make(FakeSource(u, y, between=between), observer=observer)
     session.run()
-    assert "there is no estimate to freeze yet" in observer.shown[0]
+    assert "freezing needs a model, and the samples for the first one are still being collected" in observer.shown[0]
     assert {adapting for samples, adapting in seen if 1100 < samples < 2000} == {False}
     assert {adapting for samples, adapting in seen if 2100 < samples < 2500} == {True}
     assert session.identifier.samples < 600
