@@ -1,0 +1,49 @@
+"""The report of a running identification: its samples, at the times at which they were taken."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.live.observer.final_report import report_of
+from replant.live.observer.history import EstimateHistory
+from replant.live.observer.make_view import make_view
+from replant.live.observer.view import SessionInfo, View
+
+PLANT, DT = rp.TransferFunction([6.0], [1.0, 3.0]), 0.1
+IRREGULAR = "on an irregular clock, usually at"
+
+
+def report_at(t: np.ndarray) -> tuple[str, View]:
+    """Return the report on a plant whose input steps every second, sampled at the times ``t``, and the view."""
+    fine = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 400), 100)
+    held = np.searchsorted(0.01 * np.arange(fine.size), t, side="right") - 1
+    u = fine[held]
+    y = PLANT.simulate(fine, 0.01)[held] + 0.01 * np.random.default_rng(1).standard_normal(t.size)
+    identifier = rp.Identifier(poles=1, dt=DT)
+    identifier.update_many(u, y, t)
+    info = SessionInfo(at=float(t[-1]), source="log.csv")
+    view = make_view(identifier, info, EstimateHistory(2))
+    return report_of(identifier, view).decode(), view
+
+
+def fit_in(page: str) -> float:
+    return float(re.search(r"<dd>([\d.]+).%</dd><dt>fit, simulated", page.replace("\u00a0", " "))[1])
+
+
+def test_samples_of_an_irregular_clock_are_simulated_and_drawn_at_their_times() -> None:
+    every = np.arange(1, 3000)
+    kept = every[np.random.default_rng(2).uniform(size=every.size) > 0.3]  # a third was lost
+    page, view = report_at(DT * kept)
+    assert view.simulated > 80.0  # where the input steps while a sample is lost, the step comes late
+    assert fit_in(page) == pytest.approx(view.simulated, abs=0.1)
+    assert IRREGULAR in page
+
+
+def test_a_regular_clock_stays_regular() -> None:
+    page, view = report_at(DT * np.arange(1, 1500))
+    assert fit_in(page) == pytest.approx(view.simulated, abs=0.1)
+    assert IRREGULAR not in page
