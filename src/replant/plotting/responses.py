@@ -9,14 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from replant.arguments import FloatArray
-from replant.plotting.palette import BLUE, GREY, VERMILION, blank_figure, open_frame
+from replant.plotting.palette import BLUE, VERMILION, blank_figure, open_frame
+from replant.plotting.poles import draw_roots, mirrored
 
 SIGMAS = 2.0
 """Half-width of every band [standard deviations]."""
-RADIUS_95 = 2.448
-"""Radius of the 95 % ellipse of two normal variables [standard deviations].
-Level: 95 %: the square root of the quantile of chi squared with two degrees of freedom.
-"""
 WIDEST_DB, WIDEST_DEGREES = 60.0, 180.0
 """Half-width at which a band is cut: beyond it nothing is known anyway [dB, degrees]."""
 
@@ -134,29 +131,10 @@ def draw_poles(
     ax : matplotlib axes, optional
     """
     axis = blank_figure(5.2, 4.6).subplots() if ax is None else ax
-    axis.axhline(0.0, color=GREY, lw=0.8)
-    axis.axvline(0.0, color=GREY, lw=0.8)
-    labels = iter(["95 % region"])
-    for pole, covariance in regions:
-        if not np.isfinite(covariance).all():
-            continue
-        for outline in _outlines(pole, covariance):
-            axis.fill(outline.real, outline.imag, color=BLUE, alpha=0.25, lw=2, label=next(labels, None))
-    axis.plot(poles.real, poles.imag, "x", color=BLUE, ms=9, mew=2.0, label="poles")
-    if zeros.size:
-        axis.plot(zeros.real, zeros.imag, "o", color=VERMILION, ms=8, mew=1.8, mfc="none", label="zeros")
+    both = [(pole.conjugate(), mirrored(covariance)) for pole, covariance in regions if pole.imag]
+    draw_roots(axis, poles, zeros, [*regions, *both])
     axis.set_xlabel("real part [rad/s]")
     axis.set_ylabel("imaginary part [rad/s]")
     axis.legend(frameon=False)
     open_frame(axis)
     return axis
-
-
-def _outlines(pole: complex, covariance: FloatArray) -> list[ComplexArray]:
-    """Return the outline of a pole's region, and that of its conjugate."""
-    values, vectors = np.linalg.eigh(covariance)
-    angle = np.linspace(0.0, math.tau, 181)
-    unit = np.stack([np.cos(angle), np.sin(angle)]) * RADIUS_95 * np.sqrt(np.maximum(values, 0.0))[:, None]
-    parts = vectors @ unit
-    outline = pole + parts[0] + 1j * parts[1]
-    return [outline, outline.conj()] if pole.imag else [outline]

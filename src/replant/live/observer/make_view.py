@@ -18,6 +18,7 @@ from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.online.identifier import Identifier
 from replant.online.model_of import model_of
+from replant.plotting.poles import mirrored
 from replant.report.figures.style import mapped_label
 from replant.runs.thinning import thin
 from replant.simulation.stretches import joined, stretches_of
@@ -133,9 +134,8 @@ def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str
             poles.append(uncertain.mode.pole)
             covariances.append(uncertain.covariance)
             if uncertain.mode.pole.imag:  # a complex mode stands for a pair of poles
-                mirrored = uncertain.covariance * np.array([[1.0, -1.0], [-1.0, 1.0]])
                 poles.append(uncertain.mode.pole.conjugate())
-                covariances.append(mirrored)
+                covariances.append(mirrored(uncertain.covariance))
         gain_std = uncertainty.dc_gain_std
     return {
         "poles": np.array(poles, np.complex128),
