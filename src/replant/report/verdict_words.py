@@ -38,9 +38,7 @@ VERDICTS = {
         BAD, "Not excited", "The input does not determine every parameter: do not use this model.", usable=False
     ),
     # of a model with nearly the fit of a trusted one, too: by how much it is off, the reasons say
-    "inconsistent": VerdictWords(
-        BAD, "Inconsistent", "The samples contradict the model: the reasons say how, and by how much."
-    ),
+    "inconsistent": VerdictWords(BAD, "Inconsistent", "The samples contradict the model: the reasons say by how much."),
     "diverged": VerdictWords(BAD, "Diverged", "This is the last finite estimate: do not use it.", usable=False),
     "unknown": VerdictWords(WARN, "Unknown", "The model cannot be judged at present."),
 }

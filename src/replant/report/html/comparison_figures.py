@@ -126,12 +126,13 @@ def save_figures(folder: Path, contenders: Sequence[Contender], log: Log, prepro
 
 
 def _saved(path: Path, axis: Any) -> Path:
-    """Write the figure of an axis with a legend above it."""
-    entries = axis.get_legend_handles_labels()
-    columns = legend_columns(len(entries[1]), 6)
-    axis.figure.legend(
-        *entries, loc="outside upper left", ncols=columns, frameon=False, labelcolor=style.INK, handlelength=3.4
-    )  # fmt: skip
+    """Write the figure of an axis with a legend of its curves, if there are any, above it."""
+    handles, names = axis.get_legend_handles_labels()
+    if names:
+        axis.figure.legend(
+            handles, names, loc="outside upper left", ncols=legend_columns(len(names), 6), frameon=False,
+            labelcolor=style.INK, handlelength=3.4,
+        )  # fmt: skip
     axis.figure.savefig(path, dpi=130)
     return path
 
