@@ -216,8 +216,10 @@ def test_its_programs_repeat_each_part(contenders: list[Contender], tmp_path: Pa
 def test_all_outputs_lie_over_the_measured_one(contenders: list[Contender]) -> None:
     results = {entry.name: entry.result for entry in contenders}
     y = np.sin(np.arange(3000) / 100.0)
-    axis = draw_outputs(results, y, 0.05, output_label="speed [rpm]")
+    axis, last = draw_outputs(results, y, 0.05, output_label="speed [rpm]")
     measured, *models = axis.get_lines()
+    assert last.get_xlim() == pytest.approx((135.0, 150.0), abs=0.1)
+    np.testing.assert_allclose(last.get_lines()[0].get_ydata(), y[-300:])
     assert [line.get_label() for line in models] == list(SOME)
     assert np.ptp(measured.get_ydata()) == pytest.approx(np.ptp(y), rel=1e-3)
     for line in models:

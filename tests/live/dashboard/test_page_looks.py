@@ -44,7 +44,10 @@ def test_the_plots_show_the_last_seconds_or_all(opened: Page) -> None:
     opened.page.get_by_role("button", name="10 s", exact=True).click()
     opened.until(lambda: small(opened) != before)
     assert opened.page.locator("[data-last][aria-pressed=true]").inner_text() == "10 s"
+    opened.page.get_by_role("button", name="10 min").click()
+    opened.until(lambda: "of the signals the newest 10.0 s are kept" in opened.text("span"))
     opened.page.get_by_role("button", name="all", exact=True).click()
+    opened.until(lambda: "drag to zoom" in opened.text("span"))
     opened.until(lambda: small(opened) == before)
 
 

@@ -17,14 +17,18 @@ from replant.runs.clock import Clock
 from replant.runs.result import Result
 from replant.runs.thinning import thin
 
+LAST = 10
+"""Of a record one in so many samples, the last ones, is drawn apart [samples]."""
 AROUND_DB, AROUND_DEGREES = 20.0, 90.0
 """How far the axes reach beyond the response of the reference at the most [dB, degrees]."""
 
 
 def draw_outputs(
-    results: Mapping[str, Result], y: FloatArray, dt: float, *, ax: Any = None, output_label: str = "output"
+    results: Mapping[str, Result], y: FloatArray, dt: float, *, axes: Any = None, output_label: str = "output"
 ) -> Any:
     """Draw the output of each method's model, simulated from the input alone, over the measured one.
+
+    The first axes show the whole record, the second its last tenth, where the curves can be told apart.
 
     Parameters
     ----------
@@ -34,31 +38,33 @@ def draw_outputs(
         Measured output.
     dt : float
         Sampling time in s.
-    ax : matplotlib axes, optional
-        Drawn into; without it a figure is made.
+    axes : two matplotlib axes, optional
+        Drawn into; without them a figure is made.
     output_label : str
         With the unit in brackets at the end, if it is known.
 
     Returns
     -------
-    axes
+    array of two axes
     """
-    axis = style.new_axes(1, 1, (9.0, 3.6))[0, 0] if ax is None else ax
-    axis.set_ylabel(output_label)
-    axis.set_xlabel("time [s]")
-    style.tidy(axis)
+    axes = style.given(style.new_axes(2, 1, (9.0, 5.4)) if axes is None else axes, 2)
     clock = next(iter(results.values())).clock_of(dt)
-    _curve(axis, y, clock, color=style.MEASURED, lw=2.6, label="measured")
-    for (name, result), (colour, dashes) in zip(results.items(), style.LINES, strict=False):
-        _curve(axis, result.simulation.output, clock, color=colour, ls=dashes, lw=1.1, label=name)
-    axis.set_xlim(0.0, float(clock.at(max(1, y.size - 1))))
-    axis.set_ylim(*style.output_limits(y, *(result.simulation.output for result in results.values())))
-    return axis
+    models = [result.simulation.output for result in results.values()]
+    for axis, begin in zip(axes, (0, y.size - max(y.size // LAST, 2)), strict=True):
+        axis.set_ylabel(output_label)
+        style.tidy(axis)
+        _curve(axis, y, clock, begin, color=style.MEASURED, lw=2.6, label="measured")
+        for name, output, (colour, dashes) in zip(results, models, style.LINES, strict=False):
+            _curve(axis, output, clock, begin, color=colour, ls=dashes, lw=1.1, label=name)
+        axis.set_xlim(*(float(clock.at(place)) for place in (max(begin, 0), max(1, y.size - 1))))
+        axis.set_ylim(*style.output_limits(y[begin:], *(output[begin:] for output in models)))
+    style.label_time(axes)
+    return np.array(axes, dtype=object)
 
 
-def _curve(axis: Any, signal: FloatArray, clock: Clock, **look: Any) -> None:
-    drawn = thin(np.clip(signal, -style.FARTHEST, style.FARTHEST), style.SHOWN_SMALL)
-    axis.plot(clock.at(drawn.places), drawn.values, **look)
+def _curve(axis: Any, signal: FloatArray, clock: Clock, begin: int, **look: Any) -> None:
+    drawn = thin(np.clip(signal[begin:], -style.FARTHEST, style.FARTHEST), style.SHOWN_SMALL)
+    axis.plot(clock.at(begin + drawn.places), drawn.values, **look)
 
 
 def draw_responses(
@@ -96,7 +102,8 @@ def draw_responses(
     unit = style.gain_unit(input_label, output_label)
     top.set_ylabel(f"magnitude [dB re {unit}]" if unit else "magnitude [dB]")
     bottom.set_ylabel("phase [°]")
-    bottom.set_xlabel("frequency [rad/s]")
+    for axis in (top, bottom) if top.figure is not bottom.figure else (bottom,):
+        axis.set_xlabel("frequency [rad/s]")
     for axis in (top, bottom):
         style.tidy(axis)
     span = frequencies(chosen.transfer_function, dt)[[0, -1]]

@@ -12,7 +12,7 @@ from replant.plotting.palette import blank_figure
 from replant.regressor.preprocess import Preprocess
 from replant.report.figures import draw_outputs, draw_overlay, draw_responses, style
 from replant.report.figures.overlay import legend_columns
-from replant.report.html.svg import HALF, WHOLE, described, look, svg, variable
+from replant.report.html.svg import HALF, described, look, svg, variable
 from replant.report.number_format import number, percent
 from replant.runs.comparison import Contender, best
 from replant.runs.result import Result
@@ -57,13 +57,16 @@ def outputs(contenders: Sequence[Contender], log: Log) -> str:
     results = results_of(contenders)
     said = "Measured output, and the output of each method's model, simulated from the input alone"
     with look():
-        axis = blank_figure(WHOLE, 3.3).subplots()
-        draw_outputs(results, log.output, log.dt, ax=axis, output_label=log.output_name)
+        axes = _panels()
+        draw_outputs(results, log.output, log.dt, axes=axes, output_label=log.output_name)
         fits = ", ".join(f"{name} {percent(result.simulation.fit)}" for name, result in results.items())
-        drawn = described(svg(axis.figure, "outputs"), f"{said}; fit: {fits}")
-    caption = f"{said}. Outputs that leave the range of the measured one by more than its size are cut off."
+        drawn = _drawn(axes, "outputs", f"{said}; fit: {fits}", "The same over the last tenth of the record")
+    caption = (
+        f"{said}; on the right or below, over the last tenth of the record. Outputs that leave the range of the measured "
+        "one by more than its size are cut off."
+    )
     measured = _swatch(style.MEASURED, "solid", 3.6)
-    return _figure(f"<li>{measured}measured</li>{_legend(contenders)}", f'<div class="still">{drawn}</div>', caption)
+    return _figure(f"<li>{measured}measured</li>{_legend(contenders)}", drawn, caption)
 
 
 def responses(contenders: Sequence[Contender], log: Log, plant_label: str) -> str:
@@ -71,12 +74,24 @@ def responses(contenders: Sequence[Contender], log: Log, plant_label: str) -> st
     results, first = results_of(contenders), best(contenders)
     said = "Bode diagram of each method's model"
     with look():
-        axes = blank_figure(WHOLE, 4.4).subplots(2, 1, sharex=True, height_ratios=(3, 2))
+        axes = _panels()
         labels = {"input_label": plant_label, "output_label": log.output_name}
         draw_responses(results, log.dt, reference=first.name if first else None, axes=axes, **labels)
-        drawn = described(svg(axes[0].figure, "responses"), f"{said}: magnitude in dB and phase in degrees")
+        drawn = _drawn(axes, "responses", f"{said}: magnitude in dB", f"{said}: phase in degrees")
     caption = f"{said}. Bands are two standard deviations wide to either side, where the method gives them."
-    return _figure(_legend(contenders), f'<div class="still">{drawn}</div>', caption)
+    return _figure(_legend(contenders), drawn, caption)
+
+
+def _panels() -> list[Any]:
+    """Return the axes of two pictures that stand side by side, on a narrow page below each other."""
+    return [blank_figure(HALF, 2.9).subplots() for _ in range(2)]
+
+
+def _drawn(axes: Sequence[Any], name: str, *words: str) -> str:
+    pictures = (
+        described(svg(axis.figure, f"{name}{i}"), said) for i, (axis, said) in enumerate(zip(axes, words, strict=True))
+    )
+    return f'<div class="panels">{"".join(pictures)}</div>'
 
 
 def _figure(legend: str, drawn: str, caption: str) -> str:
@@ -117,7 +132,7 @@ def save_figures(folder: Path, contenders: Sequence[Contender], log: Log, prepro
     labels = {"input_label": plant_label, "output_label": log.output_name}
     chosen = first.name if first else None
     drawn = {
-        "outputs": draw_outputs(results, log.output, log.dt, output_label=log.output_name),
+        "outputs": draw_outputs(results, log.output, log.dt, output_label=log.output_name)[0],
         "bode": draw_responses(results, log.dt, reference=chosen, **labels)[0],
         "parameters": draw_overlay(results, log.dt, reference=chosen, **labels)[0],
     }

@@ -43,6 +43,7 @@ export function signalPlots(span) {
     charts: [output, residual, reference, input],
     draw({ window, residual_std: std }) {
       end = window.t.at(-1) ?? 0;
+      span.tell(end - (window.t[0] ?? end));
       x = span.of(window.t[0] ?? end - 1, end).map(value => value - end);
       const t = window.t.map(value => value - end), none = t.map(() => null), r = window.r ?? [], inside = column => extent(seen(t, x, column));
       const follows = shares(extent(r), extent(window.y));
