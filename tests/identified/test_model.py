@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant import rigs
+from replant.identified.responses import StepResponse, time_of
 
 TRUE = rp.TransferFunction([2.0, 3.0], [1.0, 1.2, 4.0], delay=0.1)
 DT = 0.05
@@ -254,3 +256,12 @@ def test_a_log_is_fitted_and_its_names_are_kept() -> None:
 def test_a_model_that_cannot_be_is_refused(changes: dict[str, Any]) -> None:
     with pytest.raises((rp.InvalidArgumentError, rp.ArgumentTypeError), match=next(iter(changes))):
         rp.Model(**{"structure": rp.Structure(1), "parameters": [1.0, 2.0], "dt": 0.1, **changes})
+
+
+def test_a_step_response_shows_a_fast_oscillation_beside_a_slow_mode() -> None:
+    step = StepResponse.of(rigs.DEAP, None, time_of(rigs.DEAP))
+    period = 1.0 / 12.2
+    assert step.time[-1] > 50.0
+    assert np.diff(step.time).max() < period / 7.0
+    first = step.output[step.time < period]
+    assert first.max() == pytest.approx(2.0 * 51.47 / 5891.0, rel=0.06)  # it overshoots as a lightly damped mode does

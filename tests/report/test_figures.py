@@ -20,6 +20,7 @@ from replant.report.figures import (
     draw_fit,
     draw_poles_and_zeros,
     draw_spectrum,
+    draw_step,
     draw_transients,
     save_figures,
     style,
@@ -282,3 +283,14 @@ def test_colours_differ_in_grey() -> None:
 
     for one, other in ((style.MEASURED, style.MODEL), (style.MODEL, style.TRUTH), (style.MODEL, style.RESIDUAL)):
         assert abs(lightness(one) - lightness(other)) > 0.02
+
+
+def test_the_true_plant_of_a_simulated_record_is_drawn_beside_the_model(plain) -> None:
+    truth = rp.TransferFunction([3.0, 6.0], [1.0, 1.6, 4.0])
+    for axes in (draw_bode(plain.result, 0.05, truth=truth), [draw_step(plain.result, truth=truth)]):
+        assert "true" in {line.get_label() for line in axes[0].get_lines()}
+    omega, magnitude = curves(draw_bode(plain.result, 0.05, truth=truth)[0])["true"].T
+    np.testing.assert_allclose(magnitude, 20 * np.log10(np.abs(truth.response(omega))))
+    poles = curves(draw_poles_and_zeros(plain.result, truth=truth))["true poles"]
+    np.testing.assert_array_equal(poles, np.column_stack([truth.poles.real, truth.poles.imag]))
+    assert "true" not in {line.get_label() for line in draw_step(plain.result).get_lines()}

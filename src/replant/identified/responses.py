@@ -24,7 +24,9 @@ from replant.model.uncertainty import UncertainMode, Uncertainty
 from replant.statistics.linear_algebra import quiet
 
 POINTS = 400
-"""Points of a response [count]."""
+"""Points of a response; of one over time that oscillates fast, the least [count]."""
+PER_PERIOD, MOST_POINTS = 8, 8000
+"""Points for each period of a response over time, and points at the most [count]."""
 SETTLED = 6.0
 """Time constants of the slowest mode after which a step response has settled: 0.25 % is left [time constants]."""
 BEYOND = 30.0
@@ -223,6 +225,8 @@ class PoleMap:
 def time_of(model: TransferFunction, duration: float | None = None) -> FloatArray:
     """Return times (N,) from 0 to ``duration`` in s, by default until the slowest mode of the model has settled.
 
+    They are close enough to show the oscillation of each mode, not its aliases.
+
     Examples
     --------
     >>> time_of(TransferFunction([1.0], [1.0, 0.5]))[[0, -1]]
@@ -233,7 +237,10 @@ def time_of(model: TransferFunction, duration: float | None = None) -> FloatArra
         speeds = np.where(slowest > 1e-6 * np.abs(model.poles), slowest, np.abs(model.poles))
         speeds = speeds[np.isfinite(speeds) & (speeds > 0.0)]
         duration = model.delay + (SETTLED / float(speeds.min()) if speeds.size else 1.0)
-    return np.linspace(0.0, positive("duration", duration), POINTS)
+    duration = positive("duration", duration)
+    turns = np.abs(model.poles.imag[np.abs(model.poles.imag) > np.abs(model.poles.real)])
+    periods = duration * float(np.max(turns[np.isfinite(turns)], initial=0.0)) / math.tau
+    return np.linspace(0.0, duration, int(min(max(PER_PERIOD * periods, POINTS), MOST_POINTS)))
 
 
 def frequencies(model: TransferFunction, dt: float, points: int = POINTS) -> FloatArray:

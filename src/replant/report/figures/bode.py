@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.identified.responses import frequencies
+from replant.identified.responses import Bode, frequencies
+from replant.model.transfer_function import TransferFunction
+from replant.plotting.palette import TRUE
 from replant.report.figures import style
 from replant.report.figures.poles import usable_uncertainty
 from replant.runs.result import Result
@@ -18,7 +20,13 @@ WIDEST_DB, WIDEST_DEGREES = 60.0, 180.0
 
 
 def draw_bode(
-    result: Result, dt: float, *, axes: Any = None, input_label: str = "input", output_label: str = "output"
+    result: Result,
+    dt: float,
+    *,
+    truth: TransferFunction | None = None,
+    axes: Any = None,
+    input_label: str = "input",
+    output_label: str = "output",
 ) -> Any:
     """Draw magnitude and phase over angular frequency up to the Nyquist frequency, with a band of +-2 sigma if known.
 
@@ -27,6 +35,8 @@ def draw_bode(
     result : Result
     dt : float
         Sampling time in s.
+    truth : TransferFunction, optional
+        The true plant of a simulated record.
     axes : two matplotlib axes, optional
         Drawn into; without them a figure is made.
     input_label, output_label : str
@@ -58,7 +68,11 @@ def draw_bode(
     _band(result, omega, magnitude, phase, top, bottom)
     top.semilogx(omega, magnitude, color=style.MODEL, lw=1.8, label="model")
     bottom.semilogx(omega, phase, color=style.MODEL, lw=1.8)
-    style.legend(top, 2)
+    if truth is not None:
+        true = Bode.of(truth, None, dt, omega)
+        top.semilogx(omega, 20.0 * np.log10(true.magnitude), label="true", **TRUE)
+        bottom.semilogx(omega, np.degrees(true.phase), **TRUE)
+    style.legend(top, 3)
     finish_bode(top, bottom, omega, magnitude, phase)
     return np.array([top, bottom], dtype=object)
 

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
+from replant.plotting.palette import TRUE
 from replant.plotting.poles import RootColours, draw_roots, mirrored
 from replant.report.figures import style
 from replant.runs.result import Result
@@ -15,12 +17,14 @@ from replant.runs.result import Result
 COLOURS = RootColours(style.MODEL, style.RESIDUAL, style.MUTED, style.GRID)
 
 
-def draw_poles_and_zeros(result: Result, *, ax: Any = None) -> Any:
+def draw_poles_and_zeros(result: Result, *, truth: TransferFunction | None = None, ax: Any = None) -> Any:
     """Draw poles (crosses) and zeros (circles), with their 95 % confidence ellipses if a covariance is known.
 
     Parameters
     ----------
     result : Result
+    truth : TransferFunction, optional
+        The true plant of a simulated record.
     ax : matplotlib axes, optional
         Drawn into; without it a figure is made.
 
@@ -38,7 +42,10 @@ def draw_poles_and_zeros(result: Result, *, ax: Any = None) -> Any:
         style.say(axis, "not finite, or too large to draw")
         return axis
     draw_roots(axis, model.poles, model.zeros, regions(result), COLOURS)
-    style.legend(axis, 3)
+    if truth is not None:
+        look: Any = {"ls": "none", "marker": "D", "ms": 11, "mfc": "none", "mew": 0.9, "color": TRUE["color"]}
+        axis.plot(truth.poles.real, truth.poles.imag, label="true poles", **look)
+    style.legend(axis, 4)
     return axis
 
 

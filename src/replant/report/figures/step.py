@@ -6,16 +6,28 @@ from typing import Any
 
 import numpy as np
 
+from replant.identified.responses import StepResponse
+from replant.model.transfer_function import TransferFunction
+from replant.plotting.palette import TRUE
 from replant.report.figures import style
 from replant.runs.result import Result
 
 
-def draw_step(result: Result, *, ax: Any = None, input_label: str = "input", output_label: str = "output") -> Any:
+def draw_step(
+    result: Result,
+    *,
+    truth: TransferFunction | None = None,
+    ax: Any = None,
+    input_label: str = "input",
+    output_label: str = "output",
+) -> Any:
     """Draw the output by a unit step of the input of G(s), until it has settled, with its band of +-2 sigma.
 
     Parameters
     ----------
     result : Result
+    truth : TransferFunction, optional
+        The true plant of a simulated record.
     ax : matplotlib axes, optional
         Drawn into; without it a figure is made.
     input_label, output_label : str
@@ -42,7 +54,9 @@ def draw_step(result: Result, *, ax: Any = None, input_label: str = "input", out
         shown += [low, high]
     axis.axhline(0.0, color=style.MUTED, lw=0.8)
     axis.plot(step.time, step.output, color=style.MODEL, lw=1.8, label="model")
+    if truth is not None:
+        axis.plot(step.time, StepResponse.of(truth, None, step.time).output, label="true", **TRUE)
     axis.set_xlim(0.0, float(step.time[-1]))
     axis.set_ylim(*style.output_limits(np.concatenate(shown[:2]), *shown[2:]))
-    style.legend(axis, 2)
+    style.legend(axis, 3)
     return axis

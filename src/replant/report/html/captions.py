@@ -78,8 +78,9 @@ def of_poles(material: Material) -> str:
     zeros = ", ".join(complex_number(zero) for zero in model.zeros.tolist() if zero.imag >= 0)
     tail = f"; zero{'s' if model.zeros.size > 1 else ''} at {zeros} rad/s" if zeros else ""
     region = " Coloured: 95 % confidence regions." if material.uncertainty is not None else ""
+    diamonds = " Diamonds: the true poles." if material.truth is not None else ""
     heads = f"Pole{'s' if model.poles.size > 1 else ''} at {poles} rad/s{tail}"
-    return f"{heads}. Grey: the right half-plane, in which poles are unstable.{region}"
+    return f"{heads}. Grey: the right half-plane, in which poles are unstable.{region}{diamonds}"
 
 
 def of_bode(material: Material) -> str:
@@ -88,13 +89,19 @@ def of_bode(material: Material) -> str:
     gain = number(material.result.transfer_function.dc_gain)
     unit = style.gain_unit(material.plant_label, material.output_label)
     gain += f" {unit}" if unit else ""
-    return f"Bode diagram of G(s): magnitude and phase{band}; the DC gain is {gain}."
+    return f"Bode diagram of G(s): magnitude and phase{band}; the DC gain is {gain}.{_dashed(material)}"
+
+
+def _dashed(material: Material) -> str:
+    return " Dashed: the true plant." if material.truth is not None else ""
 
 
 def of_step(material: Material) -> str:
     """Return the caption of the step response."""
     band = " with a band of two standard deviations" if material.uncertainty is not None else ""
-    return f"Step response of G(s){band}: what the output makes of a unit step of the input, from rest."
+    return (
+        f"Step response of G(s){band}: what the output makes of a unit step of the input, from rest.{_dashed(material)}"
+    )
 
 
 def of_auto(material: Material) -> str:

@@ -62,8 +62,8 @@ def outputs(contenders: Sequence[Contender], log: Log) -> str:
         fits = ", ".join(f"{name} {percent(result.simulation.fit)}" for name, result in results.items())
         drawn = _drawn(axes, "outputs", f"{said}; fit: {fits}", "The same over the last tenth of the record")
     caption = (
-        f"{said}; on the right or below, over the last tenth of the record. Outputs that leave the range of the measured "
-        "one by more than its size are cut off."
+        f"{said}; on the right or below, over the last tenth of the record. Outputs that leave the range of the "
+        "measured one by more than its size are cut off."
     )
     measured = _swatch(style.MEASURED, "solid", 3.6)
     return _figure(f"<li>{measured}measured</li>{_legend(contenders)}", drawn, caption)

@@ -12,6 +12,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.data.logs import Log
 from replant.errors import ReplantError
+from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess
@@ -59,6 +60,11 @@ class Material:
     filter: StateVariableFilter | None
     preprocess: Preprocess
     truth: Sequence[float] | None = None
+
+    @property
+    def true_plant(self) -> TransferFunction | None:
+        """The true plant, of a simulated record."""
+        return None if self.truth is None else self.result.structure.transfer_function(np.array(self.truth))
 
     @property
     def u(self) -> FloatArray:

@@ -95,7 +95,7 @@ def excitation_picture(material: Material) -> str:
 def poles_picture(material: Material) -> str:
     """Return poles and zeros."""
     axis = blank_figure(HALF, 4.2).subplots()
-    draw_poles_and_zeros(material.result, ax=axis)
+    draw_poles_and_zeros(material.result, truth=material.true_plant, ax=axis)
     return svg(axis.figure, "poles")
 
 
@@ -103,14 +103,15 @@ def bode_picture(material: Material) -> str:
     """Return the Bode diagram."""
     axes = blank_figure(HALF, 4.2).subplots(2, 1, sharex=True, height_ratios=(3, 2))
     labels = {"input_label": material.figure_label, "output_label": material.output_label}
-    draw_bode(material.result, material.dt, axes=axes, **labels)
+    draw_bode(material.result, material.dt, truth=material.true_plant, axes=axes, **labels)
     return svg(axes[0].figure, "bode")
 
 
 def step_picture(material: Material) -> str:
     """Return the step response."""
     axis = blank_figure(WHOLE, 2.6).subplots()
-    draw_step(material.result, ax=axis, input_label=material.figure_label, output_label=material.output_label)
+    labels = {"input_label": material.figure_label, "output_label": material.output_label}
+    draw_step(material.result, truth=material.true_plant, ax=axis, **labels)
     return svg(axis.figure, "step")
 
 
