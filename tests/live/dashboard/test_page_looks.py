@@ -99,8 +99,8 @@ def test_the_truth_of_a_simulated_rig_stands_beside_the_estimate(opened: Page, f
     poles = [{"real": pole.real, "imag": pole.imag} for pole in PLANT.poles.tolist()]
     far = {"magnitude_db": [value + 6.0 for value in bode["magnitude_db"]], "phase_deg": bode["phase_deg"]}
     truth = {"parameters": [1.6, 40.0, 3.0, 6.0], "poles": poles, "zeros": [], **far, "step": [0.1] * len(step["t"])}
-    feed.change = {"truth": truth}
-    opened.until(lambda: feed.advance() and opened.page.locator("#plane .true").count() == 2)  # sent less often
+    told(opened, feed, truth=truth)
+    opened.until(lambda: opened.page.locator("#plane .true").count() == 2)  # it comes though no view follows
     assert opened.page.locator(".bode").inner_text().count("true") == 3
     assert all(new != old for new, old in zip(opened.pixels("magnitude", "step"), without, strict=True))
 

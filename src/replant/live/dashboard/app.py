@@ -155,23 +155,37 @@ async def _converse(hub: Hub, socket: WebSocket) -> None:
 
 
 async def _send(hub: Hub, socket: WebSocket) -> None:
-    """Send the newest view, wait until it is sent, and repeat: a slow browser delays no other."""
+    """Send the newest view, wait until it is sent, and repeat: a slow browser delays no other.
+
+    What changes slowly follows at most once in `HISTORY_PERIOD`, and then even if no further view comes.
+    """
     clock = asyncio.get_running_loop().time
+    frames = hub.subscribe()
+    coming = asyncio.ensure_future(anext(frames, None))
     history_due, unsent = 0.0, ""
     try:
-        async for frame in hub.subscribe():
+        while True:
+            await asyncio.wait({coming}, timeout=max(history_due - clock(), 0.0) if unsent else None)
+            frame = coming.result() if coming.done() else None
             due = clock() + PERIOD
-            await socket.send_text(frame.view)
-            unsent = frame.history
-            if clock() >= history_due:
-                history_due = clock() + HISTORY_PERIOD
+            if frame is not None:
+                await socket.send_text(frame.view)
+                unsent = frame.history
+            over = coming.done() and frame is None
+            if unsent and (over or clock() >= history_due):
                 await socket.send_text(unsent)
-                unsent = ""
-            await asyncio.sleep(due - clock())
-        if unsent:  # the last view has come: what changes slowly belongs to it
-            await socket.send_text(unsent)
+                history_due, unsent = clock() + HISTORY_PERIOD, ""
+            if over:
+                return
+            if frame is not None:
+                await asyncio.sleep(due - clock())
+                coming = asyncio.ensure_future(anext(frames, None))
     except (WebSocketDisconnect, RuntimeError):  # the browser has closed the websocket
         return
+    finally:
+        coming.cancel()
+        await asyncio.gather(coming, return_exceptions=True)
+        await frames.aclose()
 
 
 def _model(hub: Hub, kind: str, name: str, written: Any) -> Response:

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import json
 import threading
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -104,7 +104,7 @@ class Hub:
             with contextlib.suppress(RuntimeError):  # the event loop has just been closed
                 loop.call_soon_threadsafe(event.set)
 
-    async def subscribe(self) -> AsyncIterator[Frame]:
+    async def subscribe(self) -> AsyncGenerator[Frame, None]:
         """Yield the newest frame at once, then each newer one, until the end; no frame twice."""
         entry = (asyncio.get_running_loop(), asyncio.Event())
         self._waiting.add(entry)
