@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: demo test slow lint types check bench bench-live regression soak fuzz faults accuracy campaign recorded sensitivity pages clean help
+.PHONY: demo test docs docs-serve slow lint types check bench bench-live regression soak fuzz faults accuracy campaign recorded sensitivity pages clean help
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -24,6 +24,12 @@ demo: $(READY)   ## identify a simulated actuator while it runs; plots in out/de
 # one worker more than a small machine has cores: many tests wait
 test: lint types $(READY)   ## lint, types, doctests, tests
 	$(BIN)/pytest -n 3
+
+docs: $(READY)   ## the site, every block of it executed; in out/docs/html
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python -m sphinx -W --keep-going -d out/docs/doctrees docs out/docs/html $(ARGS)
+
+docs-serve: docs ## the same on http://127.0.0.1:8000
+	$(BIN)/python -m http.server 8000 --bind 127.0.0.1 --directory out/docs/html
 
 slow: $(READY)   ## the tests that take minutes, such as a hundred million idle samples
 	$(BIN)/pytest -m slow
