@@ -10,6 +10,8 @@ Figures = dict[str, Any]
 BUFFERS = {"none": "no replay", "one seed": "replay, one seed", "own seeds": "replay, own seeds"}
 HEAD = """# Performance
 
+*How fast is replant, and beside what?*
+
 This page is written by `make bench` from one run; do not edit it. Times depend on the machine; the ratios can be
 compared. Both sides of a ratio are measured alternately in the same run; it is a median over many repetitions, with the
 quartiles in brackets.

@@ -35,6 +35,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
     "mathml",
+    "schema_tables",
     "shell_cells",
 ]
 exclude_patterns = ["_extensions", "_templates"]
@@ -52,6 +53,13 @@ nb_execution_raise_on_error = True
 nb_execution_timeout = 300  # s for one block
 nb_merge_streams = True
 os.environ["COLUMNS"] = "88"  # of the terminal that programs in executed pages see
+
+# --- reference
+
+autodoc_typehints = "none"  # the docstrings name the types
+autodoc_member_order = "bysource"
+numpydoc_show_class_members = False
+default_role = "code"
 
 # --- appearance
 

@@ -25,7 +25,9 @@ NOT_MEASURED = "not measured"
 
 _HEAD = """# The constants
 
-*Which numbers were chosen, why so, and what happens if they are others?* This page is made from the strings below the
+*Which numbers were chosen, why so, and what happens if they are others?*
+
+This page is made from the strings below the
 constants by `make pages`; `make sensitivity` measures what is said of halving and doubling.
 
 The experiment: records of one kind each (white and slow noise, outliers, failing and coarse sensors, gaps, jitter,

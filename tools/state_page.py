@@ -12,7 +12,9 @@ PAGE = ROOT / "docs" / "state.md"
 
 _HEAD = """# The state of an identifier
 
-*Which numbers does an identifier keep, where do they lie, and who changes them?* This page is made from
+*Which numbers does an identifier keep, where do they lie, and who changes them?*
+
+This page is made from
 `src/replant/kernels/schema.py` by `make pages`.
 
 An identifier's state is five arrays. `ints` (int64) and `reals` (float64) are listed below; beside them lie three

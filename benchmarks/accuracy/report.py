@@ -23,6 +23,8 @@ BESIDE = {True: "met beside", False: "not met beside"}
 FEWEST_RUNS = 100  # from which a coverage is judged
 TITLE = "# Accuracy, measured"
 INTRODUCTION = """\
+*How accurate are the estimates and their standard deviations, measured?*
+
 This page is written by `make accuracy`, which repeats every run (`--scenario A B` runs some scenarios, `--runs N` fewer
 runs of each). Run r has the seed r, r = 0, 1, 2 ..; no method is tuned to a scenario beyond what its line names.
 "default" is `Identifier(structure, dt)` without further settings, in one pass; "offline SRIVC" is refined instrumental

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 from docutils.utils.math import MathError
@@ -15,12 +16,13 @@ if TYPE_CHECKING:
     from sphinx.writers.html5 import HTML5Translator
 
 logger = logging.getLogger(__name__)
+SIZES = re.compile(r"\\[bB]igg?[lmr]?(?![a-zA-Z])")  # of brackets, which docutils does not know; browsers stretch them
 
 
 def converted(formula: str, node: nodes.Element, *, as_block: bool) -> str:
     """Return the MathML of a LaTeX formula; one that cannot be converted is a warning, and shown as it was written."""
     try:
-        return tex2mathml(formula, as_block=as_block)
+        return tex2mathml(SIZES.sub("", formula), as_block=as_block)
     except MathError as reason:
         logger.warning("this formula cannot be converted: %s", reason, location=node)
         return f"<code>{formula}</code>"

@@ -320,7 +320,7 @@ class Model(ModelFields):
 
 
 def load_model(path: AnyPath) -> Model:
-    """Return the model in a file that `Model.save` or ``replant ... --save`` has written.
+    """Return the model in a file that `Model.save` or ``replant run --save`` has written.
 
     Raises
     ------
