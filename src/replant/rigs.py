@@ -135,6 +135,13 @@ def motor_rig(noise: float = 0.2) -> Rig:
 def deap_voltage(samples: int, seed: int = 0) -> FloatArray:
     """Return an exciting voltage (K,) in kV for `deap_rig`: steps of 10 ms to 20 s between 2 and 5.5 kV.
 
+    Parameters
+    ----------
+    samples : int
+        Number of samples K.
+    seed : int
+        Of the random steps.
+
     Examples
     --------
     >>> u = deap_voltage(1000)

@@ -150,15 +150,15 @@ def multisine(samples: int, dt: float, frequencies: FloatArray, amplitude: float
     InvalidArgumentError
         If a frequency is outside of its range.
 
+    References
+    ----------
+    Schroeder (1970), "Synthesis of low-peak-factor signals and binary sequences with low autocorrelation".
+
     Examples
     --------
     >>> u = multisine(1000, 0.01, np.array([0.1, 0.2, 0.4]))
     >>> float(abs(u).max())
     1.0
-
-    References
-    ----------
-    Schroeder (1970), "Synthesis of low-peak-factor signals and binary sequences with low autocorrelation".
     """
     samples, dt, amplitude = whole("samples", samples, 1), positive("dt", dt), finite("amplitude", amplitude)
     frequencies = vector("frequencies", frequencies)

@@ -250,6 +250,11 @@ class Model(ModelFields):
         reference : (K,) array, optional
             Set-point or dither, where ``log`` is an array and a controller makes the input; see `replant.fit`.
 
+        Returns
+        -------
+        Validation
+            Fit, residual, error by frequency and verdict, by this record alone.
+
         Raises
         ------
         InvalidArgumentError
@@ -290,6 +295,11 @@ class Model(ModelFields):
     def from_json(cls, written: str | bytes) -> Model:
         """Return the model that `to_json` has written, equal to the bit.
 
+        Parameters
+        ----------
+        written : str or bytes
+            What `to_json` has returned, or the content of a file of `save`.
+
         Raises
         ------
         ModelFileError
@@ -299,6 +309,11 @@ class Model(ModelFields):
 
     def save(self, path: AnyPath) -> None:
         """Write the model as JSON; the file is whole at every moment.
+
+        Parameters
+        ----------
+        path : path
+            Of the file, which is replaced.
 
         Raises
         ------
@@ -321,6 +336,11 @@ class Model(ModelFields):
 
 def load_model(path: AnyPath) -> Model:
     """Return the model in a file that `Model.save` or ``replant run --save`` has written.
+
+    Parameters
+    ----------
+    path : path
+        Of the JSON file.
 
     Raises
     ------

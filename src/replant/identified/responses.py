@@ -95,6 +95,15 @@ class ImpulseResponse(StepResponse):
     def of(cls, model: TransferFunction, known: Uncertainty | None, time: FloatArray) -> Self:
         """Return the response of a model at times (N,), which begin at 0 and are equally spaced, in s.
 
+        Parameters
+        ----------
+        model : TransferFunction
+            The model.
+        known : Uncertainty or None
+            Of the model, for the standard deviation.
+        time : (N,) array
+            Times in s.
+
         Raises
         ------
         InvalidArgumentError

@@ -31,6 +31,11 @@ class Mode:
     def of(cls, pole: complex) -> Mode:
         """Return the mode of a pole.
 
+        Parameters
+        ----------
+        pole : complex
+            In rad/s.
+
         Examples
         --------
         >>> Mode.of(-3.0 + 4.0j).damping, Mode.of(-2.0 + 0.0j).time_constant

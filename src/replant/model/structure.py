@@ -26,9 +26,9 @@ class Structure:
     Parameters
     ----------
     poles : int
-        n, the order of the denominator, 1 to 10.
+        Order n of the denominator, 1 to 10.
     zeros : int
-        m, the order of the numerator; fewer than ``poles``.
+        Order m of the numerator; fewer than ``poles``.
     delay : float
         Dead time in seconds, any real number >= 0.
     bias : bool
@@ -42,14 +42,14 @@ class Structure:
     InvalidArgumentError
         If the structure is impossible.
 
+    References
+    ----------
+    Bernat and Kolota (2023), equations (1) and (24).
+
     Examples
     --------
     >>> Structure(poles=3, zeros=1, bias=True).names
     ('a2', 'a1', 'a0', 'b1', 'b0', 'bias')
-
-    References
-    ----------
-    Bernat and Kolota (2023), equations (1) and (24).
     """
 
     poles: int
@@ -76,6 +76,17 @@ class Structure:
     @classmethod
     def wanted(cls, structure: Structure | None, poles: int | None, zeros: int, delay: float) -> Structure:
         """Return a structure that was given, or the one with so many poles and zeros.
+
+        Parameters
+        ----------
+        structure : Structure or None
+            A structure, or None.
+        poles : int or None
+            Number of poles where there is no structure.
+        zeros : int
+            Number of zeros.
+        delay : float
+            Dead time in s.
 
         Raises
         ------
@@ -106,6 +117,11 @@ class Structure:
 
     def transfer_function(self, parameters: FloatArray) -> TransferFunction:
         """Return G(s) of ``parameters`` (P,), given in the order of `names`.
+
+        Parameters
+        ----------
+        parameters : (P,) array
+            In physical units.
 
         Examples
         --------

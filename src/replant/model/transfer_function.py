@@ -120,6 +120,11 @@ class TransferFunction:
     def response(self, frequency: Sequence[float] | FloatArray) -> npt.NDArray[np.complex128]:
         """Return G(i omega) at each ``frequency`` omega in rad/s, in the shape given; not finite at a pole.
 
+        Parameters
+        ----------
+        frequency : array
+            Angular frequencies in rad/s.
+
         Examples
         --------
         >>> abs(TransferFunction([1.0], [1.0, 1.0]).response([0.0, 1.0])).round(4)

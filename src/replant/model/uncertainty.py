@@ -55,6 +55,10 @@ class Uncertainty:
     covariance : (P, P) array
         In the units of the parameters, squared; NaN where it is not known yet.
 
+    References
+    ----------
+    Ljung (1999), "System Identification: Theory for the User", section 9.4 and appendix 9A.
+
     Examples
     --------
     >>> known = Uncertainty(Structure(poles=1), np.array([0.5, 2.0]), np.diag([1e-4, 4e-4]))
@@ -63,10 +67,6 @@ class Uncertainty:
     >>> mode, = known.modes
     >>> mode.mode.time_constant, round(mode.time_constant_std, 4)
     (2.0, 0.04)
-
-    References
-    ----------
-    Ljung (1999), "System Identification: Theory for the User", section 9.4 and appendix 9A.
     """
 
     structure: Structure
@@ -114,7 +114,10 @@ class Uncertainty:
 
         Returns
         -------
-        relative, phase : (F,) arrays
+        relative : (F,) array
+            Of ln abs G.
+        phase : (F,) array
+            In rad.
         """
         omega = np.atleast_1d(np.asarray(frequency, np.float64))
         slopes = self._log_response_slopes(omega)

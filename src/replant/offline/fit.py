@@ -100,12 +100,22 @@ def fit(
         nothing of the disturbances; for "srivc".  The unit does not matter.  A sample whose reference is not finite is
         left out.
 
+    Returns
+    -------
+    FitResult
+        The model with its fits, verdict and settings.
+
     Raises
     ------
     ArgumentTypeError
         If an argument is missing or of the wrong type.
     InvalidArgumentError
         If the record is too short for the parameters, "srivc" finds no model, or an argument is not valid.
+
+    References
+    ----------
+    Bernat and Kolota (2023), section 4; Garnier and Wang (2008), "Identification of Continuous-time Models from
+    Sampled Data", chapters 1 and 4.
 
     Examples
     --------
@@ -114,11 +124,6 @@ def fit(
     >>> found = fit(u, true.simulate(u, dt=0.1), dt=0.1, poles=1)
     >>> print(found.transfer_function, found.verdict.status)
     2 / (s + 0.5) trusted
-
-    References
-    ----------
-    Bernat and Kolota (2023), section 4; Garnier and Wang (2008), "Identification of Continuous-time Models from
-    Sampled Data", chapters 1 and 4.
     """
     structure = Structure.wanted(structure, poles, zeros, delay)
     given = Samples.of(u, y, dt, t, reference)

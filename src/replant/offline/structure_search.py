@@ -158,10 +158,20 @@ def search(
     progress : callable
         Called before each structure with how many were tried, of how many.
 
+    Returns
+    -------
+    SearchResult
+        Every structure tried, and the one chosen.
+
     Raises
     ------
     InvalidArgumentError
         If no structure of the grid is possible, or none gives a model.
+
+    References
+    ----------
+    Ljung (1999), "System Identification: Theory for the User", section 16.4; Hastie, Tibshirani and Friedman (2009),
+    "The Elements of Statistical Learning", section 7.10 (the rule of one standard error).
 
     Examples
     --------
@@ -171,11 +181,6 @@ def search(
     >>> found = search(u, y, 0.05, poles=(1, 2, 3))
     >>> found.best.structure.poles
     2
-
-    References
-    ----------
-    Ljung (1999), "System Identification: Theory for the User", section 16.4; Hastie, Tibshirani and Friedman (2009),
-    "The Elements of Statistical Learning", section 7.10 (the rule of one standard error).
     """
     given = Samples.of(u, y, dt, t, reference)
     preprocess = given.preprocess if preprocess is None else preprocess

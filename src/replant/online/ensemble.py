@@ -135,6 +135,11 @@ class Ensemble:
     def trace(self, u: Any, y: Any) -> tuple[Trace, ...]:
         """Take a chunk of samples as `update_many` does; return the `Trace` of each member, K (P + 1) numbers each.
 
+        Parameters
+        ----------
+        u, y : (K, M) arrays
+            A column each member, or (K,) for all alike, as in `update_many`.
+
         Raises
         ------
         InvalidArgumentError, ArgumentTypeError

@@ -120,6 +120,10 @@ class Identifier(Estimate):
     samples: where the newest ones contradict the estimate, it begins anew with them.  Such a solution takes some tens
     of milliseconds, every other update about a microsecond.
 
+    References
+    ----------
+    Bernat and Kolota (2023), (8)-(14); Young (2011), "Recursive Estimation and Time-Series Analysis", chapter 8.
+
     Examples
     --------
     >>> from replant import TransferFunction
@@ -130,10 +134,6 @@ class Identifier(Estimate):
     >>> trace = ident.update_many(u, y)
     >>> print(ident.transfer_function)
     2 / (s + 0.5)
-
-    References
-    ----------
-    Bernat and Kolota (2023), (8)-(14); Young (2011), "Recursive Estimation and Time-Series Analysis", chapter 8.
     """
 
     def __init__(
@@ -205,6 +205,11 @@ class Identifier(Estimate):
     def to_bytes(self, progress: Progress | None = None) -> bytes:
         """Return the whole state as bytes for `from_bytes`; equal states give equal bytes.  See `save`.
 
+        Parameters
+        ----------
+        progress : dict, optional
+            As in `save`.
+
         Raises
         ------
         InvalidArgumentError
@@ -217,6 +222,11 @@ class Identifier(Estimate):
     @classmethod
     def from_bytes(cls, data: bytes) -> Identifier:
         """Return the identifier from the bytes of `to_bytes`.
+
+        Parameters
+        ----------
+        data : bytes
+            What `to_bytes` has returned.
 
         Raises
         ------
@@ -298,6 +308,11 @@ class Identifier(Estimate):
             Time stamps in s, see `update`.
         r : (K,) array, optional
             Reference, see `update`.
+
+        Returns
+        -------
+        Trace
+            Error and estimate after each sample.
 
         Raises
         ------

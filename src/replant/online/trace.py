@@ -54,12 +54,6 @@ class Trace:
         true : (P,) or (K, P) array
             The true parameters in the order of ``names``; constant, or one row a sample.
 
-        Examples
-        --------
-        >>> trace = Trace(("a0",), np.zeros(1), np.array([[1.0], [2.0]]), np.zeros(2))
-        >>> trace.index([2.0])              # (0 - 2)^2 + (1 - 2)^2
-        array([5.])
-
         Raises
         ------
         InvalidArgumentError
@@ -68,6 +62,12 @@ class Trace:
         References
         ----------
         Bernat and Kolota (2023), (21).
+
+        Examples
+        --------
+        >>> trace = Trace(("a0",), np.zeros(1), np.array([[1.0], [2.0]]), np.zeros(2))
+        >>> trace.index([2.0])              # (0 - 2)^2 + (1 - 2)^2
+        array([5.])
         """
         reference = np.atleast_1d(array_of_reals("true", true))
         if reference.shape not in ((len(self.names),), self.parameters.shape):

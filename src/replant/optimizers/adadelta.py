@@ -23,14 +23,14 @@ class AdaDelta(RMSProp):
     epsilon : float
         Sets the size of the first steps.
 
+    References
+    ----------
+    Zeiler (2012).
+
     Examples
     --------
     >>> AdaDelta().rho
     0.95
-
-    References
-    ----------
-    Zeiler (2012).
     """
 
     step_size: float = 1.0

@@ -24,14 +24,14 @@ class AdaGrad(Optimizer):
     epsilon : float
         Keeps the division finite.
 
+    References
+    ----------
+    Duchi, Hazan and Singer (2011).
+
     Examples
     --------
     >>> AdaGrad(step_size=0.1).memory(2)
     array([0., 0.])
-
-    References
-    ----------
-    Duchi, Hazan and Singer (2011).
     """
 
     step_size: float

@@ -31,14 +31,14 @@ class Adam(Optimizer):
     epsilon : float
         Keeps the division finite.
 
+    References
+    ----------
+    Kingma and Ba (2015); Bernat and Kolota (2023), Algorithm 1.
+
     Examples
     --------
     >>> Adam(step_size=1e-3).beta2
     0.999
-
-    References
-    ----------
-    Kingma and Ba (2015); Bernat and Kolota (2023), Algorithm 1.
     """
 
     step_size: float

@@ -20,15 +20,15 @@ class AMSGrad(Adam):
     step_size, beta1, beta2, epsilon : float
         As in `Adam`.
 
+    References
+    ----------
+    Reddi, Kale and Kumar (2018); Bernat and Kolota (2023), Algorithm 2.
+
     Examples
     --------
     >>> import numpy as np
     >>> AMSGrad(step_size=5e-4).settings(1e-3, np.ones(2))
     array([5.00e-04, 9.00e-01, 9.99e-01, 1.00e-08])
-
-    References
-    ----------
-    Reddi, Kale and Kumar (2018); Bernat and Kolota (2023), Algorithm 2.
     """
 
     code: ClassVar[int] = 2

@@ -22,14 +22,14 @@ class Gradient(Optimizer):
     gain : float
         :math:`\gamma`, in 1/s: the sampling time is part of the step.
 
+    References
+    ----------
+    Bernat and Kolota (2023), (15)-(17).
+
     Examples
     --------
     >>> Gradient(gain=2.0).settings(1e-3, np.ones(2))
     array([0.002])
-
-    References
-    ----------
-    Bernat and Kolota (2023), (15)-(17).
     """
 
     gain: float

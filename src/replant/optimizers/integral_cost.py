@@ -30,14 +30,14 @@ class IntegralCost(Optimizer):
     forgetting_rate : float
         :math:`\beta` in 1/s, at least 0; its inverse is the memory in s.
 
+    References
+    ----------
+    Bernat and Kolota (2023), (18)-(19), discretised by Euler's forward method as there.
+
     Examples
     --------
     >>> IntegralCost(gain=10.0, forgetting_rate=0.1).settings(1e-3, np.ones(2))
     array([1.e-03, 1.e+01, 1.e-01])
-
-    References
-    ----------
-    Bernat and Kolota (2023), (18)-(19), discretised by Euler's forward method as there.
     """
 
     gain: float

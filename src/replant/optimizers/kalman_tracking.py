@@ -30,7 +30,7 @@ class KalmanTracking(Optimizer):
     Parameters
     ----------
     process_noise : float or sequence of float
-        q, how much variance a parameter gains in a second: one number each, in the order of ``Structure.names`` and
+        How much variance q a parameter gains in a second: one number each, in the order of ``Structure.names`` and
         in the squared unit of the parameter, or one for all scaled parameters.  A parameter that walks about, by d
         within T seconds, has q = d^2 / T; for one that goes steadily through a range d within T seconds a quarter of
         the range counts, q = (d/4)^2 / T.
@@ -39,15 +39,15 @@ class KalmanTracking(Optimizer):
     initial_covariance : float
         As in `RecursiveLeastSquares`.
 
-    Examples
-    --------
-    >>> KalmanTracking([0.1, 3.0, 0.003]).settings(0.01, np.ones(3))
-    array([0.1  , 0.1  , 3.   , 0.003])
-
     References
     ----------
     Young (2011), "Recursive Estimation and Time-Series Analysis", chapter 4; the time update is Thornton's, in
     Bierman (1977), chapter VII.
+
+    Examples
+    --------
+    >>> KalmanTracking([0.1, 3.0, 0.003]).settings(0.01, np.ones(3))
+    array([0.1  , 0.1  , 3.   , 0.003])
     """
 
     process_noise: float | Sequence[float]

@@ -20,14 +20,14 @@ class NAdam(Adam):
     step_size, beta1, beta2, epsilon : float
         As in `Adam`.
 
+    References
+    ----------
+    Dozat (2016), with a constant momentum schedule.
+
     Examples
     --------
     >>> NAdam(step_size=1e-3).beta1
     0.9
-
-    References
-    ----------
-    Dozat (2016), with a constant momentum schedule.
     """
 
     code: ClassVar[int] = 5

@@ -42,14 +42,14 @@ class RecursiveLeastSquares(Optimizer):
     InvalidArgumentError
         If both a factor and a time constant are given.
 
+    References
+    ----------
+    Bierman (1977), "Factorization Methods for Discrete Sequential Estimation", chapter V; Young (2011), chapter 8.
+
     Examples
     --------
     >>> RecursiveLeastSquares(time_constant=10.0).settings(0.1, np.ones(2)).round(4)
     array([0.99])
-
-    References
-    ----------
-    Bierman (1977), "Factorization Methods for Discrete Sequential Estimation", chapter V; Young (2011), chapter 8.
     """
 
     forgetting_factor: float = 1.0

@@ -35,14 +35,14 @@ class Replay:
     wraps: from then on only the newest few samples could be drawn until the buffer refills.  Here a full buffer stays
     full.  The article prints a batch of 20; its tables come out with 10 (see `replant.paper`).
 
+    References
+    ----------
+    Bernat and Kolota (2023), section 2.2 and Algorithm 3.
+
     Examples
     --------
     >>> Replay(capacity=5000, batch_size=20).warmup
     20
-
-    References
-    ----------
-    Bernat and Kolota (2023), section 2.2 and Algorithm 3.
     """
 
     capacity: int = 20_000

@@ -31,14 +31,14 @@ class RMSProp(Optimizer):
     epsilon : float
         Keeps the division finite.
 
+    References
+    ----------
+    Tieleman and Hinton (2012).
+
     Examples
     --------
     >>> RMSProp(step_size=1e-3).settings(0.1, np.ones(2))
     array([1.e-03, 9.e-01, 1.e-08])
-
-    References
-    ----------
-    Tieleman and Hinton (2012).
     """
 
     step_size: float

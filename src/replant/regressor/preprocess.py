@@ -34,14 +34,14 @@ class Preprocess:
         Working point, in the unit of the *mapped* input and of the output: a number, the first sample, or the mean
         of the start-up samples (of the whole record in `replant.fit`).
 
+    References
+    ----------
+    Bernat and Kolota (2023), below (25): u_p = u_A^2 - u_R^2, y_p = y_L - y_R.
+
     Examples
     --------
     >>> Preprocess("square", input_offset="first").resolve([2.0, 3.0], [1.0, 1.0])
     Preprocess(input_map='square', input_offset=4.0, output_offset=0.0)
-
-    References
-    ----------
-    Bernat and Kolota (2023), below (25): u_p = u_A^2 - u_R^2, y_p = y_L - y_R.
     """
 
     input_map: InputMap = "identity"
@@ -66,6 +66,11 @@ class Preprocess:
     def call_map(self, u: FloatArray) -> FloatArray:
         """Return the result (K,) of the function that maps the input.
 
+        Parameters
+        ----------
+        u : (K,) array
+            Raw input.
+
         Raises
         ------
         InvalidArgumentError
@@ -85,6 +90,11 @@ class Preprocess:
 
     def resolve(self, u: FloatArray, y: FloatArray) -> Preprocess:
         """Return the same with numbers for offsets, taken from raw samples, those that `screen` rejects left out.
+
+        Parameters
+        ----------
+        u, y : (K,) arrays
+            Raw input and output.
 
         Raises
         ------

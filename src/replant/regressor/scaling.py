@@ -32,14 +32,14 @@ class Scaling:
         :math:`\sigma_i`, in the order of ``Structure.names``: that of the filtered derivatives of y, then of u, then
         of the bias (whose entry before scaling is 1: the article's "0.1" is a sigma of 10).
 
+    References
+    ----------
+    Bernat and Kolota (2023), (10)-(12).
+
     Examples
     --------
     >>> Scaling(output=0.25, regressor=[0.05, 0.15]).sigmas(Structure(poles=1))
     array([0.05, 0.15])
-
-    References
-    ----------
-    Bernat and Kolota (2023), (10)-(12).
     """
 
     output: float
@@ -53,6 +53,11 @@ class Scaling:
 
     def sigmas(self, structure: Structure) -> FloatArray:
         """Return the regressor's sigmas (P,) for ``structure``.
+
+        Parameters
+        ----------
+        structure : Structure
+            The structure that is identified.
 
         Raises
         ------

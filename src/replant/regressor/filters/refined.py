@@ -29,14 +29,14 @@ class RefinedFilter(Filter):
     input_hold : {"zoh", "foh"}
         What u does between samples.
 
+    References
+    ----------
+    Young (2011), "Recursive Estimation and Time-Series Analysis", chapter 8; `rsrivc` of the CONTSID toolbox.
+
     Examples
     --------
     >>> RefinedFilter()
     RefinedFilter(input_hold='zoh')
-
-    References
-    ----------
-    Young (2011), "Recursive Estimation and Time-Series Analysis", chapter 8; `rsrivc` of the CONTSID toolbox.
     """
 
     input_hold: str = "zoh"

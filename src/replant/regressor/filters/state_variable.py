@@ -119,14 +119,14 @@ class StateVariableFilter(Filter):
     The generalised bilinear transform with alpha < 0.5 is unstable where lambda dt > 2 / (1 - 2 alpha), which
     `discretize` refuses; with alpha = 0.5 it rings where lambda dt > 2, which is warned of.
 
+    References
+    ----------
+    Bernat and Kolota (2023), (2)-(7) and Appendix A.
+
     Examples
     --------
     >>> StateVariableFilter(cutoff=5.0).polynomial(2)
     array([ 1., 10., 25.])
-
-    References
-    ----------
-    Bernat and Kolota (2023), (2)-(7) and Appendix A.
     """
 
     cutoff: float | None = None
@@ -168,6 +168,11 @@ class StateVariableFilter(Filter):
 
     def polynomial(self, poles: int) -> FloatArray:
         """Return Lambda(s) for ``poles`` poles: (poles + 1,), monic, descending powers.
+
+        Parameters
+        ----------
+        poles : int
+            Number of poles.
 
         Raises
         ------
