@@ -11,12 +11,14 @@ import replant
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
+#: What programs in executed pages see: its width, and that it is none, which Jupyter's FORCE_COLOR denies.
+TERMINAL = {"COLUMNS": "88", "TTY_COMPATIBLE": "0"}
 sys.path.insert(0, str(HERE / "_extensions"))
 
 
 def digest_of_source() -> str:
-    """Return a digest of the package's source: pages that an older source has printed are executed again."""
-    digest = hashlib.sha256()
+    """Return a digest of the package's source and of the terminal: what others have printed is executed again."""
+    digest = hashlib.sha256(repr(TERMINAL).encode())
     for path in sorted((ROOT / "src" / "replant").rglob("*.py")):
         digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:16]
@@ -34,6 +36,7 @@ extensions = [
     "sphinx_click",
     "sphinx_copybutton",
     "sphinx_design",
+    "click_examples",
     "mathml",
     "schema_tables",
     "shell_cells",
@@ -51,8 +54,7 @@ nb_execution_cache_path = str(ROOT / "out" / "docs" / "executed" / digest_of_sou
 nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300  # s for one block
-nb_merge_streams = True
-os.environ["COLUMNS"] = "88"  # of the terminal that programs in executed pages see
+os.environ.update(TERMINAL)
 
 # --- reference
 
@@ -60,6 +62,7 @@ autodoc_typehints = "none"  # the docstrings name the types
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
 default_role = "code"
+smartquotes = False  # options begin with --
 
 # --- appearance
 
@@ -75,6 +78,7 @@ html_theme_options = {
     "navbar_align": "left",
     "header_links_before_dropdown": 8,
     "navigation_with_keys": False,
+    "show_toc_level": 2,
     "secondary_sidebar_items": ["page-toc"],
     "footer_start": [],
     "footer_end": [],

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
 PACKAGE = Path(replant.__file__).parent
-HEADINGS = ("entry", "type", "always there", "meaning")
+HEADINGS = ("entry", "type", "always", "meaning")
+WIDTHS = (3, 2, 1, 4)
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def meaning_of(schema: dict[str, Any]) -> str:
 def table_of(rows: list[tuple[str, ...]]) -> nodes.table:
     """Return a table with `HEADINGS` and rows of text; the first cell of a row is code."""
     group = nodes.tgroup(cols=len(HEADINGS))
-    group += [nodes.colspec(colwidth=1) for _ in HEADINGS]
+    group += [nodes.colspec(colwidth=width) for width in WIDTHS]
     head, body = nodes.thead(), nodes.tbody()
     head += row_of([nodes.Text(text) for text in HEADINGS])
     body += [row_of([nodes.literal(row[0], row[0]), *map(nodes.Text, row[1:])]) for row in rows]
@@ -100,7 +101,10 @@ class SchemaTable(Directive):
             raise self.error(f"the package has no file {self.arguments[0]}")
         self.state.document.settings.env.note_dependency(str(path))
         schema = json.loads(path.read_text(encoding="utf-8"))
-        return [nodes.paragraph(text=schema["description"]), table_of([one.cells for one in entries(schema)])]
+        return [
+            nodes.paragraph(text=schema["description"].replace("`", "")),
+            table_of([one.cells for one in entries(schema)]),
+        ]
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

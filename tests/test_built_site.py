@@ -1,0 +1,106 @@
+"""The site as `make docs` has built it: no request to another host, no link to nowhere, a search that finds.
+
+Skipped where the site is not built.  Continuous integration builds it before the tests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+
+from support.browsing import chromium, new_page
+from support.places import ROOT
+from support.waiting import PATIENCE
+
+SITE = ROOT / "out" / "docs" / "html"
+pytestmark = pytest.mark.skipif(not (SITE / "index.html").is_file(), reason="the site is not built: make docs")
+#: Where a page loads something by itself: element and attribute.
+LOADED = {("script", "src"), ("img", "src"), ("iframe", "src"), ("source", "src"), ("video", "src"), ("object", "data")}
+#: Kinds of `link` that say something and load nothing.
+SAID = {"canonical", "next", "prev", "author", "index", "search", "copyright"}
+OTHER_HOSTS = ("http:", "https:", "//")
+PAGES = ["index", "start/index", "reference/cli", "gallery/responses"]
+
+
+class Page(HTMLParser):
+    """What a page loads, where its links lead, and which anchors it has."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.loaded: list[str] = []
+        self.links: list[str] = []
+        self.anchors: set[str] = {""}
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        of = {name: value or "" for name, value in attrs}
+        self.anchors |= {of[name] for name in ("id", "name") if name in of}
+        self.loaded += [of[name] for element, name in LOADED if element == tag and name in of]
+        if tag == "link" and of.get("rel") not in SAID:
+            self.loaded.append(of.get("href", ""))
+        if tag == "a" and "href" in of:
+            self.links.append(of["href"])
+
+
+@cache
+def parsed(path: Path) -> Page:
+    return Page(path)
+
+
+def built() -> list[Path]:
+    return sorted(path for path in SITE.rglob("*.html") if "_static" not in path.parts)
+
+
+def test_no_page_loads_anything_from_another_host() -> None:
+    found = {path.name: [url for url in parsed(path).loaded if url.startswith(OTHER_HOSTS)] for path in built()}
+    assert {name: urls for name, urls in found.items() if urls} == {}
+
+
+def test_style_sheets_load_nothing_from_another_host() -> None:
+    sheets = list((SITE / "_static").rglob("*.css"))
+    assert sheets
+    assert [path.name for path in sheets for begin in OTHER_HOSTS if f"url({begin}" in path.read_text("utf-8")] == []
+
+
+def test_every_link_leads_somewhere() -> None:
+    wrong = []
+    for path in built():
+        for link in parsed(path).links:
+            if link.startswith((*OTHER_HOSTS, "mailto:", "data:")):
+                continue
+            where, _, anchor = link.partition("#")
+            target = (path.parent / unquote(where.partition("?")[0])).resolve() if where else path
+            is_there = target.is_file() and (target.suffix != ".html" or unquote(anchor) in parsed(target).anchors)
+            wrong += [] if is_there else [(path.relative_to(SITE).as_posix(), link)]
+    assert wrong == []
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator:
+    with chromium() as launched:
+        yield launched
+
+
+@pytest.mark.parametrize("name", PAGES)
+@pytest.mark.parametrize("width", [400, 1280])
+def test_a_page_asks_no_other_host_and_fits_its_window(browser, name: str, width: int) -> None:
+    page = new_page(browser, viewport={"width": width, "height": 900})
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto((SITE / f"{name}.html").as_uri(), wait_until="networkidle")
+    assert [url for url in asked if not url.startswith(("file:", "data:"))] == []
+    assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
+    page.close()
+
+
+def test_the_search_finds_a_page_offline(browser) -> None:
+    page = new_page(browser)
+    page.goto((SITE / "search.html").as_uri() + "?q=verdict")
+    page.wait_for_selector("#search-results li a", timeout=1000 * PATIENCE)
+    assert any("erdict" in text for text in page.locator("#search-results li a").all_inner_texts())
+    page.close()
