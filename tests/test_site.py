@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+import replant
+
 from support.places import ROOT
 from test_documentation import PAGES as RUN_HERE
 
@@ -113,3 +115,17 @@ def test_every_page_is_listed() -> None:
     named = [re.compile(entry.replace("*", ".*") + r"\Z") for entry in entries if entry != "*"]
     top = [Path(page).stem for page in PAGES if Path(page).parent == Path("docs") and Path(page).stem != "index"]
     assert [name for name in top if not any(one.match(name) for one in named)] == []
+
+
+def test_every_public_name_is_in_the_reference() -> None:
+    pages = "\n".join(text_of(page) for page in PAGES if page.startswith("docs/reference/"))
+    documented = set(re.findall(r"^\.\. auto(?:class|function|exception):: ([\w.]+)$", pages, re.MULTILINE))
+    modules = {"examples": "replant.examples.", "figures": "replant.report.figures."}
+    lacking = [
+        name
+        for name in replant.__all__
+        if name not in documented
+        and name != "__version__"
+        and not (name in modules and any(path.startswith(modules[name]) for path in documented))
+    ]
+    assert lacking == []
