@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 
 import replant
-
 from support.places import ROOT
 from test_documentation import PAGES as RUN_HERE
 
