@@ -80,6 +80,11 @@ def test_every_link_leads_somewhere() -> None:
     assert wrong == []
 
 
+def test_every_figure_is_shown() -> None:
+    """Without pyplot a notebook shows the words `<Figure size ...>` in place of a figure."""
+    assert [path.name for path in built() if "&lt;Figure size" in path.read_text("utf-8")] == []
+
+
 @pytest.fixture(scope="module")
 def browser() -> Iterator:
     with chromium() as launched:
