@@ -41,6 +41,7 @@ extensions = [
     "schema_tables",
     "shell_cells",
 ]
+nitpicky = True
 exclude_patterns = ["_extensions", "_templates"]
 
 # --- pages
@@ -55,6 +56,10 @@ nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300  # s for one block
 os.environ.update(TERMINAL)
+PROFILE = ROOT / "out" / "docs" / "ipython" / "profile_default"
+PROFILE.mkdir(parents=True, exist_ok=True)
+(PROFILE / "ipython_kernel_config.py").write_text('c.IPKernelApp.matplotlib = "inline"\n')  # cells show figures
+os.environ["IPYTHONDIR"] = str(PROFILE.parent)
 
 # --- reference
 

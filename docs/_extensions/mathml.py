@@ -22,7 +22,7 @@ SIZES = re.compile(r"\\[bB]igg?[lmr]?(?![a-zA-Z])")  # of brackets, which docuti
 def converted(formula: str, node: nodes.Element, *, as_block: bool) -> str:
     """Return the MathML of a LaTeX formula; one that cannot be converted is a warning, and shown as it was written."""
     try:
-        return tex2mathml(SIZES.sub("", formula), as_block=as_block)
+        return tex2mathml(SIZES.sub("", formula).replace("\\dots", "\\ldots"), as_block=as_block)
     except MathError as reason:
         logger.warning("this formula cannot be converted: %s", reason, location=node)
         return f"<code>{formula}</code>"
