@@ -32,6 +32,7 @@ ORDER = [
     # what touches the outside
     *("data", "data.logs", "data.inspection", "data.streams", "examples", "runs", "sklearn"),
     *("report", "report.figures", "report.terminal", "report.html"),
+    "fleet",
     *("live.outputs", "live.dashboard", "live.observer", "live.session", "live"),
     *("paper.drawing", "paper.tables", "paper.actuator", "paper"),
     *("public", "__init__", "cli", "__main__"),
@@ -44,6 +45,7 @@ OUTSIDE = {
     "examples",
     "runs.full_trace",
     "report",
+    "fleet",
     "live",
     "paper",
     "cli",
@@ -56,6 +58,7 @@ PLAIN = {"__future__", "collections", "contextlib", "enum", "math", "operator", 
 LIGHT = {"numpy"}
 HEAVY = {"numba", "llvmlite", "scipy", "matplotlib", "control", "pyarrow", "pandas", "xarray", "sklearn"}
 HEAVY |= {"paho", "serial", "starlette", "sympy", "uvicorn"}
+HEAVY |= {"distributed", "threadpoolctl"}
 HEAVY |= {"h5py", "mcap", "mcap_ros2", "openpyxl", "pyulog", "zstandard"}
 HEAVY |= {"asammdf", "nptdms"}  # in no extra, because they are under the LGPL: who has such files installs them
 #: Modules that are made of another package's classes: nothing of ours imports them but where it uses them.

@@ -14,7 +14,7 @@ from replant import public as exported
 from replant.cli import COMMANDS
 
 HEAVY = {"numba", "llvmlite", "scipy", "matplotlib", "pyarrow", "control", "pandas", "xarray", "sklearn"}
-HEAVY |= {"paho", "serial"}
+HEAVY |= {"distributed", "paho", "serial"}
 REPORT = "import sys, json; print(json.dumps(sorted({name.partition('.')[0] for name in sys.modules})))"
 
 
@@ -75,7 +75,7 @@ def test_every_public_name_resolves_and_is_listed_in_order() -> None:
     assert len(set(replant.__all__)) == len(replant.__all__)
     for name in replant.__all__:
         assert getattr(replant, name) is not None
-    modules = {"examples", "figures"}
+    modules = {"examples", "figures", "fleet"}
     names = {name for name, value in vars(exported).items() if not name.startswith("_")}
     public = {name for name in names if name in modules or not is_module(getattr(exported, name))}
     assert public | {"__version__"} == set(replant.__all__), "public.py and __all__ differ"

@@ -146,7 +146,7 @@ CLASSIFIERS = {
     "License :: OSI Approved :: Mozilla Public License 2.0 (MPL 2.0)": "MPL-2.0",
     "License :: OSI Approved :: Python Software Foundation License": "PSF-2.0",
 }
-WORDS = {"Apache 2.0": "Apache-2.0"}
+WORDS = {"Apache 2.0": "Apache-2.0", "BSD": "BSD-3-Clause"}
 #: What a classifier names beside the licences of the files that are installed, and the files that it is for.
 #: docutils is public domain and BSD but for a mode for Emacs, which is in its source distribution alone.
 NOT_INSTALLED = {"docutils": {"License :: OSI Approved :: GNU General Public License (GPL)": ".el"}}

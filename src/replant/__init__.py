@@ -56,6 +56,7 @@ __all__ = [
     "figures",
     "fit",
     "fit_percent",
+    "fleet",
     "load",
     "load_model",
     "read_log",

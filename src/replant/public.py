@@ -48,3 +48,4 @@ from replant.offline.structure_search import search as search
 from replant.report import figures as figures
 from replant.runs.run_log import run as run
 from replant import examples as examples
+from replant import fleet as fleet

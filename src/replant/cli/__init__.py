@@ -23,6 +23,7 @@ COMMANDS = {
     "run": ("run", "Identify G(s) online, in one pass over a recorded log."),
     "fit": ("fit", "Fit G(s) to a whole recorded log at once (batch); search structures."),
     "compare": ("compare", "Compare methods on the same recorded log."),
+    "fleet": ("fleet", "Identify every rig of a fleet, on all cores or a cluster; one table and page."),
     "examples": ("example_logs", "Write records of a motor to try the commands on."),
     "validate": ("validate", "Compare a saved model with other logs."),
     "show": ("show", "Print a saved model."),

@@ -33,6 +33,13 @@ EXAMPLES = {
         ("a plot, and exit code 3 unless trusted", "replant validate model.json log.csv --out plots --require trusted"),
     ),
     "show": (("the model as people read it", "replant show model.json"), ("as JSON", "replant show model.json --json")),
+    "fleet": (
+        ("each file a rig, on every core", "replant fleet '*.csv' --by file -i u -o y -p 2 --out fleet"),
+        (
+            "each folder a rig, by the fit of whole records",
+            "replant fleet . --by folder -i u -o y -p 2 --method fit --on processes:2 --out fleet",
+        ),
+    ),
     "examples": (("records of a motor, into this folder", "replant examples"),),
     "live": (
         ("a simulated rig, with a dashboard", "replant live demo --for 20s"),

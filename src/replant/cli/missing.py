@@ -32,6 +32,8 @@ def check_complete(given: dict[str, Any]) -> None:
     if not missing:
         return
     absent = f"missing {' and '.join(filter(None, (', '.join(missing[:-1]), missing[-1])))}"
+    if "log" not in given:  # a fleet: no log stands for all
+        raise click.UsageError(f"{absent}; see what is in one of the logs, and how it is identified: replant look LOG")
     if missing == ["--poles"]:
         searched = f"a range such as {RANGE} has it chosen" if _name() == "fit" else "`replant fit -p 1:4` chooses it"
         raise click.UsageError(f"{absent}, the number of poles of G(s): {searched}; try: {_completed(('-p', '2'))}")

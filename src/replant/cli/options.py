@@ -138,6 +138,12 @@ def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return _decorated(command, [*_COLUMNS, *_STRUCTURES, *_REST])
 
 
+def fleet_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Decorate a click command with the same options for a fleet, whose logs are many, and its results a folder."""
+    logs = click.argument("logs")
+    return _decorated(command, [logs, *_COLUMNS[1:], *_STRUCTURE, *_REST[:-1], OPTIMIZER])
+
+
 def _decorated(command: Callable[..., Any], options: list[Callable[[Any], Any]]) -> Callable[..., Any]:
     @functools.wraps(command)
     def checked(*, quiet: bool, progress: bool, **given: Any) -> Any:

@@ -102,7 +102,7 @@ def read_log(
 
 
 def open_recording(
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | Table,
     *,
     input: str | int,  # noqa: A002 - the field's word
     output: str | int,
@@ -118,7 +118,8 @@ def open_recording(
 
     Parameters
     ----------
-    path : path
+    path : path or Table
+        The file, or columns that are open already.
     input, output : str or int
     time : str or int, optional
     dt : float, optional
@@ -138,7 +139,7 @@ def open_recording(
     if time is not None and dt is not None:
         raise InvalidArgumentError("give one of the time column (time, --time) and the sampling time (dt, --dt)")
     step = None if dt is None else check_dt(dt)
-    table = read_columns(path)
+    table = path if isinstance(path, Table) else read_columns(path)
     roles = {"input": table.find(input), "output": table.find(output)}
     if reference is not None:
         roles["reference"] = table.find(reference)
@@ -148,7 +149,7 @@ def open_recording(
     _check_distinct(table, roles)
     table, roles = on_one_clock(table, roles, is_timed=time is not None or step is not None)
     if "time" not in roles and step is None:
-        if table.dt is not None and not _times(table):
+        if table.dt is not None and not time_columns(table):
             step = table.dt
         else:
             roles["time"] = _find_time(table, roles)
@@ -208,7 +209,7 @@ def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] |
     ('t [ms]', 0.02)
     """
     table = log if isinstance(log, Table) else read_columns(log)
-    candidates = _times(table)
+    candidates = time_columns(table)
     if len(candidates) != 1:
         return None
     (number,) = candidates
@@ -311,20 +312,20 @@ def _check_distinct(table: Table, roles: dict[str, int]) -> None:
 
 
 def _find_time(table: Table, roles: dict[str, int]) -> int:
-    candidates = [number for number in _times(table) if number not in roles.values()]
+    candidates = [number for number in time_columns(table) if number not in roles.values()]
     if len(candidates) > 1:  # a file may hold several structs, each with its own time
         samples, *stamps = next(table.stream([roles["input"], *candidates]))
         candidates = [number for number, column in zip(candidates, stamps, strict=True) if len(column) == len(samples)]
     if len(candidates) == 1:
         return candidates[0]
     if not candidates:
-        other = "no other column" if _times(table) else "no column"
+        other = "no other column" if time_columns(table) else "no column"
         raise LogError(f"{table.path}: {other} is called t, time or timestamp; {_GIVE_TIME}")
     names = listed([repr(table.names[number]) for number in candidates])
     raise LogError(f"{table.path}: several columns could be the time: {names}; {_GIVE_TIME}")
 
 
-def _times(table: Table) -> list[int]:
+def time_columns(table: Table) -> list[int]:
     """Return the columns that may be the time: by their names, or, if no name tells, by what they hold."""
     by_path = [name.replace("/", ".") for name in table.names]  # of HDF5, where t/s may also be t in s
     named = {*time_candidates(table.names), *time_candidates(by_path)}

@@ -1,0 +1,99 @@
+"""``replant fleet``: a model of every rig of a fleet, and one page about all of them."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import click
+
+from replant.cli.choice import Choice
+from replant.cli.notes import note
+from replant.cli.options import fleet_options
+from replant.cli.output import announced_compiling, progress_bar
+from replant.errors import LogError
+from replant.fleet.executors import parsed
+from replant.fleet.fit import fit
+from replant.fleet.job import METHODS
+from replant.fleet.progress import Progress
+from replant.fleet.results import Fleet
+from replant.fleet.row import FAILED
+from replant.fleet.store import MODELS, TABLE
+from replant.model.structure import Structure
+
+
+@click.command(name="fleet")
+@fleet_options
+@click.option(
+    "--by",
+    required=True,
+    metavar="file|folder|COLUMN",
+    help="What a rig is: a file, a folder, or the value of a column of Parquet files or of folders COLUMN=rig.",
+)
+@click.option("--method", type=Choice(METHODS), default="run", show_default=True, help="As run or fit.")
+@click.option(
+    "--on",
+    metavar="WHERE",
+    help="threads:N, processes:N or dask://HOST:PORT.  [default: processes, one a core]",
+)
+@click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="Write the results here.")
+def command(logs: str, by: str, method: str, on: str | None, out: Path, as_json: bool, **options: Any) -> None:
+    """Identify every rig of a fleet from LOGS, a folder or a pattern such as 'logs/*.parquet'.
+
+    Each rig gets a row of DIR/rigs.parquet.  Started again, what is done stays done; a rig whose files have changed is
+    done again.
+    """
+    on = on or f"processes:{os.cpu_count() or 1}"
+    parsed(on)
+    structure = Structure(
+        options["poles"][0], options["zeros"][0] if options["zeros"] else 0, options["delay"][0], options["bias"],
+        options["feedthrough"],
+    )  # fmt: skip
+    if out.exists() and not out.is_dir():
+        raise click.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
+    with progress_bar() as bar, announced_compiling():
+        task = bar.add_task("planning", total=None)
+
+        def show(state: Progress) -> None:
+            failures = f", {state.failed} failed" if state.failed else ""
+            shown = f"{state.done:,} of {state.rigs:,} rigs{failures}"
+            bar.update(task, description=shown, completed=state.part, total=1)
+
+        found = fit(
+            logs, by=by, input=options["input_column"], output=options["output_column"], structure=structure,
+            method=method, executor=on, out=out, reference=options["reference_column"], time=options["time_column"],
+            dt=options["dt"], begin=options["begin"], end=options["end"], input_map=options["input_map"],
+            optimizer=options["optimizer"], progress=show,
+        )  # fmt: skip
+    _check_some(found)
+    _show(found, as_json=as_json)
+
+
+def _check_some(found: Fleet) -> None:
+    """Check that a rig has a model.
+
+    Raises
+    ------
+    LogError
+        If none has: most likely an option is wrong.
+    """
+    if set(found.verdicts) == {FAILED}:
+        first = found.table().column("reasons")[0].as_py()
+        raise LogError(f"none of {len(found)} rigs could be identified; the first: {first}")
+
+
+def _show(found: Fleet, *, as_json: bool) -> None:
+    verdicts = found.verdicts
+    if as_json:
+        click.echo(json.dumps({"rigs": len(found), "verdicts": verdicts, "folder": str(found.folder)}))
+        return
+    click.echo(f"{len(found):,} rigs: " + ", ".join(f"{count:,} {verdict}" for verdict, count in verdicts.items()))
+    for name in (TABLE, MODELS):
+        click.echo(f"wrote {found.folder / name}")
+    if FAILED in verdicts:
+        table = found.table()
+        rows = zip(*(table.column(name).to_pylist() for name in ("rig", "verdict", "reasons")), strict=True)
+        rig, _, reason = next(row for row in rows if row[1] == FAILED)
+        note(f"{verdicts[FAILED]:,} rigs failed, the first of them {rig}: {reason}")

@@ -1,0 +1,186 @@
+"""Executors: where tasks run. Threads and processes of this machine, Dask, or any executor given."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import get_context, parent_process
+from typing import Any
+
+from replant.errors import InvalidArgumentError, MissingDependencyError, SystemRefusedError
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+"""Variables by which libraries learn how many threads they may start, when they are loaded."""
+PATIENCE = 30.0
+"""Time within which a scheduler of Dask must answer [s]."""
+RETRIES = 3
+"""How often Dask gives a task to another worker when its worker dies [count]."""
+_FORMS = "threads:N, processes:N or dask://HOST:PORT"
+
+
+@dataclass(frozen=True, eq=False)
+class Workers:
+    """An executor, and how to make it anew when its workers died.
+
+    Attributes
+    ----------
+    executor : concurrent.futures.Executor
+    renew : callable or None
+        Returns the same with a new executor; None where that is the caller's.
+    """
+
+    executor: Executor
+    renew: Callable[[], Workers] | None = None
+
+
+class InThisThread(Executor):
+    """Runs each task at once where it is submitted.
+
+    Examples
+    --------
+    >>> InThisThread().submit(pow, 2, 3).result()
+    8
+    """
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Run a function, and return its result as a future.
+
+        Parameters
+        ----------
+        fn : callable
+        *args, **kwargs
+            Its arguments.
+        """
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:  # as other executors do: the future raises it
+            future.set_exception(error)
+        return future
+
+
+@contextmanager
+def workers(on: Executor | str | None) -> Iterator[Workers]:
+    """Open an executor for the ``with`` block; one that the caller gives stays open.
+
+    Parameters
+    ----------
+    on : Executor, str or None
+        ``threads:N``, ``processes:N``, ``dask://HOST:PORT``, an executor, or None for this thread.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If it is none of these.
+    MissingDependencyError
+        If Dask is asked for and not installed.
+    SystemRefusedError
+        If no scheduler answers.
+
+    Examples
+    --------
+    >>> with workers("threads:2") as found:
+    ...     found.executor.submit(pow, 2, 3).result()
+    8
+    """
+    if on is None:
+        yield Workers(InThisThread())
+        return
+    if not isinstance(on, str):
+        if not callable(getattr(on, "submit", None)):
+            raise InvalidArgumentError(f"executor must be {_FORMS}, or a concurrent.futures.Executor, got {on!r}")
+        yield Workers(on)
+        return
+    kind, rest = parsed(on)
+    if kind == "dask":
+        with _dask(rest) as executor:
+            yield Workers(executor)
+    elif kind == "threads":
+        with ThreadPoolExecutor(int(rest), "replant-fleet") as pool:
+            yield Workers(pool)
+    else:
+        with contextlib.ExitStack() as stack:
+
+            def made() -> Workers:
+                return Workers(stack.enter_context(processes(int(rest))), made)
+
+            yield made()
+
+
+def parsed(on: str) -> tuple[str, str]:
+    """Return the kind of an executor, and the number of its workers or the address of its scheduler.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If it is none of those that there are.
+
+    Examples
+    --------
+    >>> parsed("processes:4"), parsed("dask://localhost:8786")
+    (('processes', '4'), ('dask', 'localhost:8786'))
+    """
+    kind, _, rest = on.partition(":")
+    if kind in ("threads", "processes") and rest.isdecimal() and int(rest) > 0:
+        return kind, rest
+    if kind == "dask" and rest.startswith("//") and rest[2:].rpartition(":")[2].isdecimal():
+        return kind, rest[2:]
+    raise InvalidArgumentError(f"{on!r} is no executor; give {_FORMS} (executor, --on)")
+
+
+def processes(count: int) -> ProcessPoolExecutor:
+    """Return a pool of fresh processes that use one thread each, and end with this one.
+
+    They are started anew rather than forked: threads of this process do not survive a fork.
+    """
+    with _one_thread_each():
+        pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
+        for future in [pool.submit(os.getpid) for _ in range(count)]:  # they start now, with this environment
+            future.result()
+    return pool
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Set the variables that a new process reads when it loads its libraries; those that are set stay."""
+    added = [name for name in THREADS if name not in os.environ]
+    os.environ.update(dict.fromkeys(added, "1"))
+    try:
+        yield
+    finally:
+        for name in added:
+            os.environ.pop(name, None)
+
+
+def _end_with_parent() -> None:
+    """End this process when the one that started it ends, even by a signal: else it would wait for ever."""
+    parent = parent_process()
+    if parent is None:
+        return
+
+    def wait() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
+@contextmanager
+def _dask(address: str) -> Iterator[Executor]:
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise MissingDependencyError("dask://... needs Dask: pip install 'replant[cluster]'") from error
+    try:
+        client = Client(f"tcp://{address}", timeout=PATIENCE)
+    except (OSError, ValueError) as error:
+        raise SystemRefusedError(
+            f"no scheduler of Dask answers at {address}; start one with: dask scheduler"
+        ) from error
+    with client:
+        yield client.get_executor(pure=False, retries=RETRIES)

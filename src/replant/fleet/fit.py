@@ -1,0 +1,150 @@
+"""fit: a model of every rig of a fleet, on the cores of one machine or of many."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import weakref
+from collections.abc import Callable
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
+
+from replant.fleet.catalogue import find_rigs
+from replant.fleet.coordinate import carried_out
+from replant.fleet.executors import workers
+from replant.fleet.job import Job
+from replant.fleet.plan import planned
+from replant.fleet.progress import Progress
+from replant.fleet.results import Fleet
+from replant.fleet.store import Store
+from replant.fleet.work import carry_out, one_thread
+from replant.model.structure import Structure
+from replant.settings import AUTO
+
+AnyPath = str | os.PathLike[str]
+
+
+def fit(
+    logs: AnyPath,
+    *,
+    by: str,
+    input: str | int,  # noqa: A002 - the field's word
+    output: str | int,
+    structure: Structure | None = None,
+    poles: int | None = None,
+    zeros: int = 0,
+    delay: float = 0.0,
+    method: str = "run",
+    executor: Executor | str | None = None,
+    out: AnyPath | None = None,
+    reference: str | int | None = None,
+    time: str | int | None = None,
+    dt: float | None = None,
+    begin: float | None = None,
+    end: float | None = None,
+    input_map: str = "identity",
+    optimizer: str = AUTO,
+    progress: Callable[[Progress], None] = lambda state: None,
+) -> Fleet:
+    """Identify every rig of a fleet, each by itself, and write one row a rig.
+
+    Rigs that an earlier call with the same options has done stay as they are, unless their files have changed.  A rig
+    that cannot be identified is a row with the verdict "failed" and the reason.
+
+    Parameters
+    ----------
+    logs : path
+        A folder, which is searched with all folders in it, or a pattern such as ``logs/**/*.csv``.  Workers on other
+        machines must find the files, and ``out``, by the same paths.
+    by : str
+        What a rig is: "file", "folder", or the name of a column of Parquet files or of folders ``COLUMN=rig``.  A rig's
+        files are joined in the order of their first time stamps.
+    input, output, reference, time : str or int
+        Columns, see `replant.read_log`.
+    structure : Structure
+        Or ``poles``, ``zeros`` and ``delay`` in its place; the same for all rigs, so that they can be compared.
+    poles, zeros : int
+        Number of poles and of zeros.
+    delay : float
+        Dead time in s.
+    method : {"run", "fit"}
+        As `replant.run`, in memory that does not grow with a record, or as `replant.fit`.
+    executor : Executor or str, optional
+        ``"threads:N"``, ``"processes:N"``, ``"dask://HOST:PORT"``, or any `concurrent.futures.Executor`, such as
+        Dask's ``Client.get_executor()``; without one all is done in this thread.  The results do not depend on it.
+    out : path, optional
+        The folder for the results; without it a temporary one, which ends with the `Fleet`.
+    dt : float, optional
+        Sampling time in s, in place of a time column.
+    begin, end : float, optional
+        Part of each record, in s from its first row.
+    input_map : {"identity", "square"}
+        Input of G(s): the measured input, or its square.
+    optimizer : str
+        See `replant.Identifier`; for the method "run".
+    progress : callable
+        Called with the `Progress` at the beginning and after each task.
+
+    Raises
+    ------
+    LogError
+        If there is no log, or no such column.
+    InvalidArgumentError
+        If an option cannot be used.
+    SystemRefusedError
+        If results cannot be written, workers die, or memory is lacking; call it again to go on.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from replant import TransferFunction
+    >>> u = np.where(np.arange(1000) // 50 % 2 == 0, 1.0, -1.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     for rig, gain in (("a", 2.0), ("b", 3.0)):
+    ...         y = TransferFunction([gain], [1.0, 0.5]).simulate(u, dt=0.1)
+    ...         np.savez(Path(folder, f"{rig}.npz"), t=0.1 * np.arange(1000), u=u, y=y)
+    ...     found = fit(folder, by="file", input="u", output="y", poles=1, method="fit")
+    ...     found.verdicts, found.column("b0").round(6), found.model("b.npz")
+    ({'trusted': 2}, array([2., 3.]), <Model 3 / (s + 0.5): u -> y, fit 100.0 %, trusted>)
+    """
+    structure = Structure.wanted(structure, poles, zeros, delay)
+    job = Job(input, output, structure, method, reference, time, dt, begin, end, input_map, optimizer)
+    folder = Path(tempfile.mkdtemp(prefix="replant-fleet-") if out is None else out)
+    rigs = find_rigs(logs, by, leave_out=folder)
+    store = Store(folder, job)
+    with store.alone():
+        done = store.done(rigs)
+        _identify_all(store, [rig for rig in rigs if rig.name not in done], len(rigs), executor, progress)
+        fleet = Fleet(folder, structure, str(input), str(output), os.fspath(logs), by)
+        if out is None:
+            weakref.finalize(fleet, shutil.rmtree, folder, ignore_errors=True)
+        store.merge(rigs, _about(fleet, job))
+    return fleet
+
+
+def _identify_all(
+    store: Store, missing: list[Any], rigs: int, on: Executor | str | None, progress: Callable[[Progress], None]
+) -> None:
+    tasks = planned(store.job, missing, store.folder) if missing else []
+    work, ended, failed, samples = sum(task.work for task in tasks), 0, 0, 0
+    count = rigs - len(missing)
+    progress(Progress(rigs, count, 0, 0, 0.0 if tasks else 1.0))
+    if not tasks:
+        return
+    with workers(on) as found, one_thread():
+        for number, done in carried_out(found, carry_out, tasks):
+            ended += tasks[number].work
+            count, failed, samples = count + done.rigs, failed + done.failed, samples + done.samples
+            progress(Progress(rigs, count, failed, samples, ended / work))
+
+
+def _about(fleet: Fleet, job: Job) -> dict[str, Any]:
+    s = fleet.structure
+    structure = {"poles": s.poles, "zeros": s.zeros, "delay": s.delay, "bias": s.bias, "feedthrough": s.feedthrough}
+    return {
+        "structure": structure, "input_name": fleet.input_name, "output_name": fleet.output_name, "logs": fleet.logs,
+        "by": fleet.by, "method": job.method,
+    }  # fmt: skip

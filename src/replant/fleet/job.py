@@ -1,0 +1,173 @@
+"""Job: what is done with every rig of a fleet, and what a rig is made of."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+
+from replant.arguments import finite, instance, keep, one_of, positive
+from replant.data.logs.row_groups import RowGroups
+from replant.errors import InvalidArgumentError
+from replant.model.structure import Structure
+from replant.regressor.preprocess import Preprocess
+from replant.settings import AUTO, Request
+
+METHODS = ("run", "fit")
+FORMAT = 1
+"""Version of the files that a fleet writes; those of another version are made anew [number]."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is done with each rig: the options of `replant.run` and `replant.fit`, one structure for all.
+
+    Parameters
+    ----------
+    input, output : str or int
+        Columns, see `replant.read_log`.
+    structure : Structure
+    method : {"run", "fit"}
+        Online in one pass, in memory that does not grow with a record; or the whole record at once.
+    reference, time : str or int, optional
+        Columns.
+    dt : float, optional
+        Sampling time in s, in place of a time column.
+    begin, end : float, optional
+        Part of each record, in s from its first row.
+    input_map : {"identity", "square"}
+    optimizer : str
+        For "run".
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the options do not fit together.
+
+    Examples
+    --------
+    >>> Job("u", "y", Structure(2)).key == Job("u", "y", Structure(3)).key
+    False
+    """
+
+    input: str | int
+    output: str | int
+    structure: Structure
+    method: str = "run"
+    reference: str | int | None = None
+    time: str | int | None = None
+    dt: float | None = None
+    begin: float | None = None
+    end: float | None = None
+    input_map: str = "identity"
+    optimizer: str = AUTO
+
+    def __post_init__(self) -> None:
+        keep(self, "structure", instance, Structure)
+        keep(self, "method", one_of, METHODS)
+        keep(self, "input_map", one_of, ("identity", "square"))
+        if self.dt is not None:
+            keep(self, "dt", positive)
+            if self.time is not None:
+                raise InvalidArgumentError(
+                    "give one of the time column (time, --time) and the sampling time (dt, --dt)"
+                )
+        for name in ("begin", "end"):
+            if getattr(self, name) is not None:
+                keep(self, name, finite)
+        if self.method == "fit" and self.optimizer != AUTO:
+            raise InvalidArgumentError("an optimizer is that of the method run: leave it out, or use the method run")
+        if self.method == "run":
+            self.request(1.0 if self.dt is None else self.dt)  # raises what no rig could be identified with
+
+    def request(self, dt: float) -> Request:
+        """Return the settings of an identifier for records with a sampling time ``dt`` in s."""
+        return Request(self.structure, dt, optimizer=self.optimizer, preprocess=self.preprocess)
+
+    @property
+    def preprocess(self) -> Preprocess:
+        """Input map and working point, which is the record's mean: a rig is rarely at rest at zero."""
+        return Preprocess(self.input_map, "mean", "mean")
+
+    @property
+    def key(self) -> str:
+        """Digest of all options and of the version of replant: another one means that all is done again."""
+        return digest(FORMAT, version("replant"), self)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A file of a rig, or a part of one.
+
+    Attributes
+    ----------
+    path : str
+        As every worker finds it.
+    name : str
+        The path from the folder of all logs on.
+    size, modified : int
+        In bytes, and in ns since 1970.
+    groups : tuple of int or None
+        Row groups of a Parquet file; None for all of a file.
+    rows : int
+        Rows of those groups; 0 where they are not known.
+    column : str
+    key : str, int or None
+        The column whose value is ``key`` in the rig's rows; an empty name where all rows are the rig's.
+    """
+
+    path: str
+    name: str
+    size: int
+    modified: int
+    groups: tuple[int, ...] | None = None
+    rows: int = 0
+    column: str = ""
+    key: str | int | None = None
+
+    @property
+    def row_groups(self) -> RowGroups:
+        """Where its rows lie in a Parquet file."""
+        return RowGroups(Path(self.path), self.groups, self.column, self.key)
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A rig: its name, and the files with its samples.
+
+    Attributes
+    ----------
+    name : str
+    pieces : tuple of Piece
+    problem : str
+        Why it cannot be identified, where that is known beforehand.
+    """
+
+    name: str
+    pieces: tuple[Piece, ...] = field(repr=False)
+    problem: str = ""
+
+    @property
+    def fingerprint(self) -> str:
+        """Digest of names, sizes and times of its files: another one means that the rig is done again.
+
+        Examples
+        --------
+        >>> piece = Piece("/logs/a.csv", "a.csv", size=10, modified=5)
+        >>> Rig("a.csv", (piece,)).fingerprint == Rig("a.csv", (piece,)).fingerprint
+        True
+        """
+        told = [(one.name, one.size, one.modified, one.groups, one.column, one.key) for one in self.pieces]
+        return digest(sorted(map(repr, told)))
+
+
+def digest(*told: object) -> str:
+    """Return a digest of values by what they show.
+
+    Examples
+    --------
+    >>> digest(1, "a") == digest(1, "a"), digest(1) == digest(2), len(digest(1))
+    (True, False, 20)
+    """
+    return hashlib.sha256(repr(told).encode()).hexdigest()[:20]

@@ -1,0 +1,201 @@
+"""Store: the folder of a fleet's results; what is done, what is missing, and the parts merged into one table."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import json
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from replant.data.logs.parquet import CHECKED
+from replant.errors import LogError, MissingDependencyError, SystemRefusedError
+from replant.fleet.files import clear, replacing
+from replant.fleet.job import Job, Rig
+from replant.fleet.row import schema
+from replant.fleet.work import MANIFEST, PARTS
+from replant.operating_system.os_errors import refusal
+
+TABLE, TIMING, MODELS, ABOUT = "rigs.parquet", "timing.parquet", "models.jsonl", "fleet.json"
+CHUNK_ROWS = 1 << 14
+"""Rows that are merged at a time [rows]."""
+PARTS_HELD = 64
+"""Parts that are held in memory while they are merged [count]."""
+
+
+class Store:
+    """The folder of a fleet's results.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if it is missing.
+    job : Job
+
+    Raises
+    ------
+    SystemRefusedError
+        If the folder cannot be written to.
+    MissingDependencyError
+        Without pyarrow.
+    """
+
+    def __init__(self, folder: Path, job: Job) -> None:
+        if importlib.util.find_spec("pyarrow") is None:
+            raise MissingDependencyError("the results of a fleet are Parquet files: pip install 'replant[parquet]'")
+        self.folder, self.job = folder.absolute(), job
+        try:
+            for each in (PARTS, MANIFEST):
+                (self.folder / each).mkdir(parents=True, exist_ok=True)
+                clear(self.folder / each)
+            clear(self.folder)
+        except OSError as error:
+            raise SystemRefusedError(f"{folder} cannot be written: {refusal(error)}") from error
+
+    @contextlib.contextmanager
+    def alone(self) -> Iterator[None]:
+        """Hold the folder: two runs that write into the same one would do the work twice.
+
+        Raises
+        ------
+        SystemRefusedError
+            If another run holds it.
+        """
+        try:
+            import fcntl
+        except ImportError:  # Windows
+            yield
+            return
+        with (self.folder / MANIFEST / ".lock").open("a") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise SystemRefusedError(
+                    f"{self.folder}: another run writes there; wait for its end, or give another folder"
+                ) from error
+            yield
+
+    def done(self, rigs: Sequence[Rig]) -> dict[str, str]:
+        """Return the rigs whose results are there, made from the same files by the same job, and the part of each."""
+        wanted = {rig.name: rig.fingerprint for rig in rigs}
+        found: dict[str, str] = {}
+        for entry in sorted((self.folder / MANIFEST).glob("*.json")):
+            written = _entry(entry)
+            if written.get("job") != self.job.key or not self._part(entry.stem).exists():
+                continue
+            for name, fingerprint in written["rigs"].items():
+                if wanted.get(name) == fingerprint:
+                    found.setdefault(name, entry.stem)
+        return found
+
+    def merge(self, rigs: Sequence[Rig], about: dict[str, Any]) -> None:
+        """Write the table of all rigs, sorted by their names, the seconds of each, and the models.
+
+        Parameters
+        ----------
+        rigs : sequence of Rig
+            Sorted by name; all of them done.
+        about : dict
+            What else is kept of the fleet, as JSON.
+        """
+        import pyarrow
+        from pyarrow import parquet
+
+        done, held = self.done(rigs), _Parts(self.folder / PARTS)
+        columns = schema(self.job.structure)
+        seconds = pyarrow.schema([("rig", pyarrow.string()), ("seconds", pyarrow.float64())])
+        with ExitStack() as files:
+            table, timing, models = (
+                files.enter_context(replacing(self.folder / name)) for name in (TABLE, TIMING, MODELS)
+            )
+            rows = files.enter_context(parquet.ParquetWriter(table, columns, **CHECKED))
+            times = files.enter_context(parquet.ParquetWriter(timing, seconds, **CHECKED))
+            lines = files.enter_context(models.open("w", encoding="utf-8"))
+            for start in range(0, len(rigs), CHUNK_ROWS):
+                names = [rig.name for rig in rigs[start : start + CHUNK_ROWS]]
+                chunk = held.rows(names, [done[name] for name in names])
+                rows.write_table(chunk.select(columns.names))
+                times.write_table(chunk.select(seconds.names))
+                for name, model in zip(names, chunk.column("model").to_pylist(), strict=True):
+                    if model is not None:
+                        lines.write(f'{{"rig": {json.dumps(name)}, "model": {model}}}\n')
+        with replacing(self.folder / ABOUT) as new:
+            new.write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
+        self._forget_all_but(set(done.values()))
+
+    def _part(self, key: str) -> Path:
+        return self.folder / PARTS / f"{key}.parquet"
+
+    def _forget_all_but(self, used: set[str]) -> None:
+        """Remove parts of which nothing is used any more: of other options, or of files that have changed."""
+        for folder in (MANIFEST, PARTS):
+            for path in (self.folder / folder).iterdir():
+                if path.suffix in (".json", ".parquet") and path.stem not in used:
+                    with contextlib.suppress(OSError):
+                        path.unlink()
+
+
+class _Parts:
+    """The parts of the results, of which the latest used ones are held: neighbours by name mostly share one."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._held: OrderedDict[str, tuple[Any, dict[str, int]]] = OrderedDict()
+
+    def rows(self, names: Sequence[str], parts: Sequence[str]) -> Any:
+        """Return the rows of rigs as a `pyarrow.Table`, in their order."""
+        import pyarrow
+
+        pieces, begin = [], 0
+        for end in range(1, len(names) + 1):
+            if end == len(names) or parts[end] != parts[begin]:
+                table, places = self._open(parts[begin])
+                pieces.append(table.take([places[name] for name in names[begin:end]]))
+                begin = end
+        return pyarrow.concat_tables(pieces).combine_chunks()
+
+    def _open(self, key: str) -> tuple[Any, dict[str, int]]:
+        from pyarrow import parquet
+
+        if key not in self._held:
+            table = parquet.read_table(self._folder / f"{key}.parquet", partitioning=None)
+            self._held[key] = table, {name: row for row, name in enumerate(table.column("rig").to_pylist())}
+        self._held.move_to_end(key)
+        while len(self._held) > PARTS_HELD:
+            self._held.popitem(last=False)
+        return self._held[key]
+
+
+def read_table(folder: Path, name: str = TABLE) -> Any:
+    """Return a table of a fleet's results as a `pyarrow.Table`.
+
+    Raises
+    ------
+    LogError
+        If there is none.
+    """
+    from pyarrow import ArrowInvalid, parquet
+
+    try:
+        return parquet.read_table(folder / name, partitioning=None)
+    except (OSError, ArrowInvalid) as error:
+        raise LogError(f"{folder}: no results of `replant fleet` there ({name} cannot be read)") from error
+
+
+def column(table: Any, name: str) -> Any:
+    """Return a column of numbers as float64; NaN where it is not known."""
+    return np.asarray(table.column(name).to_numpy(zero_copy_only=False), np.float64)
+
+
+def _entry(path: Path) -> dict[str, Any]:
+    """Return an entry of the manifest; an empty one where it cannot be read, so that its rigs are done again."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) and isinstance(found.get("rigs"), dict) else {}
