@@ -121,7 +121,7 @@ def test_a_file_that_is_no_parquet_is_a_rig_that_fails(several: Path) -> None:
 
 
 def test_the_order_of_files_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import replant.fleet.catalogue as catalogue
+    from replant.fleet import catalogue
 
     for k in range(20):
         as_csv(tmp_path / f"{k % 4}" / f"{k}.csv", recorded(0, 20))

@@ -17,6 +17,7 @@ from pyarrow import parquet
 import replant as rp
 from replant.errors import InvalidArgumentError, LogError, SystemRefusedError
 from replant.fleet import work
+from replant.fleet.job import Job
 from replant.fleet.store import Store
 from support.fleets import DT, as_csv, as_parquet, as_table, recorded, small_fleet
 from support.full_disk import full_disk
@@ -244,7 +245,7 @@ def test_lack_of_memory_is_no_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_one_run_at_a_time_writes_a_folder(tmp_path: Path) -> None:
     logs, out = small_fleet(tmp_path / "logs", 1), tmp_path / "out"
-    job = rp.fleet.fit.__globals__["Job"]("u", "y", rp.Structure(2), "fit")
+    job = Job("u", "y", rp.Structure(2), "fit")
     with Store(out, job).alone(), pytest.raises(SystemRefusedError, match="another run writes there"):
         fitted(logs, out)
 

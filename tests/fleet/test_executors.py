@@ -1,0 +1,259 @@
+"""Where a fleet is identified changes nothing: threads, processes, Dask, any executor; nor does a worker that dies."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+import loky
+import psutil
+import pytest
+
+import replant as rp
+from replant.errors import InvalidArgumentError, MissingDependencyError, SystemRefusedError
+from replant.fleet.coordinate import MOST_LOST, carried_out
+from replant.fleet.executors import InThisThread, Workers, parsed, processes, workers
+from replant.fleet.warm import warm_up
+from support.dying import die_first
+from support.fleets import small_fleet
+from support.waiting import PATIENCE
+
+RIGS = 12
+
+
+def fitted(logs: Path, out: Path, executor: object = None, **more: object) -> list[bytes]:
+    rp.fleet.fit(logs, by="file", input="u", output="y", poles=2, method="fit", executor=executor, out=out, **more)
+    return bytes_of(out)
+
+
+def bytes_of(out: Path) -> list[bytes]:
+    return [(out / name).read_bytes() for name in ("rigs.parquet", "models.jsonl")]
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return small_fleet(tmp_path_factory.mktemp("fleet") / "logs", RIGS)
+
+
+@pytest.fixture(scope="module")
+def expected(logs: Path, tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
+    """The bytes that one thread writes."""
+    return fitted(logs, tmp_path_factory.mktemp("fleet") / "out")
+
+
+@contextmanager
+def dask_cluster(count: int) -> Iterator:
+    distributed = pytest.importorskip("distributed")
+    options = {"n_workers": count, "threads_per_worker": 1, "dashboard_address": None, "processes": True}
+    with distributed.LocalCluster(**options) as cluster:
+        yield cluster
+
+
+@pytest.mark.parametrize("on", ["threads:1", "threads:3", "processes:2"])
+def test_threads_and_processes_write_the_same_bytes(logs: Path, expected: list[bytes], tmp_path: Path, on: str) -> None:
+    assert fitted(logs, tmp_path / "out", on) == expected
+
+
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.filterwarnings("default")  # Dask's own
+def test_dask_writes_the_same_bytes(logs: Path, expected: list[bytes], tmp_path: Path, count: int) -> None:
+    with dask_cluster(count) as cluster:
+        address = cluster.scheduler_address.removeprefix("tcp:")
+        assert fitted(logs, tmp_path / "by-address", f"dask:{address}") == expected
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_worker_of_dask_that_dies_costs_nothing_but_time(logs: Path, expected: list[bytes], tmp_path: Path) -> None:
+    from distributed import Client
+
+    with dask_cluster(2) as cluster, Client(cluster) as client:
+        killed: list[int] = []
+
+        def kill_one(state: object) -> None:
+            if state.done and not killed:
+                killed.append(next(iter(client.run(os.getpid).values())))
+                os.kill(killed[0], signal.SIGKILL)
+
+        got = fitted(logs, tmp_path / "out", client.get_executor(pure=False, retries=3), progress=kill_one)
+    assert killed
+    assert got == expected
+
+
+def test_loky_writes_the_same_bytes(logs: Path, expected: list[bytes], tmp_path: Path) -> None:
+    executor = loky.ProcessPoolExecutor(2)
+    try:
+        assert fitted(logs, tmp_path / "out", executor) == expected
+    finally:
+        executor.shutdown(kill_workers=True)
+
+
+def test_another_order_of_tasks_and_files_writes_the_same_bytes(
+    logs: Path, expected: list[bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from replant.fleet import catalogue
+
+    fitting = sys.modules["replant.fleet.fit"]  # the function has its name
+    walk, plan = catalogue.os.walk, fitting.planned
+    monkeypatch.setattr(catalogue.os, "walk", lambda top, **how: reversed(list(walk(top, **how))))
+    monkeypatch.setattr(fitting, "planned", lambda *args: random.Random(0).sample(tasks := plan(*args), len(tasks)))
+    assert fitted(logs, tmp_path / "out") == expected
+
+
+def test_an_executor_that_is_given_stays_open(logs: Path, tmp_path: Path) -> None:
+    with ThreadPoolExecutor(1) as pool:
+        fitted(logs, tmp_path / "out", pool)
+        assert pool.submit(pow, 2, 3).result() == 8
+
+
+# --- workers that die
+
+
+@pytest.mark.parametrize("deaths", [0, 1, 2])
+def test_tasks_of_workers_that_died_are_done_by_new_ones(tmp_path: Path, deaths: int) -> None:
+    tasks = [(str(tmp_path), number, deaths) for number in range(6)]
+    with workers("processes:1") as found:
+        done = dict(carried_out(found, die_first, tasks))
+    assert done == {number: number for number in range(6)}
+
+
+def test_a_task_that_kills_every_worker_ends_the_run(tmp_path: Path) -> None:
+    tasks = [(str(tmp_path), 0, 99)]
+    with workers("processes:1") as found, pytest.raises(SystemRefusedError, match=r"died .* without a task done"):
+        list(carried_out(found, die_first, tasks))
+    assert len(list(tmp_path.iterdir())) == MOST_LOST + 1
+
+
+def test_workers_of_the_caller_that_died_are_not_made_anew(tmp_path: Path) -> None:
+    with processes(1) as pool, pytest.raises(SystemRefusedError, match="start them again"):
+        list(carried_out(Workers(pool), die_first, [(str(tmp_path), 0, 1)]))
+
+
+def test_an_error_of_a_task_cancels_those_that_wait() -> None:
+    class Patient(InThisThread):
+        def __init__(self) -> None:
+            self.waiting: list[Future] = []
+
+        def submit(self, fn: Callable, /, *args: object, **kwargs: object) -> Future:
+            if args[0] == 0:
+                return super().submit(fn, "no number")
+            self.waiting.append(Future())
+            return self.waiting[-1]
+
+    patient = Patient()
+    with pytest.raises(ValueError, match="invalid literal"):
+        list(carried_out(Workers(patient), int, range(4)))
+    assert [future.cancelled() for future in patient.waiting] == [True] * 3
+
+
+def started(logs: Path, out: Path) -> subprocess.Popen:
+    options = ["--by", "file", "-i", "u", "-o", "y", "-p", "2", "--method", "fit", "--on", "processes:2"]
+    return subprocess.Popen(
+        [sys.executable, "-m", "replant", "fleet", str(logs), *options, "--out", str(out)], stdout=subprocess.DEVNULL
+    )
+
+
+def wait_for(happened: Callable[[], object]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def test_a_run_whose_coordinator_is_killed_leaves_no_worker_and_goes_on(
+    logs: Path, expected: list[bytes], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    run = started(logs, out)
+    wait_for(lambda: list((out / "manifest").glob("*.json")) or run.poll() is not None)
+    children = psutil.Process(run.pid).children(recursive=True) if run.poll() is None else []
+    run.kill()
+    run.wait()
+    assert not (out / "rigs.parquet").exists()
+    wait_for(lambda: not any(child.is_running() and child.status() != psutil.STATUS_ZOMBIE for child in children))
+    assert fitted(logs, out) == expected
+
+
+@pytest.mark.slow
+def test_a_run_whose_workers_are_killed_ends_with_the_same_bytes(
+    logs: Path, expected: list[bytes], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    run = started(logs, out)
+    wait_for(lambda: list((out / "manifest").glob("*.json")))
+    for child in psutil.Process(run.pid).children(recursive=True):
+        if "spawn_main" in " ".join(child.cmdline()):
+            child.kill()
+            break
+    assert run.wait() == 0
+    assert bytes_of(out) == expected
+
+
+# --- how executors are named
+
+
+@pytest.mark.parametrize(
+    "on", ["threads", "threads:0", "threads:x", "processes:-1", "dask:host:1", "dask://host", "mpi:4", ""]
+)
+def test_an_executor_that_there_is_not_is_refused(on: str) -> None:
+    with pytest.raises(InvalidArgumentError, match="threads:N, processes:N or dask://HOST:PORT"):
+        parsed(on)
+
+
+def test_what_is_no_executor_is_refused() -> None:
+    with pytest.raises(InvalidArgumentError, match=r"or a concurrent\.futures\.Executor, got 3"), workers(3):
+        pass
+
+
+def test_dask_that_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingDependencyError, match=r"pip install 'replant\[cluster\]'"), workers("dask://host:8786"):
+        pass
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_scheduler_that_does_not_answer_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("replant.fleet.executors.PATIENCE", 1.0)
+    with (
+        pytest.raises(SystemRefusedError, match=r"no scheduler of Dask answers at 127\.0\.0\.1:9"),
+        workers("dask://127.0.0.1:9"),
+    ):
+        pass
+
+
+def test_workers_use_one_thread_each_and_the_environment_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    with processes(1) as pool:
+        assert pool.submit(os.getenv, "OMP_NUM_THREADS").result() == "1"
+    assert "OMP_NUM_THREADS" not in os.environ
+
+
+def test_kernels_are_compiled_by_one_worker_at_a_time(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from replant.fleet import warm
+    from replant.fleet.job import Job
+
+    monkeypatch.setattr(warm.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(warm, "_ready", set())
+    running: list[int] = []
+    most: list[int] = []
+
+    def compiled(*args: object, **how: object) -> None:
+        running.append(1)
+        time.sleep(0.05)
+        most.append(len(running))
+        running.pop()
+
+    monkeypatch.setattr(warm, "fit", compiled)
+    jobs = [Job("u", "y", rp.Structure(poles), "fit") for poles in range(1, 5)]
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(warm_up, jobs))
+    assert most == [1] * 4
+    warm_up(jobs[0])
+    assert len(most) == 4
