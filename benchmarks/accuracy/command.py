@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             console.print(f"left out, no recorded logs at {data_folder()} (set REPLANT_DATA): {', '.join(left_out)}")
     if not asked and VERDICTS not in letters:
         return 2
-    results = work.carry_out(asked, options.runs, VERDICTS in letters, options.processes)
+    results = work.carry_out(asked, options.runs, VERDICTS in letters, options.on)
     summaries = [summarise(each, results.figures[each.key]) for each in asked]
     whole = not options.scenario and not options.runs
     page = PAGE if whole else options.out / PARTIAL
@@ -58,7 +58,10 @@ def read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="accuracy", description=__doc__)
     parser.add_argument("--scenario", nargs="+", choices=LETTERS, metavar="A", help=f"of {' '.join(LETTERS)}")
     parser.add_argument("--runs", type=int, metavar="N", help="at most so many of each")
-    parser.add_argument("--processes", type=int, default=os.cpu_count(), metavar="N", help="default: every core")
+    parser.add_argument(
+        "--on", default=f"processes:{os.cpu_count()}", metavar="WHERE",
+        help="threads:N, processes:N or dask://HOST:PORT; default: every core",
+    )  # fmt: skip
     parser.add_argument("--out", type=Path, default=ROOT / "out/accuracy", metavar="DIR")
     return parser.parse_args(arguments)
 

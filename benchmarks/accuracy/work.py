@@ -6,9 +6,7 @@ import hashlib
 import os
 import tempfile
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
-from multiprocessing import get_context
 from pathlib import Path
 
 from rich.console import Console
@@ -19,6 +17,7 @@ from accuracy import verdicts
 from accuracy.experiment import Experiment
 from accuracy.methods import Figures
 from accuracy.scenarios import experiments
+from replant.fleet import sweep
 
 RIGHT, WRONG = "H right", "H wrong"
 
@@ -63,23 +62,21 @@ def prepare_environment() -> None:
     os.environ.setdefault("NUMBA_CACHE_DIR", str(folder))
 
 
-def carry_out(chosen: Sequence[Experiment], runs: int | None, with_verdicts: bool, processes: int) -> Results:
-    """Make every run of the chosen experiments, at most ``runs`` of each where that is given."""
+def carry_out(chosen: Sequence[Experiment], runs: int | None, with_verdicts: bool, on: str) -> Results:
+    """Make every run of the chosen experiments, at most ``runs`` of each where that is given, on an executor."""
     tasks = [(each.key, number) for each in chosen for number in range(min(each.runs, runs or each.runs))]
     if with_verdicts:
         cases = min(verdicts.CASES, runs or verdicts.CASES)
         tasks += [(key, number) for key in (RIGHT, WRONG) for number in range(cases)]
-    done: dict[tuple[str, int], object] = {}
     columns = (TextColumn("{task.description:24}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as progress:
         bar = progress.add_task("compiling", total=len(tasks))
         warm_up()
-        with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-            futures = {pool.submit(carry_out_one, *task): task for task in longest_first(tasks)}
-            for future in as_completed(futures):
-                task = futures[future]
-                done[task] = future.result()
-                progress.update(bar, advance=1, description=task[0])
+        ordered = longest_first(tasks)
+        outcomes = sweep(
+            carry_out_one, ordered, on, lambda done, of: progress.update(bar, completed=done, description="runs")
+        )
+        done = dict(zip(ordered, outcomes, strict=True))
     results = Results()
     for (key, number), outcome in sorted(done.items()):
         table = results.verdicts if key in (RIGHT, WRONG) else results.figures
@@ -88,8 +85,9 @@ def carry_out(chosen: Sequence[Experiment], runs: int | None, with_verdicts: boo
     return results
 
 
-def carry_out_one(key: str, number: int) -> dict[str, Figures] | Assessed:
-    """Make one run, in a process of its own."""
+def carry_out_one(task: tuple[str, int]) -> dict[str, Figures] | Assessed:
+    """Make one run, of an experiment by its key."""
+    key, number = task
     if key in (RIGHT, WRONG):
         case = verdicts.right(number) if key == RIGHT else verdicts.wrong(number)
         return Assessed(case.kind, *case.assessed)

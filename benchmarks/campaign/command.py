@@ -12,21 +12,28 @@ import argparse
 import os
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable
 from functools import partial
-from multiprocessing import get_context
+from typing import Any
 
 from rich.console import Console
-from rich.progress import track
+from rich.progress import Progress
 from rich.table import Table
 
 from accuracy.work import prepare_environment
 from campaign import actuators
-from campaign.outcome import Outcome, judged
+from campaign.outcome import judged
 from campaign.plants import drawn
 from campaign.table import Campaign
+from replant.fleet import sweep
 
 ACTUATORS, TOGGLING, SMOOTH, SURPLUS = 15, 10, 30, 12  # records, rigs
+SPECIAL: dict[str, tuple[Callable[[int, int], Any], int]] = {
+    "behind actuators": (actuators.behind_actuators, ACTUATORS),
+    "toggling": (actuators.toggling, TOGGLING),
+    "smooth inputs": (actuators.smooth_inputs, SMOOTH),
+    "surplus poles": (actuators.surplus_poles, SURPLUS),
+}
 
 
 def main() -> int:
@@ -36,20 +43,18 @@ def main() -> int:
     console = Console(width=None if sys.stdout.isatty() else 160)
     numbers = options.only or range(options.records)
     begun = time.monotonic()
-    with ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool:
-        special = [] if options.only else [
-            pool.submit(actuators.behind_actuators, options.seed, ACTUATORS),
-            pool.submit(actuators.toggling, options.seed, TOGGLING),
-            pool.submit(actuators.smooth_inputs, options.seed, SMOOTH),
-            pool.submit(actuators.surplus_poles, options.seed, SURPLUS),
-        ]  # fmt: skip
-        results = pool.map(partial(carry_out, options.seed), numbers, chunksize=4)
-        outcomes = list(track(results, "records", len(numbers), console=Console(stderr=True)))
-        if options.only:
-            for one in outcomes:
-                console.print(one)
-            return 0
-        others = [each.result() for each in special]
+    special = [] if options.only else list(SPECIAL)
+    with Progress(console=Console(stderr=True)) as shown:
+        bar = shown.add_task("records", total=len(special) + len(numbers))
+        found = sweep(
+            partial(carry_out, options.seed), [*special, *numbers], options.on,
+            lambda done, of: shown.update(bar, completed=done),
+        )  # fmt: skip
+    others, outcomes = found[: len(special)], found[len(special) :]
+    if options.only:
+        for one in outcomes:
+            console.print(one)
+        return 0
     campaign = Campaign(outcomes, *others, SURPLUS)
     shown = Table(title=f"seed {options.seed}, {len(outcomes)} records, {time.monotonic() - begun:.0f} s")
     for column in ("", "measured", "wanted", ""):
@@ -64,9 +69,12 @@ def main() -> int:
     return 0 if all(line.kept is not False for line in lines) else 1
 
 
-def carry_out(seed: int, number: int) -> Outcome:
-    """Make one record and identify it, in a process of its own."""
-    return judged(drawn(seed, number))
+def carry_out(seed: int, task: int | str) -> Any:
+    """Make one record by its number and identify it, or those of `SPECIAL` by their name."""
+    if isinstance(task, str):
+        make, count = SPECIAL[task]
+        return make(seed, count)
+    return judged(drawn(seed, task))
 
 
 def read_options() -> argparse.Namespace:
@@ -75,5 +83,8 @@ def read_options() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--records", type=int, default=1000)
     parser.add_argument("--only", type=int, nargs="+", metavar="NUMBER", help="these records alone")
-    parser.add_argument("--processes", type=int, default=os.cpu_count(), help="default: every core")
+    parser.add_argument(
+        "--on", default=f"processes:{os.cpu_count()}", metavar="WHERE",
+        help="threads:N, processes:N or dask://HOST:PORT; default: every core",
+    )  # fmt: skip
     return parser.parse_args()

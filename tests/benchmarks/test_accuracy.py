@@ -245,7 +245,7 @@ def test_the_plants_can_be_told_from_their_records(rig: verdicts.Rig) -> None:
 
 
 def test_the_command_writes_a_page_and_a_file(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert command.main(["--scenario", "E", "--runs", "1", "--processes", "1", "--out", str(tmp_path)]) == 0
+    assert command.main(["--scenario", "E", "--runs", "1", "--on", "processes:1", "--out", str(tmp_path)]) == 0
     page = (tmp_path / "accuracy.md").read_text(encoding="utf-8")
     assert "| E order-1 | default | each run within 0.1 % |" in page
     assert "not met" not in page.split("## Every figure")[0].replace("not met beside", "")

@@ -16,9 +16,11 @@ from replant.cli.output import announced_compiling, progress_bar
 from replant.errors import LogError
 from replant.fleet.executors import parsed
 from replant.fleet.fit import fit
-from replant.fleet.job import METHODS
+from replant.fleet.job import METHODS, Job
+from replant.fleet.page import write_page
 from replant.fleet.progress import Progress
-from replant.fleet.results import Fleet
+from replant.fleet.reports import MOST_REPORTS, write_reports
+from replant.fleet.results import Fleet, load
 from replant.fleet.row import FAILED
 from replant.fleet.store import MODELS, TABLE
 from replant.model.structure import Structure
@@ -38,12 +40,34 @@ from replant.model.structure import Structure
     metavar="WHERE",
     help="threads:N, processes:N or dask://HOST:PORT.  [default: processes, one a core]",
 )
+@click.option(
+    "--compare",
+    type=click.Path(path_type=Path),
+    metavar="OLD_DIR",
+    help="Show what has drifted since the results in OLD_DIR.",
+)
+@click.option(
+    "--reports",
+    type=click.IntRange(1, MOST_REPORTS),
+    metavar="N",
+    help="Also write the reports of the first N rigs by rank.",
+)
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="Write the results here.")
-def command(logs: str, by: str, method: str, on: str | None, out: Path, as_json: bool, **options: Any) -> None:
+def command(
+    logs: str,
+    by: str,
+    method: str,
+    on: str | None,
+    compare: Path | None,
+    reports: int | None,
+    out: Path,
+    as_json: bool,
+    **options: Any,
+) -> None:
     """Identify every rig of a fleet from LOGS, a folder or a pattern such as 'logs/*.parquet'.
 
-    Each rig gets a row of DIR/rigs.parquet.  Started again, what is done stays done; a rig whose files have changed is
-    done again.
+    Each rig gets a row of DIR/rigs.parquet; DIR/report.html names the rigs that lie far from the fleet.  Started again,
+    what is done stays done; a rig whose files have changed is done again.
     """
     on = on or f"processes:{os.cpu_count() or 1}"
     parsed(on)
@@ -51,6 +75,7 @@ def command(logs: str, by: str, method: str, on: str | None, out: Path, as_json:
         options["poles"][0], options["zeros"][0] if options["zeros"] else 0, options["delay"][0], options["bias"],
         options["feedthrough"],
     )  # fmt: skip
+    before = None if compare is None else load(compare)
     if out.exists() and not out.is_dir():
         raise click.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
     with progress_bar() as bar, announced_compiling():
@@ -67,8 +92,21 @@ def command(logs: str, by: str, method: str, on: str | None, out: Path, as_json:
             dt=options["dt"], begin=options["begin"], end=options["end"], input_map=options["input_map"],
             optimizer=options["optimizer"], progress=show,
         )  # fmt: skip
-    _check_some(found)
-    _show(found, as_json=as_json)
+        _check_some(found)
+        if reports:
+            bar.update(task, description="reports", total=None)
+            write_reports(found, _job(found, method, options), reports, on)
+        bar.update(task, description="page", total=None)
+        page = write_page(found, before)
+    _show(found, page, as_json=as_json)
+
+
+def _job(found: Fleet, method: str, options: dict[str, Any]) -> Job:
+    return Job(
+        options["input_column"], options["output_column"], found.structure, method, options["reference_column"],
+        options["time_column"], options["dt"], options["begin"], options["end"], options["input_map"],
+        options["optimizer"],
+    )  # fmt: skip
 
 
 def _check_some(found: Fleet) -> None:
@@ -84,14 +122,14 @@ def _check_some(found: Fleet) -> None:
         raise LogError(f"none of {len(found)} rigs could be identified; the first: {first}")
 
 
-def _show(found: Fleet, *, as_json: bool) -> None:
+def _show(found: Fleet, page: Path, *, as_json: bool) -> None:
     verdicts = found.verdicts
     if as_json:
         click.echo(json.dumps({"rigs": len(found), "verdicts": verdicts, "folder": str(found.folder)}))
         return
     click.echo(f"{len(found):,} rigs: " + ", ".join(f"{count:,} {verdict}" for verdict, count in verdicts.items()))
-    for name in (TABLE, MODELS):
-        click.echo(f"wrote {found.folder / name}")
+    for path in (found.folder / TABLE, found.folder / MODELS, page):
+        click.echo(f"wrote {path}")
     if FAILED in verdicts:
         table = found.table()
         rows = zip(*(table.column(name).to_pylist() for name in ("rig", "verdict", "reasons")), strict=True)

@@ -16,6 +16,7 @@ from replant.cli.output import (
 )
 from replant.cli.progress import progress_bar
 from replant.cli.typed import command_line
+from replant.fleet.executors import parsed
 from replant.paper.actuator import rendering
 from replant.paper.actuator.experiment import NOTES, Actuator
 from replant.paper.catalogue import (
@@ -52,6 +53,11 @@ def _known(ctx: click.Context, parameter: click.Parameter, names: tuple[str, ...
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("names", nargs=-1, metavar="[NAME]...", callback=_known)
+@click.option(
+    "--on",
+    metavar="WHERE",
+    help="Make the tables' runs on threads:N, processes:N or dask://HOST:PORT.  [default: here]",
+)
 @click.option("--json", "json_only", is_flag=True, help="Print one JSON object and nothing else.")
 @click.option(
     "--out",
@@ -59,7 +65,7 @@ def _known(ctx: click.Context, parameter: click.Parameter, names: tuple[str, ...
     metavar="DIR",
     help=f"Write figures (PNG, SVG), tables and report.html here.  [default: {DEFAULT_FOLDER} if there are figures]",
 )
-def command(names: tuple[str, ...], json_only: bool, out: Path | None) -> None:
+def command(names: tuple[str, ...], on: str | None, json_only: bool, out: Path | None) -> None:
     """Reproduce the article's tables and figures, beside the published numbers.
 
     NAME is table1 to table4, fig1 to fig4, fig6 to fig8, or actuator: the table that compares the runs of Figures 7
@@ -70,10 +76,14 @@ def command(names: tuple[str, ...], json_only: bool, out: Path | None) -> None:
     """
     if out is None and any(is_figure(name) for name in names):
         out = DEFAULT_FOLDER
-    deliver(names, out, json_only=json_only, report=names == NAMES)
+    if on is not None:
+        parsed(on)
+    deliver(names, out, json_only=json_only, report=names == NAMES, on=on)
 
 
-def deliver(names: Sequence[str], out: Path | None, *, json_only: bool = False, report: bool = False) -> None:
+def deliver(
+    names: Sequence[str], out: Path | None, *, json_only: bool = False, report: bool = False, on: str | None = None
+) -> None:
     """Reproduce tables and figures, print the tables, and write everything into a folder.
 
     Parameters
@@ -86,6 +96,8 @@ def deliver(names: Sequence[str], out: Path | None, *, json_only: bool = False, 
         Whether to print one JSON object instead of tables.
     report : bool
         Whether to write ``report.html`` with all of them.
+    on : str, optional
+        Where the runs of the tables are made.
 
     Raises
     ------
@@ -93,7 +105,7 @@ def deliver(names: Sequence[str], out: Path | None, *, json_only: bool = False, 
         If the folder cannot be written to.
     """
     make_folder(out)
-    outcome, written, pictures = _run(names, out, report=report)
+    outcome, written, pictures = _run(names, out, report=report, on=on)
     text = json.dumps(results_as_json(outcome), indent=2, allow_nan=False)
     if out is not None and (outcome.tables or outcome.actuator):
         written += _write_tables(out, text, outcome)
@@ -125,7 +137,9 @@ def print_actuator(console: Any, actuator: Actuator) -> None:
         console.print(line)
 
 
-def _run(names: Sequence[str], out: Path | None, *, report: bool) -> tuple[Outcome, list[Path], dict[str, str]]:
+def _run(
+    names: Sequence[str], out: Path | None, *, report: bool, on: str | None
+) -> tuple[Outcome, list[Path], dict[str, str]]:
     """Run and draw ``names``; return the outcome, the paths of the figures and, for a report, the figures."""
     drawn = [name for name in names if is_figure(name)]
     if drawn:
@@ -136,7 +150,7 @@ def _run(names: Sequence[str], out: Path | None, *, report: bool) -> tuple[Outco
     pictures: dict[str, str] = {}
     with progress_bar() as progress:
         task = progress.add_task("", total=steps(names) + len(drawn))
-        outcome = run(names, lambda name: progress.update(task, description=name, advance=1))
+        outcome = run(names, lambda name: progress.update(task, description=name, advance=1), on)
         if out is not None and drawn:
             with write_errors_reported(out):
                 for name, canvas, paths in save(outcome, drawn, out):

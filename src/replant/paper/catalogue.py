@@ -7,6 +7,7 @@ of the tables again, which gives the same estimates.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -65,15 +66,23 @@ def steps(names: Sequence[str]) -> int:
     return count + (rig.RUNS if _needs_runs(names) else len(rig.FILTERS) if "fig6" in names else 0)
 
 
-def run(names: Sequence[str], on_run: Callable[[str], None] = lambda name: None) -> Outcome:
+def run(
+    names: Sequence[str], on_run: Callable[[str], None] = lambda name: None, executor: Executor | str | None = None
+) -> Outcome:
     """Run the experiments that ``names`` need; ``on_run`` is called after each run with the name that it belongs to.
+
+    The runs of the tables are made on ``executor``, see `replant.fleet.fit`; the figures do not depend on it.
 
     Examples
     --------
     >>> run(["table2"]).tables["table2"]["Gradient, amplitude 10"]["J_a0"].verdict
     'equal'
     """
-    tables = {name: reproduce(TABLES[name], on_run=partial(on_run, name)) for name in names if name in TABLES}
+    tables = {
+        name: reproduce(TABLES[name], on_run=partial(on_run, name), executor=executor)
+        for name in names
+        if name in TABLES
+    }
     curves = {name: compute(FIGURES[name], partial(on_run, name)) for name in names if name in FIGURES}
     if _needs_runs(names):
         actuator = rig.reproduce_actuator(on_run=partial(on_run, ACTUATOR))

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from statistics import fmean, stdev
 
+from replant.fleet.sweep import sweep
 from replant.paper.tables.experiment import run_seeds
 from replant.paper.tables.published import Row, Table
 
@@ -110,7 +112,12 @@ class TableResult:
         return 100 * (1 - of.published / over.published), 100 * (1 - of.ours / over.ours)
 
 
-def reproduce(table: Table, seeds: int = SEEDS, on_run: Callable[[], None] | None = None) -> TableResult:
+def reproduce(
+    table: Table,
+    seeds: int = SEEDS,
+    on_run: Callable[[], None] | None = None,
+    executor: Executor | str | None = None,
+) -> TableResult:
     """Run every experiment of a table.
 
     Parameters
@@ -120,6 +127,8 @@ def reproduce(table: Table, seeds: int = SEEDS, on_run: Callable[[], None] | Non
         Runs of each row with a buffer, at least 2.
     on_run : callable, optional
         Called after each of the `runs`, to show progress.
+    executor : Executor or str, optional
+        Where the runs are made, see `replant.fleet.fit`; the figures do not depend on it.
 
     Examples
     --------
@@ -127,7 +136,19 @@ def reproduce(table: Table, seeds: int = SEEDS, on_run: Callable[[], None] | Non
     >>> reproduce(TABLES["table2"])["AMSGrad, amplitude 0.1"]["J_b0"].verdict
     'equal'
     """
-    return TableResult(table, tuple(_reproduce_row(table, row, seeds, on_run) for row in table.rows))
+    tasks = [(row, len(_seeds_of(row, seeds))) for row in table.rows]
+    made, total = 0, runs(table, seeds)
+
+    def progress(done: int, of: int) -> None:
+        nonlocal made
+        while on_run is not None and made < total * done // of:
+            made += 1
+            on_run()
+
+    found = sweep(_run_row, tasks, executor, progress)
+    return TableResult(
+        table, tuple(_row_result(table, row, results) for row, results in zip(table.rows, found, strict=True))
+    )
 
 
 def runs(table: Table, seeds: int = SEEDS) -> int:
@@ -150,11 +171,13 @@ def _seeds_of(row: Row, seeds: int) -> range:
     return range(1 if row.experiment.replay is None else seeds)
 
 
-def _reproduce_row(table: Table, row: Row, seeds: int, on_run: Callable[[], None] | None) -> RowResult:
-    results = run_seeds(row.experiment, _seeds_of(row, seeds), row.experiment.plant.record())
-    if on_run is not None:
-        for _ in results:
-            on_run()
+def _run_row(task: tuple[Row, int]) -> list[dict[str, float]]:
+    """Return the performance indices of each seed of a row; what an executor calls."""
+    row, seeds = task
+    return run_seeds(row.experiment, range(seeds), row.experiment.plant.record())
+
+
+def _row_result(table: Table, row: Row, results: list[dict[str, float]]) -> RowResult:
     cells = []
     for index, published in zip(table.indices, row.published, strict=True):
         values = [result[index] for result in results]

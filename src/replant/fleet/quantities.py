@@ -1,0 +1,153 @@
+"""Physical quantities of a fleet: the logarithms of its coefficients, and what is read from them in words.
+
+The gain is b0/a0, the time constant of one pole 1/a0, the natural frequency of two sqrt(a0) and their damping
+a1 / (2 sqrt(a0)): the logarithm of each is a sum of those of the coefficients, whatever kind the poles are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from replant.arguments import BoolArray, FloatArray
+from replant.fleet.store import column
+from replant.model.structure import Structure
+
+AGREEING = 0.8
+"""Share of the rigs that must agree in a coefficient's sign for its logarithm to be compared [share of rigs]."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A physical quantity.
+
+    Attributes
+    ----------
+    name : str
+    weights : tuple of (str, float)
+        Its logarithm as a sum of those of coefficients.
+    factor : float
+        What the power of the coefficients is multiplied by.
+    unit : str
+    """
+
+    name: str
+    weights: tuple[tuple[str, float], ...]
+    factor: float = 1.0
+    unit: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Figures:
+    """The coefficients of a fleet, as they are compared.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The p coefficients.
+    x : (N, p) array
+        Their logarithms; of one whose sign is not the same in the fleet itself.
+    covariances : (N, p, p) array
+        To first order.
+    signs : (p,) array
+        The fleet's sign of each coefficient; 0 where it is not the same.
+    reversed : (N, p) array of bool
+        Which coefficients have the other sign.
+    certainty : (N, p) array
+        Coefficients over their standard deviations, without sign.
+    known : (N,) array of bool
+        Which rigs have finite figures at all.
+    """
+
+    names: tuple[str, ...]
+    x: FloatArray
+    covariances: FloatArray
+    signs: FloatArray
+    reversed: BoolArray
+    certainty: FloatArray
+    known: BoolArray
+
+    def weights(self, quantity: Quantity) -> FloatArray | None:
+        """Return the weights (p,) of a quantity; None where a coefficient of it has no common sign."""
+        found = np.zeros(len(self.names))
+        for name, weight in quantity.weights:
+            if self.signs[self.names.index(name)] == 0.0:
+                return None
+            found[self.names.index(name)] = weight
+        return found
+
+
+def figures_of(table: Any, structure: Structure, usual: BoolArray | None = None) -> Figures:
+    """Return the coefficients of a fleet's table as they are compared.
+
+    Parameters
+    ----------
+    table : pyarrow.Table
+    structure : Structure
+    usual : (N,) array of bool, optional
+        The rigs that tell the fleet's signs: by default the trusted ones.
+    """
+    size, names = structure.coefficients, structure.names[: structure.coefficients]
+    theta = np.column_stack([column(table, name) for name in names])
+    P = _covariances(table, structure.size)[:, :size, :size]
+    std = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 0.0))
+    known = np.isfinite(theta).all(axis=1) & np.isfinite(P).all(axis=(1, 2)) & (std > 0.0).all(axis=1)
+    known &= (theta != 0.0).all(axis=1)
+    if usual is None:
+        usual = np.asarray(table.column("verdict").to_numpy(zero_copy_only=False) == "trusted")
+    signs = _signs(theta[usual & known], std[usual & known])
+    safe, scale = np.where(known[:, None], theta, 1.0), np.ones(size)
+    for k in np.flatnonzero(signs == 0.0):
+        scale[k] = float(np.median(np.abs(safe[usual & known, k]))) if (usual & known).any() else 1.0
+    scale = np.where(scale > 0.0, scale, 1.0)
+    x = np.where(signs == 0.0, safe / scale, np.log(np.abs(safe)))
+    slope = np.where(signs == 0.0, 1.0 / scale, 1.0 / safe)
+    covariances = np.where(known[:, None, None], P * slope[:, :, None] * slope[:, None, :], np.eye(size))
+    certainty = np.abs(safe) / np.where(known[:, None], std, 1.0)
+    turned = known[:, None] & (signs != 0.0) & (np.sign(safe) != signs)
+    return Figures(names, x, covariances, signs, turned, certainty, known)
+
+
+def quantities_of(structure: Structure, input_name: str = "u", output_name: str = "y") -> list[Quantity]:
+    """Return the physical quantities of a structure.
+
+    Examples
+    --------
+    >>> [each.name for each in quantities_of(Structure(2, 1))]
+    ['gain', 'natural frequency', 'damping', 'zero']
+    """
+    n, m = structure.poles, structure.zeros
+    found = [Quantity("gain", (("b0", 1.0), ("a0", -1.0)))]
+    if n == 1:
+        found.append(Quantity("time constant", (("a0", -1.0),), unit="s"))
+    elif n == 2:
+        found.append(Quantity("natural frequency", (("a0", 0.5),), unit="rad/s"))
+        found.append(Quantity("damping", (("a1", 1.0), ("a0", -0.5)), 0.5))
+    else:
+        found.append(Quantity("mean frequency of the poles", (("a0", 1.0 / n),), unit="rad/s"))
+        found += [Quantity(f"coefficient a{k}", ((f"a{k}", 1.0),)) for k in range(n - 1, 0, -1)]
+    if m == 1:
+        found.append(Quantity("zero", (("b0", 1.0), ("b1", -1.0)), unit="rad/s"))
+    elif m > 1:
+        found += [Quantity(f"coefficient b{k}", ((f"b{k}", 1.0),)) for k in range(m, 0, -1)]
+    return found
+
+
+def _signs(theta: FloatArray, std: FloatArray) -> FloatArray:
+    """Return the sign (p,) that most rigs have in a coefficient, by more than its uncertainty; 0 where they differ."""
+    if not len(theta):
+        return np.zeros(theta.shape[1])
+    sure = np.abs(theta) > std
+    positive, negative = (np.mean(sure & (sign * theta > 0.0), axis=0) for sign in (1.0, -1.0))
+    return np.asarray(np.where(positive >= AGREEING, 1.0, np.where(negative >= AGREEING, -1.0, 0.0)))
+
+
+def _covariances(table: Any, size: int) -> FloatArray:
+    """Return the covariances (N, size, size) of all rigs; NaN where there is none."""
+    lists = table.column("covariance").combine_chunks()
+    found = np.full((table.num_rows, size, size), np.nan)
+    there = np.asarray(lists.is_valid())
+    found[there] = np.asarray(lists.drop_null().flatten(), np.float64).reshape(-1, size, size)
+    return found

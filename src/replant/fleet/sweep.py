@@ -1,0 +1,150 @@
+"""sweep: a function, or every setting of a grid, on every record of a study, on any executor."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar, overload
+
+from replant.errors import ArgumentTypeError, InvalidArgumentError, ReplantError
+from replant.fleet.coordinate import carried_out
+from replant.fleet.executors import workers
+from replant.fleet.work import one_thread
+from replant.identified.model import Model
+from replant.runs.run_log import run
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """What one setting of a grid gives on one record.
+
+    Attributes
+    ----------
+    settings : tuple of (str, object)
+        Arguments of `replant.run`, by name.
+    record : int
+        Number of the record, from 0.
+    model : Model or None
+        None where the record could not be identified.
+    problem : str
+        Why not; empty where it could.
+    """
+
+    settings: tuple[tuple[str, Any], ...]
+    record: int
+    model: Model | None
+    problem: str = ""
+
+
+@overload
+def sweep(
+    function: Callable[[T], R],
+    records: Iterable[T],
+    executor: Executor | str | None = None,
+    progress: Callable[[int, int], None] = ...,
+) -> list[R]: ...
+
+
+@overload
+def sweep(
+    function: Mapping[str, Sequence[Any]],
+    records: Iterable[Any],
+    executor: Executor | str | None = None,
+    progress: Callable[[int, int], None] = ...,
+) -> list[Trial]: ...
+
+
+def sweep(
+    function: Any,
+    records: Iterable[Any],
+    executor: Executor | str | None = None,
+    progress: Callable[[int, int], None] = lambda done, of: None,
+) -> list[Any]:
+    """Call a function with every record, or run every setting of a grid on every record.
+
+    The results do not depend on the executor, nor on the order in which the work ends.
+
+    Parameters
+    ----------
+    function : callable or mapping
+        Called with one record; what other processes or machines call must be importable there.  Or a grid: the values
+        to try, by name of an argument of `replant.run`; every combination is run on every record.
+    records : iterable
+        What the function is called with; of a grid logs, or tuples (u, y, dt).
+    executor : Executor or str, optional
+        See `replant.fleet.fit`.
+    progress : callable
+        Called with the number of calls that are done, and of all.
+
+    Returns
+    -------
+    list
+        What the function returned, in the order of the records; of a grid a `Trial` for each setting and record, the
+        records of the first setting first.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If a value of the grid is not in a sequence, or a grid is empty.
+    Exception
+        What the function raises.
+
+    Examples
+    --------
+    >>> sweep(abs, [-1, 2, -3], executor="threads:2")
+    [1, 2, 3]
+    >>> import numpy as np
+    >>> from replant import TransferFunction
+    >>> u = np.where(np.arange(1000) // 50 % 2 == 0, 1.0, -1.0)
+    >>> y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.1)
+    >>> for trial in sweep({"poles": [1, 2]}, [(u, y, 0.1)]):
+    ...     print(trial.settings, trial.model.structure.poles)
+    (('poles', 1),) 1
+    (('poles', 2),) 2
+    """
+    if isinstance(function, Mapping):
+        tasks: list[Any] = _trials(function, records)
+        call: Callable[[Any], Any] = _tried
+    elif callable(function):
+        tasks, call = list(records), partial(_called, function)
+    else:
+        raise ArgumentTypeError(f"sweep needs a function or a grid of settings, got {type(function).__name__}")
+    results: list[Any] = [None] * len(tasks)
+    with workers(executor) as found, one_thread():
+        for done, (number, result) in enumerate(carried_out(found, call, tasks), 1):
+            results[number] = result
+            progress(done, len(tasks))
+    return results
+
+
+def _called(function: Callable[[T], R], record: T) -> R:
+    with one_thread():
+        return function(record)
+
+
+def _trials(grid: Mapping[str, Sequence[Any]], records: Iterable[Any]) -> list[tuple[dict[str, Any], int, Any]]:
+    if not grid:
+        raise InvalidArgumentError("the grid is empty: give the values to try by name, such as {'poles': [1, 2]}")
+    for name, values in grid.items():
+        if isinstance(values, str) or not isinstance(values, Sequence):
+            raise InvalidArgumentError(f"the grid's {name} must be a sequence of the values to try, got {values!r}")
+    held = list(records)
+    combined = [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
+    return [(settings, number, record) for settings in combined for number, record in enumerate(held)]
+
+
+def _tried(task: tuple[dict[str, Any], int, Any]) -> Trial:
+    settings, number, record = task
+    named = tuple(settings.items())
+    try:
+        with one_thread():
+            result = run(*record, **settings) if isinstance(record, tuple) else run(record, **settings)
+    except ReplantError as problem:
+        return Trial(named, number, None, str(problem))
+    return Trial(named, number, result.model)

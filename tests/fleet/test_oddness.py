@@ -1,0 +1,287 @@
+"""Which rigs of a fleet are odd, and what has drifted: with the uncertainty of each."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pyarrow
+import pytest
+from pyarrow import parquet
+
+import replant as rp
+from replant.assessment.verdict import Verdict
+from replant.errors import InvalidArgumentError
+from replant.fleet.drift import drift_between
+from replant.fleet.oddness import oddness_of
+from replant.fleet.page import write_page
+from replant.fleet.report_file import report_path
+from replant.fleet.robust import located
+from replant.fleet.row import FAILED, Row, table_of
+from replant.fleet.watch import Movement
+from support.browsing import chromium, contrast, new_page
+
+TWO = rp.Structure(2)
+MOVES = Movement(1.0, 1.0, 0.01)
+
+
+def row(
+    name: str, gain: float, frequency: float, damping: float, std: np.ndarray, rng: np.random.Generator, **more: object
+) -> Row:
+    """A rig whose log gain, frequency and damping are estimated with these standard deviations."""
+    logs = np.array([math.log(abs(gain)), math.log(frequency), math.log(damping)]) + std * rng.standard_normal(3)
+    k, w, z = np.exp(logs)
+    theta = np.array([2.0 * z * w, w * w, math.copysign(k * w * w, gain)])
+    slope = np.array([[0.0, 1.0, 1.0], [0.0, 2.0, 0.0], [1.0, 2.0, 0.0]]) * theta[:, None]
+    covariance = slope @ np.diag(std**2) @ slope.T
+    verdict = more.pop("verdict", "trusted")
+    model = rp.Model(
+        TWO, theta, 0.01, covariance=covariance, simulated_fit=more.pop("fit", 95.0),
+        verdict=Verdict(verdict, ("because: so it is",)),
+    )  # fmt: skip
+    return Row(
+        name, verdict, ("because: so it is",), f"{name}.csv", 1, model, 1000, movement=more.pop("movement", MOVES)
+    )
+
+
+def fleet(seed: int, rigs: int = 150, spread: float = 0.03) -> list[Row]:
+    """Rigs that differ by a few percent, each as uncertain as it says, some five times as much as others."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for k in range(rigs):
+        gain, frequency, damping = np.array([2.0, 12.0, 0.4]) * np.exp(spread * rng.standard_normal(3))
+        std = 0.01 * np.exp(0.6 * rng.standard_normal()) * np.array([1.0, 0.7, 2.0])
+        found.append(row(f"rig{k:04}", gain, frequency, damping, std, rng))
+    return found
+
+
+SURE = np.array([0.01, 0.01, 0.02])
+
+
+@pytest.mark.parametrize("spread", [0.03, 1e-5])
+def test_a_fleet_without_odd_rigs_names_none_beyond_chance(spread: float) -> None:
+    """In one of a hundred fleets one is named: in twenty of them two are already hardly possible."""
+    named = sum(int(oddness_of(table_of(fleet(seed, 120, spread), TWO), TWO).odd.sum()) for seed in range(12))
+    assert named <= 2
+
+
+@pytest.mark.parametrize(
+    ("gain", "frequency", "damping", "words"),
+    [
+        (1.0, 17.0, 0.4, r"gain 0.(5|49)\d* times the fleet's median, \d+ standard deviations; natural frequency 1.4"),
+        (2.0, 7.0, 0.4, r"^natural frequency 0.5[89] times the fleet's median, \d+ standard deviations$"),
+        (2.0, 12.0, 0.8, r"^damping (2|1.9|2.1) times the fleet's median, \d+ standard deviations$"),
+        (2000.0, 12.0, 0.4, r"^wrong unit\? the gain is 1000 times the fleet's, nearly: a power of ten$"),
+        (2.0 * math.pi / 180.0, 12.0, 0.4, r"the gain is 1/57.3 of the fleet's, nearly: degrees beside radians"),
+        (-2.0, 12.0, 0.4, r"^reversed sign: gain of the opposite sign, (1|0.9)\S* times the fleet's median"),
+    ],
+)
+def test_an_odd_rig_is_first_and_named_by_what_differs(
+    gain: float, frequency: float, damping: float, words: str
+) -> None:
+    rows = [*fleet(0), row("odd", gain, frequency, damping, SURE, np.random.default_rng(9))]
+    found = oddness_of(table_of(rows, TWO), TWO)
+    assert found.order[0] == len(rows) - 1
+    assert re.search(words, found.words[-1]), found.words[-1]
+    assert found.odd.sum() == 1
+
+
+def test_an_uncertain_rig_is_not_an_odd_one() -> None:
+    rng = np.random.default_rng(1)
+    sure, unsure = (row(name, 2.0 * math.exp(0.4), 12.0, 0.4, 0.0 * SURE + std, rng) for name, std in
+                    (("sure", 0.01), ("unsure", 0.4)))  # fmt: skip
+    found = oddness_of(table_of([*fleet(0), unsure, sure], TWO), TWO)
+    assert found.odd[-2:].tolist() == [False, True]
+    assert found.distance[-2] < found.distance[-1]
+
+
+def test_odd_and_untrusted_rigs_do_not_move_what_is_usual() -> None:
+    rng = np.random.default_rng(2)
+    others = [
+        row(f"z{k}", 20.0, 30.0, 0.1, SURE, rng, verdict="trusted" if k % 2 else "inconsistent") for k in range(20)
+    ]
+    clean, dirty = (oddness_of(table_of(rows, TWO), TWO) for rows in (fleet(0), [*fleet(0), *others]))
+    for (_, middle, ratio), (_, same, near) in zip(clean.usual, dirty.usual, strict=True):
+        assert same == pytest.approx(middle, rel=0.01)
+        assert math.log(near) == pytest.approx(math.log(ratio), rel=0.25)
+
+
+def test_signals_of_untrusted_rigs_say_why() -> None:
+    rng = np.random.default_rng(3)
+    rows = [
+        *fleet(0, 60),
+        row("column", 0.3, 3.0, 0.9, 0.5 + SURE, rng, verdict="inconsistent", fit=3.0),
+        row("stuck", 1.0, 12.0, 0.4, SURE, rng, verdict="inconsistent", movement=Movement(1.0, 0.5, 0.6)),
+        row("still", 1.0, 12.0, 0.4, SURE, rng, verdict="not excited", movement=Movement(0.0, 0.5, 0.01)),
+        row("young", 2.0, 12.0, 0.4, 20.0 * SURE, rng, verdict="converging", fit=94.0),
+        Row("broken", FAILED, ("broken.csv: it is empty",), "broken.csv", 1),
+    ]
+    found = oddness_of(table_of(rows, TWO), TWO)
+    said = dict(zip([each.rig for each in rows], found.words, strict=True))
+    assert said["column"] == "wrong column? the model explains 3 %, the fleet's 95 %: because"
+    assert said["stuck"] == "stuck sensor? the output stands still over 60 % of the record"
+    assert said["still"] == "the input does not move"
+    assert (said["young"], said["broken"]) == ("", "")
+    ranked = [rows[k].rig for k in found.order]
+    assert set(ranked[:3]) == {"column", "stuck", "still"}
+    assert ranked[3:5] == ["broken", "young"]
+
+
+@pytest.mark.parametrize("rigs", [0, 1, 5])
+def test_a_few_rigs_tell_nothing_usual(rigs: int) -> None:
+    rows = fleet(0, rigs) if rigs else [Row("a", FAILED, ("no",), "a.csv", 1)]
+    found = oddness_of(table_of(rows, TWO), TWO)
+    assert not found.odd.any()
+    assert np.isnan(found.distance).all()
+    assert found.usual == ()
+
+
+def test_spread_is_estimated_without_the_uncertainty_of_the_estimates() -> None:
+    rng = np.random.default_rng(0)
+    spread = np.array([[1.0, 0.6], [0.6, 2.0]])
+    own = np.exp(rng.standard_normal(4000))[:, None, None] * np.array([[2.0, -0.5], [-0.5, 1.0]])
+    x = rng.standard_normal((4000, 2)) @ np.linalg.cholesky(spread).T
+    x += np.einsum("nij,nj->ni", np.linalg.cholesky(own), rng.standard_normal((4000, 2)))
+    x[:80] += 30.0
+    found = located(x, own)
+    assert found.spread == pytest.approx(spread, abs=0.2)
+    assert found.centre == pytest.approx(np.zeros(2), abs=0.15)
+    assert found.scale == pytest.approx(1.0, abs=0.1)
+
+
+# --- drift
+
+
+def saved(folder: Path, rows: list[Row], structure: rp.Structure = TWO) -> rp.fleet.Fleet:
+    folder.mkdir(parents=True)
+    table = table_of(sorted(rows, key=lambda each: each.rig), structure)
+    parquet.write_table(table, folder / "rigs.parquet")
+    return rp.fleet.Fleet(folder, structure, logs=str(folder), by="file")
+
+
+def again(rows: list[Row], seed: int, **changed: float) -> list[Row]:
+    """The same rigs, identified from other records; some of them with another gain."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for each in rows:
+        a1, a0, b0 = each.model.parameters
+        std = each.model.uncertainty.dc_gain_std / each.model.transfer_function.dc_gain * np.array([1.0, 0.7, 2.0])
+        gain = b0 / a0 * changed.get(each.rig, 1.0)
+        new = row(each.rig, gain, math.sqrt(a0), a1 / (2.0 * math.sqrt(a0)), abs(std), rng)
+        found.append(new)
+    return found
+
+
+def test_what_has_drifted_is_found_beside_the_uncertainty_of_both(tmp_path: Path) -> None:
+    truth = fleet(0, 100)
+    for each in truth:  # the records' own errors are drawn anew both times
+        assert each.model is not None
+    changed = {"rig0003": 0.7, "rig0050": -1.0}
+    before = saved(tmp_path / "before", [*again(truth, 1), row("gone", 2.0, 12.0, 0.4, SURE, np.random.default_rng(0))])
+    now = saved(tmp_path / "now", again(truth, 2, **changed))
+    drift = drift_between(before, now)
+    assert {each.rig for each in drift.drifted} == set(changed)
+    words = {each.rig: each.words for each in drift.drifted}
+    assert re.search(r"gain 0\.\d+ times what it was, \d+ standard deviations", words["rig0003"])
+    assert "gain of the opposite sign" in words["rig0050"]
+    assert (drift.compared, drift.gone, drift.new, drift.fleet) == (100, ("gone",), (), ())
+
+
+def test_a_fleet_that_has_changed_as_a_whole_is_told(tmp_path: Path) -> None:
+    truth = fleet(0, 100)
+    before, now = again(truth, 1), again(truth, 2, **{each.rig: 1.02 for each in truth})
+    drift = drift_between(saved(tmp_path / "before", before), saved(tmp_path / "now", now))
+    assert len(drift.fleet) == 1
+    assert drift.fleet[0].startswith("gain 1.02 times what it was")
+
+
+def test_the_same_results_have_not_drifted(tmp_path: Path) -> None:
+    rows = fleet(0, 40)
+    drift = drift_between(saved(tmp_path / "before", rows), saved(tmp_path / "now", rows))
+    assert (drift.drifted, drift.compared) == ((), 40)
+
+
+def test_fleets_of_other_structures_are_not_compared(tmp_path: Path) -> None:
+    one = rp.fleet.Fleet(tmp_path, rp.Structure(1))
+    with pytest.raises(InvalidArgumentError, match="identify both with the same options"):
+        drift_between(one, rp.fleet.Fleet(tmp_path, TWO))
+
+
+# --- the page
+
+
+def data_of(page: Path) -> dict:
+    return json.loads(re.search(r'id="data">(.*?)</script>', page.read_text(encoding="utf-8"))[1])
+
+
+def test_the_page_has_all_rigs_and_needs_no_other_file(tmp_path: Path) -> None:
+    rows = [*fleet(0, 40), Row("<b>&odd</script>", FAILED, ("bad <i>",), "x", 1)]
+    rows = [*rows, row("slow", 2.0, 6.0, 0.4, SURE, np.random.default_rng(0))]
+    now = saved(tmp_path / "now", rows)
+    (now.folder / "reports").mkdir()
+    (now.folder / report_path("slow")).touch()
+    page = write_page(now, compare=saved(tmp_path / "before", again(fleet(0, 40), 3, rig0007=1.5)))
+    text = page.read_text(encoding="utf-8")
+    data = data_of(page)
+    assert len(data["rows"]) == len(rows)
+    names = [each["name"] for each in data["columns"]]
+    assert names[:5] == ["rig", "rank", "verdict", "distance [std]", "why"]
+    assert {"gain", "natural frequency [rad/s]", "damping", "a1", "a0", "b0", "fit [%]", "samples"} <= set(names)
+    assert data["rows"][0][0] == "slow"
+    assert data["rows"][0][-1] == report_path("slow")
+    assert f'<a href="{report_path("slow")}">slow</a>' in text
+    assert text.count("</script>") == 2
+    assert not re.search(r"(src|href)=\"https?:", text)
+    assert "rig0007" in text[text.index("Drift") : text.index("Distributions")]
+    assert "natural frequency 0.5" in text
+
+
+def test_the_page_of_a_fleet_without_a_trusted_rig_is_written(tmp_path: Path) -> None:
+    page = write_page(saved(tmp_path / "now", [Row("a", FAILED, ("no",), "a.csv", 1)]))
+    assert "Too few rigs are trusted" in page.read_text(encoding="utf-8")
+
+
+def test_ten_thousand_rows_are_searched_and_sorted(tmp_path: Path) -> None:
+    rows = fleet(0, 50)
+    now = saved(tmp_path / "now", rows)
+    table = now.table()
+    many = pyarrow.concat_tables([table] * 200)
+    names = pyarrow.array([f"rig{k:05}" for k in range(10_000)])
+    parquet.write_table(many.set_column(0, "rig", names), now.folder / "rigs.parquet")
+    page = write_page(now)
+    with chromium() as browser:
+        shown = new_page(browser)
+        mistakes: list[str] = []
+        shown.on("pageerror", lambda error: mistakes.append(str(error)))
+        shown.goto(page.as_uri())
+        assert shown.locator("#body tr").count() == 100
+        assert shown.locator("#shown").inner_text() == "1 to 100 of 10,000"
+        shown.locator("#search").fill("RIG0123")
+        assert shown.locator("#shown").inner_text() == "1 to 10 of 10"
+        shown.locator("#search").fill("")
+        shown.locator("#head button", has_text="gain").click()
+        column = [each["name"] for each in data_of(page)["columns"]].index("gain")
+        cells = shown.locator(f"#body tr td:nth-child({column + 1})").all_inner_texts()
+        assert [float(cell) for cell in cells] == sorted(float(cell) for cell in cells)
+        shown.locator("#on").click()
+        assert shown.locator("#shown").inner_text() == "101 to 200 of 10,000"
+        assert mistakes == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1280, 400])
+def test_the_page_can_be_read(tmp_path: Path, scheme: str, width: int) -> None:
+    from support.browsing import TEXTS
+
+    page = write_page(
+        saved(tmp_path / "now", [*fleet(0, 30), row("slow", 2.0, 6.0, 0.4, SURE, np.random.default_rng(0))])
+    )
+    with chromium() as browser:
+        shown = new_page(browser, viewport={"width": width, "height": 800}, color_scheme=scheme)
+        shown.goto(page.as_uri())
+        faint = [text for text, colour, behind, _ in shown.evaluate(TEXTS) if contrast(colour, behind) < 4.5]
+        assert faint == []
+        assert shown.evaluate("document.documentElement.scrollWidth") <= width

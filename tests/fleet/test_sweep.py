@@ -1,0 +1,68 @@
+"""Sweeps: a function or a grid of settings on many records, with the same results on every executor."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+import replant as rp
+from replant.errors import ArgumentTypeError, InvalidArgumentError
+from replant.paper.tables.published import TABLES
+from replant.paper.tables.reproduction import reproduce, runs
+from support.fleets import DT, recorded
+
+
+@pytest.mark.parametrize("executor", [None, "threads:3", "processes:2"])
+def test_results_come_in_the_order_of_the_records(executor: str | None) -> None:
+    seen: list[tuple[int, int]] = []
+    found = rp.fleet.sweep(math.sqrt, range(9), executor, lambda done, of: seen.append((done, of)))
+    assert found == [math.sqrt(k) for k in range(9)]
+    assert seen == [(k, 9) for k in range(1, 10)]
+
+
+def test_what_the_function_raises_is_raised() -> None:
+    with pytest.raises(ValueError, match=r"math domain error|nonnegative"):
+        rp.fleet.sweep(math.sqrt, [1.0, -1.0], "threads:2")
+
+
+def test_every_setting_is_run_on_every_record() -> None:
+    records = [(each.u, each.y, DT) for each in (recorded(0), recorded(1))]
+    found = rp.fleet.sweep({"poles": [1, 2], "zeros": [0]}, records, "threads:2")
+    assert [(dict(each.settings)["poles"], each.record) for each in found] == [(1, 0), (1, 1), (2, 0), (2, 1)]
+    alone = rp.run(*records[1], poles=2)
+    assert found[3].model.parameters.tolist() == alone.parameters.tolist()
+
+
+def test_a_setting_that_cannot_be_run_is_a_trial_with_its_problem() -> None:
+    record = recorded(0)
+    (found,) = rp.fleet.sweep({"poles": [1], "zeros": [3]}, [(record.u, record.y, DT)])
+    assert found.model is None
+    assert "zeros must be fewer than poles" in found.problem
+
+
+@pytest.mark.parametrize(
+    ("grid", "error", "says"),
+    [
+        ({}, InvalidArgumentError, "the grid is empty"),
+        ({"poles": 2}, InvalidArgumentError, "the grid's poles must be a sequence"),
+        ({"optimizer": "adam"}, InvalidArgumentError, "the grid's optimizer must be a sequence"),
+        (3, ArgumentTypeError, "a function or a grid of settings, got int"),
+    ],
+)
+def test_grids_that_are_none_are_refused(grid: object, error: type, says: str) -> None:
+    with pytest.raises(error, match=says):
+        rp.fleet.sweep(grid, [])
+
+
+def test_the_article_s_seeds_give_the_same_digits_on_every_executor() -> None:
+    table, counts = TABLES["table2"], {None: 0, "threads:2": 0}
+    found = []
+    for executor in counts:
+
+        def count(of: object = executor) -> None:
+            counts[of] += 1
+
+        found.append(reproduce(table, seeds=3, on_run=count, executor=executor))
+    assert found[0] == found[1]
+    assert set(counts.values()) == {runs(table, 3)}
