@@ -11,7 +11,7 @@ import click
 
 from replant.cli.choice import Choice
 from replant.cli.notes import note
-from replant.cli.options import fleet_options
+from replant.cli.options import fleet_options, structure_of
 from replant.cli.output import announced_compiling, progress_bar
 from replant.errors import LogError
 from replant.fleet.executors import parsed
@@ -23,7 +23,6 @@ from replant.fleet.reports import MOST_REPORTS, write_reports
 from replant.fleet.results import Fleet, load
 from replant.fleet.row import FAILED
 from replant.fleet.store import MODELS, TABLE
-from replant.model.structure import Structure
 
 
 @click.command(name="fleet")
@@ -71,20 +70,18 @@ def command(
     """
     on = on or f"processes:{os.cpu_count() or 1}"
     parsed(on)
-    structure = Structure(
-        options["poles"][0], options["zeros"][0] if options["zeros"] else 0, options["delay"][0], options["bias"],
-        options["feedthrough"],
-    )  # fmt: skip
+    structure = structure_of(options)
     before = None if compare is None else load(compare)
     if out.exists() and not out.is_dir():
         raise click.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
-    with progress_bar() as bar, announced_compiling():
+    with progress_bar(rate=True) as bar, announced_compiling():
         task = bar.add_task("planning", total=None)
 
         def show(state: Progress) -> None:
             failures = f", {state.failed} failed" if state.failed else ""
             shown = f"{state.done:,} of {state.rigs:,} rigs{failures}"
-            bar.update(task, description=shown, completed=state.part, total=1)
+            total = state.samples / state.part if state.samples else None  # so that rate and time left are right
+            bar.update(task, description=shown, completed=state.samples, total=total)
 
         found = fit(
             logs, by=by, input=options["input_column"], output=options["output_column"], structure=structure,

@@ -205,6 +205,19 @@ def recording_of(options: dict[str, Any], progress: Callable[[int, int], None]) 
     return recording
 
 
+def structure_of(options: dict[str, Any]) -> Structure:
+    """Return the one structure that the options describe.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If poles, zeros or dead time are a range, or the structure is impossible.
+    """
+    _check_one_of_each(options)
+    zeros = options["zeros"][0] if options["zeros"] else 0
+    return Structure(options["poles"][0], zeros, options["delay"][0], options["bias"], options["feedthrough"])
+
+
 def _check_one_of_each(options: dict[str, Any]) -> None:
     for name in ("poles", "zeros", "delay"):
         if len(options[name] or (0,)) > 1:

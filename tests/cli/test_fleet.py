@@ -1,0 +1,102 @@
+"""`replant fleet` at the command line: its table, its page, its refusals."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import replant as rp
+from replant.cli import main
+from support.fleets import as_csv, recorded, small_fleet
+
+COLUMNS = ("-i", "u", "-o", "y", "-p", "2", "--method", "fit", "--on", "threads:1")
+
+
+def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    code = 0
+    try:
+        main(["fleet", *map(str, arguments)])
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return small_fleet(tmp_path_factory.mktemp("fleet") / "logs", 3)
+
+
+def test_a_fleet_is_identified_reported_and_compared(
+    capsys: pytest.CaptureFixture[str], logs: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    code, said, errors = call(capsys, logs, "--by", "file", *COLUMNS, "--out", out, "--reports", "2")
+    assert (code, errors) == (0, "")
+    assert said.splitlines()[0] == "3 rigs: 3 trusted"
+    assert f"wrote {out / 'report.html'}" in said
+    assert len(list((out / "reports").glob("*.html"))) == 2
+    page = (out / "report.html").read_text()
+    assert page.count('"reports/') == 2
+    code, _, _ = call(capsys, logs, "--by", "file", *COLUMNS, "--out", tmp_path / "new", "--compare", out)
+    assert code == 0
+    assert "3 rigs were trusted in" in (tmp_path / "new" / "report.html").read_text()
+
+
+def test_json_is_one_object_and_failures_are_noted(
+    capsys: pytest.CaptureFixture[str], logs: Path, tmp_path: Path
+) -> None:
+    for file in logs.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    (tmp_path / "bad.csv").write_text("t,v\n0,1\n")
+    options = ("--by", "file", *COLUMNS, "--out", tmp_path / "out")
+    code, said, _ = call(capsys, tmp_path, *options, "--json")
+    assert (code, json.loads(said)["verdicts"]) == (0, {"trusted": 3, "failed": 1})
+    code, _, errors = call(capsys, tmp_path, *options)
+    assert "1 rigs failed, the first of them bad.csv:" in errors
+
+
+def test_the_options_of_run_and_fit_are_taken(capsys: pytest.CaptureFixture[str], logs: Path, tmp_path: Path) -> None:
+    options = ("--by", "file", *COLUMNS, "--zeros", "1", "--bias", "--from", "1", "--to", "25", "--time", "t")
+    code, _, _ = call(capsys, logs, *options, "--out", tmp_path / "out")
+    row = rp.fleet.load(tmp_path / "out").table().to_pylist()[0]
+    log = rp.read_log(logs / "rig0.csv", input="u", output="y", time="t", begin=1.0, end=25.0)
+    alone = rp.fit(log, structure=rp.Structure(2, 1, bias=True))
+    assert code == 0
+    assert [row[name] for name in alone.names] == alone.parameters.tolist()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ((), "missing --input, --output and --poles; see what is in one of the logs"),
+        (("-i", "u", "-o", "y", "-p", "1:3"), "--poles must be one number here"),
+        ((*COLUMNS[:-1], "mpi:3"), "'mpi:3' is no executor; give threads:N, processes:N or dask://HOST:PORT"),
+        (("-i", "w", *COLUMNS[2:]), "none of 3 rigs could be identified; the first: "),
+        ((*COLUMNS, "--compare", "nowhere"), "nowhere: no results of `replant fleet` there"),
+        ((*COLUMNS, "--by", "rig"), "a column names rigs in Parquet files only"),
+    ],
+)
+def test_mistakes_are_one_line_and_exit_code_2(
+    capsys: pytest.CaptureFixture[str], logs: Path, tmp_path: Path, arguments: tuple, says: str
+) -> None:
+    code, said, errors = call(capsys, logs, "--by", "file", *arguments, "--out", tmp_path / "out")
+    assert (code, said) == (2, "")
+    assert says in errors
+    assert len(errors.splitlines()) == 1
+
+
+def test_an_empty_folder_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    (tmp_path / "logs").mkdir()
+    code, _, errors = call(capsys, tmp_path / "logs", "--by", "file", *COLUMNS, "--out", tmp_path / "out")
+    assert code == 2
+    assert "no log in it" in errors
+
+
+def test_a_file_is_no_folder_for_results(capsys: pytest.CaptureFixture[str], logs: Path, tmp_path: Path) -> None:
+    file = as_csv(tmp_path / "file.csv", recorded(0, 10))
+    code, _, errors = call(capsys, logs, "--by", "file", *COLUMNS, "--out", file)
+    assert code == 2
+    assert "is a file; name a folder" in errors
