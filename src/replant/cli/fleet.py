@@ -12,7 +12,8 @@ import click
 from replant.cli.choice import Choice
 from replant.cli.notes import note
 from replant.cli.options import fleet_options, structure_of
-from replant.cli.output import announced_compiling, progress_bar
+from replant.cli.output import announced_compiling
+from replant.cli.progress import progress_bar
 from replant.errors import LogError
 from replant.fleet.executors import parsed
 from replant.fleet.fit import fit

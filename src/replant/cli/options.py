@@ -113,8 +113,6 @@ _REST: list[Callable[[Any], Any]] = [
     BIAS,
     FEEDTHROUGH,
     INPUT_MAP,
-    INPUT_HOLD,
-    *CONDITIONING,
     click.option("--quiet", is_flag=True, help="Print the result and errors only: no notes, no progress."),
     click.option(
         "--progress",
@@ -128,14 +126,17 @@ _REST: list[Callable[[Any], Any]] = [
 ]
 
 
+_CONDITION = [INPUT_HOLD, *CONDITIONING]
+
+
 def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Decorate a click command with the options that `run`, `fit` and `compare` share, for one structure."""
-    return _decorated(command, [*_COLUMNS, *_STRUCTURE, *_REST])
+    return _decorated(command, [*_COLUMNS, *_STRUCTURE, *_CONDITION, *_REST])
 
 
 def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Decorate a click command with the same options, where poles, zeros and dead time may be ranges."""
-    return _decorated(command, [*_COLUMNS, *_STRUCTURES, *_REST])
+    return _decorated(command, [*_COLUMNS, *_STRUCTURES, *_CONDITION, *_REST])
 
 
 def fleet_options(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -21,6 +21,7 @@ from replant.fleet.results import Fleet
 from replant.fleet.store import Store
 from replant.fleet.work import carry_out, one_thread
 from replant.model.structure import Structure
+from replant.optimizers import Optimizer
 from replant.settings import AUTO
 
 AnyPath = str | os.PathLike[str]
@@ -45,7 +46,7 @@ def fit(
     begin: float | None = None,
     end: float | None = None,
     input_map: str = "identity",
-    optimizer: str = AUTO,
+    optimizer: Optimizer | str = AUTO,
     progress: Callable[[Progress], None] = lambda state: None,
 ) -> Fleet:
     """Identify every rig of a fleet, each by itself, and write one row a rig.
@@ -82,7 +83,7 @@ def fit(
         Part of each record, in s from its first row.
     input_map : {"identity", "square"}
         Input of G(s): the measured input, or its square.
-    optimizer : str
+    optimizer : Optimizer or str
         See `replant.Identifier`; for the method "run".
     progress : callable
         Called with the `Progress` at the beginning and after each task.

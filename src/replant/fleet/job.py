@@ -11,6 +11,7 @@ from replant.arguments import finite, instance, keep, one_of, positive
 from replant.data.logs.row_groups import RowGroups
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
+from replant.optimizers import Optimizer
 from replant.regressor.preprocess import Preprocess
 from replant.settings import AUTO, Request
 
@@ -37,7 +38,7 @@ class Job:
     begin, end : float, optional
         Part of each record, in s from its first row.
     input_map : {"identity", "square"}
-    optimizer : str
+    optimizer : Optimizer or str
         For "run".
 
     Raises
@@ -61,7 +62,7 @@ class Job:
     begin: float | None = None
     end: float | None = None
     input_map: str = "identity"
-    optimizer: str = AUTO
+    optimizer: Optimizer | str = AUTO
 
     def __post_init__(self) -> None:
         keep(self, "structure", instance, Structure)
