@@ -119,7 +119,7 @@ def test_every_page_is_listed() -> None:
 def test_every_public_name_is_in_the_reference() -> None:
     pages = "\n".join(text_of(page) for page in PAGES if page.startswith("docs/reference/"))
     documented = set(re.findall(r"^\.\. auto(?:class|function|exception):: ([\w.]+)$", pages, re.MULTILINE))
-    modules = {"examples": "replant.examples.", "figures": "replant.report.figures."}
+    modules = {"examples": "replant.examples.", "figures": "replant.report.figures.", "fleet": "replant.fleet."}
     lacking = [
         name
         for name in replant.__all__

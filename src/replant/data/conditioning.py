@@ -165,6 +165,11 @@ def resample(log: Log, dt: float) -> Log:
     dt : float
         New sampling time in s, at most twice the usual interval: beyond, `decimate` lowers the rate without aliasing.
 
+    Returns
+    -------
+    Log
+        With a regular clock.
+
     Raises
     ------
     InvalidArgumentError

@@ -71,8 +71,8 @@ Sensitivity: not measured.
 """
 
 BY_CHANCE = 0.01
-"""Probability below which outliers are no longer at steps of the input by chance.
-Level: 0.01, of a binomial test; a lone outlier is taken for an answer where steps are rarer than one sample in 100.
+"""Chance below which outliers are at steps of the input for a reason [probability].
+Level: of a binomial test; a lone outlier is taken for an answer where steps are rarer than one sample in 100.
 """
 
 Solve = Callable[[FloatArray], tuple[Record, Refined | None]]
