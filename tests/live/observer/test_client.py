@@ -211,7 +211,7 @@ def test_whatever_a_look_raises_the_pulse_alone_makes_nothing_trusted_again(
         assert "could not be shown" in ours.recv().line
         return
     with monkeypatch.context() as patched:
-        patched.setattr(process_module, "make_view", lambda *_: np.linalg.inv(np.zeros((2, 2))))
+        patched.setattr(process_module, "make_view", lambda *_, **__: np.linalg.inv(np.zeros((2, 2))))
         assert work._judge(Handover(info, (), state)).verdict == "unknown"
     assert "LinAlgError" in ours.recv().line
     assert work._judge(Handover(info)).verdict == "unknown"
