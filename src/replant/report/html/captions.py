@@ -111,7 +111,8 @@ def of_auto(material: Material) -> str:
         return "Autocorrelation of the residual: too few samples, or a constant signal."
     return (
         f"Autocorrelation of the residual: {number(100 * found.outside[0], 2)} % of the lags lie outside the 95 % "
-        "limits of white noise. Much more than 5 % means coloured noise, or dynamics that the model lacks."
+        "limits of white noise. Much more than 5 % means coloured noise, or dynamics that the model lacks; "
+        "whether that matters, the verdict says."
         + (" The value 1 at lag 0 lies outside the axes." if reach(found.auto, found.auto_std) else "")
         + _of_samples(material)
     )
@@ -131,8 +132,8 @@ def of_cross(material: Material) -> str:
         return "Correlation of the input with the residual: too few samples, or a constant signal."
     return (
         f"Correlation of the input with the later residual: {number(100 * found.outside[1], 2)} % of the lags from 0 "
-        "on lie outside the 95 % limits. Much more than 5 % means that the model misses part of the response."
-        + _of_samples(material)
+        "on lie outside the 95 % limits. Much more than 5 % means that the model misses part of the response; "
+        "how large a part, the verdict says." + _of_samples(material)
     )
 
 
