@@ -27,6 +27,7 @@ export function timeSpan(bar, changed) {
     tell(length) {
       const short = Number.isFinite(last) && length < 0.97 * last;
       hint.textContent = short ? `of the signals the newest ${shortly(length)} are kept` : usual;
+      hint.classList.toggle("usual", !short);
     },
     /** From when to when, in rig time, of what is kept from begin to end; rounded up as the samples come in. */
     of(begin, end, rounded = true) {
