@@ -78,6 +78,7 @@ html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_copy_source = False
 html_math_renderer = "mathml"
+html_sidebars = {"questions": [], "coming-from": []}  # pages without a section
 html_theme_options = {
     "logo": {"text": "replant"},
     "navbar_align": "left",

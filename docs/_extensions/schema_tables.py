@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
 PACKAGE = Path(replant.__file__).parent
-HEADINGS = ("entry", "type", "always", "meaning")
-WIDTHS = (3, 2, 1, 4)
+HEADINGS = ("entry", "type", "meaning")
+WIDTHS = (3, 2, 4)
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class Entry:
     meaning: str
 
     @property
-    def cells(self) -> tuple[str, str, str, str]:
+    def cells(self) -> tuple[str, str, str]:
         """The cells of its row, in the order of `HEADINGS`."""
-        return self.path, self.kind, "yes" if self.required else "", self.meaning
+        return self.path, self.kind if self.required else f"{self.kind}; may be absent", self.meaning
 
 
 def entries(schema: dict[str, Any], path: str = "") -> Iterator[Entry]:

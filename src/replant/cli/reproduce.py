@@ -51,7 +51,7 @@ def _known(ctx: click.Context, parameter: click.Parameter, names: tuple[str, ...
     return tuple(dict.fromkeys(names)) or NAMES
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.command(name="reproduce", context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("names", nargs=-1, metavar="[NAME]...", callback=_known)
 @click.option(
     "--on",
