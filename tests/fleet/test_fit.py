@@ -19,6 +19,9 @@ from replant.errors import InvalidArgumentError, LogError, SystemRefusedError
 from replant.fleet import work
 from replant.fleet.job import Job
 from replant.fleet.store import Store
+from replant.runs.batches import Arrays
+from replant.runs.run import run_source
+from replant.settings import Request
 from support.fleets import DT, as_csv, as_parquet, as_table, recorded, small_fleet
 from support.full_disk import full_disk
 
@@ -60,6 +63,19 @@ def test_a_row_says_what_run_says(tmp_path: Path) -> None:
     row = found.to_pandas().iloc[0]
     assert [row[name] for name in ("a1", "a0", "b0")] == alone.parameters.tolist()
     assert row["verdict"] == alone.verdict.status
+
+
+def test_a_run_without_its_history_is_the_same_run(tmp_path: Path) -> None:
+    """With gaps, outliers and a change of the plant, in several chunks."""
+    record = recorded(5, 12_000)
+    y = record.y.copy()
+    y[3000:3020] = np.nan
+    y[5000] += 50.0
+    y[8000:] *= 1.3
+    request = Request(rp.Structure(2), DT, preprocess=rp.Preprocess("identity", "mean", "mean"))
+    kept, lean = (run_source(request, Arrays(record.u, y), with_history=keep) for keep in (True, False))
+    assert lean.model == kept.model
+    assert (lean.verdict.reasons, lean.rejected, lean.history) == (kept.verdict.reasons, kept.rejected, None)
 
 
 def test_a_long_record_is_run_without_being_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

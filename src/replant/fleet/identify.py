@@ -71,8 +71,15 @@ def _identified(rig: Rig, job: Job) -> Row:
     )
 
 
-def result_of(watched: Watched, job: Job) -> Result:
+def result_of(watched: Watched, job: Job, *, with_history: bool = False) -> Result:
     """Return the result of a record by the job's method, as ``replant run`` or ``replant fit`` gives it.
+
+    Parameters
+    ----------
+    watched : Watched
+    job : Job
+    with_history : bool
+        Whether an online run keeps the estimate along the way, which a report shows.
 
     Raises
     ------
@@ -83,7 +90,8 @@ def result_of(watched: Watched, job: Job) -> Result:
     if job.method == "run":
         newest = None if log is not None else FITTED
         request = job.request(recording.dt)
-        return run_source(request, watched, newest=newest, irregular=recording.irregular)
+        irregular = recording.irregular
+        return run_source(request, watched, newest=newest, irregular=irregular, with_history=with_history)
     assert log is not None
     for _ in watched.batches():  # it notes how the signals move
         pass

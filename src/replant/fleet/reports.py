@@ -75,7 +75,7 @@ def write_one(task: ReportTask) -> int:
     with one_thread():
         try:
             watched = Watched(opened(rig, job))
-            result = result_of(watched, job)
+            result = result_of(watched, job, with_history=True)
         except MemoryError:
             raise
         except ReplantError:

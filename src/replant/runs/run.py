@@ -83,6 +83,7 @@ def run_source(
     newest: int | None = None,
     startup: int | None = None,
     irregular: bool = False,
+    with_history: bool = True,
 ) -> Result:
     """Identify a record of any length in one pass; a second pass simulates the model and computes its fits.
 
@@ -105,6 +106,8 @@ def run_source(
         Samples of the start-up; the run then equals a live session to the bit.
     irregular : bool
         Whether the last signal of each batch is the time stamps in s, strictly increasing, of an irregular clock.
+    with_history : bool
+        Whether the estimate along the way is kept; without it nothing else changes, and the run takes less time.
 
     Raises
     ------
@@ -113,7 +116,8 @@ def run_source(
     """
     begun = time.perf_counter()
     identifier = _identifier(request, source, startup, irregular=irregular)
-    history, bridged = _History(source.samples, request.structure.size), _Bridged(identifier)
+    history = _History(source.samples, request.structure.size) if with_history else None
+    bridged = _Bridged(identifier)
     chunk = min(CHUNK, max(1, source.samples // BANDS))
     done, stamped = 0, _needs_stamps(request, source)
     for batch in batched(source.batches(), FITTED):
@@ -124,17 +128,20 @@ def run_source(
             stamps = regular if t is None else t[piece]
             trace = identifier.update_many(u[piece], y[piece], stamps, None if r is None else r[piece])
             bridged.take(u[piece], y[piece])
-            history.take(trace, identifier.uncertainty.std)
+            if history is not None:
+                history.take(trace, identifier.uncertainty.std)
             sink(trace)
             done += len(trace)
             progress(IDENTIFYING, done)
     finished = startup is None or identifier.settings is None
     if finished:
         identifier.finish()
-        history.end(identifier.parameters, identifier.uncertainty.std)
+        if history is not None:
+            history.end(identifier.parameters, identifier.uncertainty.std)
     bridged.note()
+    kept = None if history is None else history.history
     return _result(
-        identifier, request, history.history, source, begun, progress, newest, bridged.stretches, finished,
+        identifier, request, kept, source, begun, progress, newest, bridged.stretches, finished,
         irregular=irregular,
     )  # fmt: skip
 
@@ -228,7 +235,7 @@ class _Bridged:
 def _result(
     identifier: Identifier,
     request: Request,
-    history: History,
+    history: History | None,
     source: Source,
     begun: float,
     progress: Callable[[str, int], None],
