@@ -67,15 +67,22 @@ def compare(folder: Path, options: argparse.Namespace) -> None:
     print(f"planned in {time.perf_counter() - begun:.2f} s")
     in_memory = alone(options)
     print(f"update_many in memory: {in_memory:,.0f} samples/s of a core")
-    fleets = {}
+    write(folder / "one", 1, 1000)
+    fleets, rates = {}, {}
     for count in (1, options.workers):
-        found = fleets[count] = identified(folder, count)
-        rate = total / found.core
+        starting = identified(folder, count, "one").core  # processes, libraries, kernels from the cache
+        found = fleets[count] = identified(folder, count, "logs")
+        rate = rates[count] = total / (found.core - starting)
         print(
-            f"{count} worker(s): {found.wall:.1f} s, {rate:,.0f} samples/s of a core ({rate / in_memory:.2f} of "
+            f"{count} worker(s): {found.wall:.1f} s, {found.core:.1f} s of cores, {starting:.1f} of them to start; beside "
+            f"that {rate:,.0f} samples/s of a core ({rate / in_memory:.2f} of "
             f"update_many), {found.memory:.0f} MB a worker at most, {found.growth:+.0f} MB over the second half"
         )
-    print(f"{options.workers} workers are {fleets[1].wall / fleets[options.workers].wall:.2f} times as fast as 1")
+    by_wall = fleets[1].wall / fleets[options.workers].wall
+    by_core = options.workers * rates[options.workers] / rates[1]
+    print(
+        f"{options.workers} workers are {by_wall:.2f} times as fast as 1; by the time of the cores {by_core:.2f} times"
+    )
     of = [(found.fleet.folder / "rigs.parquet").read_bytes() for found in fleets.values()]
     print(f"the same bytes: {'yes' if of[0] == of[1] else 'NO'}")
     show_odd(fleets[1].fleet, options)
@@ -93,14 +100,14 @@ def alone(options: argparse.Namespace) -> float:
     return ALONE * options.samples / spent
 
 
-def identified(folder: Path, count: int) -> Measured:
-    """Identify the fleet anew with so many processes."""
+def identified(folder: Path, count: int, logs: str) -> Measured:
+    """Identify a fleet anew with so many processes."""
     out = folder / f"out-{count}-{time.time_ns()}"
     seen: list[tuple[float, float]] = []
     begun, before = time.perf_counter(), _spent()
     with _memory_watched(seen):
         fleet = rp.fleet.fit(
-            folder / "logs", by="rig", input="u", output="y", poles=2, executor=f"processes:{count}", out=out
+            folder / logs, by="rig", input="u", output="y", poles=2, executor=f"processes:{count}", out=out
         )  # fmt: skip
     wall = time.perf_counter() - begun
     memory = [used for _, used in seen] or [0.0]

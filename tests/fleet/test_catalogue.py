@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -153,12 +152,11 @@ def test_tasks_are_of_about_equal_work_and_each_rig_is_in_one(tmp_path: Path) ->
     assert [task.work for task in tasks] == sorted((task.work for task in tasks), reverse=True)
 
 
-def test_ten_thousand_files_are_planned_in_no_time_of_note(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """None of them is opened; how long that takes is measured by benchmarks/fleet, here is a wide bound."""
+def test_ten_thousand_files_are_planned_without_opening_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reader, "open_parquet", None)
+    monkeypatch.setattr("builtins.open", None)
     for k in range(10_000):
         (tmp_path / f"{k}.parquet").touch()
-    begun = time.process_time()
     tasks = planned(Job("u", "y", Structure(1)), find_rigs(tmp_path, "file"), tmp_path)
     assert sum(len(task.rigs) for task in tasks) == 10_000
-    assert time.process_time() - begun < 60.0
+    assert len(tasks) < 200
