@@ -74,8 +74,8 @@ def compare(folder: Path, options: argparse.Namespace) -> None:
         found = fleets[count] = identified(folder, count, "logs")
         rate = rates[count] = total / (found.core - starting)
         print(
-            f"{count} worker(s): {found.wall:.1f} s, {found.core:.1f} s of cores, {starting:.1f} of them to start; beside "
-            f"that {rate:,.0f} samples/s of a core ({rate / in_memory:.2f} of "
+            f"{count} worker(s): {found.wall:.1f} s, {found.core:.1f} s of cores, {starting:.1f} of them to start; "
+            f"else {rate:,.0f} samples/s of a core ({rate / in_memory:.2f} of "
             f"update_many), {found.memory:.0f} MB a worker at most, {found.growth:+.0f} MB over the second half"
         )
     by_wall = fleets[1].wall / fleets[options.workers].wall
