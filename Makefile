@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: demo test docs docs-serve slow lint types check bench bench-live regression soak fuzz faults accuracy campaign recorded sensitivity pages clean help
+.PHONY: demo test docs docs-serve slow lint types check bench bench-fleet bench-live regression soak fuzz faults accuracy campaign recorded sensitivity pages clean help
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -48,7 +48,7 @@ $(VENV)/.peers: $(READY)
 # Numba's cache looks at the file of the compiled function alone, so an edit of an imported kernel would go unseen: its
 # folder is named after the source of all of them.
 SOURCE = $(shell find src/replant/kernels -name "*.py" | LC_ALL=C sort | xargs cat | sha256sum | cut -c 1-16)
-bench regression bench-live soak: export NUMBA_CACHE_DIR = $(or $(TMPDIR),/tmp)/replant-kernels-$(shell id -u)-$(SOURCE)
+bench regression bench-fleet bench-live soak: export NUMBA_CACHE_DIR = $(or $(TMPDIR),/tmp)/replant-kernels-$(shell id -u)-$(SOURCE)
 
 bench: $(VENV)/.peers  ## speed, as ratios to C and to other libraries measured in the same run; writes docs/performance.md
 	$(BIN)/python benchmarks $(ARGS)
@@ -56,6 +56,9 @@ bench: $(VENV)/.peers  ## speed, as ratios to C and to other libraries measured 
 regression: $(READY)  ## speed beside C, wide logs beside narrow ones, with a wide margin; a few seconds
 	$(BIN)/python benchmarks/kernels.py --limit 2 --entries 4 8 --repetitions 15
 	$(BIN)/python benchmarks/wide_logs.py
+
+bench-fleet: $(READY)  ## fleets: samples a second beside update_many, workers, memory, odd rigs; ARGS="--rigs 20"
+	$(BIN)/python benchmarks/fleet $(ARGS)
 
 bench-live: $(READY)  ## live: throughput over TCP and MQTT, latency over UDP, memory
 	$(BIN)/python benchmarks/live.py

@@ -132,4 +132,6 @@ def _show(found: Fleet, page: Path, *, as_json: bool) -> None:
         table = found.table()
         rows = zip(*(table.column(name).to_pylist() for name in ("rig", "verdict", "reasons")), strict=True)
         rig, _, reason = next(row for row in rows if row[1] == FAILED)
-        note(f"{verdicts[FAILED]:,} rigs failed, the first of them {rig}: {reason}")
+        count = verdicts[FAILED]
+        first = "1 rig failed," if count == 1 else f"{count:,} rigs failed, the first of them"
+        note(f"{first} {rig}: {reason}")
