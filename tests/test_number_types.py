@@ -19,6 +19,7 @@ import replant as rp
 from replant import signals
 from replant.checkpoint.settings_json import KINDS
 from replant.engine.dimensions import Dimensions
+from replant.fleet.job import Job
 from replant.identified.fields import ModelFields
 from replant.identified.provenance import Provenance
 from replant.rigs import Rig
@@ -62,6 +63,7 @@ MODEL: dict[str, Any] = {
 }  # fmt: skip
 #: How each class is built of plain numbers, each small and whole, so that every type can hold it.
 EXAMPLES: dict[type, dict[str, Any]] = {
+    Job: {"input": "u", "output": "y", "structure": rp.Structure(2), "method": "fit", "dt": 2.0, "begin": 1.0, "end": 3.0},
     rp.Structure: {"poles": 5, "zeros": 2, "delay": 2.0, "bias": True, "feedthrough": False},
     rp.Replay: {"capacity": 100, "batch_size": 7, "warmup": 3, "seed": 5},
     rp.NoiseModel: {"coefficients": [1.0, 2.0], "variance": 1.0, "residual_variance": 2.0, "dt": 1.0},
@@ -112,6 +114,7 @@ RESULTS = {
     "Assessment", "Verdict", "Simulation", "FitResult", "Trace", "Loaded", "Recording", "Table", "Batch", "Actuator",
     "Cell", "Experiment", "Improvement", "Plant", "Row", "RowResult", "TableResult", "Replication", "Stretch",
     "Optimizer", "Filter", "DiscreteFilter", "Dashboard", "Hub", "Source", "ReferenceUse", "Validation", "Inspection",
+    "Fleet", "Trial",
 }  # fmt: skip
 
 

@@ -6,8 +6,9 @@ import hashlib
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
-from replant.arguments import finite, instance, keep, one_of, positive
+from replant.arguments import finite, instance, keep, one_of, positive, text, whole
 from replant.data.logs.row_groups import RowGroups
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
@@ -65,6 +66,11 @@ class Job:
     optimizer: Optimizer | str = AUTO
 
     def __post_init__(self) -> None:
+        for name in ("input", "output"):
+            keep(self, name, _column)
+        for name in ("reference", "time"):
+            if getattr(self, name) is not None:
+                keep(self, name, _column)
         keep(self, "structure", instance, Structure)
         keep(self, "method", one_of, METHODS)
         keep(self, "input_map", one_of, ("identity", "square"))
@@ -161,6 +167,17 @@ class Rig:
         """
         told = [(one.name, one.size, one.modified, one.groups, one.column, one.key) for one in self.pieces]
         return digest(sorted(map(repr, told)))
+
+
+def _column(name: str, value: Any) -> str | int:
+    """Return the name or the 0-based number of a column.
+
+    Raises
+    ------
+    ArgumentTypeError, InvalidArgumentError
+        If it is neither.
+    """
+    return text(name, value) if isinstance(value, str) else whole(name, value, 0)
 
 
 def digest(*told: object) -> str:
