@@ -63,7 +63,7 @@ MODEL: dict[str, Any] = {
 }  # fmt: skip
 #: How each class is built of plain numbers, each small and whole, so that every type can hold it.
 EXAMPLES: dict[type, dict[str, Any]] = {
-    Job: {"input": "u", "output": "y", "structure": rp.Structure(2), "method": "fit", "dt": 2.0, "begin": 1.0, "end": 3.0},
+    Job: {"input": "u", "output": "y", "structure": rp.Structure(2), "dt": 2.0, "begin": 1.0, "end": 3.0},
     rp.Structure: {"poles": 5, "zeros": 2, "delay": 2.0, "bias": True, "feedthrough": False},
     rp.Replay: {"capacity": 100, "batch_size": 7, "warmup": 3, "seed": 5},
     rp.NoiseModel: {"coefficients": [1.0, 2.0], "variance": 1.0, "residual_variance": 2.0, "dt": 1.0},
