@@ -91,3 +91,27 @@ def test_an_impossible_grid_and_a_dead_record_are_refused() -> None:
         search(U, U, 0.05, poles=(1, 2), zeros=(2, 3))
     with pytest.raises(rp.InvalidArgumentError, match="does the input move"):
         search(np.ones(500), white_noise(500, 1.0), 0.05, poles=(1, 2))
+
+
+def test_a_dead_time_costs_no_fit_behind_a_gap_of_the_part_held_out() -> None:
+    """The record begins in motion, far from zero; behind the gap the input of the dead time is not known."""
+    plant = rp.TransferFunction([3.0], [1.0, 2.0], delay=0.1)
+    u = 20.0 + np.repeat(np.random.default_rng(3).choice([-1.0, 1.0], 260), 10)
+    y = plant.simulate(np.concatenate([np.full(500, 20.0), u]), 0.02)[500:]
+    kept = np.concatenate([np.arange(1900), np.arange(2050, u.size)])
+    t = 0.02 * np.arange(u.size)
+    found = rp.search(u[kept], y[kept], 0.02, poles=[1], zeros=[0], delays=[0.1], t=t[kept])
+    assert found.chosen.held_out > 99.9
+    assert found.best.simulation.fit > 99.9
+    error = y[kept] - found.best.simulation.output
+    assert np.abs(error[1900 + 5 :]).max() < 1e-6
+    assert np.abs(error).max() < 2.0  # where nothing is known the simulation stays near, too
+
+
+def test_gross_outliers_cost_no_held_out_fit() -> None:
+    u = prbs(3000, hold=10, bits=9)
+    y = rp.TransferFunction([3.0], [1.0, 2.0]).simulate(u, 0.02) + white_noise(3000, 0.05)
+    clean = search(u, y, 0.02, poles=[1], zeros=[0])
+    y[[300, 1500, 2700]] = 9999.0
+    found = search(u, y, 0.02, poles=[1], zeros=[0])
+    assert found.chosen.held_out == pytest.approx(clean.chosen.held_out, abs=0.2)

@@ -12,7 +12,7 @@ import numpy as np
 from replant.arguments import FloatArray, increasing, record, vector, whole
 from replant.assessment import simulate
 from replant.assessment.estimate_tests import MAY_BE_ABSENT
-from replant.engine.record import SAME, ready_record
+from replant.engine.record import SAME, gaps_of, ready_record
 from replant.errors import InvalidArgumentError
 from replant.model.dead_time import unknown_outputs
 from replant.model.structure import Structure
@@ -23,6 +23,7 @@ from replant.regressor.filters import RefinedFilter
 from replant.regressor.preprocess import Preprocess, screen
 from replant.simulation.prediction import prediction_error, runs_away
 from replant.statistics.linear_algebra import quiet, real_coefficients
+from replant.statistics.robust import without_spikes
 
 TRAINED = 0.7
 """Part of the record that models are fitted to; the rest is held out [share].
@@ -270,7 +271,7 @@ def _try(
     held: RefinedFilter,
 ) -> Candidate:
     """Fit a structure to either end's 70 % of a record, and hold the rest out."""
-    trained = int(TRAINED * u.size)
+    trained, scored = int(TRAINED * u.size), _without_gross_outliers(y)
     errors, spreads, uncertainties, criteria = [], [], [], []
     for seen in (slice(0, trained), slice(u.size - trained, u.size)):
         more: dict[str, Any] = {
@@ -281,12 +282,12 @@ def _try(
         except InvalidArgumentError:  # the record is too short for this structure, or the fit found no model
             return Candidate(structure, -math.inf, np.full(2 * STRETCHES, np.inf), math.inf, math.inf)
         unseen = slice(trained, u.size) if seen.start == 0 else slice(0, u.size - trained)
-        error = _error_held_out(fitted, u, y, t, unseen)
+        error = _error_held_out(fitted, u, scored, t, unseen)
         errors.append(error)
-        measured = y[unseen][np.isfinite(error)]
+        measured = scored[unseen][np.isfinite(error)]
         spreads.append(float(np.sum((measured - measured.mean()) ** 2)) if measured.size else 0.0)
         uncertainties.append(_uncertainty(fitted))
-        residual = y[seen] - fitted.simulation.output
+        residual = scored[seen] - fitted.simulation.output
         residual = residual[np.isfinite(residual)]
         variance = float(np.mean(residual**2)) if residual.size else 0.0
         tiny = np.finfo(float).tiny
@@ -298,6 +299,14 @@ def _try(
     powers = np.array([float(np.mean(part**2)) if part.size else math.inf for part in parts])
     stretches = np.log(np.maximum(powers, np.finfo(float).tiny))
     return Candidate(structure, held_out, stretches, max(uncertainties), criteria[0])
+
+
+def _without_gross_outliers(y: FloatArray) -> FloatArray:
+    """Return outputs (K,) with NaN for what no plant does: of all structures they would make the same bad fit."""
+    known = np.isfinite(y)
+    cleaned = y.copy()
+    cleaned[known] = without_spikes(y[known])
+    return np.where(cleaned == y, y, np.nan)
 
 
 def _error_held_out(fitted: FitResult, u: FloatArray, y: FloatArray, t: FloatArray | None, unseen: slice) -> FloatArray:
@@ -321,6 +330,9 @@ def _error_held_out(fitted: FitResult, u: FloatArray, y: FloatArray, t: FloatArr
         hold = fitted.filter.input_hold
         error = measured - simulate(fitted.transfer_function, mapped, measured, dt, input_hold=hold, t=stamps).output
     error[:unknown] = np.nan  # answers to inputs that are not known
+    if stamps is not None:
+        for begin in stamps[gaps_of(np.diff(stamps, prepend=stamps[0] - dt), dt)]:
+            error[(stamps >= begin) & (stamps - begin < delay - SAME * dt)] = np.nan
     return error[skipped:]
 
 

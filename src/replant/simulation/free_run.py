@@ -52,7 +52,10 @@ class FreeRun:
         since = np.cumsum(intervals) + (self._elapsed if self._elapsed is not None else -float(intervals[0]))
         self._elapsed = float(since[-1])
         unknown = int(np.count_nonzero(self._delay - since > SAME * intervals))
-        return done.output, done.phi[:, -self._order :], unknown
+        free = done.phi[:, -self._order :]
+        if unknown < u.size:  # as the output: that of the first sample which answers to a known input
+            free[:unknown] = free[unknown]
+        return done.output, free, unknown
 
 
 def free_run(

@@ -15,7 +15,7 @@ _OTHERS = (
     r"lbf|inch|ppm|px|digits?|inc|volts?|amps?|ampere|newton|met(?:er|re)s?|degrees?|radians?|-"
 )
 _ATOM = rf"(?:{_PREFIXED}|{_OTHERS})(?:\^?-?\d|[²³]|⁻[¹²³])?"
-_UNIT = re.compile(rf"{_ATOM}(?:\s*[*·/ ]\s*{_ATOM})*")
+_UNIT = re.compile(rf"(?:1\s*/\s*)?{_ATOM}(?:\s*[*·/ ]\s*{_ATOM})*")
 _NONE = frozenset({"", "-", "1"})
 
 
@@ -28,6 +28,8 @@ def units_in(cells: Sequence[str]) -> list[str] | None:
     --------
     >>> units_in(["[s]", "[V]", "[mm]"]), units_in(["s", "V", "mm/s^2"]), units_in(["s", "-", ""])
     (['s', 'V', 'mm'], ['s', 'V', 'mm/s^2'], ['s', '', ''])
+    >>> units_in(["s", "V", "1/min"])
+    ['s', 'V', '1/min']
     >>> units_in(["0", "V", "mm"]), units_in(["RUN", "STOP", ""]), units_in(["", "-"])
     (None, None, None)
     """
