@@ -108,7 +108,7 @@ def _renewed(workers: Workers, error: BaseException, lost: int) -> tuple[Workers
         ) from error
     if lost >= MOST_LOST:
         raise SystemRefusedError(
-            f"the workers died {lost + 1} times in a row without a task done: give fewer of them (--on), so that each has "
-            "more memory; what is done stays done"
+            f"the workers died {lost + 1} times in a row without a task done: give fewer of them (--on), so that each "
+            "has more memory; what is done stays done"
         ) from error
     return workers.renew(), lost + 1
