@@ -25,7 +25,7 @@ from support.live_command import ReplayingPeer, lines, wait_for
 from support.live_fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, JudgingObserver, make, record
 
 RIG = deap_rig()
-GOOD, STEP = 20_000, 200  # samples before the fault; samples at 1 kHz between two verdicts, as they come in real time
+GOOD, STEP = 20_000, 400  # samples before the fault; samples at 1 kHz between two verdicts
 SELDOM = 1000  # ... where a minute of rig time is followed: every verdict costs a tenth of a second
 SLOW = Request(rp.Structure(1), 1e-3, preprocess=rp.Preprocess("identity", "mean", "mean"))
 LIGHT = Request(rp.Structure(3, 1), RIG.dt, preprocess=rp.Preprocess("square", "mean", "mean"))

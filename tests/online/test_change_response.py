@@ -156,7 +156,7 @@ def test_the_verdict_can_be_asked_for_at_every_sample_of_an_alarm_and_after() ->
     y[5500:5700] = 0.05 * y.std() * np.random.default_rng(1).standard_normal(200)
     ident = rp.Identifier(rp.Structure(2), DT)
     ident.update_many(u[:5500], y[:5500])
-    for k in range(5500, 6000):
+    for k in range(5500, 5800):
         ident.update(u[k], y[k])
         status = ident.assess().status
         assert not (5600 < k < 5700 and status == "trusted")

@@ -156,16 +156,16 @@ def test_nothing_is_kept_while_nothing_is_learned() -> None:
 
 
 def test_intervals_cover_under_slow_noise() -> None:
-    """30 runs, online and offline: the squares of error over standard deviation have a mean near one.
+    """16 runs, online and offline: the squares of error over standard deviation have a mean near one.
 
-    Were they chi-square of one degree of freedom, that mean would have a standard deviation of sqrt(2 / 30) = 0.26;
-    told by some 20 blocks they are a little larger, by 20 / 18.  Three of these: 1.1 + 3 * 0.28.  By the residual's
+    Were they chi-square of one degree of freedom, that mean would have a standard deviation of sqrt(2 / 16) = 0.35;
+    told by some 20 blocks they are a little larger, by 20 / 18.  Three of these: 1.1 + 3 * 0.39.  By the residual's
     colour alone it is 3.
     """
     u = prbs(6000, bits=9, hold=20)
     clean = PLANT.simulate(u, DT)
     squares: dict[str, list[np.ndarray]] = {"online": [], "offline": []}
-    for seed in range(30):
+    for seed in range(16):
         y = clean + 0.3 * clean.std() * slow_noise(seed, u.size)
         ident = rp.Identifier(rp.Structure(1), DT)
         ident.update_many(u, y)

@@ -38,7 +38,7 @@ SIGNALS = ("voltage [kV]", "displacement [mm]")
 
 
 @click.command(name="demo")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("out/demo"), show_default=True, metavar="DIR")
+@click.option("--out", type=click.Path(path_type=Path), default="out/demo", show_default=True, metavar="DIR")
 @click.option(
     "--full", is_flag=True, help="Run the article's whole experiment instead: 12 methods compared, Figures 6-8."
 )

@@ -15,7 +15,11 @@ from replant.data.logs.time_unit import StampUnit, unit_of_stamps
 from replant.errors import LogError
 
 GAP = 1.5
-"""Interval that is a gap, not jitter [usual intervals]."""
+"""Interval of a steady clock from which on a sample is lost [usual intervals]."""
+LOST = 3.5
+"""The same of a clock that jitters: samples are lost for certain [usual intervals].
+Derivation: GAP of `replant.engine.record`, from which on a fit takes the state for unknown.
+"""
 STEADY = 0.2
 """Deviation of an interval up to which a rising column without a telling name may be a time [part of the median]."""
 MOSTLY = 0.95
@@ -110,6 +114,8 @@ def _clock(table: Table, contents: Contents, column: Column, guess: str) -> Cloc
     rising = steps[steps > 0.0]
     usual = float(np.median(rising)) if rising.size else np.nan
     regular = rising[rising <= GAP * usual]
+    if regular.size and regular.std() > STEADY * usual:
+        regular = rising[rising <= LOST * usual]
     known = stamps[np.isfinite(stamps)]
     return Clock(
         column=column,
