@@ -51,6 +51,7 @@ OUTSIDE = {
     "cli",
     "__main__",
     "log",  # it names its file
+    "plotting.figure",  # PNG in memory
 }
 #: Of Python's own, what kernels may import.
 PLAIN = {"__future__", "collections", "contextlib", "enum", "math", "operator", "typing"}
@@ -64,6 +65,7 @@ HEAVY |= {"asammdf", "nptdms"}  # in no extra, because they are under the LGPL: 
 #: Modules that are made of another package's classes: nothing of ours imports them but where it uses them.
 ADAPTERS = {
     "sklearn": {"sklearn"},
+    "plotting.figure": {"matplotlib"},
     "live.dashboard.app": {"starlette"},
     "live.dashboard.connections": {"starlette", "uvicorn"},
     "live.dashboard.security": {"starlette"},

@@ -23,7 +23,7 @@ FONT: Any = {"font.size": 9.0, "axes.titlesize": 9.0, "legend.fontsize": 8.5, "s
 def blank_figure(width: float, height: float) -> Any:
     """Return an empty `matplotlib.figure.Figure` of a width and height in inches, with constrained layout.
 
-    The figure is independent of pyplot: it has no window and need not be closed.
+    The figure is independent of pyplot: it has no window and need not be closed.  A notebook shows it.
 
     Raises
     ------
@@ -36,10 +36,10 @@ def blank_figure(width: float, height: float) -> Any:
     [7.0, 4.0]
     """
     try:
-        from matplotlib.figure import Figure
+        from replant.plotting.figure import ShownFigure
     except ImportError as cause:
         raise MissingDependencyError("plots need matplotlib: pip install 'replant[report]'") from cause
-    return Figure(figsize=(width, height), layout="constrained")
+    return ShownFigure(figsize=(width, height), layout="constrained")
 
 
 def font() -> Any:

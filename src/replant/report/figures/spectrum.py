@@ -17,6 +17,8 @@ SHORTEST = 64
 """Samples that a stretch needs [samples]."""
 POINTS = 300
 """Points of the model's curve [count]."""
+ABOVE_LEGEND = 20.0
+"""Distance of the title from the axis: the legend is between them, as side by side they touch [points]."""
 DECADES = 3.0
 """Decades below half the sampling rate that are shown [decades]."""
 
@@ -66,7 +68,7 @@ def draw_spectrum(noise: NoiseModel | None, residual: FloatArray, dt: float, *, 
     """
     if ax is None:
         ax = style.new_axes(1, 1, (4.8, 3.4))[0, 0]
-    ax.set_title("spectrum of the noise", loc="left", color=style.INK, fontsize="medium")
+    ax.set_title("spectrum of the noise", loc="left", color=style.INK, fontsize="medium", pad=ABOVE_LEGEND)
     style.tidy(ax)
     ax.set_xlabel("angular frequency [rad/s]")
     ax.set_ylabel("power per Hz")
