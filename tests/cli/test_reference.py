@@ -150,9 +150,10 @@ def test_fit_hands_it_on(
     seen: list[np.ndarray] = []
     for name, real in (("fit", fit_command.fit), ("search", fit_command.search)):
 
-        def wrapped(*arguments: Any, real: Any = real, reference: Any = None, **how: Any) -> Any:
-            seen.append(reference)
-            return real(*arguments, **how)
+        def wrapped(given: rp.Log, *, real: Any = real, **how: Any) -> Any:
+            assert given.reference is not None
+            seen.append(given.reference)
+            return real(given, **how)
 
         monkeypatch.setattr(fit_command, name, wrapped)
     main(["fit", str(log), "--input", "u", "--output", "y", "--poles", poles, "--reference", "3", "--json"])

@@ -304,7 +304,7 @@ def test_what_came_in_while_frozen_is_never_learned_afterwards() -> None:
 def test_freezing_before_there_is_an_estimate_is_refused() -> None:
     ident = rp.Identifier(rp.Structure(1), DT)
     for call in (ident.freeze, ident.resume):
-        with pytest.raises(rp.InvalidArgumentError, match="still starting"):
+        with pytest.raises(rp.InvalidArgumentError, match="freezing needs a model"):
             call()
 
 

@@ -337,7 +337,7 @@ def test_what_an_ensemble_shows() -> None:
         (lambda: rp.Ensemble(identifier(), 2).update_many([1.0], [[1.0] * 3]), r"\(K, 2\), a column a member"),
         (lambda: rp.Ensemble(identifier(), 2).update_many(np.zeros(3), np.zeros(4)), "same length, got 3 and 4"),
         (lambda: rp.Ensemble(identifier(), 2).update_many(["a"], [1.0]), "u must hold real numbers"),
-        (lambda: rp.Ensemble(rp.Identifier(STRUCTURE, DT), 2).freeze(), "still starting"),
+        (lambda: rp.Ensemble(rp.Identifier(STRUCTURE, DT), 2).freeze(), "freezing needs a model"),
     ],
 )  # fmt: skip
 def test_mistakes(make: Callable[[], Any], message: str) -> None:
