@@ -190,11 +190,12 @@ def few(key: str, runs: int) -> None:
             assert (abs(printed / std - 1) < 0.5).all(), (name, figure)
 
 
-@pytest.mark.parametrize("key", ["A prbs", "A random"])
+@pytest.mark.parametrize("key", ["A prbs", pytest.param("A random", marks=pytest.mark.slow)])
 def test_scenario_a_on_a_few_runs(key: str) -> None:
     few(key, 40)
 
 
+@pytest.mark.slow
 def test_scenario_b_on_a_few_runs() -> None:
     few("B 10dB", 20)
 

@@ -43,6 +43,7 @@ def assert_pictures(folder, *names):
     }
 
 
+@pytest.mark.slow
 def test_json_of_the_tables_is_one_object_and_nothing_else(capsys):
     main(["reproduce", "table1", "table2", "table3", "table4", "--json"])
     captured = capsys.readouterr()
