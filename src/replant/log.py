@@ -54,6 +54,8 @@ class Log:
         Whether the clock is irregular, so that its stamps count; None: `time` tells.
     input_hold : {"zoh", "foh"}
         What the input does between two samples: it is held, or goes on in a straight line.
+    sha256 : str
+        Digest of the file, which a model keeps; empty where it is not known.
 
     Examples
     --------
@@ -77,6 +79,7 @@ class Log:
     end: float | None = None
     irregular: bool | None = None
     input_hold: str = "zoh"
+    sha256: str = ""
 
     def __post_init__(self) -> None:
         keep(self, "input", vector)

@@ -35,8 +35,8 @@ class Samples:
         Time stamps in s, and set-point or dither.
     input_name, output_name : str
         With the units in brackets at the end.
-    source : str
-        Name of the log's file.
+    source, sha256 : str
+        Name and digest of the log's file.
     is_log : bool
         Whether they are those of a log.
     input_hold : {"zoh", "foh"}
@@ -53,6 +53,7 @@ class Samples:
     source: str = ""
     is_log: bool = False
     input_hold: str = "zoh"
+    sha256: str = ""
 
     @classmethod
     def of(cls, u: Any, y: Any, dt: float | None, t: Any, reference: Any) -> Samples:
@@ -76,7 +77,7 @@ class Samples:
                 )
             return cls(
                 u.input, u.output, u.dt, u.stamps, u.reference, u.input_name, u.output_name, u.path.name, True,
-                u.input_hold,
+                u.input_hold, u.sha256,
             )  # fmt: skip
         if y is None or dt is None:
             raise ArgumentTypeError("give a Log, or input u, output y and sampling time dt: fit(u, y, dt, poles=2)")
@@ -125,4 +126,6 @@ class Samples:
 
     def named(self, result: FitResult) -> FitResult:
         """Return the result of a fit with the names of these samples."""
-        return replace(result, input_name=self.input_name, output_name=self.output_name, source=self.source)
+        return replace(
+            result, input_name=self.input_name, output_name=self.output_name, source=self.source, sha256=self.sha256
+        )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import replant as rp
 import replant.data.logs
 from replant.data.logs import read_columns, read_log
 from replant.errors import ArgumentTypeError, LogError
@@ -146,3 +148,14 @@ assert not {{"scipy", "pyarrow", "pandas", "numba", "matplotlib"}} & set(sys.mod
 """
     paths = os.pathsep.join(sys.path)
     subprocess.run([sys.executable, "-c", code], check=True, env={**os.environ, "PYTHONPATH": paths})
+
+
+def test_a_model_knows_the_digest_of_the_log_it_is_made_of(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    u = np.repeat([0.0, 1.0, -1.0, 1.0], 50)
+    y = rp.TransferFunction([2.0], [1.0, 1.0]).simulate(u, 0.1)
+    path.write_text("u,y\n" + "".join(f"{a:g},{b:.9g}\n" for a, b in zip(u, y, strict=True)))
+    log = rp.read_log(path, input="u", output="y", dt=0.1)
+    expected = hashlib.sha256(path.read_bytes()).hexdigest()
+    assert log.sha256 == rp.fit(log, poles=1).model.provenance.sha256 == expected
+    assert rp.run(log, poles=1).model.provenance.sha256 == expected

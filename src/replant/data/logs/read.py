@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from replant.data.logs.digest import digest
 from replant.data.logs.formats import read_columns
 from replant.data.logs.rasters import on_one_clock
 from replant.data.logs.recording import MOST_HELD, Recording
@@ -98,7 +99,7 @@ def read_log(
     for note in recording.table.notes:
         warnings.warn(note, stacklevel=2)
     assert recording.held is not None
-    return recording.held
+    return replace(recording.held, sha256=digest(recording.path))
 
 
 def open_recording(
