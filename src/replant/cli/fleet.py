@@ -17,13 +17,13 @@ from replant.cli.progress import progress_bar
 from replant.errors import LogError
 from replant.fleet.executors import parsed
 from replant.fleet.fit import fit
+from replant.fleet.folder import MODELS, TABLE
 from replant.fleet.job import METHODS, Job
 from replant.fleet.page import write_page
 from replant.fleet.progress import Progress
 from replant.fleet.reports import MOST_REPORTS, write_reports
 from replant.fleet.results import Fleet, load
 from replant.fleet.row import FAILED
-from replant.fleet.store import MODELS, TABLE
 
 
 @click.command(name="fleet")

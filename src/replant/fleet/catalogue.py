@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 import os
+import stat
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from urllib.parse import unquote
 
 from replant.data.logs.formats import FORMATS
 from replant.data.logs.packed import SUFFIXES as PACKED
 from replant.data.logs.parquet import SUFFIXES as PARQUET
-from replant.errors import LogError
+from replant.errors import InvalidArgumentError, LogError
+from replant.fleet.folder import is_results
 from replant.fleet.job import Piece, Rig
-from replant.fleet.rig_column import rigs_in_columns
+from replant.fleet.printable import printable
+from replant.fleet.rig_column import NAMELESS, rigs_in_columns
+from replant.fleet.walk import Found, is_log, looked_at, walked
+from replant.operating_system.os_errors import refusal
 
 FILE, FOLDER = "file", "folder"
+HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"
+"""What writers of hive folders put in the place of no value."""
+NOBODY = "{}: the folder {}= has no value, so that its rows are no rig's"
+SHOWN = 200
+"""Characters of a path that is not there that a message shows [characters]."""
 _MAGIC = frozenset("*?[")
 
 
@@ -35,6 +45,8 @@ def find_rigs(logs: str | os.PathLike[str], by: str, leave_out: Path | None = No
     ------
     LogError
         If there is no log, or a file has no such column.
+    InvalidArgumentError
+        If the results would lie among the logs.
 
     Examples
     --------
@@ -45,28 +57,34 @@ def find_rigs(logs: str | os.PathLike[str], by: str, leave_out: Path | None = No
     ...     [rig.name for rig in find_rigs(folder, by="file")]
     ['a.csv', 'b.csv']
     """
-    root, files = _files(logs)
-    left_out = None if leave_out is None else leave_out.resolve()
-    pieces = [_piece(path, root) for path in files if left_out is None or left_out not in path.resolve().parents]
-    if not pieces:
+    root, files = _files(logs, leave_out)
+    if not files:
         known = " ".join(FORMATS)
         raise LogError(f"{logs}: no log in it; a log is one of {known}, perhaps with {' '.join(PACKED)}")
+    pieces = [(_piece(each, root), each.problem) for each in files]
     if by == FILE:
-        return sorted((Rig(piece.name, (piece,)) for piece in pieces), key=lambda rig: rig.name)
+        return sorted((Rig(piece.name, (piece,), problem) for piece, problem in pieces), key=lambda rig: rig.name)
     grouped: dict[str, list[Piece]] = defaultdict(list)
-    inside = []
-    for piece in pieces:
-        key = _folder(piece.name, root) if by == FOLDER else _hive_key(piece.name, by)
-        if key is None:
-            inside.append(piece)
-        else:
-            grouped[key].append(piece)
     problems: dict[str, str] = {}
+
+    def add(name: str, piece: Piece, problem: str) -> None:
+        grouped[name].append(piece)
+        problems[name] = problems.get(name) or problem
+
+    inside = []
+    own = _own_name(root, [piece.name for piece, _ in pieces])
+    for piece, problem in pieces:
+        key = (_folder(piece.name) or own) if by == FOLDER else _hive_key(piece.name, by)
+        if key is not None:
+            add(key, piece, problem or (NOBODY.format(piece.path, by) if key == NAMELESS else ""))
+        elif problem:
+            add(piece.name, piece, problem)
+        else:
+            inside.append(piece)
     for key, piece, problem in rigs_in_columns(inside, by):
-        grouped[key].append(piece)
-        problems[key] = problems.get(key) or problem
+        add(key, piece, problem)
     return [
-        Rig(name, tuple(sorted(of, key=lambda piece: piece.name)), problems.get(name, ""))
+        Rig(name, tuple(sorted(of, key=lambda piece: piece.name)), problems[name])
         for name, of in sorted(grouped.items())
     ]
 
@@ -76,51 +94,81 @@ def is_parquet(piece: Piece) -> bool:
     return Path(piece.path).suffix.lower() in PARQUET
 
 
-def _files(logs: str | os.PathLike[str]) -> tuple[Path, list[Path]]:
+def _files(logs: str | os.PathLike[str], leave_out: Path | None) -> tuple[Path, list[Found]]:
     """Return the folder that names count from, and the logs in it, sorted."""
     text = os.fspath(logs)
     path = Path(text)
-    if path.is_dir():
-        return path, sorted(_walked(path))
-    if path.exists():
-        return path.parent, [path]
-    if not _MAGIC & set(text):
-        raise LogError(f"{logs}: no such file or folder; check the path")
+    left_out = set() if leave_out is None else {os.path.realpath(leave_out)}
+
+    def is_left_out(folder: Path) -> bool:
+        return os.path.realpath(folder) in left_out or is_results(folder)
+
+    try:
+        kind = path.stat().st_mode
+    except (OSError, ValueError) as error:
+        if not _MAGIC & set(text):
+            raise LogError(f"{text[:SHOWN]}: no such file or folder ({refusal(error)}); check the path") from error
+    else:
+        if not stat.S_ISDIR(kind):
+            return path.parent, [looked_at(path)]
+        _check_root(path, leave_out)
+        return path, sorted(walked(path, is_left_out), key=lambda each: each.path)
     fixed = next(count for count, part in enumerate(path.parts) if _MAGIC & set(part))
     root = Path(*path.parts[:fixed])
-    found = set(root.glob(str(Path(*path.parts[fixed:]))))
-    files = {each for each in found if each.is_file() and _is_log(each)}
-    files |= {inner for each in found if each.is_dir() for inner in _walked(each)}
-    return root, sorted(each for each in files if not any(part[0] in "._" for part in each.relative_to(root).parts))
-
-
-def _walked(folder: Path) -> Iterator[Path]:
-    """Yield the logs in a folder and in those in it; names that begin with a dot or an underscore are no logs."""
-    for where, folders, names in os.walk(folder, followlinks=True):
-        folders[:] = sorted(name for name in folders if name[0] not in "._")
-        yield from (Path(where, name) for name in names if _is_log(Path(name)))
-
-
-def _is_log(path: Path) -> bool:
-    suffixes = [suffix.lower() for suffix in path.suffixes[-2:]]
-    if suffixes and suffixes[-1] in PACKED:
-        suffixes.pop()
-    return path.name[0] not in "._" and bool(suffixes) and suffixes[-1] in FORMATS
-
-
-def _piece(path: Path, root: Path) -> Piece:
-    name = path.relative_to(root).as_posix()
+    _check_root(root, leave_out)
     try:
-        about = path.stat()
-    except OSError:  # it vanished, or leads nowhere: reading it will say so
-        return Piece(str(path.absolute()), name, 0, 0)
-    return Piece(str(path.absolute()), name, about.st_size, about.st_mtime_ns)
+        found = set(root.glob(str(Path(*path.parts[fixed:]))))
+    except (OSError, ValueError, NotImplementedError) as error:
+        raise LogError(f"{logs}: not a pattern that can be used ({error}); write it as in 'logs/**/*.csv'") from error
+    files = {each: looked_at(each) for each in found if not each.is_dir() and is_log(each)}
+    for folder in (each for each in found if each.is_dir()):
+        files |= {inner.path: inner for inner in walked(folder, is_left_out)}
+    judged: dict[Path, bool] = {root: False}
+    return root, [files[each] for each in sorted(files) if not _is_inside(each.parent, judged, is_left_out)
+                  and not any(part[0] in "._" for part in each.relative_to(root).parts)]  # fmt: skip
 
 
-def _folder(name: str, root: Path) -> str:
-    """Return the folder of a file, from the folder of all logs on; that one by its own name."""
+def _is_inside(folder: Path, judged: dict[Path, bool], is_left_out: Callable[[Path], bool]) -> bool:
+    """Return whether a folder, or one that it lies in, is left out; ``judged`` holds those that were asked for."""
+    if folder not in judged:
+        judged[folder] = is_left_out(folder) or _is_inside(folder.parent, judged, is_left_out)
+    return judged[folder]
+
+
+def _check_root(root: Path, leave_out: Path | None) -> None:
+    """Check that the logs do not lie where results are.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the folder of the logs is that of the results.
+    LogError
+        If it holds results of a fleet.
+    """
+    if leave_out is not None and os.path.realpath(root) == os.path.realpath(leave_out):
+        raise InvalidArgumentError(
+            f"{leave_out} is the folder of the logs; name another one for the results (out, --out), such as "
+            f"{leave_out / 'fleet'}"
+        )
+    if is_results(root):
+        raise LogError(f"{root}: holds the results of a fleet, which are no logs; name the folder of the logs")
+
+
+def _piece(found: Found, root: Path) -> Piece:
+    name = printable(found.path.relative_to(root).as_posix())
+    return Piece(str(found.path.absolute()), name, found.size, found.modified)
+
+
+def _folder(name: str) -> str:
+    """Return the folder of a file, from the folder of all logs on; empty for that one itself."""
     folder = Path(name).parent.as_posix()
-    return folder if folder != "." else root.resolve().name
+    return folder if folder != "." else ""
+
+
+def _own_name(root: Path, names: Iterable[str]) -> str:
+    """Return the name of the folder of all logs as a rig: its own, or a dot where a folder in it has the same."""
+    name = printable(root.resolve().name)
+    return name if name and not any(_folder(each) == name for each in names) else "."
 
 
 def _hive_key(name: str, column: str) -> str | None:
@@ -134,5 +182,5 @@ def _hive_key(name: str, column: str) -> str | None:
     for part in Path(name).parts[:-1]:
         found, sign, value = part.partition("=")
         if sign and found == column:
-            return unquote(value)
+            return NAMELESS if value in ("", HIVE_NULL) else unquote(value)
     return None

@@ -118,7 +118,9 @@ def fit(
     store = Store(folder, job)
     with store.alone():
         done = store.done(rigs)
-        _identify_all(store, [rig for rig in rigs if rig.name not in done], len(rigs), executor, progress)
+        missing = [rig for rig in rigs if rig.name not in done]
+        store.forget_reports(missing)
+        _identify_all(store, missing, len(rigs), executor, progress)
         fleet = Fleet(folder, structure, str(input), str(output), os.fspath(logs), by)
         if out is None:
             weakref.finalize(fleet, shutil.rmtree, folder, ignore_errors=True)

@@ -11,6 +11,7 @@ from typing import Any
 from replant.data.logs import Recording
 from replant.errors import ReplantError, SystemRefusedError
 from replant.fleet.job import Job, Rig
+from replant.fleet.printable import printable
 from replant.fleet.record import begin_of, opened
 from replant.fleet.row import FAILED, Row
 from replant.fleet.watch import Watched
@@ -106,5 +107,5 @@ def result_of(watched: Watched, job: Job, *, with_history: bool = False) -> Resu
 def _named(model: Model, recording: Recording) -> Model:
     """Return a model with the names of its signals, and without a date: the same files give the same bytes."""
     entered, given = (recording.table.names[column] for column in recording.columns[:2])
-    model = model.of_log(entered, given, recording.path.name)
+    model = model.of_log(entered, given, printable(recording.path.name))
     return dataclasses.replace(model, provenance=dataclasses.replace(model.provenance, date=""))

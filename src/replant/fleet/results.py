@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from replant.errors import InvalidArgumentError, LogError
-from replant.fleet.store import ABOUT, MODELS, TABLE, column, read_table
+from replant.fleet.folder import ABOUT, MODELS, TABLE
+from replant.fleet.store import column, read_table
 from replant.identified.model import Model
 from replant.model.structure import Structure
 

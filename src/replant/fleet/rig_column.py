@@ -53,7 +53,7 @@ def _rigs_of(piece: Piece, column: str) -> list[tuple[str, Piece, str]]:
             schema = file.schema_arrow
             names = schema.names
             usable = column in names and _is_name(schema.field(column).type)
-            found = _groups(file, names.index(column)) if usable else {}
+            found = _groups(file, column) if usable else {}
     except LogError as problem:
         return [(piece.name, piece, str(problem))]
     if column not in names:
@@ -76,18 +76,19 @@ def _rigs_of(piece: Piece, column: str) -> list[tuple[str, Piece, str]]:
     return parts
 
 
-def _groups(file: Any, number: int) -> dict[Key, tuple[list[int], int, bool]]:
+def _groups(file: Any, column: str) -> dict[Key, tuple[list[int], int, bool]]:
     """Return, for each rig, its row groups, about how many rows it has, and whether they are its alone."""
     about, found = file.metadata, defaultdict(list)
+    leaf = _leaf(about, column)
     for group in range(about.num_row_groups):
-        rows, statistics = about.row_group(group).num_rows, about.row_group(group).column(number).statistics
+        rows, statistics = about.row_group(group).num_rows, about.row_group(group).column(leaf).statistics
         if rows == 0:
             continue
         known = statistics is not None and statistics.has_min_max and statistics.has_null_count
         if known and statistics.min == statistics.max and statistics.null_count == 0:
             found[statistics.min].append((group, rows, True))
             continue
-        for key, count in _counted(file, group, number):
+        for key, count in _counted(file, group, column):
             found[key].append((group, count, count == rows))
     return {
         key: ([group for group, _, _ in of], sum(rows for _, rows, _ in of), all(alone for _, _, alone in of))
@@ -95,9 +96,14 @@ def _groups(file: Any, number: int) -> dict[Key, tuple[list[int], int, bool]]:
     }
 
 
-def _counted(file: Any, group: int, number: int) -> list[tuple[Key, int]]:
+def _leaf(about: Any, column: str) -> int:
+    """Return the number of a column in the footer, where a column of structures counts once for each of its fields."""
+    paths = [about.schema.column(number).path for number in range(about.num_columns)]
+    return paths.index(column)
+
+
+def _counted(file: Any, group: int, name: str) -> list[tuple[Key, int]]:
     """Return the rigs of a row group, and how many rows each has."""
-    name = file.schema_arrow.names[number]
     column = file.read_row_group(group, columns=[name], use_threads=False).column(0)
     counts = column.combine_chunks().value_counts() if column.num_chunks else []
     return [(entry["values"].as_py(), entry["counts"].as_py()) for entry in counts]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.fleet.printable import printable
 from replant.fleet.watch import UNKNOWN, Movement
 from replant.identified.model import Model
 from replant.model.structure import Structure
@@ -106,8 +107,8 @@ def _cells(row: Row, structure: Structure) -> dict[str, Any]:
     """Return the cells of a row by column; a figure that is not known is left out."""
     numbers: dict[str, float] = {"begin": row.begin, "end": row.end, **vars(row.movement)}
     cells: dict[str, Any] = {
-        "rig": row.rig, "verdict": row.verdict, "reasons": "; ".join(row.reasons), "source": row.source,
-        "files": row.files, "notes": "; ".join(row.notes), "samples": row.samples,
+        "rig": row.rig, "verdict": row.verdict, "reasons": printable("; ".join(row.reasons)), "source": row.source,
+        "files": row.files, "notes": printable("; ".join(row.notes)), "samples": row.samples,
         "rejected": sum(count for _, count in row.rejected),
         "rejected_why": ", ".join(f"{count} {why}" for why, count in row.rejected if count), "seconds": row.seconds,
     }  # fmt: skip

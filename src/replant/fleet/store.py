@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from replant.data.logs.parquet import CHECKED
-from replant.errors import LogError, MissingDependencyError, SystemRefusedError
+from replant.errors import InvalidArgumentError, LogError, MissingDependencyError, SystemRefusedError
 from replant.fleet.files import clear, replacing
+from replant.fleet.folder import ABOUT, MANIFEST, MARK, MODELS, PARTS, TABLE, TIMING, foreign
 from replant.fleet.job import Job, Rig
+from replant.fleet.report_file import report_path
 from replant.fleet.row import schema
-from replant.fleet.work import MANIFEST, PARTS
 from replant.operating_system.os_errors import refusal
 
-TABLE, TIMING, MODELS, ABOUT = "rigs.parquet", "timing.parquet", "models.jsonl", "fleet.json"
 CHUNK_ROWS = 1 << 14
 """Rows that are merged at a time [rows]."""
 PARTS_HELD = 64
@@ -41,6 +41,8 @@ class Store:
     ------
     SystemRefusedError
         If the folder cannot be written to.
+    InvalidArgumentError
+        If it holds files of others under the names that a fleet writes.
     MissingDependencyError
         Without pyarrow.
     """
@@ -50,10 +52,15 @@ class Store:
             raise MissingDependencyError("the results of a fleet are Parquet files: pip install 'replant[parquet]'")
         self.folder, self.job = folder.absolute(), job
         try:
+            others = foreign(self.folder)
+            if others:
+                raise InvalidArgumentError(
+                    f"{folder}: {', '.join(others)} there are not of a fleet, and would be overwritten; name another "
+                    "folder (out, --out)"
+                )
             for each in (PARTS, MANIFEST):
                 (self.folder / each).mkdir(parents=True, exist_ok=True)
-                clear(self.folder / each)
-            clear(self.folder)
+            (self.folder / MANIFEST / MARK).touch()
         except OSError as error:
             raise SystemRefusedError(f"{folder} cannot be written: {refusal(error)}") from error
 
@@ -69,16 +76,29 @@ class Store:
         try:
             import fcntl
         except ImportError:  # Windows
+            self._clear()
             yield
             return
-        with (self.folder / MANIFEST / ".lock").open("a") as file:
+        with (self.folder / MANIFEST / MARK).open("a") as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
                 raise SystemRefusedError(
                     f"{self.folder}: another run writes there; wait for its end, or give another folder"
                 ) from error
+            self._clear()
             yield
+
+    def _clear(self) -> None:
+        """Remove what killed writers have left; only while the folder is held, as others may be writing."""
+        for each in (self.folder / PARTS, self.folder / MANIFEST, self.folder):
+            clear(each)
+
+    def forget_reports(self, rigs: Sequence[Rig]) -> None:
+        """Remove the reports of rigs that are identified anew: the page would lead to those of the models before."""
+        for rig in rigs:
+            with contextlib.suppress(OSError):
+                (self.folder / report_path(rig.name)).unlink(missing_ok=True)
 
     def done(self, rigs: Sequence[Rig]) -> dict[str, str]:
         """Return the rigs whose results are there, made from the same files by the same job, and the part of each."""
@@ -106,7 +126,7 @@ class Store:
         import pyarrow
         from pyarrow import parquet
 
-        done, held = self.done(rigs), _Parts(self.folder / PARTS)
+        done, held, models_written = self.done(rigs), _Parts(self.folder / PARTS), 0
         columns = schema(self.job.structure)
         seconds = pyarrow.schema([("rig", pyarrow.string()), ("seconds", pyarrow.float64())])
         with ExitStack() as files:
@@ -124,9 +144,11 @@ class Store:
                 for name, model in zip(names, chunk.column("model").to_pylist(), strict=True):
                     if model is not None:
                         lines.write(f'{{"rig": {json.dumps(name)}, "model": {model}}}\n')
+                        models_written += 1
         with replacing(self.folder / ABOUT) as new:
             new.write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
-        self._forget_all_but(set(done.values()))
+        if models_written:  # else an option is wrong, and what was done before is wanted again
+            self._forget_all_but(set(done.values()))
 
     def _part(self, key: str) -> Path:
         return self.folder / PARTS / f"{key}.parquet"

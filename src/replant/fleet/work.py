@@ -11,12 +11,11 @@ from pathlib import Path
 
 from replant.data.logs.parquet import CHECKED
 from replant.fleet.files import replacing
+from replant.fleet.folder import MANIFEST, PARTS
 from replant.fleet.identify import identify
 from replant.fleet.plan import Task
 from replant.fleet.row import FAILED, table_of
 from replant.fleet.warm import warm_up
-
-PARTS, MANIFEST = "parts", "manifest"
 
 
 @dataclass(frozen=True)
