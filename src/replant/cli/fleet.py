@@ -15,6 +15,7 @@ from replant.cli.options import fleet_options, structure_of
 from replant.cli.output import announced_compiling
 from replant.cli.progress import progress_bar
 from replant.errors import LogError
+from replant.fleet.drift import check_comparable
 from replant.fleet.executors import parsed
 from replant.fleet.fit import fit
 from replant.fleet.folder import MODELS, TABLE
@@ -73,6 +74,8 @@ def command(
     parsed(on)
     structure = structure_of(options)
     before = None if compare is None else load(compare)
+    if before is not None:
+        check_comparable(before, structure, out)
     if out.exists() and not out.is_dir():
         raise click.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
     with progress_bar(rate=True) as bar, announced_compiling():
@@ -82,7 +85,7 @@ def command(
             failures = f", {state.failed} failed" if state.failed else ""
             shown = f"{state.done:,} of {state.rigs:,} rigs{failures}"
             total = state.samples / state.part if state.samples else None  # so that rate and time left are right
-            bar.update(task, description=shown, completed=state.samples, total=total)
+            bar.update(task, description=shown, completed=state.samples, total=total, stage=f"{state.rigs:,} rigs")
 
         found = fit(
             logs, by=by, input=options["input_column"], output=options["output_column"], structure=structure,
@@ -90,12 +93,12 @@ def command(
             dt=options["dt"], begin=options["begin"], end=options["end"], input_map=options["input_map"],
             optimizer=options["optimizer"], progress=show,
         )  # fmt: skip
-        _check_some(found)
         if reports:
             bar.update(task, description="reports", total=None)
             write_reports(found, _job(found, method, options), reports, on)
         bar.update(task, description="page", total=None)
         page = write_page(found, before)
+    _check_some(found)
     _show(found, page, as_json=as_json)
 
 
@@ -117,7 +120,18 @@ def _check_some(found: Fleet) -> None:
     """
     if set(found.verdicts) == {FAILED}:
         first = found.table().column("reasons")[0].as_py()
-        raise LogError(f"none of {len(found)} rigs could be identified; the first: {first}")
+        raise LogError(f"none of {len(found)} rigs could be identified; the first: {_plain(first)}")
+
+
+def _plain(text: str) -> str:
+    r"""Return a name in one line, without what would move the cursor of a terminal or colour it.
+
+    Examples
+    --------
+    >>> _plain("rig\n\x1b[31m7 é")
+    'rig??[31m7 é'
+    """
+    return "".join(sign if sign.isprintable() else "?" for sign in text)
 
 
 def _show(found: Fleet, page: Path, *, as_json: bool) -> None:
@@ -134,4 +148,4 @@ def _show(found: Fleet, page: Path, *, as_json: bool) -> None:
         rig, _, reason = next(row for row in rows if row[1] == FAILED)
         count = verdicts[FAILED]
         first = "1 rig failed," if count == 1 else f"{count:,} rigs failed, the first of them"
-        note(f"{first} {rig}: {reason}")
+        note(_plain(f"{first} {rig}: {reason}"))

@@ -80,8 +80,9 @@ def _lines() -> Any:
             super().update(task_id, **change)
             task = self.tasks[task_id]
             percent = int(task.percentage) // STEP * STEP
-            if task.total is not None and (task.description, percent) != self.said:
-                self.said = task.description, percent
+            stage = task.fields.get("stage", task.description)  # a description that counts is not a stage
+            if task.total is not None and (stage, percent) != self.said:
+                self.said = stage, percent
                 click.echo(f"replant: {task.description} {percent} %".replace("  ", " "), err=True)
 
     return Lines(disable=True)

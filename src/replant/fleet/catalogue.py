@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from urllib.parse import unquote
 
+from replant.arguments import instance, text
 from replant.data.logs.formats import FORMATS
 from replant.data.logs.packed import SUFFIXES as PACKED
 from replant.data.logs.parquet import SUFFIXES as PARQUET
@@ -18,7 +19,7 @@ from replant.fleet.job import Piece, Rig
 from replant.fleet.printable import printable
 from replant.fleet.rig_column import NAMELESS, rigs_in_columns
 from replant.fleet.walk import Found, is_log, looked_at, walked
-from replant.operating_system.os_errors import refusal
+from replant.operating_system.os_errors import reason_of
 
 FILE, FOLDER = "file", "folder"
 HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"
@@ -57,6 +58,10 @@ def find_rigs(logs: str | os.PathLike[str], by: str, leave_out: Path | None = No
     ...     [rig.name for rig in find_rigs(folder, by="file")]
     ['a.csv', 'b.csv']
     """
+    if not text("by", by).strip():
+        raise InvalidArgumentError("by is empty; it must be file, folder, or the name of a column (by, --by)")
+    if not os.fspath(instance("logs", logs, str, os.PathLike)):
+        raise InvalidArgumentError("logs is empty; name a file, a folder or a pattern")
     root, files = _files(logs, leave_out)
     if not files:
         known = " ".join(FORMATS)
@@ -96,8 +101,8 @@ def is_parquet(piece: Piece) -> bool:
 
 def _files(logs: str | os.PathLike[str], leave_out: Path | None) -> tuple[Path, list[Found]]:
     """Return the folder that names count from, and the logs in it, sorted."""
-    text = os.fspath(logs)
-    path = Path(text)
+    given = os.fspath(logs)
+    path = Path(given)
     left_out = set() if leave_out is None else {os.path.realpath(leave_out)}
 
     def is_left_out(folder: Path) -> bool:
@@ -106,8 +111,8 @@ def _files(logs: str | os.PathLike[str], leave_out: Path | None) -> tuple[Path, 
     try:
         kind = path.stat().st_mode
     except (OSError, ValueError) as error:
-        if not _MAGIC & set(text):
-            raise LogError(f"{text[:SHOWN]}: no such file or folder ({refusal(error)}); check the path") from error
+        if not _MAGIC & set(given):
+            raise LogError(f"{given[:SHOWN]}: no such file or folder ({reason_of(error)}); check the path") from error
     else:
         if not stat.S_ISDIR(kind):
             return path.parent, [looked_at(path)]

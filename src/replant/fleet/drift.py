@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,8 @@ class Drift:
 
     Attributes
     ----------
+    common : int
+        Rigs that are in both.
     compared : int
         Rigs that were trusted and are.
     drifted : tuple of Drifted
@@ -54,6 +57,7 @@ class Drift:
         Rigs that are no longer there, that were not, and that were trusted and are not.
     """
 
+    common: int
     compared: int
     drifted: tuple[Drifted, ...]
     fleet: tuple[str, ...]
@@ -75,13 +79,9 @@ def drift_between(before: Fleet, now: Fleet) -> Drift:
     Raises
     ------
     InvalidArgumentError
-        If their models have different structures.
+        If their models have different structures, or both are the same results.
     """
-    if before.structure != now.structure:
-        raise InvalidArgumentError(
-            f"{before.folder}: its models are of {before.structure}, those of {now.folder} of {now.structure}; "
-            "identify both with the same options"
-        )
+    check_comparable(before, now.structure, now.folder)
     old, new = (read_table(fleet.folder, TABLE) for fleet in (before, now))
     old_rows, new_rows = ({name: row for row, name in enumerate(of.column("rig").to_pylist())} for of in (old, new))
     both = [name for name in new_rows if name in old_rows]
@@ -89,6 +89,7 @@ def drift_between(before: Fleet, now: Fleet) -> Drift:
     was, is_now = (np.asarray(of.column("verdict").to_pylist(), object) == "trusted" for of in (old, new))
     found = _differences(old, new, was & is_now, now.structure)
     return Drift(
+        len(both),
         int((was & is_now).sum()),
         tuple(sorted((Drifted(both[row], distance, words) for row, distance, words in found[0]),
                      key=lambda each: (-each.distance, each.rig))),
@@ -97,6 +98,29 @@ def drift_between(before: Fleet, now: Fleet) -> Drift:
         tuple(name for name in new_rows if name not in old_rows),
         tuple(name for name, trusted in zip(both, was & ~is_now, strict=True) if trusted),
     )  # fmt: skip
+
+
+def check_comparable(before: Fleet, structure: Structure, folder: Path) -> None:
+    """Check that results can be compared with those of a structure in a folder, before these are made.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If they cannot.
+    LogError
+        If they cannot be read.
+    """
+    if before.structure != structure:
+        raise InvalidArgumentError(
+            f"{before.folder}: its models are of {before.structure}, those of {folder} of {structure}; "
+            "identify both with the same options"
+        )
+    if before.folder.resolve() == folder.resolve():
+        raise InvalidArgumentError(
+            f"{before.folder}: the new results would take the place of those that they are compared with; name another "
+            "folder (out, --out)"
+        )
+    len(before)  # it can be read
 
 
 def _differences(

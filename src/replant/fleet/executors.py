@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context, parent_process
+from multiprocessing import active_children, get_context, parent_process
 from typing import Any
 
 from replant.errors import InvalidArgumentError, MissingDependencyError, SystemRefusedError
+from replant.operating_system.os_errors import refusal
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 """Variables by which libraries learn how many threads they may start, when they are loaded."""
@@ -105,11 +107,17 @@ def workers(on: Executor | str | None) -> Iterator[Workers]:
             yield Workers(pool)
     else:
         with contextlib.ExitStack() as stack:
+            others = set(active_children())
 
             def made() -> Workers:
                 return Workers(stack.enter_context(processes(int(rest))), made)
 
-            yield made()
+            try:
+                yield made()
+            except BaseException:  # Ctrl-C among them: what is being done is not waited for, and not written
+                for process in set(active_children()) - others:
+                    process.terminate()
+                raise
 
 
 def parsed(on: str) -> tuple[str, str]:
@@ -137,11 +145,23 @@ def processes(count: int) -> ProcessPoolExecutor:
     """Return a pool of fresh processes that use one thread each, and end with this one.
 
     They are started anew rather than forked: threads of this process do not survive a fork.
+
+    Raises
+    ------
+    SystemRefusedError
+        If they cannot be started.
     """
     with _one_thread_each():
         pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
-        for future in [pool.submit(os.getpid) for _ in range(count)]:  # they start now, with this environment
-            future.result()
+        try:
+            for future in [pool.submit(os.getpid) for _ in range(count)]:  # they start now, with this environment
+                future.result()
+        except (BrokenExecutor, OSError) as error:
+            pool.shutdown(cancel_futures=True)
+            raise SystemRefusedError(
+                f"{count} worker processes cannot be started ({refusal(error) or type(error).__name__}): give fewer of "
+                "them; a script that starts processes must be a file, and needs: if __name__ == '__main__':"
+            ) from error
     return pool
 
 
@@ -158,7 +178,12 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
-    """End this process when the one that started it ends, even by a signal: else it would wait for ever."""
+    """End this process when the one that started it ends, even by a signal: else it would wait for ever.
+
+    Ctrl-C in a terminal reaches both; the one that started this one tells it, and ends it.
+    """
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
     if parent is None:
         return

@@ -35,6 +35,12 @@ POOR = 0.5
 """Share of the fleet's usual fit below which one that is not trusted is a finding [part].
 Derivation: a rig of the fleet has a fit near the usual one; a wrong signal one near 0.
 """
+UNEXPLAINED = 4.0
+"""What the model leaves of the output of a rig that is not trusted, beside the most that it usually leaves in the fleet,
+from which on it is a finding [ratio of 100 % - fit].
+Derivation: the most usual is the 90 % quantile of the trusted rigs, whose noise differs by less; by benchmarks/fleet a
+wrong column leaves 10 times as much and more.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +165,7 @@ def _of_signals(table: Any, verdicts: Any) -> dict[int, str]:
     )  # fmt: skip
     usual_held = float(np.nanquantile(held[trusted], 0.9)) if trusted.any() else 0.0
     usual_fit = float(np.nanmedian(fit[trusted])) if trusted.any() else math.nan
+    least_fit = _least_fit(fit[trusted])
     reasons = table.column("reasons").to_pylist()
     found = {}
     for row in np.flatnonzero(~trusted & (verdicts != FAILED)):
@@ -166,8 +173,23 @@ def _of_signals(table: Any, verdicts: Any) -> dict[int, str]:
             found[int(row)] = "the input does not move"
         elif moved[row] == 0.0 or (held[row] >= STANDING and held[row] > 4.0 * usual_held):
             found[int(row)] = f"stuck sensor? the output stands still over {100.0 * held[row]:.0f} % of the record"
-        elif math.isfinite(usual_fit) and not fit[row] >= POOR * usual_fit:
+        elif math.isfinite(usual_fit) and not fit[row] >= max(POOR * usual_fit, least_fit):
             shown = f"{fit[row]:.0f} %" if math.isfinite(fit[row]) else "nothing"
             said = reasons[row].partition("; ")[0].partition(": ")[0]
-            found[int(row)] = f"wrong column? the model explains {shown}, the fleet's {usual_fit:.0f} %: {said}"
+            guess = "" if fit[row] >= POOR * usual_fit else "wrong column? "
+            found[int(row)] = f"{guess}the model explains {shown}, the fleet's {usual_fit:.0f} %: {said}"
     return found
+
+
+def _least_fit(trusted: FloatArray) -> float:
+    """Return the fit in percent below which the model leaves `UNEXPLAINED` times as much as it usually does at most.
+
+    Examples
+    --------
+    >>> _least_fit(np.full(20, 95.0)), _least_fit(np.array([]))
+    (80.0, -inf)
+    """
+    known = trusted[np.isfinite(trusted)]
+    if known.size < FEWEST:
+        return -math.inf
+    return 100.0 - UNEXPLAINED * float(np.quantile(100.0 - known, 0.9))

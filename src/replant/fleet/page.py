@@ -43,14 +43,14 @@ def write_page(fleet: Fleet, compare: Fleet | None = None) -> Path:
     Raises
     ------
     InvalidArgumentError
-        If the models of both have different structures.
+        If the models of both have different structures, or both are the same results.
     LogError
         If the results cannot be read.
     """
     table = fleet.table()
     drift = None if compare is None else drift_between(compare, fleet)
     found = oddness_of(table, fleet.structure)
-    title = Path(fleet.logs).name or fleet.logs
+    title = Path(fleet.logs).name or Path(fleet.logs).resolve().name or fleet.logs
     page = Template(asset("fleet.html")).substitute(
         title=html.escape(title),
         heading=heading(title),
@@ -132,6 +132,8 @@ def _drift(drift: Drift, before: Fleet) -> str:
         f"{drift.compared:,} rigs were trusted in {before.folder} and are now; {len(drift.drifted):,} of them have "
         "changed by more than the uncertainty of both estimates explains."
     ]
+    if not drift.common:
+        said = [f"No rig of {before.folder} has the name of one of this fleet: there is nothing to compare."]
     if drift.fleet:
         said.append(f"The fleet as a whole: {'; '.join(drift.fleet)}.")
     for rigs, what in ((drift.lost, "no longer trusted"), (drift.gone, "no longer there"), (drift.new, "new")):

@@ -72,7 +72,8 @@ def _rigs_of(piece: Piece, column: str) -> list[tuple[str, Piece, str]]:
             piece, groups=tuple(groups), rows=rows, column="" if alone else column, key=None if alone else key
         )
         lacking = f"{piece.path}: {rows} rows have no value in column {column!r}, so that they are no rig's"
-        parts.append((NAMELESS if key is None else str(key), part, lacking if key is None else ""))
+        nobody = key is None or not str(key).strip()
+        parts.append((NAMELESS if nobody else str(key), part, lacking if nobody else ""))
     return parts
 
 

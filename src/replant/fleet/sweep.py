@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import pickle
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
+from multiprocessing import parent_process
 from typing import Any, TypeVar, overload
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, ReplantError
@@ -91,9 +93,9 @@ def sweep(
     Raises
     ------
     InvalidArgumentError
-        If a value of the grid is not in a sequence, or a grid is empty.
+        If a value of the grid is not in a sequence, a grid is empty, or processes cannot be sent the function.
     Exception
-        What the function raises.
+        What the function raises; from another process as a RuntimeError with the same text, if it cannot be sent.
 
     Examples
     --------
@@ -112,6 +114,7 @@ def sweep(
         tasks: list[Any] = _trials(function, records)
         call: Callable[[Any], Any] = _tried
     elif callable(function):
+        _check_sendable(function, executor)
         tasks, call = list(records), partial(_called, function)
     else:
         raise ArgumentTypeError(f"sweep needs a function or a grid of settings, got {type(function).__name__}")
@@ -125,7 +128,40 @@ def sweep(
 
 def _called(function: Callable[[T], R], record: T) -> R:
     with one_thread():
-        return function(record)
+        try:
+            return function(record)
+        except Exception as error:
+            if parent_process() is None or _travels(error):
+                raise
+            raise RuntimeError(f"{type(error).__name__}: {error}") from None  # as itself it would break the pool
+
+
+def _travels(error: Exception) -> bool:
+    """Return whether an error can be sent to another process: one whose arguments differ from its text often cannot."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return False
+    return True
+
+
+def _check_sendable(function: Any, executor: Executor | str | None) -> None:
+    """Check that a function can be called by other processes.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If it is a lambda, or defined within a function.
+    """
+    if not (isinstance(executor, str) and executor.startswith("processes:")):
+        return
+    try:
+        pickle.dumps(function)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise InvalidArgumentError(
+            f"the function cannot be sent to other processes ({error}): define it at the top of a module, or use "
+            "threads:N"
+        ) from error
 
 
 def _trials(grid: Mapping[str, Sequence[Any]], records: Iterable[Any]) -> list[tuple[dict[str, Any], int, Any]]:
