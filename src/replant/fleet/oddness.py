@@ -36,7 +36,7 @@ POOR = 0.5
 Derivation: a rig of the fleet has a fit near the usual one; a wrong signal one near 0.
 """
 UNEXPLAINED = 4.0
-"""What the model leaves of the output of a rig that is not trusted, beside the most that it usually leaves in the fleet,
+"""What the model leaves of the output of a rig that is not trusted, beside the most that the fleet usually leaves,
 from which on it is a finding [ratio of 100 % - fit].
 Derivation: the most usual is the 90 % quantile of the trusted rigs, whose noise differs by less; by benchmarks/fleet a
 wrong column leaves 10 times as much and more.
