@@ -1,7 +1,8 @@
-"""The examples at the end of a command's help, as a block of shell."""
+"""A command's help, whose text is not markup, and the examples at its end, as a block of shell."""
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -15,8 +16,14 @@ def as_shell(app: Sphinx, context: Any, lines: list[str]) -> None:
         lines[:] = ["**Examples**", "", ".. code-block:: sh", "", *(f"   {line}" for line in plain[1:]), ""]
 
 
+def as_plain(app: Sphinx, context: Any, lines: list[str]) -> None:
+    """Escape what reStructuredText would take for emphasis or for a link, as of ``*.csv`` or ``tcp://HOST:PORT``."""
+    lines[:] = [re.sub(r"\*|\b[a-z]+://", r"\\\g<0>", line) for line in lines]
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Listen to sphinx-click."""
     app.setup_extension("sphinx_click")
     app.connect("sphinx-click-process-epilog", as_shell)
+    app.connect("sphinx-click-process-description", as_plain)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
