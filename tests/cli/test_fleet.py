@@ -88,6 +88,50 @@ def test_mistakes_are_one_line_and_exit_code_2(
     assert len(errors.splitlines()) == 1
 
 
+def test_what_cannot_be_compared_is_refused_before_the_run(
+    capsys: pytest.CaptureFixture[str], logs: Path, tmp_path: Path
+) -> None:
+    old, new = tmp_path / "old", tmp_path / "new"
+    assert call(capsys, logs, "--by", "file", *COLUMNS, "--out", old)[0] == 0
+    for more, out, says in (
+        (("--zeros", "1"), new, "identify both with the same options"),
+        ((), old, "would take the place of those that they are compared with"),
+    ):
+        code, said, errors = call(capsys, logs, "--by", "file", *COLUMNS, *more, "--out", out, "--compare", old)
+        assert (code, said, len(errors.splitlines())) == (2, "", 1)
+        assert says in errors
+    assert not new.exists()
+
+
+def test_the_page_of_a_fleet_that_failed_is_not_that_of_the_run_before(
+    capsys: pytest.CaptureFixture[str], logs: Path, tmp_path: Path
+) -> None:
+    call(capsys, logs, "--by", "file", *COLUMNS, "--out", tmp_path)
+    code, _, _ = call(capsys, logs, "--by", "file", "-i", "w", *COLUMNS[2:], "--out", tmp_path)
+    assert code == 2
+    assert "failed" in (tmp_path / "report.html").read_text()
+
+
+def test_progress_is_in_lines_of_tenths(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    small_fleet(tmp_path / "logs", 30)
+    code, _, errors = call(capsys, tmp_path / "logs", "--by", "file", *COLUMNS, "--out", tmp_path / "out", "--progress")
+    lines = errors.splitlines()
+    assert code == 0
+    assert lines[-1] == "replant: 30 of 30 rigs 100 %"
+    assert len(lines) <= 11
+
+
+def test_a_name_with_signs_for_the_terminal_is_one_plain_line(
+    capsys: pytest.CaptureFixture[str], logs: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "fine.csv").write_bytes((logs / "rig0.csv").read_bytes())
+    (tmp_path / "logs" / "a\n\x1b[31mb.csv").write_text("")
+    code, _, errors = call(capsys, tmp_path / "logs", "--by", "file", *COLUMNS, "--out", tmp_path / "out")
+    assert (code, len(errors.splitlines())) == (0, 1)
+    assert "\x1b" not in errors
+
+
 def test_an_empty_folder_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     (tmp_path / "logs").mkdir()
     code, _, errors = call(capsys, tmp_path / "logs", "--by", "file", *COLUMNS, "--out", tmp_path / "out")

@@ -114,6 +114,7 @@ def test_signals_of_untrusted_rigs_say_why() -> None:
     rows = [
         *fleet(0, 60),
         row("column", 0.3, 3.0, 0.9, 0.5 + SURE, rng, verdict="inconsistent", fit=3.0),
+        row("chance", 0.3, 3.0, 0.9, 0.5 + SURE, rng, verdict="converging", fit=60.0),
         row("stuck", 1.0, 12.0, 0.4, SURE, rng, verdict="inconsistent", movement=Movement(1.0, 0.5, 0.6)),
         row("still", 1.0, 12.0, 0.4, SURE, rng, verdict="not excited", movement=Movement(0.0, 0.5, 0.01)),
         row("young", 2.0, 12.0, 0.4, 20.0 * SURE, rng, verdict="converging", fit=94.0),
@@ -122,12 +123,13 @@ def test_signals_of_untrusted_rigs_say_why() -> None:
     found = oddness_of(table_of(rows, TWO), TWO)
     said = dict(zip([each.rig for each in rows], found.words, strict=True))
     assert said["column"] == "wrong column? the model explains 3 %, the fleet's 95 %: because"
+    assert said["chance"] == "the model explains 60 %, the fleet's 95 %: because"
     assert said["stuck"] == "stuck sensor? the output stands still over 60 % of the record"
     assert said["still"] == "the input does not move"
     assert (said["young"], said["broken"]) == ("", "")
     ranked = [rows[k].rig for k in found.order]
-    assert set(ranked[:3]) == {"column", "stuck", "still"}
-    assert ranked[3:5] == ["broken", "young"]
+    assert set(ranked[:4]) == {"column", "chance", "stuck", "still"}
+    assert ranked[4:6] == ["broken", "young"]
 
 
 @pytest.mark.parametrize("rigs", [0, 1, 5])
@@ -208,6 +210,19 @@ def test_fleets_of_other_structures_are_not_compared(tmp_path: Path) -> None:
     one = rp.fleet.Fleet(tmp_path, rp.Structure(1))
     with pytest.raises(InvalidArgumentError, match="identify both with the same options"):
         drift_between(one, rp.fleet.Fleet(tmp_path, TWO))
+
+
+def test_results_are_not_compared_with_themselves(tmp_path: Path) -> None:
+    now = saved(tmp_path / "now", fleet(0, 10))
+    with pytest.raises(InvalidArgumentError, match="would take the place of those that they are compared with"):
+        drift_between(now, now)
+
+
+def test_fleets_without_a_common_rig_have_nothing_to_compare(tmp_path: Path) -> None:
+    before = saved(tmp_path / "before", [row("a", 2.0, 12.0, 0.4, SURE, np.random.default_rng(0))])
+    now = saved(tmp_path / "now", [row("b", 2.0, 12.0, 0.4, SURE, np.random.default_rng(0))])
+    assert drift_between(before, now).common == 0
+    assert "there is nothing to compare" in write_page(now, before).read_text(encoding="utf-8")
 
 
 # --- the page

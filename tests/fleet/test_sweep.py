@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 
 import pytest
 
@@ -10,6 +11,7 @@ import replant as rp
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.paper.tables.published import TABLES
 from replant.paper.tables.reproduction import reproduce, runs
+from support.dying import refuse
 from support.fleets import DT, recorded
 
 
@@ -24,6 +26,24 @@ def test_results_come_in_the_order_of_the_records(executor: str | None) -> None:
 def test_what_the_function_raises_is_raised() -> None:
     with pytest.raises(ValueError, match=r"math domain error|nonnegative"):
         rp.fleet.sweep(math.sqrt, [1.0, -1.0], "threads:2")
+
+
+def test_an_error_that_cannot_be_sent_is_told_in_words() -> None:
+    with pytest.raises(RuntimeError, match=r"UnsendableError: bad record 1"):
+        rp.fleet.sweep(refuse, [1], "processes:1")
+
+
+def test_a_function_that_cannot_be_sent_is_refused() -> None:
+    with pytest.raises(InvalidArgumentError, match="define it at the top of a module, or use threads:N"):
+        rp.fleet.sweep(lambda record: record, [1], "processes:1")
+
+
+def test_ctrl_c_does_not_wait_for_what_is_being_done() -> None:
+    def interrupt(done: int, of: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        rp.fleet.sweep(time.sleep, [0.0, 3600.0], "processes:1", interrupt)
 
 
 def test_every_setting_is_run_on_every_record() -> None:

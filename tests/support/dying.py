@@ -1,4 +1,4 @@
-"""A function whose first callers kill their process, for tests of executors."""
+"""Functions that fail as workers do: some kill their process, some raise what cannot be sent."""
 
 from __future__ import annotations
 
@@ -15,3 +15,14 @@ def die_first(task: tuple[str, int, int]) -> int:
         Path(folder, f"{os.getpid()}").touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return number
+
+
+class UnsendableError(Exception):
+    """An error that pickle cannot build again: it is built from other arguments than its text."""
+
+    def __init__(self, what: str, record: object) -> None:
+        super().__init__(f"{what} {record}")
+
+
+def refuse(record: object) -> None:
+    raise UnsendableError("bad record", record)
