@@ -87,6 +87,19 @@ def test_a_long_record_is_run_without_being_held(tmp_path: Path, monkeypatch: py
         assert streamed.column(name).to_pylist() == pytest.approx(held.column(name).to_pylist(), rel=1e-9)
 
 
+@pytest.mark.parametrize("most_held", [100, 10_000])
+def test_a_part_of_a_record_with_dates_begins_at_its_date(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most_held: int
+) -> None:
+    record = recorded(0, 400)
+    stamps = np.datetime64("1970-01-01T01:00:00") + (1000 * record.t).round().astype("timedelta64[ms]")
+    (tmp_path / "logs").mkdir()
+    pandas.DataFrame({"t": stamps, "u": record.u, "y": record.y}).to_csv(tmp_path / "logs" / "a.csv", index=False)
+    monkeypatch.setattr("replant.fleet.record.MOST_HELD", most_held)
+    row = fitted(tmp_path / "logs", tmp_path / "out", method="run", begin=2.0, end=12.0).table().to_pylist()[0]
+    assert (row["begin"], row["end"]) == pytest.approx((3602.0, 3612.0))
+
+
 def test_the_table_is_one_for_pandas_polars_and_duckdb(tmp_path: Path) -> None:
     fitted(small_fleet(tmp_path / "logs", 3), tmp_path / "out")
     path = tmp_path / "out" / "rigs.parquet"
@@ -114,17 +127,32 @@ def test_files_of_one_rig_are_joined_in_the_order_of_time(tmp_path: Path) -> Non
         assert {**row, "files": 1, "source": expected["source"]} == expected
 
 
-def test_files_of_dates_are_joined_and_their_time_range_is_that_of_the_dates(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["parquet", "csv"])
+def test_files_of_dates_are_joined_and_their_time_range_is_that_of_the_dates(tmp_path: Path, kind: str) -> None:
     whole = recorded(3, 600)
     stamps = np.datetime64("2026-03-01T12:00:00") + (1000 * whole.t).round().astype("timedelta64[ms]")
     for name, rows in (("b", slice(0, 300)), ("a", slice(300, 600))):
-        path = tmp_path / "logs" / "r" / f"{name}.parquet"
+        path = tmp_path / "logs" / "r" / f"{name}.{kind}"
         path.parent.mkdir(parents=True, exist_ok=True)
-        parquet.write_table(pyarrow.table({"t": stamps[rows], "u": whole.u[rows], "y": whole.y[rows]}), path)
+        columns = {"t": stamps[rows], "u": whole.u[rows], "y": whole.y[rows]}
+        if kind == "parquet":
+            parquet.write_table(pyarrow.table(columns), path)
+        else:
+            pandas.DataFrame(columns).to_csv(path, index=False)
     row = fitted(tmp_path / "logs", tmp_path / "out", by="folder").table().to_pylist()[0]
     noon = np.datetime64("2026-03-01T12:00:00").astype("int64")
     assert (row["begin"], row["end"]) == (noon, pytest.approx(noon + 599 * DT))
     assert (row["verdict"], row["samples"], row["notes"]) == ("trusted", 600, "")
+
+
+@pytest.mark.parametrize("times", ["12:00:0{k}.{tenth}", "01/02/2026 12:00:0{k}.{tenth}"])
+def test_text_files_whose_date_is_not_known_are_not_joined(tmp_path: Path, times: str) -> None:
+    (tmp_path / "logs" / "r").mkdir(parents=True)
+    for k in range(2):
+        lines = [f"{times.format(k=k, tenth=tenth)},1,2" for tenth in range(9)]
+        (tmp_path / "logs" / "r" / f"{k}.csv").write_text("\n".join(["t,u,y", *lines]))
+    (row,) = fitted(tmp_path / "logs", tmp_path / "out", by="folder").table().to_pylist()
+    assert "with whole dates (year-month-day" in row["reasons"]
 
 
 def test_files_that_overlap_in_time_are_a_rig_that_fails(tmp_path: Path) -> None:

@@ -43,11 +43,12 @@ def begin_of(rig: Rig, recording: Recording, job: Job) -> float:
     if number in table.in_seconds and all(map(is_parquet, rig.pieces)):
         first = min(first_stamp(piece.row_groups, number) for piece in rig.pieces)
         return first + (job.begin or 0.0)
+    origin = table.origins.get(number, 0) / 1e9
     log = recording.held
     if log is not None and log.time is not None:
-        return float(log.time[0])
+        return origin + float(log.time[0])
     known = next((block[np.isfinite(block)] for (block,) in table.stream([number])), np.empty(0))
-    return float(known[0]) * recording.unit if known.size else 0.0
+    return origin + (float(known[0]) * recording.unit if known.size else 0.0)
 
 
 def _table(rig: Rig, job: Job) -> Table:
@@ -81,7 +82,7 @@ def _first(table: Table, job: Job) -> float:
     finally:
         blocks.close()
     known = block[np.isfinite(block)]
-    return float(known[0]) if known.size else math.inf
+    return table.origins.get(number, 0) / 1e9 + float(known[0]) if known.size else math.inf
 
 
 def _time_column(table: Table, job: Job) -> int | None:

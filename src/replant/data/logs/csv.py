@@ -77,6 +77,7 @@ def read(path: Path) -> Table:
         partial(_blocks, path, layout),
         partial(_line_of_row, path, layout),
         in_seconds=frozenset(layout.content.stamps),
+        origins={n: form.origin for n, form in layout.content.stamps.items() if form.origin is not None},
         approximate_rows=_approximate_rows(path),
         notes=tuple(notes),
     )

@@ -18,7 +18,7 @@ def joined(tables: Sequence[Table]) -> Table:
     Raises
     ------
     LogError
-        If their columns differ, a column has stamps of its own, or dates are counted from each file's first row.
+        If their columns differ, a column has stamps of its own, or it is not known from which date each file counts.
 
     Examples
     --------
@@ -36,21 +36,39 @@ def joined(tables: Sequence[Table]) -> Table:
             raise LogError(
                 f"{table.path}: other columns than in {first.path.name}; the files of a rig must have equal columns"
             )
-        if table.in_seconds or table.stamps is not None:
+        if table.stamps is not None or _dated(table) != _dated(first) or len(table.origins) < len(table.in_seconds):
             raise LogError(
                 f"{table.path}: its dates or time stamps are counted from its own first row, so it cannot be joined "
-                f"with {first.path.name}; write the files as Parquet, or with a time in s that goes on"
+                f"with {first.path.name}; write the files as Parquet, with whole dates (year-month-day, clock time), "
+                "or with a time in s that goes on"
             )
 
     def blocks(numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
-        names = [first.names[number] for number in numbers]
-        return chain.from_iterable(table.blocks([table.names.index(name) for name in names]) for table in tables)
+        return chain.from_iterable(_blocks_of(table, first, numbers) for table in tables)
 
     return Table(
         first.path,
         first.names,
         blocks,
-        lambda row: f"{nth_row(row)} of the {len(tables)} files joined in the order of time",
+        in_seconds=first.in_seconds,
+        origins=first.origins,
+        describe_row=lambda row: f"{nth_row(row)} of the {len(tables)} files joined in the order of time",
         approximate_rows=sum(table.approximate_rows for table in tables),
         notes=tuple(note for table in tables for note in table.notes),
     )
+
+
+def _dated(table: Table) -> set[str]:
+    """Return the names of the columns of dates."""
+    return {table.names[number] for number in table.in_seconds}
+
+
+def _blocks_of(table: Table, first: Table, numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+    """Yield the blocks of a table, its dates counted from the first row of the first one."""
+    own = [table.names.index(first.names[number]) for number in numbers]
+    later = [
+        (table.origins[here] - first.origins[number]) / 1e9 if here in table.origins else 0.0
+        for here, number in zip(own, numbers, strict=True)
+    ]
+    for block in table.blocks(own):
+        yield [column + off if off else column for column, off in zip(block, later, strict=True)]

@@ -52,6 +52,9 @@ class Table:
         From a 0-based row to its place in the file in words, such as ``line 12``.
     in_seconds : frozenset of int
         Columns whose type in the file is time; they are returned in seconds since the first row.
+    origins : mapping of int to int
+        Of such columns the date of the first row in ns since 1970, where it is known; without a zone by the clock as it
+        is written.
     approximate_rows : int
         Approximate number of rows, for a progress bar.
     notes : tuple of str
@@ -79,6 +82,7 @@ class Table:
     blocks: Callable[[Sequence[int]], Iterator[list[NDArray[np.float64]]]]
     describe_row: Callable[[int], str] = nth_row
     in_seconds: frozenset[int] = frozenset()
+    origins: Mapping[int, int] = field(default_factory=dict)
     approximate_rows: int = 0
     notes: tuple[str, ...] = ()
     dt: float | None = None

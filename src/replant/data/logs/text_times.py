@@ -84,6 +84,12 @@ class StampFormat:
     date_column: int | None = None
 
     @property
+    def origin(self) -> int | None:
+        """The first stamp in ns since 1970; None without a date, or where the day may be the month."""
+        certain = self.month_first is not None or self.first.day == self.first.month
+        return self.first.nanoseconds if "d" in self.parts and certain else None
+
+    @property
     def is_local(self) -> bool:
         """Whether the clock is that of a place, which daylight saving time may turn."""
         return "c" in self.parts and "z" not in self.parts
