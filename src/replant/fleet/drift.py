@@ -81,11 +81,16 @@ def drift_between(before: Fleet, now: Fleet) -> Drift:
     InvalidArgumentError
         If their models have different structures, or both are the same results.
     """
+    import pyarrow
+
     check_comparable(before, now.structure, now.folder)
     old, new = (read_table(fleet.folder, TABLE) for fleet in (before, now))
     old_rows, new_rows = ({name: row for row, name in enumerate(of.column("rig").to_pylist())} for of in (old, new))
     both = [name for name in new_rows if name in old_rows]
-    old, new = old.take([old_rows[name] for name in both]), new.take([new_rows[name] for name in both])
+    old, new = (
+        of.take(pyarrow.array([rows[name] for name in both], pyarrow.int64()))  # of no rig, too
+        for of, rows in ((old, old_rows), (new, new_rows))
+    )
     was, is_now = (np.asarray(of.column("verdict").to_pylist(), object) == "trusted" for of in (old, new))
     found = _differences(old, new, was & is_now, now.structure)
     return Drift(
