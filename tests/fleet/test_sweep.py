@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 
 import pytest
@@ -44,6 +45,15 @@ def test_ctrl_c_does_not_wait_for_what_is_being_done() -> None:
 
     with pytest.raises(KeyboardInterrupt):
         rp.fleet.sweep(time.sleep, [0.0, 3600.0], "processes:1", interrupt)
+
+
+def test_an_error_ends_the_processes_without_another_word(capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(RuntimeError, match="bad record 0"):
+        rp.fleet.sweep(refuse, range(50), "processes:2")
+    threads = [thread for thread in threading.enumerate() if "ExecutorManager" in type(thread).__name__]
+    for thread in threads:
+        thread.join()
+    assert capfd.readouterr().err == ""
 
 
 def test_every_setting_is_run_on_every_record() -> None:

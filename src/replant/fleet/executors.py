@@ -108,13 +108,17 @@ def workers(on: Executor | str | None) -> Iterator[Workers]:
     else:
         with contextlib.ExitStack() as stack:
             others = set(active_children())
+            pools: list[ProcessPoolExecutor] = []
 
             def made() -> Workers:
-                return Workers(stack.enter_context(processes(int(rest))), made)
+                pools.append(stack.enter_context(processes(int(rest))))
+                return Workers(pools[-1], made)
 
             try:
                 yield made()
-            except BaseException:  # Ctrl-C among them: what is being done is not waited for, and not written
+            except KeyboardInterrupt:  # what is being done is not waited for, and not written
+                for started in pools:  # first, as a pool that breaks reports to tasks that are cancelled, and fails
+                    started.shutdown(wait=False, cancel_futures=True)
                 for process in set(active_children()) - others:
                     process.terminate()
                 raise
