@@ -25,6 +25,10 @@ NEAR = 3.0
 """Distance of a ratio from a factor up to which it may be that one [standard deviations].
 Level: a normal variable is farther off in one of 370 cases.
 """
+FARTHEST = 0.15
+"""The same, however uncertain the ratio is [natural logarithm].
+Derivation: a third of the distance between 2.2 and 3.6; a gain that is halved is no 1/2.2.
+"""
 WIDEST = 0.15
 """Uncertainty of a ratio beyond which too many factors are near [natural logarithm].
 Derivation: half of the distance between neighbours in the list.
@@ -68,12 +72,14 @@ def _nearest(log_ratio: float, std: float, is_reversed: bool) -> str:
     "the gain is 1/1000 of the fleet's, nearly: a power of ten"
     >>> _nearest(math.log(57.4), 0.01, False)
     "the gain is 57.3 times the fleet's, nearly: degrees beside radians"
+    >>> _nearest(math.log(0.53), 0.1, False)
+    ''
     """
     if std > WIDEST or is_reversed:
         return ""
     tried = [(abs(abs(log_ratio) - math.log(each)), each, what) for what, of in FACTORS.items() for each in of]
     off, factor, what = min(tried)
-    if off > NEAR * std:
+    if off > min(NEAR * std, FARTHEST):
         return ""
     times = f"{factor:.4g}" if factor == round(factor) else f"{factor:.3g}"
     times = f"{times} times" if log_ratio > 0.0 else f"1/{times} of"
