@@ -16,7 +16,7 @@ import replant as rp
 from replant.assessment.verdict import Verdict
 from replant.errors import InvalidArgumentError
 from replant.fleet.drift import drift_between
-from replant.fleet.oddness import oddness_of
+from replant.fleet.oddness import limit_of, oddness_of
 from replant.fleet.page import write_page
 from replant.fleet.report_file import report_path
 from replant.fleet.robust import located
@@ -300,3 +300,17 @@ def test_the_page_can_be_read(tmp_path: Path, scheme: str, width: int) -> None:
         faint = [text for text, colour, behind, _ in shown.evaluate(TEXTS) if contrast(colour, behind) < 4.5]
         assert faint == []
         assert shown.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_three_odd_rigs_of_twenty_do_not_hide_each_other() -> None:
+    """Eight deviations off: most of them are named, and hardly a usual rig (by chance one in 100 fleets)."""
+    named = others = 0
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        x = random.standard_normal((20, 3)) + 0.3 * random.standard_normal((20, 3))
+        x[:3, 0] += 8.0 * random.choice([-1.0, 1.0], 3)
+        covariances = np.repeat(0.09 * np.eye(3)[None], 20, axis=0)
+        far = located(x, covariances).squared_distances(x, covariances) > limit_of(3, 17, 20)
+        named, others = named + int(far[:3].sum()), others + int(far[3:].sum())
+    assert named > 30
+    assert others <= 2

@@ -17,6 +17,11 @@ STEPS = 60
 MOST_USED = 20_000
 """Rigs that location and spread are made from, evenly chosen from more: their own uncertainty is then below 1 %
 [count]."""
+SCALED_AT = (0.5, 0.75)
+"""Quantiles of the squared distances that the scale is made from [probability].
+Origin: with the quantile of 0.9 three odd rigs of 20, 8 deviations off, hide each other (1 of 600 named); with that of
+0.75 434 of 600 are, and of 30 in 300 99 % instead of 45 %.
+"""
 MAD = 1.4826
 """Standard deviation of a normal variable over its median absolute deviation [number]."""
 LEAST = 1e-6
@@ -49,7 +54,7 @@ def located(x: FloatArray, covariances: FloatArray) -> Location:
     r"""Return location and spread of :math:`x_i \sim N(m, S + P_i)`, of which some are something else.
 
     The iteration is that of expectation and maximization, over the rigs within the quantile `KEPT`.  The scale makes
-    median and 90 % quantile of the squared distances at most those of the distribution that they should have: where
+    two quantiles of the squared distances at most those of the distribution that they should have: where
     covariances are too small, or the fleet is no normal one, fewer rigs are odd.
 
     Parameters
@@ -90,7 +95,7 @@ def located(x: FloatArray, covariances: FloatArray) -> Location:
         S = np.einsum("ni,nj->ij", seen, seen) / (shrunk * len(seen)) + S - share.mean(0) @ S
         S = 0.5 * (S + S.T) + LEAST * np.eye(size) * 1e-3
     squared = _squared(y - m, S + P)
-    scale = max(1.0, *(float(np.quantile(squared, level)) / chi2.ppf(level, size) for level in (0.5, 0.9)))
+    scale = max(1.0, *(float(np.quantile(squared, level)) / chi2.ppf(level, size) for level in SCALED_AT))
     return Location(m * unit, S * np.outer(unit, unit), scale)
 
 
