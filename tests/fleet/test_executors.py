@@ -62,7 +62,7 @@ def test_threads_and_processes_write_the_same_bytes(logs: Path, expected: list[b
     assert fitted(logs, tmp_path / "out", on) == expected
 
 
-@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("count", [pytest.param(1, marks=pytest.mark.slow), 2])
 @pytest.mark.filterwarnings("default")  # Dask's own
 def test_dask_writes_the_same_bytes(logs: Path, expected: list[bytes], tmp_path: Path, count: int) -> None:
     with dask_cluster(count) as cluster:

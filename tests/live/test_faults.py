@@ -80,7 +80,11 @@ SENSOR = {
 
 @pytest.mark.parametrize(
     ("make_record", "request_", "fault"),
-    [(slow, SLOW, fault) for fault in SENSOR] + [(light, LIGHT, fault) for fault in SENSOR if fault != "saturated"],
+    [
+        *((slow, SLOW, fault) for fault in SENSOR),
+        (light, LIGHT, "stuck"),
+        *(pytest.param(light, LIGHT, fault, marks=pytest.mark.slow) for fault in ("cable off", "at its rail")),
+    ],
 )
 def test_a_sensor_that_fails_is_told_within_two_seconds_and_the_parameters_hold(
     make_record: Callable[[int, int], tuple[np.ndarray, np.ndarray]], request_: Request, fault: str
@@ -164,7 +168,7 @@ def test_a_plant_that_jumps_twice_is_not_trusted_with_what_the_first_look_made_o
 # --- the wire
 
 
-@pytest.mark.parametrize("gap", [0.0, 5.0])
+@pytest.mark.parametrize("gap", [pytest.param(0.0, marks=pytest.mark.slow), 5.0])
 def test_lost_samples_jitter_and_a_gap(gap: float) -> None:
     """A tenth lost, stamps a fifth of an interval early or late, and the plant on its own for a while."""
     generator = np.random.default_rng(2)
