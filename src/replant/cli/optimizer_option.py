@@ -87,6 +87,8 @@ def _with_settings(name: str, settings: str) -> Optimizer:
             question = did_you_mean(key, list(fields))
             near = f" ({question})" if question else ""
             raise InvalidArgumentError(f"{name} has no setting {key!r}{near}; its settings are {', '.join(fields)}")
+        if key in given:
+            raise InvalidArgumentError(f"{key} is given twice")
         try:
             given[key] = float(number)
         except ValueError:

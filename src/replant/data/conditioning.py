@@ -11,8 +11,9 @@ import math
 
 import numpy as np
 
-from replant.arguments import FloatArray, positive, whole
+from replant.arguments import BoolArray, FloatArray, positive, whole
 from replant.errors import InvalidArgumentError
+from replant.kernels.schema import LARGEST
 from replant.log import Log
 
 HALF_LENGTH = 10
@@ -28,6 +29,16 @@ CUTOFF = 0.8
 
 LONGEST_GAP = 3.0
 """Distance of two stamps from which on the samples between them are taken for lost [usual intervals]."""
+
+FINEST = 0.5
+"""Shortest new sampling time [usual intervals].
+Derivation: twice as many samples as were measured; more of them would make standard deviations far too small.
+"""
+
+MOST_ROWS = 100.0
+"""New samples beyond which nearly all lie in gaps [samples of the log].
+Derivation: beside a gap of a year the new samples would not fit into memory.
+"""
 
 SAME = 1e-9
 """Part of an interval that rounding makes [intervals]."""
@@ -67,7 +78,7 @@ def detrend(log: Log) -> Log:
     since = np.arange(log.input.size) * log.dt if log.stamps is None else log.stamps
 
     def without_line(signal: FloatArray) -> FloatArray:
-        known = np.isfinite(signal)
+        signal, known = _accepted(signal)
         if known.sum() < 2:
             return signal
         t = since - since[known].mean()
@@ -88,7 +99,7 @@ def decimate(log: Log, factor: int) -> Log:
     The filter is a symmetric FIR filter, 60 dB down at the new rate's Nyquist frequency, of 20 new sampling times: it
     moves nothing in time.  The filtered input is no longer held between samples: the log says that it goes on in a
     straight line, and a fit takes it so.  Ten new sampling times at either end, which the filter does not reach, are
-    left out; samples within ten of a missing one are missing.
+    left out; samples within ten of a missing one are missing.  Outliers are spread: make them missing before.
 
     Parameters
     ----------
@@ -127,16 +138,17 @@ def decimate(log: Log, factor: int) -> Log:
     weights = filters.firwin(2 * half + 1, CUTOFF / factor, window=("kaiser", filters.kaiser_beta(ATTENUATION)))
 
     def thinned(signal: FloatArray) -> FloatArray:
-        known = np.isfinite(signal)
+        signal, known = _accepted(signal)
         level = float(signal[known].mean()) if known.any() else 0.0
         smooth = level + filters.oaconvolve(np.where(known, signal - level, 0.0), weights, mode="valid")
         if not known.all():
-            reached = np.convolve(~known, np.ones(2 * half + 1), mode="valid")
-            smooth[reached > 0] = np.nan
+            unknown = np.concatenate([[0], np.cumsum(~known)])
+            smooth[unknown[2 * half + 1 :] > unknown[: -2 * half - 1]] = np.nan
         return np.asarray(smooth[::factor])
 
     def centred(signal: FloatArray) -> FloatArray:
         """Return a held signal at its stamps as a straight line has it: the mean of the steps that meet there."""
+        signal, _ = _accepted(signal)
         before = np.concatenate([signal[:1], signal[:-1]])
         return np.asarray((before + signal) / 2 if log.input_hold == "zoh" else signal)
 
@@ -163,7 +175,8 @@ def resample(log: Log, dt: float) -> Log:
     ----------
     log : Log
     dt : float
-        New sampling time in s, at most twice the usual interval: beyond, `decimate` lowers the rate without aliasing.
+        New sampling time in s, from half the usual interval to twice of it: beyond, `decimate` lowers the rate without
+        aliasing.
 
     Returns
     -------
@@ -173,7 +186,7 @@ def resample(log: Log, dt: float) -> Log:
     Raises
     ------
     InvalidArgumentError
-        If ``dt`` is not positive, or too long.
+        If ``dt`` is too short or too long, or the log has fewer than two samples, or hardly any beside its gaps.
 
     Examples
     --------
@@ -187,11 +200,24 @@ def resample(log: Log, dt: float) -> Log:
     """
     dt = positive("dt", dt)
     t = np.arange(log.input.size) * log.dt if log.stamps is None else log.stamps
-    usual = float(np.median(np.diff(t))) if t.size > 1 else log.dt
+    if t.size < 2:
+        raise InvalidArgumentError(f"the log has {t.size} samples: resampling needs two at least")
+    usual = float(np.median(np.diff(t)))
     if dt > COARSEST * usual * (1 + 1e-9):
         raise InvalidArgumentError(
             f"the new sampling time of {dt:g} s is more than twice the usual interval of {usual:g} s: samples in "
             "between would be lost; decimate lowers the rate, with a filter against aliasing"
+        )
+    if dt < FINEST * usual * (1 - 1e-9):
+        raise InvalidArgumentError(
+            f"the new sampling time of {dt:g} s is less than half the usual interval of {usual:g} s: outputs that are "
+            "interpolated tell nothing new, and a fit would count them as measured"
+        )
+    longest = int(np.argmax(np.diff(t)))
+    if t[-1] - t[0] > MOST_ROWS * t.size * dt:
+        raise InvalidArgumentError(
+            f"nearly all of the new samples would be missing: a gap of {t[longest + 1] - t[longest]:g} s follows "
+            f"sample {longest}; leave out what is before or after it"
         )
     count = math.floor((t[-1] - t[0]) / dt * (1 + 1e-12)) + 1
     grid = t[0] + dt * np.arange(count)
@@ -206,16 +232,22 @@ def resample(log: Log, dt: float) -> Log:
         return np.asarray(np.interp(edges, t, within) + np.maximum(edges - t[-1], 0.0) * signal[-1])
 
     def averaged(signal: FloatArray) -> FloatArray:
-        known = np.isfinite(signal)
+        signal, known = _accepted(signal)
         means = np.diff(integral(np.where(known, signal, 0.0))) / dt
         unknown = np.diff(integral((~known).astype(float))) > SAME * dt
         return np.asarray(np.where(missing | unknown, np.nan, means))
 
     def interpolated(signal: FloatArray) -> FloatArray:
-        return np.asarray(np.where(missing, np.nan, np.interp(grid, t, signal)))
+        return np.asarray(np.where(missing, np.nan, np.interp(grid, t, _accepted(signal)[0])))
 
     reference = None if log.reference is None else averaged(log.reference)
     return dataclasses.replace(
         log, input=averaged(log.input), output=interpolated(log.output), reference=reference, dt=dt,
         time=grid, irregular=False, earlier=0,
     )  # fmt: skip
+
+
+def _accepted(signal: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return a signal (K,) with NaN for what no identifier accepts, and which samples it does accept."""
+    known = np.abs(signal) <= LARGEST
+    return np.where(known, signal, np.nan), known

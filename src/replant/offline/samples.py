@@ -96,6 +96,8 @@ class Samples:
         """
         first, origin, stamps = logs[0], 0.0, []
         for number, log in enumerate(logs):
+            if not log.input.size:
+                raise InvalidArgumentError(f"log {number} has no samples; leave it out")
             for what in ("input_name", "output_name", "reference_name", "input_hold"):
                 if getattr(log, what) != getattr(first, what):
                     raise InvalidArgumentError(

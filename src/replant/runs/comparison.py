@@ -127,9 +127,16 @@ def _identify(
     if name in OFFLINE:
         begun = time.perf_counter()
         more: dict[str, Any] = {} if r is None else {"reference": r}
-        hold = request.filter if name == "srivc" else AUTO
         fitted = fit(
-            u, y, request.dt, request.structure, method=name, preprocess=request.preprocess, filter=hold, t=t, **more
+            u,
+            y,
+            request.dt,
+            request.structure,
+            method=name,
+            preprocess=request.preprocess,
+            filter=request.filter,
+            t=t,
+            **more,
         )
         return Contender(name, result_of_fit(fitted, u, y, begun, t), fitted)
     request = _online(name, request)
