@@ -18,7 +18,7 @@ from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.optimizers import OPTIMIZERS, Optimizer
 from replant.optimizers.replay import Replay
-from replant.regressor.filters import FILTERS, Filter
+from replant.regressor.filters import FILTERS, Filter, RefinedFilter
 from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
 
@@ -174,6 +174,17 @@ class Request:
         """Whether a choice needs a record of samples; those of optimizer and replay do not."""
         waits = isinstance(self.filter, str) or isinstance(self.scaling, str) or self.preprocess.needs == "mean"
         return waits or self.wants_instruments
+
+
+def filter_for(input_hold: str) -> Filter | str:
+    """Return the filter to request where the input is "zoh" or "foh": the data choose it, or it must know of the lines.
+
+    Examples
+    --------
+    >>> filter_for("zoh"), filter_for("foh")
+    ('auto', RefinedFilter(input_hold='foh'))
+    """
+    return AUTO if input_hold == "zoh" else RefinedFilter(input_hold)
 
 
 def _switch(name: str, value: Any) -> bool | str:

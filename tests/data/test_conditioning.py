@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -124,6 +125,35 @@ def test_what_cannot_be_done_is_refused_in_a_sentence() -> None:
         resample(late, 3.0)
     with pytest.raises(rp.InvalidArgumentError, match="greater than 0"):
         resample(late, 0.0)
+
+
+WORST = {
+    "no sample": (np.empty(0), np.empty(0)),
+    "one sample": (np.ones(1), np.ones(1)),
+    "all missing": (np.ones(600), np.full(600, np.nan)),
+    "not finite": (np.where(np.arange(600) == 5, np.inf, 1.0), np.where(np.arange(600) == 7, -np.inf, 1.0)),
+    "too large": (np.full(600, 1e300), np.full(600, -1e308)),
+}
+
+
+@pytest.mark.parametrize("name", WORST)
+@pytest.mark.parametrize("change", [detrend, lambda log: decimate(log, 3), lambda log: resample(log, 0.1)])
+def test_the_worst_signals_are_missing_or_refused(name: str, change: Callable[[rp.Log], rp.Log]) -> None:
+    try:
+        changed = change(log_of(*WORST[name], 0.1))
+    except rp.InvalidArgumentError:
+        return
+    for signal in (changed.input, changed.output):
+        assert (np.isnan(signal) | (np.abs(signal) < 10.0)).all()
+
+
+def test_resampling_makes_no_more_samples_than_there_is_to_know() -> None:
+    log = log_of(np.ones(20), np.ones(20), 1.0)
+    with pytest.raises(rp.InvalidArgumentError, match="less than half the usual interval"):
+        resample(log, 1e-9)
+    t = np.concatenate([np.arange(10.0), 3e7 + np.arange(10.0)])
+    with pytest.raises(rp.InvalidArgumentError, match=r"a gap of 3e\+07 s follows sample 9"):
+        resample(log_of(np.ones(20), np.ones(20), 1.0, t), 1.0)
 
 
 @pytest.mark.parametrize("hold", ["zoh", "foh"])

@@ -68,6 +68,12 @@ def test_logs_that_do_not_belong_together_are_refused(other: rp.Log, problem: st
         rp.fit([log(1), other], poles=2)
 
 
+def test_an_empty_log_is_named() -> None:
+    empty = replace(log(2), input=np.empty(0), output=np.empty(0))
+    with pytest.raises(rp.InvalidArgumentError, match="log 1 has no samples"):
+        rp.fit([log(1), empty], poles=2)
+
+
 def test_they_stand_alone() -> None:
     with pytest.raises(rp.InvalidArgumentError, match="give them alone"):
         rp.fit([log(1), log(2)], None, DT, poles=2)

@@ -29,9 +29,8 @@ from replant.data.logs.time_unit import COARSE
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.optimizers import OPTIMIZERS
-from replant.regressor.filters import RefinedFilter
 from replant.regressor.preprocess import Preprocess
-from replant.settings import AUTO, Request
+from replant.settings import AUTO, Request, filter_for
 
 MOST_OFF = 0.1
 """Difference of the time stamps' usual interval from the sampling time given that needs no word: jitter and lost
@@ -182,7 +181,7 @@ def request_of(options: dict[str, Any], dt: float) -> Request:
     """Return the request that the options describe, for a log with sampling time ``dt`` in s."""
     zeros = options["zeros"][0] if options["zeros"] else 0
     structure = Structure(options["poles"][0], zeros, options["delay"][0], options["bias"], options["feedthrough"])
-    state_filter = AUTO if input_hold_of(options) == "zoh" else RefinedFilter("foh")
+    state_filter = filter_for(input_hold_of(options))
     optimizer = options.get("optimizer", AUTO)
     return Request(structure, dt, preprocess=preprocess_of(options), filter=state_filter, optimizer=optimizer)
 

@@ -10,11 +10,10 @@ from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.offline.samples import Samples
 from replant.optimizers import Optimizer
-from replant.regressor.filters import RefinedFilter
 from replant.regressor.preprocess import Preprocess
 from replant.runs.result import Result
 from replant.runs.run import run_online
-from replant.settings import AUTO, Request
+from replant.settings import AUTO, Request, filter_for
 
 AT_REST = Preprocess("identity", "mean", "mean")
 
@@ -74,8 +73,9 @@ def run(
     """
     structure = Structure.wanted(structure, poles, zeros, delay)
     given = Samples.of(u, y, dt, t, reference)
-    state_filter = AUTO if given.input_hold == "zoh" else RefinedFilter(given.input_hold)
-    request = Request(structure, given.dt, filter=state_filter, optimizer=optimizer, preprocess=preprocess)
+    request = Request(
+        structure, given.dt, filter=filter_for(given.input_hold), optimizer=optimizer, preprocess=preprocess
+    )
     u, y = record(given.u, given.y)
     stamps = None if given.t is None else increasing(given.t, u.size)
     r = None if given.reference is None else vector("reference", given.reference)
