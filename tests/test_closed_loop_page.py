@@ -66,7 +66,7 @@ def test_the_noise_model_has_the_spectrum_of_load_and_sensor(names: dict[str, An
     assert ratio.max() < 2.0
 
 
-@pytest.mark.parametrize("words", [loop.CLOSED, loop.AT_ONCE, loop.COLOURED.partition(":")[0]])
+@pytest.mark.parametrize("words", [loop.CLOSED, loop.AT_ONCE, loop.COLOURED.partition(";")[0]])
 def test_the_page_explains_the_words_of_the_verdict(words: str) -> None:
     assert f"| {words}" in PAGE
 

@@ -15,8 +15,8 @@ AT_ONCE = (
     "for as many zeros as poles)"
 )
 COLOURED = (
-    "the loop is closed and its disturbances are coloured beyond the noise model, or the model is wrong: a reference "
-    f"tells which: {REMEDY}"
+    "the loop is closed, and either its disturbances have more colour than the noise model, or the model is wrong; to "
+    f"learn which, {REMEDY}"
 )
 
 

@@ -37,10 +37,10 @@ def command(as_json: bool, out: Path | None, method: str, **options: Any) -> Non
     The method is refined instrumental variables, or least squares.
 
     With a range of poles, zeros or dead times, every structure of the grid is fitted to the first 70 % of the record
-    and judged by its simulated fit on the rest, and to the last 70 %.  Those with a coefficient that is not known are
-    left out.  Of the structures that predict no worse than the best one, by a standard error or by half a point of fit,
-    the one with the fewest parameters is chosen; among equals the one with the smallest criterion (BIC).  Its dead time
-    is then found between the points of the grid.
+    and judged by its simulated fit on the rest; the same again with the last 70 %.  Those with a coefficient that is
+    not known are left out.  Of the structures that predict no worse than the best one, by a standard error or by half
+    a point of fit, the one with the fewest parameters is chosen; among equals the one with the smallest criterion
+    (BIC).  Its dead time is then found between the points of the grid.
     """
     from rich.console import Console
 
