@@ -19,7 +19,7 @@ from replant.fleet.drift import check_comparable
 from replant.fleet.executors import parsed
 from replant.fleet.fit import fit
 from replant.fleet.folder import MODELS, TABLE
-from replant.fleet.job import METHODS, Job
+from replant.fleet.job import METHODS
 from replant.fleet.page import write_page
 from replant.fleet.progress import Progress
 from replant.fleet.reports import MOST_REPORTS, write_reports
@@ -95,19 +95,11 @@ def command(
         )  # fmt: skip
         if reports:
             bar.update(task, description="reports", total=None)
-            write_reports(found, _job(found, method, options), reports, on)
+            write_reports(found, reports, on)
         bar.update(task, description="page", total=None)
         page = write_page(found, before)
     _check_some(found)
     _show(found, page, as_json=as_json)
-
-
-def _job(found: Fleet, method: str, options: dict[str, Any]) -> Job:
-    return Job(
-        options["input_column"], options["output_column"], found.structure, method, options["reference_column"],
-        options["time_column"], options["dt"], options["begin"], options["end"], options["input_map"],
-        options["optimizer"],
-    )  # fmt: skip
 
 
 def _check_some(found: Fleet) -> None:

@@ -121,7 +121,7 @@ def fit(
         missing = [rig for rig in rigs if rig.name not in done]
         store.forget_reports(missing)
         _identify_all(store, missing, len(rigs), executor, progress)
-        fleet = Fleet(folder, structure, str(input), str(output), os.fspath(logs), by)
+        fleet = Fleet(folder, structure, str(input), str(output), os.fspath(logs), by, job)
         if out is None:
             weakref.finalize(fleet, shutil.rmtree, folder, ignore_errors=True)
         store.merge(rigs, _about(fleet, job))

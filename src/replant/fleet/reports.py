@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from replant.errors import ReplantError
+from replant.errors import InvalidArgumentError, ReplantError
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.coordinate import carried_out
 from replant.fleet.executors import workers
@@ -44,7 +44,7 @@ class ReportTask:
     folder: str
 
 
-def write_reports(fleet: Fleet, job: Job, count: int, executor: Executor | str | None = None) -> int:
+def write_reports(fleet: Fleet, count: int, executor: Executor | str | None = None) -> int:
     """Write the reports of the first rigs of a fleet by rank, and return how many were written.
 
     A rig that cannot be identified has no report.
@@ -52,19 +52,25 @@ def write_reports(fleet: Fleet, job: Job, count: int, executor: Executor | str |
     Parameters
     ----------
     fleet : Fleet
-    job : Job
-        By which it was identified.
+        As `replant.fleet.fit` returns it.
     count : int
         At most `MOST_REPORTS` are written.
     executor : Executor or str, optional
         See `replant.fleet.fit`.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the fleet was loaded: how it was identified is then not known.
     """
+    if fleet.job is None:
+        raise InvalidArgumentError("a fleet that was loaded has no options: call fit again, which does nothing twice")
     table = fleet.table()
     names = table.column("rig").to_pylist()
     first = {names[row] for row in oddness_of(table, fleet.structure).order[: min(count, MOST_REPORTS)].tolist()}
     rigs = [rig for rig in find_rigs(fleet.logs, fleet.by, leave_out=fleet.folder) if rig.name in first]
     (fleet.folder / REPORTS).mkdir(exist_ok=True)
-    tasks = [ReportTask(job, rig, str(fleet.folder.absolute())) for rig in rigs]
+    tasks = [ReportTask(fleet.job, rig, str(fleet.folder.absolute())) for rig in rigs]
     with workers(executor) as found:
         return sum(done for _, done in carried_out(found, write_one, tasks))
 

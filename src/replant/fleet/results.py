@@ -9,6 +9,7 @@ from typing import Any
 
 from replant.errors import InvalidArgumentError, LogError
 from replant.fleet.folder import ABOUT, MODELS, TABLE
+from replant.fleet.job import Job
 from replant.fleet.store import column, read_table
 from replant.identified.model import Model
 from replant.model.structure import Structure
@@ -28,6 +29,8 @@ class Fleet:
         The columns that were asked for.
     logs, by : str
         What was identified.
+    job : Job or None
+        How it was identified; None for results that were loaded.
     """
 
     folder: Path
@@ -36,6 +39,7 @@ class Fleet:
     output_name: str = "y"
     logs: str = ""
     by: str = ""
+    job: Job | None = None
 
     def table(self) -> Any:
         """Return one row a rig as a `pyarrow.Table`, sorted by rig."""
