@@ -80,7 +80,7 @@ def test_colour_beyond_the_noise_model_is_named_where_the_loop_is_closed() -> No
     loop = loop_of(1, 0.1 * (noise[3:] - 0.9 * noise[:-3]), integral=0.0)
     found = verdict(loop, None)
     assert found.status == "inconsistent"
-    assert said(found, "the loop is closed and its disturbances are coloured")
+    assert said(found, "the loop is closed, and either its disturbances have more colour")
     assert said(found, "as the reference")
     assert verdict(loop, loop.r).status == "trusted"
     u = binary(1, SAMPLES, 5)  # in open loop colour is no fault of the model

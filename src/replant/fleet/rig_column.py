@@ -7,7 +7,7 @@ column of the names is read, and nothing else; each rig then reads that row grou
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -26,8 +26,8 @@ NAMELESS = "(no name)"
 Key = str | int | None
 
 
-def rigs_in_columns(pieces: Sequence[Piece], column: str) -> Iterator[tuple[str, Piece, str]]:
-    """Yield the name of a rig, a part of a file with its rows, and why they cannot be used; empty if they can.
+def rigs_in_columns(pieces: Sequence[Piece], column: str) -> list[tuple[str, Piece, str]]:
+    """Return the name of a rig, a part of a file with its rows, and why they cannot be used; empty if they can.
 
     A file that cannot be read is a rig of its own, under the file's name.
 
@@ -43,8 +43,7 @@ def rigs_in_columns(pieces: Sequence[Piece], column: str) -> Iterator[tuple[str,
                 "choose --by file or --by folder"
             )
     with ThreadPoolExecutor(READERS, "replant-footers") as pool:
-        for found in pool.map(partial(_rigs_of, column=column), pieces):
-            yield from found
+        return [rig for found in pool.map(partial(_rigs_of, column=column), pieces) for rig in found]
 
 
 def _rigs_of(piece: Piece, column: str) -> list[tuple[str, Piece, str]]:

@@ -21,14 +21,15 @@ def prefetch(jobs: Iterable[Callable[[], T]], workers: int) -> Iterator[T]:
     [0, 1, 4, 9, 16]
     """
     pending: deque[Future[T]] = deque()
-    with ThreadPoolExecutor(workers, "replant-read") as pool:
-        try:
-            for job in jobs:
-                pending.append(pool.submit(job))
-                if len(pending) > workers:
-                    yield pending.popleft().result()
-            while pending:
+    pool = ThreadPoolExecutor(workers, "replant-read")
+    try:
+        for job in jobs:
+            pending.append(pool.submit(job))
+            if len(pending) > workers:
                 yield pending.popleft().result()
-        finally:
-            for job_under_way in pending:
-                job_under_way.cancel()
+        while pending:
+            yield pending.popleft().result()
+    finally:
+        # Never wait here: the garbage collector may end an abandoned generator in any thread, in one of the pool's too,
+        # and at any place, also where that thread holds the locks of `threading`.
+        pool.shutdown(wait=False, cancel_futures=True)
