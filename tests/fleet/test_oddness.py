@@ -20,7 +20,7 @@ from replant.fleet.oddness import limit_of, oddness_of
 from replant.fleet.page import write_page
 from replant.fleet.report_file import report_path
 from replant.fleet.robust import located
-from replant.fleet.row import FAILED, Row, table_of
+from replant.fleet.result_row import FAILED, Row, table_of
 from replant.fleet.watch import Movement
 from support.browsing import chromium, contrast, new_page
 

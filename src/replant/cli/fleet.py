@@ -24,7 +24,7 @@ from replant.fleet.page import write_page
 from replant.fleet.progress import Progress
 from replant.fleet.reports import MOST_REPORTS, write_reports
 from replant.fleet.results import Fleet, load
-from replant.fleet.row import FAILED
+from replant.fleet.result_row import FAILED
 
 
 @click.command(name="fleet")

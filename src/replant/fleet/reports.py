@@ -16,7 +16,7 @@ from replant.fleet.files import replacing
 from replant.fleet.identify import result_of
 from replant.fleet.job import Job, Rig
 from replant.fleet.oddness import oddness_of
-from replant.fleet.record import opened
+from replant.fleet.rig_record import opened
 from replant.fleet.report_file import REPORTS, report_path
 from replant.fleet.results import Fleet
 from replant.fleet.watch import Watched

@@ -19,7 +19,7 @@ from replant.fleet.files import clear, replacing
 from replant.fleet.folder import ABOUT, MANIFEST, MARK, MODELS, PARTS, TABLE, TIMING, foreign
 from replant.fleet.job import Job, Rig
 from replant.fleet.report_file import report_path
-from replant.fleet.row import schema
+from replant.fleet.result_row import schema
 from replant.operating_system.os_errors import refusal
 
 CHUNK_ROWS = 1 << 14

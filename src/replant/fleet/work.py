@@ -14,7 +14,7 @@ from replant.fleet.files import replacing
 from replant.fleet.folder import MANIFEST, PARTS
 from replant.fleet.identify import identify
 from replant.fleet.plan import Task
-from replant.fleet.row import FAILED, table_of
+from replant.fleet.result_row import FAILED, table_of
 from replant.fleet.warm import warm_up
 
 

@@ -15,7 +15,7 @@ from replant.identified.model_file import AnyPath
 from replant.identified.responses import Bode, ImpulseResponse, Nyquist, PoleMap, StepResponse, time_of
 from replant.identified.validation import Validation, validate
 from replant.log import Log
-from replant.simulation.beside import beside
+from replant.simulation.model_output import model_output
 from replant.simulation.free_run import free_run
 from replant.simulation.offset_fit import bridged
 from replant.statistics.autoregression import ahead
@@ -103,7 +103,7 @@ class Model(ModelFields):
         stamps = None if t is None else increasing(t, v.size)
         if y is not None:
             u, y = record(u, y)
-            return beside(self.transfer_function, v, y, self.dt, input_hold=self.input_hold, t=stamps).output
+            return model_output(self.transfer_function, v, y, self.dt, input_hold=self.input_hold, t=stamps).output
         v, g = bridged(v)[0], self.transfer_function
         at_rest = float(v[0]) if v.size and self.rests else 0.0
         v = v - at_rest
@@ -141,7 +141,7 @@ class Model(ModelFields):
         horizon = whole("horizon", horizon, 1)
         stamps = None if t is None else increasing(t, u.size)
         dt = self.dt if stamps is None else usual_interval(stamps, self.dt)
-        found = beside(self.transfer_function, self.linear_input(u), y, dt, input_hold=self.input_hold, t=stamps)
+        found = model_output(self.transfer_function, self.linear_input(u), y, dt, input_hold=self.input_hold, t=stamps)
         if found.is_prediction and horizon > 1:
             raise InvalidArgumentError(
                 f"horizon must be 1 for an unstable model, got {horizon}: what it predicts runs away"

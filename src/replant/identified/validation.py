@@ -22,7 +22,7 @@ from replant.assessment.verdict import Verdict
 from replant.engine.record import Record
 from replant.errors import InvalidArgumentError
 from replant.identified.fields import ModelFields
-from replant.simulation.beside import beside
+from replant.simulation.model_output import model_output
 from replant.simulation.offset_fit import fit_percent
 from replant.statistics.autoregression import one_step
 from replant.statistics.correlations import Correlations, correlation_lags, correlations
@@ -179,7 +179,7 @@ def validate(
     if kept.sum() < needed:
         raise InvalidArgumentError(f"the record has {int(kept.sum())} usable samples, a validation needs {needed}")
     g = model.transfer_function
-    simulation = beside(g, v, y, dt, input_hold=model.input_hold, t=t)
+    simulation = model_output(g, v, y, dt, input_hold=model.input_hold, t=t)
     residual = y - simulation.output
     clock = np.asarray(dt * np.arange(u.size), np.float64) if t is None else t
     one_step_fit = simulation.fit if simulation.is_prediction else fit_percent(y, y - one_step(residual))

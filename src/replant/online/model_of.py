@@ -9,7 +9,7 @@ from replant.identified.fields import has_rest
 from replant.identified.model import Model
 from replant.identified.provenance import Provenance
 from replant.online.readout import Estimate
-from replant.simulation.beside import beside
+from replant.simulation.model_output import model_output
 from replant.simulation.offset_fit import Simulation, fit_percent
 from replant.statistics.autoregression import one_step
 from replant.statistics.linear_algebra import quiet
@@ -83,7 +83,7 @@ def _newest(estimate: Estimate) -> tuple[Simulation, float]:
     preprocess = estimate.request.preprocess if estimate.settings is None else estimate.settings.preprocess
     level = _number(preprocess.input_offset)
     t = None if regular else np.cumsum(intervals)
-    found = beside(estimate.transfer_function, u - level, y, estimate.dt, input_hold=estimate.input_hold, t=t)
+    found = model_output(estimate.transfer_function, u - level, y, estimate.dt, input_hold=estimate.input_hold, t=t)
     return found, found.fit if found.is_prediction else fit_percent(y, y - one_step(y - found.output))
 
 

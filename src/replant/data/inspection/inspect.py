@@ -6,7 +6,7 @@ import math
 import os
 from dataclasses import dataclass
 
-from replant.data.inspection.clock import Clock, find_clock
+from replant.data.inspection.log_clock import Clock, find_clock
 from replant.data.inspection.columns import Column, Contents, read_contents
 from replant.data.inspection.influence import Response, prepared, response
 from replant.data.inspection.roles import INPUT, OUTPUT, Roles, find_roles

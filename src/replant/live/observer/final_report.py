@@ -14,7 +14,7 @@ from replant.errors import ReplantError
 from replant.live.observer.view import View
 from replant.online.identifier import Identifier
 from replant.online.model_of import model_of
-from replant.runs.clock import Clock
+from replant.runs.record_clock import Clock
 from replant.runs.result import History, Result
 from replant.simulation.stretches import stretches_of
 from replant.statistics.autoregression import one_step

@@ -10,7 +10,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.data.streams import Batch
 from replant.errors import DamagedCheckpointError
-from replant.live.session.clock import RigClock
+from replant.live.session.rig_clock import RigClock
 
 COUNTER = "counter "  # prefix of a counter's name in a checkpoint
 LATEST = 1e300

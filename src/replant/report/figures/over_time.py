@@ -12,7 +12,7 @@ from replant.assessment import WORST_CONDITION
 from replant.errors import InvalidArgumentError
 from replant.report.diagnostics import Excitation
 from replant.report.figures import style
-from replant.runs.clock import Clock
+from replant.runs.record_clock import Clock
 from replant.runs.result import Result
 from replant.runs.thinning import Thinned, thin
 

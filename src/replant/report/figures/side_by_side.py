@@ -13,7 +13,7 @@ from replant.identified.responses import frequencies
 from replant.report.figures import style
 from replant.report.figures.bode import WIDEST_DB, WIDEST_DEGREES, finish_bode
 from replant.report.figures.poles import usable_uncertainty
-from replant.runs.clock import Clock
+from replant.runs.record_clock import Clock
 from replant.runs.result import Result
 from replant.runs.thinning import thin
 

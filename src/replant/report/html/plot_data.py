@@ -13,7 +13,7 @@ from replant.report.diagnostics import Excitation
 from replant.report.figures import style
 from replant.report.html import captions
 from replant.report.html.report_data import Material
-from replant.runs.clock import Clock
+from replant.runs.record_clock import Clock
 from replant.runs.overview import POINTS
 from replant.runs.thinning import Thinned, thin
 

@@ -12,7 +12,7 @@ from replant.simulation.offset_fit import Simulation, fit_percent, simulate
 from replant.simulation.prediction import prediction_error, runs_away
 
 
-def beside(
+def model_output(
     model: TransferFunction,
     u: FloatArray,
     y: FloatArray,
@@ -38,7 +38,7 @@ def beside(
     --------
     >>> g = TransferFunction([1.0], [1.0, -1.0])
     >>> u = np.sin(np.arange(40.0))
-    >>> found = beside(g, u, g.simulate(u, 0.1), 0.1)
+    >>> found = model_output(g, u, g.simulate(u, 0.1), 0.1)
     >>> found.is_prediction, found.fit > 99.0
     (True, True)
     """
