@@ -13,8 +13,8 @@ import replant as rp
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.files import ENDING
+from replant.fleet.folder import report_path
 from replant.fleet.job import Job
-from replant.fleet.report_file import report_path
 from replant.fleet.store import Store
 from support.fleets import as_csv, as_parquet, as_table, recorded, small_fleet
 

@@ -16,11 +16,11 @@ import replant as rp
 from replant.assessment.verdict import Verdict
 from replant.errors import InvalidArgumentError
 from replant.fleet.drift import drift_between
+from replant.fleet.folder import report_path
 from replant.fleet.oddness import limit_of, oddness_of
 from replant.fleet.page import write_page
-from replant.fleet.report_file import report_path
-from replant.fleet.robust import located
 from replant.fleet.result_row import FAILED, Row, table_of
+from replant.fleet.robust import located
 from replant.fleet.watch import Movement
 from support.browsing import chromium, contrast, new_page
 

@@ -23,8 +23,8 @@ from replant.fleet.job import METHODS
 from replant.fleet.page import write_page
 from replant.fleet.progress import Progress
 from replant.fleet.reports import MOST_REPORTS, write_reports
-from replant.fleet.results import Fleet, load
 from replant.fleet.result_row import FAILED
+from replant.fleet.results import Fleet, load
 
 
 @click.command(name="fleet")

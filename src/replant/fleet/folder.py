@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
+from replant.fleet.job import digest
+
 TABLE, TIMING, MODELS, ABOUT = "rigs.parquet", "timing.parquet", "models.jsonl", "fleet.json"
-PARTS, MANIFEST = "parts", "manifest"
+PARTS, MANIFEST, REPORTS = "parts", "manifest", "reports"
 MARK = ".lock"
 """A file in the manifest that every run makes first: where it is, a fleet has written."""
 
@@ -30,3 +33,15 @@ def foreign(folder: Path) -> list[str]:
     if is_results(folder):
         return []
     return [name for name in (TABLE, TIMING, MODELS, PARTS, MANIFEST) if (folder / name).exists()]
+
+
+def report_path(rig: str) -> str:
+    """Return the path of a rig's report, from the folder of the fleet on; rigs with like names have different ones.
+
+    Examples
+    --------
+    >>> report_path("hall 2/rig 7.csv")
+    'reports/hall-2-rig-7-csv-5b25fc.html'
+    """
+    plain = re.sub(r"[^A-Za-z0-9]+", "-", rig).strip("-")[:60]
+    return f"{REPORTS}/{plain}-{digest(rig)[:6]}.html"

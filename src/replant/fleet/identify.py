@@ -12,8 +12,8 @@ from replant.data.logs import Recording
 from replant.errors import ReplantError, SystemRefusedError
 from replant.fleet.job import Job, Rig
 from replant.fleet.printable import printable
-from replant.fleet.rig_record import begin_of, opened
 from replant.fleet.result_row import FAILED, Row
+from replant.fleet.rig_record import begin_of, opened
 from replant.fleet.watch import Watched
 from replant.identified.model import Model
 from replant.offline.fit import fit

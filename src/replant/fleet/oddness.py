@@ -10,8 +10,8 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
 from replant.fleet.quantities import Figures, Quantity, figures_of, quantities_of
-from replant.fleet.robust import Location, located
 from replant.fleet.result_row import FAILED
+from replant.fleet.robust import Location, located
 from replant.fleet.store import column
 from replant.fleet.unit_factors import unit_factor
 from replant.fleet.words import compared

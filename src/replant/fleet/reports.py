@@ -13,12 +13,12 @@ from replant.fleet.catalogue import find_rigs
 from replant.fleet.coordinate import carried_out
 from replant.fleet.executors import workers
 from replant.fleet.files import replacing
+from replant.fleet.folder import REPORTS, report_path
 from replant.fleet.identify import result_of
 from replant.fleet.job import Job, Rig
 from replant.fleet.oddness import oddness_of
-from replant.fleet.rig_record import opened
-from replant.fleet.report_file import REPORTS, report_path
 from replant.fleet.results import Fleet
+from replant.fleet.rig_record import opened
 from replant.fleet.watch import Watched
 from replant.fleet.work import one_thread
 from replant.report.html.report import write_report

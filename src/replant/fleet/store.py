@@ -16,9 +16,8 @@ import numpy as np
 from replant.data.logs.parquet import CHECKED
 from replant.errors import InvalidArgumentError, LogError, MissingDependencyError, SystemRefusedError
 from replant.fleet.files import clear, replacing
-from replant.fleet.folder import ABOUT, MANIFEST, MARK, MODELS, PARTS, TABLE, TIMING, foreign
+from replant.fleet.folder import ABOUT, MANIFEST, MARK, MODELS, PARTS, TABLE, TIMING, foreign, report_path
 from replant.fleet.job import Job, Rig
-from replant.fleet.report_file import report_path
 from replant.fleet.result_row import schema
 from replant.operating_system.os_errors import refusal
 

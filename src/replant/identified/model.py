@@ -15,8 +15,8 @@ from replant.identified.model_file import AnyPath
 from replant.identified.responses import Bode, ImpulseResponse, Nyquist, PoleMap, StepResponse, time_of
 from replant.identified.validation import Validation, validate
 from replant.log import Log
-from replant.simulation.model_output import model_output
 from replant.simulation.free_run import free_run
+from replant.simulation.model_output import model_output
 from replant.simulation.offset_fit import bridged
 from replant.statistics.autoregression import ahead
 from replant.statistics.linear_algebra import quiet

@@ -17,8 +17,8 @@ from replant.model.uncertainty import Uncertainty
 from replant.offline.fit_result import FitResult
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import screen
-from replant.runs.record_clock import Clock
 from replant.runs.overview import Overview
+from replant.runs.record_clock import Clock
 from replant.settings import Settings
 from replant.simulation.stretches import (
     NONE,

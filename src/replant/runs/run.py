@@ -17,8 +17,8 @@ from replant.online.trace import Trace
 from replant.regressor.filters import Filter
 from replant.regressor.preprocess import screen
 from replant.runs.batches import Arrays, Batch, Source, batched
-from replant.runs.record_clock import KNOTS, ClockRecorder
 from replant.runs.overview import Recorder
+from replant.runs.record_clock import KNOTS, ClockRecorder
 from replant.runs.result import History, Result
 from replant.settings import LONGEST_STARTUP, Request
 from replant.simulation.score import FITTED, Score

@@ -6,9 +6,9 @@ import math
 import os
 from dataclasses import dataclass
 
-from replant.data.inspection.log_clock import Clock, find_clock
 from replant.data.inspection.columns import Column, Contents, read_contents
 from replant.data.inspection.influence import Response, prepared, response
+from replant.data.inspection.log_clock import Clock, find_clock
 from replant.data.inspection.roles import INPUT, OUTPUT, Roles, find_roles
 from replant.data.logs.formats import read_columns
 from replant.data.logs.rasters import side_by_side
