@@ -151,15 +151,13 @@ WORDS = {"Apache 2.0": "Apache-2.0", "BSD": "BSD-3-Clause"}
 #: docutils is public domain and BSD but for a mode for Emacs, which is in its source distribution alone.
 NOT_INSTALLED = {"docutils": {"License :: OSI Approved :: GNU General Public License (GPL)": ".el"}}
 CLASSIFIERS["License :: Public Domain"] = "CC0-1.0"
-#: It says who approves of the licence, not which one it is.
-APPROVAL = "License :: DFSG approved"
 
 
 def licence_of(about: metadata.PackageMetadata) -> str:
     """Return the SPDX expression of a distribution, made of what it has; empty where it says nothing that is known."""
     if "License-Expression" in about:
         return about["License-Expression"]
-    classified = [one for one in about.get_all("Classifier") or [] if one.startswith("License :: ") and one != APPROVAL]
+    classified = [one for one in about.get_all("Classifier") or [] if one.startswith("License :: ")]
     if classified:
         return " AND ".join(CLASSIFIERS.get(one, one) for one in classified)
     written = (about["License"] or "").strip() if "License" in about else ""
