@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -69,9 +70,14 @@ class Pass:
 
     def since(self, sample: int) -> Pass:
         """Return the pass from a sample on."""
-        return self if sample == 0 else Pass(*(signal[sample:] for signal in vars(self).values()))
+        return self if sample == 0 else Pass(*(signal[sample:] for signal in self.signals))
 
     @property
+    def signals(self) -> tuple[FloatArray, ...]:
+        """All of them, in their order."""
+        return self.phi, self.zeta, self.target, self.output, self.error, self.ahead
+
+    @cached_property
     def cost(self) -> float:
         """Mean square of measured minus predicted output; infinite where that leaves float64."""
         with np.errstate(over="ignore", invalid="ignore"):
@@ -169,7 +175,7 @@ def _of_parts(runs: list[Pass], order: int) -> Pass:
     the last ``order`` columns of ``phi``, is taken off all signals, which is what estimating it beside them comes to.
     """
     joined = [runs[0], *(_without_initial_state(run, order) for run in runs[1:])]
-    return Pass(*(np.concatenate(signals) for signals in zip(*(vars(run).values() for run in joined), strict=True)))
+    return Pass(*(np.concatenate(signals) for signals in zip(*(run.signals for run in joined), strict=True)))
 
 
 def _without_initial_state(run: Pass, order: int) -> Pass:

@@ -141,14 +141,15 @@ def path_of_record(
     samples, size = zeta.shape
     step = -(-samples // ROOM)
     path = PathSlots.zeros(FIXED | {"T": size})
-    information, score, rows = known.copy(), pull.copy(), path.rows
-    for row in range(samples // step):
-        block = slice(row * step, (row + 1) * step)
-        information += zeta[block].T @ zeta[block]
-        score += zeta[block].T @ error[block]
-        inverse = compose(*factor_information(information))
-        rows[row] = theta + inverse @ score, np.diag(inverse)
-    path.step, path.due, path.kept = step, step * (samples // step + 1), samples // step
+    blocks = samples // step
+    each, residuals = zeta[: blocks * step].reshape(blocks, step, size), error[: blocks * step].reshape(blocks, step, 1)
+    transposed = each.swapaxes(1, 2)
+    information = np.cumsum(np.concatenate([known[None], transposed @ each]), axis=0)[1:]
+    score = np.cumsum(np.concatenate([pull[None, :, None], transposed @ residuals]), axis=0)[1:]
+    inverse = compose(*factor_information(information))
+    path.rows[:blocks, 0] = theta + (inverse @ score)[:, :, 0]
+    path.rows[:blocks, 1] = np.diagonal(inverse, axis1=1, axis2=2)
+    path.step, path.due, path.kept = step, step * (blocks + 1), blocks
     return path
 
 

@@ -5,8 +5,6 @@ Source: Bierman (1977), "Factorization Methods for Discrete Sequential Estimatio
 
 from __future__ import annotations
 
-import contextlib
-
 import numpy as np
 
 from replant.arguments import FloatArray
@@ -21,12 +19,12 @@ Derivation: some hundred times the precision of float64.
 
 @quiet
 def factor_information(information: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return U (T, T), unit upper triangular, and D (T,) with U D U' = information^-1.
+    """Return U (..., T, T), unit upper triangular, and D (..., T) with U D U' = information^-1.
 
-    The information matrix (T, T) is equilibrated, so that the units of the parameters do not matter, and factored by
-    Cholesky's L D L'.  A direction that the data do not determine has a pivot that is rounding error: the pivot is
-    floored, and the entries below it, rounding errors as well, are taken as zero.  The direction then has a large,
-    finite variance.  The factors are not finite where the information is not.
+    The information matrices (..., T, T) are equilibrated, so that the units of the parameters do not matter, and
+    factored by Cholesky's L D L'.  A direction that the data do not determine has a pivot that is rounding error: the
+    pivot is floored, and the entries below it, rounding errors as well, are taken as zero.  The direction then has a
+    large, finite variance.  The factors are not finite where the information is not.
 
     Examples
     --------
@@ -34,42 +32,36 @@ def factor_information(information: FloatArray) -> tuple[FloatArray, FloatArray]
     >>> np.allclose((upper * diagonal) @ upper.T, np.linalg.inv([[2.0, 1.0], [1.0, 2.0]]))
     True
     """
-    size = information.shape[0]
-    scale = np.sqrt(np.maximum(np.diag(information), 0.0))
+    size = information.shape[-1]
+    scale = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 0.0))
     scale[~(scale > 0.0)] = 1.0
-    rest = information / np.outer(scale, scale)
-    lower, pivots = np.eye(size), np.empty(size)
+    rest = information / (scale[..., :, None] * scale[..., None, :])
+    lower, pivots = np.zeros_like(rest), np.empty_like(scale)
+    lower[..., range(size), range(size)] = 1.0
     for j in range(size):
-        pivots[j] = np.maximum(rest[j, j], LEAST_PIVOT)
-        if rest[j, j] <= LEAST_PIVOT:
-            continue
-        lower[j + 1 :, j] = rest[j + 1 :, j] / pivots[j]
-        rest = rest - pivots[j] * np.outer(lower[:, j], lower[:, j]) * (np.arange(size) > j)[:, None]
+        pivot = np.maximum(rest[..., j, j, None], LEAST_PIVOT)
+        column = np.where(rest[..., j, j, None] <= LEAST_PIVOT, 0.0, rest[..., j + 1 :, j] / pivot)
+        rest[..., j + 1 :, j + 1 :] -= pivot[..., None] * (column[..., :, None] * column[..., None, :])
+        lower[..., j + 1 :, j], pivots[..., j] = column, pivot[..., 0]
     # S = C L V L' C  =>  S^-1 = C^-1 L'^-1 V^-1 L^-1 C^-1 = U D U' with U = C^-1 L'^-1 C
-    inverse = _inverse(lower, determined=bool((pivots > LEAST_PIVOT).all()))
-    upper = np.triu(inverse.T / scale[:, None] * scale[None, :])
-    np.fill_diagonal(upper, 1.0)
+    inverse = _inverse(lower)
+    upper = np.triu(inverse.swapaxes(-2, -1) / scale[..., :, None] * scale[..., None, :])
+    upper[..., range(size), range(size)] = 1.0
     return upper, 1.0 / (pivots * scale**2)
 
 
-def _inverse(lower: FloatArray, *, determined: bool) -> FloatArray:
-    """Return the inverse of a unit lower triangular matrix (T, T).
-
-    Forward substitution always succeeds.  Where the data determine every direction the general solver is taken: it
-    keeps the bits of earlier versions.
-    """
-    if determined:
-        with contextlib.suppress(np.linalg.LinAlgError):
-            return np.asarray(np.linalg.inv(lower), np.float64)
-    inverse = np.eye(len(lower))
-    for i in range(1, len(lower)):
-        inverse[i, :i] = -lower[i, :i] @ inverse[:i, :i]
+def _inverse(lower: FloatArray) -> FloatArray:
+    """Return the inverses of unit lower triangular matrices (..., T, T), by forward substitution, which succeeds."""
+    inverse = np.zeros_like(lower)
+    for i in range(lower.shape[-1]):
+        inverse[..., i, i] = 1.0
+        inverse[..., i, :i] = -(lower[..., i, None, :i] @ inverse[..., :i, :i])[..., 0, :]
     return inverse
 
 
 @quiet
 def compose(upper: FloatArray, diagonal: FloatArray) -> FloatArray:
-    """Return U D U' (T, T) of U (T, T) and D (T,).
+    """Return U D U' (..., T, T) of U (..., T, T) and D (..., T).
 
     Examples
     --------
@@ -77,7 +69,7 @@ def compose(upper: FloatArray, diagonal: FloatArray) -> FloatArray:
     array([[1., 0.],
            [0., 4.]])
     """
-    return np.asarray((upper * diagonal) @ upper.T)
+    return np.asarray((upper * diagonal[..., None, :]) @ upper.swapaxes(-2, -1))
 
 
 @quiet
