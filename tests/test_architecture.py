@@ -54,7 +54,7 @@ OUTSIDE = {
     "plotting.figure",  # PNG in memory
 }
 #: Of Python's own, what kernels may import.
-PLAIN = {"__future__", "collections", "contextlib", "enum", "math", "operator", "typing"}
+PLAIN = {"__future__", "collections", "contextlib", "enum", "functools", "math", "operator", "typing"}
 #: May be imported anywhere, at any time; everything else that is not Python's own or replant's is heavy.
 LIGHT = {"numpy"}
 HEAVY = {"numba", "llvmlite", "scipy", "matplotlib", "control", "pyarrow", "pandas", "xarray", "sklearn"}

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from enum import IntEnum
+from functools import lru_cache
 from typing import Any, ClassVar, Generic, Self, TypeVar, overload
 
 import numpy as np
@@ -182,7 +183,7 @@ class Block(Slot):
 
     def sizes(self, dimensions: Mapping[str, int]) -> tuple[int, ...]:
         """Return the shape in numbers: sums of products of the named dimensions."""
-        return tuple(_sum(part, dimensions) for part in self.shape.split(","))
+        return _sizes(self.shape, tuple(dimensions.items()))
 
     def size(self, dimensions: Mapping[str, int]) -> int:
         """Return how many numbers it has."""
@@ -302,8 +303,10 @@ class Nested(Block, Generic[Inner]):
         return (self.table.size(dimensions),)
 
 
-def _sum(text: str, dimensions: Mapping[str, int]) -> int:
-    return sum(_product(term, dimensions) for term in text.split("+"))
+@lru_cache(maxsize=4096)  # a block is looked at many thousand times with the same dimensions
+def _sizes(shape: str, dimensions: tuple[tuple[str, int], ...]) -> tuple[int, ...]:
+    numbers = dict(dimensions)
+    return tuple(sum(_product(term, numbers) for term in axis.split("+")) for axis in shape.split(","))
 
 
 def _product(text: str, dimensions: Mapping[str, int]) -> int:
