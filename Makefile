@@ -23,7 +23,7 @@ demo: $(READY)   ## identify a simulated actuator while it runs; plots in out/de
 
 # one worker more than a small machine has cores: many tests wait
 test: lint types $(READY)   ## lint, types, doctests, tests
-	$(BIN)/pytest -n 3
+	$(BIN)/pytest -n 3 --dist worksteal
 
 docs: $(READY)   ## the site, every block of it executed; in out/docs/html
 	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python -m sphinx -W --keep-going -d out/docs/doctrees docs out/docs/html $(ARGS)

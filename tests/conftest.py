@@ -2,6 +2,8 @@
 
 import hashlib
 import os
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -29,6 +31,16 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # the same examples every time, and no opinion on how long one takes: no test depends on the machine's speed
 settings.register_profile("replant", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("replant")
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile the large kernels once, where workers of pytest-xdist follow: each would do it at the same time."""
+    if hasattr(session.config, "workerinput") or not getattr(session.config.option, "numprocesses", None):
+        return
+    program = Path(__file__).parent / "support" / "compiling.py"
+    halves = [subprocess.Popen([sys.executable, program, half]) for half in ("refined", "gradient")]
+    for half in halves:
+        half.wait()  # what fails here fails in the tests, which say more
 
 
 @pytest.fixture(scope="session")

@@ -72,6 +72,7 @@ def test_no_actuator_is_linear(actuator: object) -> None:
     assert np.linalg.norm(out - slope * u) > 0.05 * np.linalg.norm(out)
 
 
+@pytest.mark.slow
 def test_the_special_families_are_carried_out() -> None:
     """A plant whose gain toggles is wrong at some look; no more models are trusted than are wrong."""
     behind, toggles = actuators.behind_actuators(7, 1), actuators.toggling(7, 1)

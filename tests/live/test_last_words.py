@@ -84,7 +84,9 @@ def retained(broker: Broker) -> dict[str, Any]:
     return newcomer.heard[0]
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    "number", [signal.SIGKILL, signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+)
 def test_a_session_that_is_over_is_not_trusted(
     broker: Broker, controller: Listener, rig: ReplayingPeer, number: signal.Signals
 ) -> None:
