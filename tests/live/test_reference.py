@@ -39,9 +39,10 @@ def seen(identifier: rp.Identifier) -> View:
 
 
 def test_it_is_learned_and_recorded_to_the_bit(tmp_path: Path) -> None:
-    recorder = ParquetRecorder(tmp_path, DiskWriter(Notices(print)))
-    session, _ = make(FakeSource(U, Y, r=R), recorder=recorder)
+    disk = DiskWriter(Notices(print))
+    session, _ = make(FakeSource(U, Y, r=R), recorder=ParquetRecorder(tmp_path, disk))
     session.run()
+    disk.close()
     assert session.identifier.to_bytes() == learned().to_bytes()
     frame = pandas.read_parquet(tmp_path / "samples")
     assert list(frame) == ["n", "t", "u", "y", "r"]
@@ -56,12 +57,14 @@ def test_a_session_that_is_resumed_goes_on_with_it(tmp_path: Path) -> None:
     for part in (slice(0, 1234), slice(0, None)):
         loaded = resume(path, REQUEST)
         go_on = loaded is not None
-        recorder = ParquetRecorder(tmp_path / "record", DiskWriter(Notices(print)), go_on=go_on)
+        disk = DiskWriter(Notices(print))
+        recorder = ParquetRecorder(tmp_path / "record", disk, go_on=go_on)
         identifier = loaded.identifier if loaded else None
         progress = Progress.of(loaded.progress) if loaded else None
         source = FakeSource(U[part], Y[part], r=R[part])
         session, _ = make(source, path=path, identifier=identifier, progress=progress, recorder=recorder)
         session.run()
+        disk.close()
     assert session.identifier.to_bytes() == learned().to_bytes()
     np.testing.assert_array_equal(pandas.read_parquet(tmp_path / "record" / "samples")["r"], R)
 
