@@ -28,8 +28,13 @@ INTRODUCTION = """\
 This page is written by `make accuracy`, which repeats every run (`--scenario A B` runs some scenarios, `--runs N` fewer
 runs of each). Run r has the seed r, r = 0, 1, 2 ..; no method is tuned to a scenario beyond what its line names.
 "default" is `Identifier(structure, dt)` without further settings, in one pass; "offline SRIVC" is refined instrumental
-variables on the whole record at once. Which method to use when: [methods.md](methods.md).
+variables on the whole record at once. Which method to use when: [Which method, when](methods.md).
 """
+
+VERDICTS_NOTE = """\
+The input of the second case rests after a tenth of the record, before there is a trusted model; one that was trusted
+stays so. The wrong dead time is at least half the slowest time constant: a shorter one may pass. A wrong dt is found by
+the time stamps of these records; without stamps nobody could tell."""
 
 EVERY = """\
 std is the standard deviation over the runs, printed std the root mean square of the standard deviations that the method
@@ -122,7 +127,7 @@ def markdown(summaries: Sequence[Summary], verdicts: Verdicts) -> str:
             lines += [f"{summary.experiment.title}, {_runs(summary)} runs:", ""]
             lines += [*table(("method", *names, ""), _coverage(summary, names)), ""]
     if verdicts:
-        lines += ["", "## H: verdicts", ""]
+        lines += ["", "## H: verdicts", "", VERDICTS_NOTE, ""]
         lines += table(("case", "cases", *(TRUSTED,), "other"), _verdicts(verdicts))
     bounded = [each for each in summaries if each.experiment.least_std]
     if bounded:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 PACKAGE = Path(replant.__file__).parent
 HEADINGS = ("entry", "type", "meaning")
 WIDTHS = (3, 2, 4)
+#: Names of entries that a schema gives by a pattern.
+PATTERNS = {"^(std_)?([ab][0-9]+|bias)$": "a0, b0, std_a0, .."}
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,8 @@ class Entry:
 def entries(schema: dict[str, Any], path: str = "") -> Iterator[Entry]:
     """Yield the entries of an object, each before those of the object or of the array's items below it."""
     required = schema.get("required", [])
-    for name, below in schema.get("properties", {}).items():
+    patterns = {PATTERNS[pattern]: below for pattern, below in schema.get("patternProperties", {}).items()}
+    for name, below in {**schema.get("properties", {}), **patterns}.items():
         at = f"{path}{name}"
         yield Entry(at, kind_of(below), name in required, meaning_of(below))
         yield from entries(below, f"{at}.")
@@ -47,6 +50,21 @@ def entries(schema: dict[str, Any], path: str = "") -> Iterator[Entry]:
     other = schema.get("additionalProperties")
     if isinstance(other, dict) and other.get("properties"):
         yield from entries(other, f"{path}NAME.")
+
+
+def resolved(schema: Any, root: dict[str, Any]) -> Any:
+    """Return a schema with each reference replaced by what it names, and `null or object` by that object."""
+    if isinstance(schema, list):
+        return [resolved(one, root) for one in schema]
+    if not isinstance(schema, dict):
+        return schema
+    if "$ref" in schema:
+        return resolved(root["$defs"][schema["$ref"].rpartition("/")[2]], root)
+    if "oneOf" in schema:
+        inner = next(one for one in schema["oneOf"] if one.get("type") == "object")
+        other = {name: one for name, one in schema.items() if name != "oneOf"}
+        return resolved(inner | other | {"type": ["object", "null"]}, root)
+    return {name: resolved(one, root) for name, one in schema.items() if name != "$defs"}
 
 
 def kind_of(schema: dict[str, Any]) -> str:
@@ -103,7 +121,7 @@ class SchemaTable(Directive):
         schema = json.loads(path.read_text(encoding="utf-8"))
         return [
             nodes.paragraph(text=schema["description"].replace("`", "")),
-            table_of([one.cells for one in entries(schema)]),
+            table_of([one.cells for one in entries(resolved(schema, schema))]),
         ]
 
 

@@ -30,7 +30,7 @@ from replant.statistics.linear_algebra import roots
 
 LARGEST_ERROR = 0.1
 """Largest relative error of abs G with which a model is trusted after a change [part of abs G].
-Origin: the bound that docs/live.md documents.
+Origin: the bound that the page Live documents.
 Sensitivity: not measured.
 """
 

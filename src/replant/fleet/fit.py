@@ -47,7 +47,7 @@ def fit(
     end: float | None = None,
     input_map: str = "identity",
     optimizer: Optimizer | str = AUTO,
-    progress: Callable[[Progress], None] = lambda state: None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Fleet:
     """Identify every rig of a fleet, each by itself, and write one row a rig.
 
@@ -85,7 +85,7 @@ def fit(
         Input of G(s): the measured input, or its square.
     optimizer : Optimizer or str
         See `replant.Identifier`; for the method "run".
-    progress : callable
+    progress : callable, optional
         Called with the `Progress` at the beginning and after each task.
 
     Raises
@@ -120,7 +120,7 @@ def fit(
         done = store.done(rigs)
         missing = [rig for rig in rigs if rig.name not in done]
         store.forget_reports(missing)
-        _identify_all(store, missing, len(rigs), executor, progress)
+        _identify_all(store, missing, len(rigs), executor, progress or (lambda state: None))
         fleet = Fleet(folder, structure, str(input), str(output), os.fspath(logs), by, job)
         if out is None:
             weakref.finalize(fleet, shutil.rmtree, folder, ignore_errors=True)

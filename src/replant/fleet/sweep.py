@@ -49,7 +49,7 @@ def sweep(
     function: Callable[[T], R],
     records: Iterable[T],
     executor: Executor | str | None = None,
-    progress: Callable[[int, int], None] = ...,
+    progress: Callable[[int, int], None] | None = ...,
 ) -> list[R]: ...
 
 
@@ -58,7 +58,7 @@ def sweep(
     function: Mapping[str, Sequence[Any]],
     records: Iterable[Any],
     executor: Executor | str | None = None,
-    progress: Callable[[int, int], None] = ...,
+    progress: Callable[[int, int], None] | None = ...,
 ) -> list[Trial]: ...
 
 
@@ -66,7 +66,7 @@ def sweep(
     function: Any,
     records: Iterable[Any],
     executor: Executor | str | None = None,
-    progress: Callable[[int, int], None] = lambda done, of: None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> list[Any]:
     """Call a function with every record, or run every setting of a grid on every record.
 
@@ -81,7 +81,7 @@ def sweep(
         What the function is called with; of a grid logs, or tuples (u, y, dt).
     executor : Executor or str, optional
         See `replant.fleet.fit`.
-    progress : callable
+    progress : callable, optional
         Called with the number of calls that are done, and of all.
 
     Returns
@@ -122,7 +122,8 @@ def sweep(
     with workers(executor) as found, one_thread():
         for done, (number, result) in enumerate(carried_out(found, call, tasks), 1):
             results[number] = result
-            progress(done, len(tasks))
+            if progress is not None:
+                progress(done, len(tasks))
     return results
 
 

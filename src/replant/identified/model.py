@@ -282,7 +282,7 @@ class Model(ModelFields):
         return self.transfer_function.to_sympy()
 
     def to_json(self) -> str:
-        """Return the model as one JSON object; see docs/models.md.
+        """Return the model as one JSON object, whose entries the page Models describes.
 
         Raises
         ------
