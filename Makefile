@@ -21,7 +21,8 @@ $(READY): pyproject.toml constraints.txt hatch_build.py
 demo: $(READY)   ## identify a simulated actuator while it runs; plots in out/demo
 	$(BIN)/replant demo
 
-# one worker more than a small machine has cores: many tests wait
+# one worker more than a small machine has cores: many tests wait; stolen work keeps the tests of a module together, and
+# with them what they share
 test: lint types $(READY)   ## lint, types, doctests, tests
 	$(BIN)/pytest -n 3 --dist worksteal
 
