@@ -23,6 +23,8 @@ demo: $(READY)   ## identify a simulated actuator while it runs; plots in out/de
 
 # one worker more than a small machine has cores: many tests wait; stolen work keeps the tests of a module together, and
 # with them what they share
+# hundreds of tests start a program: without compiled modules each start compiles all of them
+test: export PYTHONDONTWRITEBYTECODE =
 test: lint types $(READY)   ## lint, types, doctests, tests
 	$(BIN)/pytest -n 3 --dist worksteal
 

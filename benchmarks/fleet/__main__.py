@@ -1,9 +1,11 @@
 """`replant fleet` on a generated fleet: samples a second beside `update_many` in memory, workers, memory, odd rigs.
 
-    python benchmarks/fleet [--rigs 2000] [--samples 500000] [--odd 20] [--workers 2] [--folder DIR]
+    python benchmarks/fleet [--rigs 2000] [--samples 500000] [--odd 20] [--workers 2] [--repetitions 1] [--folder DIR]
 
 A core's samples a second are those of its own time, so that what else the machine does counts little; both sides are
-measured in the same run.  The whole fleet needs 12 GB of disk and some hours of a core.
+measured in the same run.  One worker and several take turns, ``--repetitions`` times each, and their times are added:
+the speed of a virtual machine drifts by a fifth within minutes.  The whole fleet needs 12 GB of disk and some hours of
+a core.
 """
 
 from __future__ import annotations
@@ -46,7 +48,7 @@ class Measured:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Generate a fleet, identify it with one worker and with several, and print what was measured."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name, default in (("rigs", 2000), ("samples", 500_000), ("odd", 20), ("workers", 2)):
+    for name, default in (("rigs", 2000), ("samples", 500_000), ("odd", 20), ("workers", 2), ("repetitions", 1)):
         parser.add_argument(f"--{name}", type=int, default=default)
     parser.add_argument("--folder", type=Path, help="keep logs and results there")
     options = parser.parse_args(arguments)
@@ -68,24 +70,28 @@ def compare(folder: Path, options: argparse.Namespace) -> None:
     in_memory = alone(options)
     print(f"update_many in memory: {in_memory:,.0f} samples/s of a core")
     write(folder / "one", 1, 1000)
-    fleets, rates = {}, {}
-    for count in (1, options.workers):
-        starting = identified(folder, count, "one").core  # processes, libraries, kernels from the cache
-        found = fleets[count] = identified(folder, count, "logs")
-        rate = rates[count] = total / (found.core - starting)
+    starting = {count: identified(folder, count, "one").core for count in (1, options.workers)}
+    runs: dict[int, list[Measured]] = {1: [], options.workers: []}
+    for _ in range(options.repetitions):
+        for count, of in runs.items():
+            of.append(identified(folder, count, "logs"))
+    walls = {count: sum(run.wall for run in of) / len(of) for count, of in runs.items()}
+    rates = {count: total / (sum(run.core for run in of) / len(of) - starting[count]) for count, of in runs.items()}
+    for count, of in runs.items():
         print(
-            f"{count} worker(s): {found.wall:.1f} s, {found.core:.1f} s of cores, {starting:.1f} of them to start; "
-            f"else {rate:,.0f} samples/s of a core ({rate / in_memory:.2f} of "
-            f"update_many), {found.memory:.0f} MB a worker at most, {found.growth:+.0f} MB over the second half"
+            f"{count} worker(s): {walls[count]:.1f} s, {starting[count]:.1f} s of cores to start; "
+            f"else {rates[count]:,.0f} samples/s of a core ({rates[count] / in_memory:.2f} of update_many), "
+            f"{max(run.memory for run in of):.0f} MB a worker at most, "
+            f"{max(run.growth for run in of):+.0f} MB over the second half"
         )
-    by_wall = fleets[1].wall / fleets[options.workers].wall
+    by_wall = walls[1] / walls[options.workers]
     by_core = options.workers * rates[options.workers] / rates[1]
     print(
         f"{options.workers} workers are {by_wall:.2f} times as fast as 1; by the time of the cores {by_core:.2f} times"
     )
-    of = [(found.fleet.folder / "rigs.parquet").read_bytes() for found in fleets.values()]
-    print(f"the same bytes: {'yes' if of[0] == of[1] else 'NO'}")
-    show_odd(fleets[1].fleet, options)
+    results = {(run.fleet.folder / "rigs.parquet").read_bytes() for of in runs.values() for run in of}
+    print(f"the same bytes: {'yes' if len(results) == 1 else 'NO'}")
+    show_odd(runs[1][0].fleet, options)
 
 
 def alone(options: argparse.Namespace) -> float:

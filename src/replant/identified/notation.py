@@ -29,13 +29,17 @@ def latex(model: TransferFunction) -> str:
     return rf"G(s) = \frac{{{_polynomial(model.num)}}}{{{_polynomial(model.den)}}}{dead_time}"
 
 
+CELL = 'style="padding: 0 1em 0 0; text-align: left"'  # without it a page may leave no room between two cells
+
+
 def html(model: ModelFields) -> str:
     """Return G(s), the coefficients with their standard deviations, the poles and the verdict as HTML."""
     std = None if model.uncertainty is None else model.uncertainty.std
     rows = []
     for i, name in enumerate(model.names):
         known = "" if std is None else f"± {std[i]:.2g}"
-        rows.append(f"<tr><td>{name}</td><td>{model.parameters[i]:.5g}</td><td>{known}</td></tr>")
+        cells = (name, f"{model.parameters[i]:.5g}", known)
+        rows.append("<tr>" + "".join(f"<td {CELL}>{cell}</td>" for cell in cells) + "</tr>")
     poles = ", ".join(f"{pole:.4g}" for pole in model.transfer_function.poles.tolist())
     fit = "not known" if math.isnan(model.simulated_fit) else f"{model.simulated_fit:.1f} %"
     reasons = "".join(f"<li>{escaped.escape(reason)}</li>" for reason in model.verdict.reasons)

@@ -108,7 +108,7 @@ def draw_nyquist(
             # along the radius and across it; that the two errors are correlated is left out
             ellipse = middle * (1.0 + SIGMAS * (relative * np.cos(angle) + 1j * turn * np.sin(angle)))
             label = "" if number else "2σ"
-            axis.fill(ellipse.real, ellipse.imag, color=BLUE, alpha=0.08, lw=0, label=label or None)
+            axis.fill(ellipse.real, ellipse.imag, color=BLUE, alpha=0.16, lw=0, label=label or None)
     axis.plot(response.real, response.imag, color=BLUE, lw=1.6, label="model")
     axis.plot([-1.0], [0.0], "+", color=VERMILION, ms=9, mew=1.6, label="-1")
     axis.set_xlabel("real part")

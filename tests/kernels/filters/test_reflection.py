@@ -45,6 +45,7 @@ def test_roots_on_the_axis_move_to_the_margin(roots: list[complex]) -> None:
 
 
 @pytest.mark.parametrize("a", [[np.nan], [np.inf, 1.0], [1e300, -1e300]], ids=repr)
-def test_what_has_no_roots_becomes_something_finite_or_stays_visible(a: list[float]) -> None:
-    """It ends, whatever comes in."""
-    reflect(np.array(a), 0.01, np.empty(4 * len(a) + 2))
+def test_what_has_no_roots_becomes_stable_or_nan_throughout(a: list[float]) -> None:
+    found = np.array(a)
+    reflect(found, 0.01, np.empty(4 * len(a) + 2))
+    assert np.isnan(found).all() or (np.isfinite(found).all() and (found > 0.0).all())  # to order 2 that is stable
