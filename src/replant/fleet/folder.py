@@ -32,7 +32,7 @@ def foreign(folder: Path) -> list[str]:
     """Return the names in a folder under which a fleet would write, although no fleet has written there."""
     if is_results(folder):
         return []
-    return [name for name in (TABLE, TIMING, MODELS, PARTS, MANIFEST) if (folder / name).exists()]
+    return [name for name in (TABLE, TIMING, MODELS, PARTS, MANIFEST, REPORTS) if (folder / name).exists()]
 
 
 def report_path(rig: str) -> str:

@@ -8,18 +8,12 @@ from replant.assessment.verdict import Verdict
 from replant.identified.fields import has_rest
 from replant.identified.model import Model
 from replant.identified.provenance import Provenance
+from replant.online.newest_samples import newest_samples
 from replant.online.readout import Estimate
 from replant.simulation.model_output import model_output
 from replant.simulation.offset_fit import Simulation, fit_percent
 from replant.statistics.autoregression import one_step
 from replant.statistics.linear_algebra import quiet
-
-IRREGULAR = 1e-6
-"""Deviation of an interval from the sampling time that is more than rounding [part of the sampling time].
-Derivation: stamps of some 1e9 s have a resolution of 1e-7 s.
-"""
-LONGEST_IRREGULAR = 2000
-"""Newest samples simulated on an irregular clock, where each needs a matrix exponential [samples]."""
 
 
 def model_of(
@@ -73,16 +67,13 @@ def _number(level: float | str) -> float:
 @quiet
 def _newest(estimate: Estimate) -> tuple[Simulation, float]:
     """Return the simulation over the newest samples, and its fit one step ahead."""
-    u, y, intervals = estimate.recent.T
-    y = np.where(estimate.judged, y, np.nan)
-    regular = bool((np.abs(intervals[1:] - estimate.dt) <= IRREGULAR * estimate.dt).all())
-    if not regular:
-        u, y, intervals = (signal[-LONGEST_IRREGULAR:] for signal in (u, y, intervals))
+    newest = newest_samples(estimate)
+    u, y = newest.input, newest.known_output
     if u.size == 0:
         return Simulation(u, 0.0, np.nan), np.nan
     preprocess = estimate.request.preprocess if estimate.settings is None else estimate.settings.preprocess
     level = _number(preprocess.input_offset)
-    t = None if regular else np.cumsum(intervals)
+    t = None if newest.regular else np.cumsum(newest.intervals)
     found = model_output(estimate.transfer_function, u - level, y, estimate.dt, input_hold=estimate.input_hold, t=t)
     return found, found.fit if found.is_prediction else fit_percent(y, y - one_step(y - found.output))
 

@@ -18,6 +18,7 @@ from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.online.identifier import Identifier
 from replant.online.model_of import model_of
+from replant.online.newest_samples import newest_samples
 from replant.plotting.poles import mirrored
 from replant.report.figures.style import mapped_label
 from replant.runs.thinning import thin
@@ -27,8 +28,6 @@ POINTS = 1200
 """Points of the window: more than its picture has columns [count]."""
 NEWEST = 10.0
 """Time at the end of a long window that may be looked at alone, and gets a third of the points [s]."""
-LONGEST_IRREGULAR = 3000
-"""Samples simulated where each interval costs a discretisation of its own [samples]."""
 
 
 def make_view(
@@ -148,21 +147,14 @@ def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str
 
 def _window(identifier: Identifier, model: TransferFunction | None, at: float) -> tuple[Window, float]:
     """Return the newest samples with the model's output, and its fit in percent."""
-    u, y, intervals = identifier.recent.T
-    kept = identifier.recent_reference
-    r = np.zeros(0) if kept is None else kept
-    judged = identifier.judged
-    regular = bool((np.abs(intervals[1:] - identifier.dt) <= 1e-6 * identifier.dt).all())
-    if not regular:
-        u, y, intervals, r = (signal[-LONGEST_IRREGULAR:] for signal in (u, y, intervals, r))
-        judged = judged[-LONGEST_IRREGULAR:]
-    t = at - (intervals.sum() - np.cumsum(intervals))
+    newest = newest_samples(identifier)
+    u, y, r, judged = newest.input, newest.output, newest.reference, newest.judged
+    t = at - (newest.intervals.sum() - np.cumsum(newest.intervals))
     output, fit = np.full(u.size, np.nan), math.nan
     if model is not None and judged.any():
-        stamps = None if regular else t
-        known = np.where(judged, y, np.nan)
+        stamps = None if newest.regular else t
         with np.errstate(all="ignore"):
-            run = simulate(model, u, known, identifier.dt, input_hold=identifier.input_hold, t=stamps)
+            run = simulate(model, u, newest.known_output, identifier.dt, input_hold=identifier.input_hold, t=stamps)
         output, fit = run.output, run.fit
     residual = np.where(judged, y - output, np.nan)
     drawn_t, drawn = _thinned(t, [u, y, output, residual, *([r] if r.size else [])])
