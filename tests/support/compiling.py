@@ -1,6 +1,6 @@
 """Compiles the large kernels before the tests begin: else every worker of pytest-xdist would compile them by itself.
 
-    python tests/support/compiling.py refined|gradient
+    python tests/support/compiling.py refined|first-order
 
 The two halves take about equally long, for two cores.
 """
@@ -27,15 +27,15 @@ def refined() -> None:
     rp.fit(u, y, DT, poles=2)
 
 
-def gradient() -> None:
+def first_order() -> None:
     """Optimizers of the first order, and least squares on a fixed filter."""
     u, y = record()
     fixed = rp.StateVariableFilter(2.0)
-    for optimizer in (rp.Gradient(1e-3), rp.RecursiveLeastSquares()):
-        for replay in (None, rp.Replay(capacity=100, batch_size=5)):
-            ident = rp.Identifier(rp.Structure(2), DT, filter=fixed, optimizer=optimizer, replay=replay)
-            ident.update_many(u, y)
-            ident.update(u[0], y[0])
+    gradient, buffer = rp.Gradient(1e-3), rp.Replay(capacity=100, batch_size=5)
+    for optimizer, replay in ((gradient, None), (gradient, buffer), (rp.RecursiveLeastSquares(), None)):
+        ident = rp.Identifier(rp.Structure(2), DT, filter=fixed, optimizer=optimizer, replay=replay)
+        ident.update_many(u, y)
+        ident.update(u[0], y[0])
 
 
 def record() -> tuple[np.ndarray, np.ndarray]:
@@ -45,7 +45,7 @@ def record() -> tuple[np.ndarray, np.ndarray]:
     return u, y + 0.01 * np.random.default_rng(1).standard_normal(y.size)
 
 
-HALVES: dict[str, Callable[[], None]] = {"refined": refined, "gradient": gradient}
+HALVES: dict[str, Callable[[], None]] = {"refined": refined, "first-order": first_order}
 
 if __name__ == "__main__":
     HALVES[sys.argv[1]]()
