@@ -1,10 +1,15 @@
-"""The site as `make docs` has built it: no request to another host, no link to nowhere, a search that finds.
+"""The site: it is built without a warning, asks no other host, has no link to nowhere, and its search finds.
 
-Skipped where the site is not built.  Continuous integration builds it before the tests.
+What `make docs` has built is looked at; where there is nothing, the pages are built here without executing their cells.
+That is what test_page_cells.py does.
 """
 
 from __future__ import annotations
 
+import fcntl
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from functools import cache
 from html.parser import HTMLParser
@@ -17,8 +22,7 @@ from support.browsing import chromium, new_page
 from support.places import ROOT
 from support.waiting import PATIENCE
 
-SITE = ROOT / "out" / "docs" / "html"
-pytestmark = pytest.mark.skipif(not (SITE / "index.html").is_file(), reason="the site is not built: make docs")
+MADE = ROOT / "out" / "docs" / "html"
 #: Where a page loads something by itself: element and attribute.
 LOADED = {("script", "src"), ("img", "src"), ("iframe", "src"), ("source", "src"), ("video", "src"), ("object", "data")}
 #: Kinds of `link` that say something and load nothing.
@@ -52,37 +56,60 @@ def parsed(path: Path) -> Page:
     return Page(path)
 
 
-def built() -> list[Path]:
-    return sorted(path for path in SITE.rglob("*.html") if "_static" not in path.parts)
+def pages_of(site: Path) -> list[Path]:
+    return sorted(path for path in site.rglob("*.html") if "_static" not in path.parts)
 
 
-def test_no_page_loads_anything_from_another_host() -> None:
-    found = {path.name: [url for url in parsed(path).loaded if url.startswith(OTHER_HOSTS)] for path in built()}
+def build(site: Path) -> None:
+    """Build the pages, warnings as errors; without execution no kernel tells the language of a cell."""
+    unexecuted = ["-D", "nb_execution_mode=off", "-D", "suppress_warnings=myst-nb.lexer"]
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", *unexecuted, "-d", site.parent / "doctrees"]
+    done = subprocess.run([*command, ROOT / "docs", site], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the built site; the workers of pytest-xdist share one."""
+    if (MADE / "index.html").is_file():
+        return MADE
+    shared = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        shared = shared.parent
+    with (shared / "site.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (shared / "site" / "index.html").is_file():
+            build(shared / "site")
+    return shared / "site"
+
+
+def test_no_page_loads_anything_from_another_host(site: Path) -> None:
+    found = {path.name: [url for url in parsed(path).loaded if url.startswith(OTHER_HOSTS)] for path in pages_of(site)}
     assert {name: urls for name, urls in found.items() if urls} == {}
 
 
-def test_style_sheets_load_nothing_from_another_host() -> None:
-    sheets = list((SITE / "_static").rglob("*.css"))
+def test_style_sheets_load_nothing_from_another_host(site: Path) -> None:
+    sheets = list((site / "_static").rglob("*.css"))
     assert sheets
     assert [path.name for path in sheets for begin in OTHER_HOSTS if f"url({begin}" in path.read_text("utf-8")] == []
 
 
-def test_every_link_leads_somewhere() -> None:
+def test_every_link_leads_somewhere(site: Path) -> None:
     wrong = []
-    for path in built():
+    for path in pages_of(site):
         for link in parsed(path).links:
             if "://" in link or link.startswith("mailto:"):
                 continue
             where, _, anchor = link.partition("#")
             target = (path.parent / unquote(where.partition("?")[0])).resolve() if where else path
             is_there = target.is_file() and (target.suffix != ".html" or unquote(anchor) in parsed(target).anchors)
-            wrong += [] if is_there else [(path.relative_to(SITE).as_posix(), link)]
+            wrong += [] if is_there else [(path.relative_to(site).as_posix(), link)]
     assert wrong == []
 
 
-def test_every_figure_is_shown() -> None:
+def test_every_figure_is_shown(site: Path) -> None:
     """Without matplotlib's inline backend a cell shows the words `<Figure size ...>` in place of a figure."""
-    assert [path.name for path in built() if "&lt;Figure size" in path.read_text("utf-8")] == []
+    assert [path.name for path in pages_of(site) if "&lt;Figure size" in path.read_text("utf-8")] == []
 
 
 @pytest.fixture(scope="module")
@@ -93,19 +120,19 @@ def browser() -> Iterator:
 
 @pytest.mark.parametrize("name", PAGES)
 @pytest.mark.parametrize("width", [400, 1280])
-def test_a_page_asks_no_other_host_and_fits_its_window(browser, name: str, width: int) -> None:
+def test_a_page_asks_no_other_host_and_fits_its_window(browser, site: Path, name: str, width: int) -> None:
     page = new_page(browser, viewport={"width": width, "height": 900})
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
-    page.goto((SITE / f"{name}.html").as_uri(), wait_until="networkidle")
+    page.goto((site / f"{name}.html").as_uri(), wait_until="networkidle")
     assert [url for url in asked if not url.startswith(("file:", "data:"))] == []
     assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
     page.close()
 
 
-def test_the_search_finds_a_page_offline(browser) -> None:
+def test_the_search_finds_a_page_offline(browser, site: Path) -> None:
     page = new_page(browser)
-    page.goto((SITE / "search.html").as_uri() + "?q=verdict")
+    page.goto((site / "search.html").as_uri() + "?q=verdict")
     page.wait_for_selector("#search-results li a", timeout=1000 * PATIENCE)
     assert any("erdict" in text for text in page.locator("#search-results li a").all_inner_texts())
     page.close()

@@ -1,6 +1,6 @@
 """The pages of the site: each answers a question, its blocks run, its links lead somewhere, its spelling is right.
 
-`make docs` builds the pages with warnings as errors, and executes their code cells; an exception in one ends the build.
+test_page_cells.py runs their code cells; test_built_site.py builds the pages with warnings as errors.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def test_a_page_begins_with_the_question_that_it_answers(page: str) -> None:
 
 @pytest.mark.parametrize("page", PAGES)
 def test_every_block_of_code_is_run(page: str) -> None:
-    """By the build if it is a code cell, by a test, or not for a reason that stands above it."""
+    """By test_page_cells.py if it is a code cell, by another test, or not for a reason that stands above it."""
     if page in RUN_HERE or page in RUN_ELSEWHERE:
         return
     left = [
