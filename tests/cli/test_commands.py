@@ -177,7 +177,7 @@ def test_a_wrong_call_is_one_line_and_exit_code_2(capsys, arguments, words) -> N
 @pytest.mark.parametrize("blocked", ["", "report.html"])
 def test_a_place_that_cannot_be_written_is_one_line(capsys, log: Path, tmp_path, monkeypatch, command, blocked) -> None:
     """A file where the folder should be, or a folder where the report should be."""
-    monkeypatch.setattr("replant.cli.demo.SAMPLES", 20_000)
+    monkeypatch.setattr("replant.cli.demo.SAMPLES", 5_000)
     out = tmp_path / "out"
     if blocked:
         (out / blocked).mkdir(parents=True)

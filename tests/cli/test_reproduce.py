@@ -112,6 +112,7 @@ def test_figure_6_needs_no_online_run(capsys, tmp_path, monkeypatch, short):
     assert_pictures(tmp_path, "fig6")
 
 
+@pytest.mark.slow  # the same pictures as of everything
 def test_figures_7_and_8_bring_the_table_and_both_filters(capsys, tmp_path, short):
     main(["reproduce", "fig8", "--out", str(tmp_path)])
     assert "The actuator: twelve online runs" in capsys.readouterr().out

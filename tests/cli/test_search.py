@@ -58,7 +58,7 @@ def test_json_is_the_chosen_model_and_the_candidates(capsys, log: Path) -> None:
 def test_a_dead_time_is_found_between_the_points_and_the_report_lists_what_was_tried(
     capsys, log: Path, tmp_path: Path
 ) -> None:
-    options = ("--poles", "1:3", "--zeros", "0", "--delay", "0:0.6:0.15", "--out", tmp_path / "out")
+    options = ("--poles", "1:2", "--zeros", "0", "--delay", "0:0.6:0.15", "--out", tmp_path / "out")
     code, out, err = fit(capsys, log, *COLUMNS, *options)
     assert (code, err) == (0, "")
     (said,) = [line for line in out.splitlines() if line.startswith("The dead time between the points")]

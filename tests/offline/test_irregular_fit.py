@@ -99,7 +99,7 @@ def test_the_search_uses_the_stamps_also_where_it_scores() -> None:
 
 def test_the_search_finds_a_dead_time_on_an_irregular_clock() -> None:
     plant = rp.TransferFunction(PLANT.num, PLANT.den, 0.3)
-    u, y, t = irregular_record(plant, 5, 3000, DT, jitter=0.4)
+    u, y, t = irregular_record(plant, 5, 1500, DT, jitter=0.4)
     found = search(u, y + noise(5, y.size), DT, poles=(2,), zeros=(1,), delays=(0.0, 0.2, 0.4), t=t)
     assert found.best.structure.delay == pytest.approx(0.3, abs=0.02)
 
