@@ -12,7 +12,7 @@ from support.places import ROOT
 sys.path.insert(0, str(ROOT / "tools"))
 import closed_loop_pictures
 
-from replant.assessment import loop
+from replant.assessment import control_loop
 
 PAGE = closed_loop_pictures.PAGE.read_text(encoding="utf-8")
 
@@ -40,7 +40,7 @@ def test_the_default_is_right_with_and_without_the_reference(names: dict[str, An
 def test_only_the_model_with_the_reference_is_trusted(names: dict[str, Any]) -> None:
     verdict = names["ident"].assess()
     assert verdict.status == "trusted"
-    assert loop.CLOSED in verdict.reasons
+    assert control_loop.CLOSED in verdict.reasons
     refused = names["plain"].assess()
     assert refused.status == "inconsistent"
     assert any("reference" in reason for reason in refused.reasons)
@@ -66,7 +66,7 @@ def test_the_noise_model_has_the_spectrum_of_load_and_sensor(names: dict[str, An
     assert ratio.max() < 2.0
 
 
-@pytest.mark.parametrize("words", [loop.CLOSED, loop.AT_ONCE, loop.COLOURED.partition(";")[0]])
+@pytest.mark.parametrize("words", [control_loop.CLOSED, control_loop.AT_ONCE, control_loop.COLOURED.partition(";")[0]])
 def test_the_page_explains_the_words_of_the_verdict(words: str) -> None:
     assert f"| {words}" in PAGE
 

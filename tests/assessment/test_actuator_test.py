@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.kernels.filters.play import play
+from replant.kernels.filters.play_operator import play
 from replant.signals import random_steps
 from support.builders import DT, binary
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import replant as rp
-import replant.assessment.part as part_module
+import replant.assessment.unexplained_part as part_module
 from replant.assessment import Assessment, assess_record
 from replant.assessment.evidence import Evidence
 from replant.assessment.judge import NEGLIGIBLE, judge
-from replant.assessment.part import LARGEST_PART
+from replant.assessment.unexplained_part import LARGEST_PART
 from replant.assessment.verdict import (
     STATUSES,
     Finding,

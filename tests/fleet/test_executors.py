@@ -19,9 +19,9 @@ import pytest
 
 import replant as rp
 from replant.errors import InvalidArgumentError, MissingDependencyError, SystemRefusedError
+from replant.fleet.compile_kernels import warm_up
 from replant.fleet.coordinate import MOST_LOST, carried_out
 from replant.fleet.executors import InThisThread, Workers, parsed, processes, workers
-from replant.fleet.warm import warm_up
 from support.dying import die_first
 from support.fleets import small_fleet
 from support.waiting import PATIENCE
@@ -236,11 +236,11 @@ def test_workers_use_one_thread_each_and_the_environment_stays(monkeypatch: pyte
 
 
 def test_kernels_are_compiled_by_one_worker_at_a_time(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from replant.fleet import warm
+    from replant.fleet import compile_kernels
     from replant.fleet.job import Job
 
-    monkeypatch.setattr(warm.tempfile, "gettempdir", lambda: str(tmp_path))
-    monkeypatch.setattr(warm, "_ready", set())
+    monkeypatch.setattr(compile_kernels.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(compile_kernels, "_ready", set())
     running: list[int] = []
     most: list[int] = []
 
@@ -250,7 +250,7 @@ def test_kernels_are_compiled_by_one_worker_at_a_time(monkeypatch: pytest.Monkey
         most.append(len(running))
         running.pop()
 
-    monkeypatch.setattr(warm, "fit", compiled)
+    monkeypatch.setattr(compile_kernels, "fit", compiled)
     jobs = [Job("u", "y", rp.Structure(poles), "fit") for poles in range(1, 5)]
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(warm_up, jobs))

@@ -21,7 +21,7 @@ from replant.fleet.oddness import limit_of, oddness_of
 from replant.fleet.page import write_page
 from replant.fleet.result_row import FAILED, Row, table_of
 from replant.fleet.robust import located
-from replant.fleet.watch import Movement
+from replant.fleet.watched_record import Movement
 from support.browsing import chromium, contrast, new_page
 
 TWO = rp.Structure(2)

@@ -16,9 +16,9 @@ from scipy.signal import lfilter
 
 import replant as rp
 from replant.engine.record import Record
-from replant.offline.problem import Problem
 from replant.offline.refined import Refined
 from replant.offline.srivc import refine
+from replant.offline.srivc_steps import Problem
 from replant.offline.structure_search import search
 from replant.report.terminal.summary import as_json
 from replant.runs.result import result_of_fit

@@ -9,9 +9,9 @@ import pytest
 
 import replant as rp
 from replant.engine.record import Record
-from replant.offline.problem import Problem
 from replant.offline.refined import Refined
 from replant.offline.srivc import refine
+from replant.offline.srivc_steps import Problem
 from replant.signals import prbs
 from replant.statistics.udu import compose
 from support.builders import AWKWARD, DT, binary, irregular_record, random_plant, true_parameters

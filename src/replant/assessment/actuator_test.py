@@ -25,7 +25,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.assessment.cross_test import FALSE_ALARM, linear_columns
 from replant.assessment.evidence import Evidence, Runs
-from replant.assessment.part import LARGEST_PART
+from replant.assessment.unexplained_part import LARGEST_PART
 from replant.assessment.verdict import Finding, percent
 from replant.simulation.model_run import ModelRun, run_model
 from replant.statistics.autoregression import Autoregression
@@ -137,7 +137,7 @@ def _scaled(u: FloatArray) -> FloatArray:
 
 def _curves(v: FloatArray) -> Iterator[tuple[FloatArray, tuple[str, str]]]:
     """Yield curves (K, C) of the scaled input, and what they are where they grow less and more than straight ones."""
-    from replant.kernels.filters.play import play  # compiled: imported where it is used
+    from replant.kernels.filters.play_operator import play  # compiled: imported where it is used
 
     yield np.column_stack([v**3, v**5]), (SATURATES, DEAD)
     yield np.abs(v)[:, None], (LOPSIDED, LOPSIDED)

@@ -30,6 +30,7 @@ import numpy as np
 from replant.assessment import sensor_faults
 from replant.assessment.actuator_test import actuator_findings
 from replant.assessment.change_tests import burst_finding, growth_finding
+from replant.assessment.control_loop import COLOURED, Loop
 from replant.assessment.estimate_tests import (
     MOST_UNCERTAIN,
     MOVED_SIGMAS,
@@ -39,9 +40,8 @@ from replant.assessment.estimate_tests import (
 from replant.assessment.evidence import LEAST_POWER, Evidence, Runs
 from replant.assessment.excitation import excitation
 from replant.assessment.hold_test import hold_findings
-from replant.assessment.loop import COLOURED, Loop
-from replant.assessment.part import LARGEST_PART, Part
 from replant.assessment.reference_test import Reference
+from replant.assessment.unexplained_part import LARGEST_PART, Part
 from replant.assessment.verdict import (
     Assessment,
     Finding,

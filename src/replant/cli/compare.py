@@ -10,15 +10,15 @@ from typing import Any
 
 import click
 
-from replant.cli.choice import Choice
-from replant.cli.keeping import kept
+from replant.cli.nearest_word import Choice
 from replant.cli.options import log_options, open_log
 from replant.cli.output import (
     make_folder,
     write_errors_reported,
 )
 from replant.cli.progress import progress_bar
-from replant.cli.typed import command_line
+from replant.cli.save_and_validate import kept
+from replant.cli.typed_command import command_line
 from replant.data.logs import Log
 from replant.errors import InvalidArgumentError
 from replant.report.html.comparison import write_comparison

@@ -11,7 +11,7 @@ import click
 from replant.arguments import FloatArray
 from replant.cli.output import make_folder, write_errors_reported
 from replant.cli.reproduce import deliver
-from replant.cli.typed import command_line
+from replant.cli.typed_command import command_line
 from replant.data.logs import Log
 from replant.model.structure import Structure
 from replant.optimizers import AMSGrad

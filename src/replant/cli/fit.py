@@ -8,8 +8,7 @@ from typing import Any
 
 import click
 
-from replant.cli.choice import Choice
-from replant.cli.keeping import Keeping, keeping_options
+from replant.cli.nearest_word import Choice
 from replant.cli.options import (
     open_log,
     preprocess_of,
@@ -18,6 +17,7 @@ from replant.cli.options import (
 )
 from replant.cli.output import deliver, make_folder
 from replant.cli.progress import progress_bar
+from replant.cli.save_and_validate import Keeping, keeping_options
 from replant.data.logs import Log
 from replant.offline.fit import METHODS, fit
 from replant.offline.fit_result import FitResult

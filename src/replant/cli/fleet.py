@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from replant.cli.choice import Choice
+from replant.cli.nearest_word import Choice
 from replant.cli.notes import note
 from replant.cli.options import fleet_options, structure_of
 from replant.cli.output import announced_compiling

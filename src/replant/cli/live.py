@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from replant.cli.choice import Choice
+from replant.cli.nearest_word import Choice
 from replant.cli.options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER
 from replant.errors import InvalidArgumentError
 from replant.live.observer.view import SignalNames

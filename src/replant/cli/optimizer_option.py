@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from replant.cli.choice import Choice, did_you_mean
+from replant.cli.nearest_word import Choice, did_you_mean
 from replant.errors import InvalidArgumentError
 from replant.optimizers import OPTIMIZERS, Optimizer
 from replant.settings import AUTO

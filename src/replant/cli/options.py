@@ -11,9 +11,9 @@ from typing import Any
 
 import click
 
-from replant.cli.choice import Choice
 from replant.cli.condition import CONDITIONING, conditioned, input_hold_of, is_conditioned
-from replant.cli.missing import check_complete
+from replant.cli.missing_options import check_complete
+from replant.cli.nearest_word import Choice
 from replant.cli.notes import note, silence
 from replant.cli.optimizer_option import OptimizerChoice
 from replant.cli.progress import ask

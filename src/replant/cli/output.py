@@ -11,9 +11,9 @@ from typing import Any
 
 import click
 
-from replant.cli.keeping import Keeping, check_required, kept
 from replant.cli.notes import is_quiet
-from replant.cli.typed import command_line
+from replant.cli.save_and_validate import Keeping, check_required, kept
+from replant.cli.typed_command import command_line
 from replant.data.logs import Log
 from replant.report.html.python_program import identifier_as_python
 from replant.report.terminal.summary import as_json as result_as_json

@@ -9,13 +9,13 @@ from typing import Any
 
 import click
 
-from replant.cli.choice import did_you_mean
+from replant.cli.nearest_word import did_you_mean
 from replant.cli.output import (
     make_folder,
     write_errors_reported,
 )
 from replant.cli.progress import progress_bar
-from replant.cli.typed import command_line
+from replant.cli.typed_command import command_line
 from replant.fleet.executors import parsed
 from replant.paper.actuator import rendering
 from replant.paper.actuator.experiment import NOTES, Actuator

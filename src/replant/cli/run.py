@@ -10,7 +10,6 @@ from typing import Any
 
 import click
 
-from replant.cli.keeping import Keeping, keeping_options
 from replant.cli.options import (
     OPTIMIZER,
     log_options,
@@ -23,6 +22,7 @@ from replant.cli.output import (
     make_folder,
 )
 from replant.cli.progress import progress_bar
+from replant.cli.save_and_validate import Keeping, keeping_options
 from replant.data.logs import Recording
 from replant.runs.full_trace import FullTrace
 from replant.runs.result import Result

@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
-from replant.cli.keeping import REQUIRE, check_required, validated
 from replant.cli.output import make_folder, write_errors_reported
+from replant.cli.save_and_validate import REQUIRE, check_required, validated
 from replant.data.logs import read_columns
 from replant.data.logs.sampling_time import time_candidates
 from replant.identified.model import load_model

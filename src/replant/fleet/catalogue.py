@@ -14,11 +14,11 @@ from replant.data.logs.formats import FORMATS
 from replant.data.logs.packed import SUFFIXES as PACKED
 from replant.data.logs.parquet import SUFFIXES as PARQUET
 from replant.errors import InvalidArgumentError, LogError
+from replant.fleet.find_logs import Found, is_log, looked_at, walked
 from replant.fleet.folder import is_results
 from replant.fleet.job import Piece, Rig
 from replant.fleet.printable import printable
 from replant.fleet.rig_column import NAMELESS, rigs_in_columns
-from replant.fleet.walk import Found, is_log, looked_at, walked
 from replant.operating_system.os_errors import reason_of
 
 FILE, FOLDER = "file", "folder"

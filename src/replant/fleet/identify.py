@@ -14,7 +14,7 @@ from replant.fleet.job import Job, Rig
 from replant.fleet.printable import printable
 from replant.fleet.result_row import FAILED, Row
 from replant.fleet.rig_record import begin_of, opened
-from replant.fleet.watch import Watched
+from replant.fleet.watched_record import Watched
 from replant.identified.model import Model
 from replant.offline.fit import fit
 from replant.operating_system.os_errors import refusal

@@ -19,7 +19,7 @@ from replant.fleet.job import Job, Rig
 from replant.fleet.oddness import oddness_of
 from replant.fleet.results import Fleet
 from replant.fleet.rig_record import opened
-from replant.fleet.watch import Watched
+from replant.fleet.watched_record import Watched
 from replant.fleet.work import one_thread
 from replant.report.html.report import write_report
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.fleet.printable import printable
-from replant.fleet.watch import UNKNOWN, Movement
+from replant.fleet.watched_record import UNKNOWN, Movement
 from replant.identified.model import Model
 from replant.model.structure import Structure
 

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from replant.data.logs.parquet import CHECKED
+from replant.fleet.compile_kernels import warm_up
 from replant.fleet.files import replacing
 from replant.fleet.folder import MANIFEST, PARTS
 from replant.fleet.identify import identify
 from replant.fleet.plan import Task
 from replant.fleet.result_row import FAILED, table_of
-from replant.fleet.warm import warm_up
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,8 @@ import numpy.typing as npt
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
-from replant.offline.problem import HALVINGS, NEARLY_DONE, POLISH, Problem, is_long_enough
 from replant.offline.refined import PriorInformation, Refined, Root, conclude
+from replant.offline.srivc_steps import HALVINGS, NEARLY_DONE, POLISH, Problem, is_long_enough
 from replant.simulation.auxiliary_model import Pass
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import quiet, roots, solve

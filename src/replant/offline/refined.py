@@ -52,7 +52,7 @@ class Root:
     innovation : float
         Variance of the whitened residual; without a reference that of the whitened error of the predicted output.
     misfit : float
-        See `replant.offline.problem.Problem.misfit`.
+        See `replant.offline.srivc_steps.Problem.misfit`.
     converged : bool
         Whether the last step was short: a third of a standard deviation.
     ends : bool

@@ -45,8 +45,8 @@ from replant.engine.record import Record
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
 from replant.offline.coloured_residual import is_noise
-from replant.offline.problem import STALLS, Problem, is_long_enough
 from replant.offline.refined import Refined, Root, conclude
+from replant.offline.srivc_steps import STALLS, Problem, is_long_enough
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.chi2 import chi2_quantile
 from replant.statistics.linear_algebra import quiet

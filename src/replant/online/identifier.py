@@ -23,9 +23,9 @@ from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.identified.model import Model
 from replant.kernels.schema import BELIEVED, Alarm, Attention
 from replant.model.structure import Structure
+from replant.online.begin_recursion import initialize
 from replant.online.change_response import first_look, look
 from replant.online.defaults import settle
-from replant.online.initialization import initialize
 from replant.online.model_of import model_of
 from replant.online.provisional import next_provisional
 from replant.online.readout import Estimate

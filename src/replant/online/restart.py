@@ -15,7 +15,7 @@ from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.offline.map_srivc import revise
 from replant.offline.refined import Refined
-from replant.online.initialization import initialize
+from replant.online.begin_recursion import initialize
 from replant.online.startup import carry_over, warm_up
 from replant.settings import Settings
 from replant.simulation.auxiliary_model import SLOWEST

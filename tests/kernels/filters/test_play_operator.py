@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from replant.kernels.filters.play import play
+from replant.kernels.filters.play_operator import play
 
 
 @pytest.mark.parametrize("width", [0.0, 0.02, 0.5, 3.0])

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from replant.assessment.verdict import Verdict
-from replant.cli.choice import Choice
+from replant.cli.nearest_word import Choice
 from replant.cli.notes import note
 from replant.cli.options import read
 from replant.data.logs import Log

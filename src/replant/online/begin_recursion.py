@@ -9,8 +9,8 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.engine.state import State
-from replant.offline.problem import FASTEST
 from replant.offline.refined import Refined
+from replant.offline.srivc_steps import FASTEST
 from replant.settings import Settings
 from replant.simulation.auxiliary_model import stability_margin
 from replant.statistics.linear_algebra import quiet

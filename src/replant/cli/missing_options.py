@@ -9,7 +9,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from replant.cli.typed import command_line
+from replant.cli.typed_command import command_line
 from replant.errors import LogError
 
 NEEDED = {"input_column": "--input", "output_column": "--output", "poles": "--poles"}
