@@ -84,7 +84,7 @@ campaign: $(READY)  ## the default on 1,000 random plants; SEED=2 gives others
 recorded: $(READY)  ## `run` beside `fit` on every recorded log
 	$(BIN)/python benchmarks/recorded.py
 
-sensitivity: $(READY)  ## halve and double each tuned constant on a battery of records; half an hour; out/sensitivity.jsonl
+sensitivity: $(READY)  ## halve and double each tuned constant on a battery of records; an hour of a core; out/sensitivity.jsonl
 	$(BIN)/python benchmarks/sensitivity $(ARGS)
 
 pages: $(READY)  ## what is made from the source: picture of the folders, pages of state, constants, the closed loop

@@ -39,7 +39,7 @@ trusted or not may be chance. "Nothing changes on these records" says that
 each verdict and figure of theirs stays the same to the last bit: no decision of theirs lies between the values, which
 does not say that none does elsewhere.
 
-{tuned} constants are tuned, {unmeasured} of them not measured; {derived} follow from something else or stand for a
+{tuned} constants are tuned, {unmeasured}; {derived} follow from something else or stand for a
 level; {facts} are plain facts: sizes, formats, time-outs.
 """
 
@@ -152,9 +152,10 @@ def page() -> str:
     """Return the page."""
     found = constants()
     by_kind = {kind: [one for one in found if one.kind == kind] for kind in ("tuned", "derived", "fact")}
+    left = _count([one for one in by_kind["tuned"] if one.paragraphs.get("Sensitivity") == f"{NOT_MEASURED}."])
     head = _HEAD.format(
         tuned=_count(by_kind["tuned"]),
-        unmeasured=_count([one for one in by_kind["tuned"] if one.paragraphs.get("Sensitivity") == f"{NOT_MEASURED}."]),
+        unmeasured=f"{left} of them not measured" if left else "all of them halved and doubled",
         derived=_count(by_kind["derived"]),
         facts=_count(by_kind["fact"]),
     )

@@ -2,7 +2,7 @@
 
 Every value has a process of its own, forked from one that has not imported the package; what came of each is added to
 out/sensitivity.jsonl, so that a run that was interrupted goes on; `--write` puts that into the strings below the
-constants.  Processor time: five seconds a value.
+constants.  Processor time: nine seconds a value, over an hour for all.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from sensitivity.adjustable import make_copy  # noqa: E402
 from sensitivity.comparison import scaled, words, write  # noqa: E402
 
 LONGEST = 60
-"""Processor time that one value may take; usual are five seconds [s]."""
+"""Processor time that one value may take; usual are nine seconds [s]."""
 
 
 def measured(changed: Mapping[str, Any]) -> dict[str, Any]:

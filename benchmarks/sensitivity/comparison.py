@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import textwrap
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -84,7 +85,8 @@ def write(rows: Iterable[Mapping[str, Any]], package: Path) -> None:
         home, _, own = name.rpartition(".")
         path = package / f"{home.replace('.', '/')}.py"
         lines = path.read_text(encoding="utf-8").splitlines()
-        begin = next(i for i, line in enumerate(lines) if line.startswith((f"{own} = ", f"{own}: Final = ")))
+        assigned = re.compile(rf"(\w+, )*{own}(, \w+)*(: Final)? = ")  # two numbers may share a line and its words
+        begin = next(i for i, line in enumerate(lines) if assigned.match(line))
         begin = next(i for i in range(begin, len(lines)) if lines[i].startswith("Sensitivity: "))
         end = lines.index('"""', begin)
         lines[begin:end] = textwrap.wrap(f"Sensitivity: {sentence(by_factor)}.", 120, break_on_hyphens=False)

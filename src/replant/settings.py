@@ -211,5 +211,5 @@ def _check_together(chosen: Settings | Request) -> None:
 LONGEST_STARTUP = 20_000
 """Samples held back at the most, before a start-up that does not suffice is taken as it is [samples].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """

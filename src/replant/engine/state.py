@@ -31,19 +31,19 @@ NOTHING = np.zeros(0)
 GAP = 20.0
 """Time without a sample after which the filters begin anew [sampling times].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 LONGEST_STEP = 1250
 """Samples between two past estimates kept, at the most [samples].
 Derivation: of the RECENT raw samples kept at most half are then held out from the oldest of the PAST estimates.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 SHORTEST_STEP = 128
 """The same where the estimate follows a plant that changes, and is soon out of date by right [samples].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 

@@ -25,7 +25,7 @@ EFFICIENCY = 1.5
 """By how many times fewer rigs tell the scale than there are, as it is made from quantiles [number].
 Origin: of fleets without an odd rig one is then named in 7 of 600 with 20 rigs, 3 of 400 with 50, 1 of 200 with 300;
 with 1 in 13 of 300, 3 of 100 and 2 of 100.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 FEWEST = 8
 """Trusted rigs beyond their coefficients from which on there is something usual [count]."""

@@ -26,7 +26,7 @@ from replant.statistics.robust import robust_std
 ROUNDS = 5
 """Solutions at the most [count].
 Origin: of 36 missing outputs in 1,500, and 50 in a row, the fourth moves no coefficient by a tenth of its deviation.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 SIGMAS = 6.0
@@ -38,20 +38,20 @@ LEAST = 0.25
 """The same beside the output, so that what rounding or a small fault of the model leaves is none [part of the output's
 standard deviation].
 Origin: an outlier that is smaller moves no coefficient by more than its deviation in a record of 500 samples.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 STEPS = 3.0
 """The same beside the sensor's smallest step: rounded, right outputs lie up to two steps from their neighbours' median
 [steps].
 Derivation: one more than two.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 MOST = 0.05
 """Share of outliers beyond which they are none: noise with heavy tails, or another plant [share of samples].
 Origin: as MOST_DOUBTED of the recursion.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 MOST_MISSING = 0.2
@@ -67,7 +67,7 @@ Derivation: two outliers in a row are outvoted.
 JUMP = 0.1
 """Step of the input that a model without a direct path answers too late [part of the input's range].
 Origin: not recorded.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 BY_CHANCE = 0.01

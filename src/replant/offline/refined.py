@@ -28,13 +28,13 @@ ACCEPTABLE = 0.25
 """Relative uncertainty up to which a start-up is long enough [part of a coefficient's size].
 Origin: a recursion from a bad first model can go wrong; a quarter leaves the sign and the size of each coefficient
 known.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 FASTEST_UNSTABLE = 1.0
 """Real part of a pole beyond which no estimate starts a recursion [1 / sampling time].
 Derivation: what grows e-fold from sample to sample no sampled controller holds: its sensitivity peaks at e or more.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 

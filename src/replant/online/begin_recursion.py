@@ -19,20 +19,20 @@ from replant.statistics.udu import compose, factor_covariance
 SHORTEST_MEMORY = 100
 """Samples of an input that stands still before which it does not rest, where an optimizer forgets [samples].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 FORGETS = 0.1
 """Share that is forgotten in a sample, times the start-up's samples, up to which an optimizer counts as one that never
 forgets [ratio].
 Derivation: its memory is then ten start-ups.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 ROOM = 1e6
 """How far forgetting may let the variances grow beyond those of the start-up [ratio of variances].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 

@@ -37,7 +37,7 @@ Derivation: half of the samples kept: as far back as the past estimates reach.
 MATTERS = 0.05
 """Change of the simulated output below which a change of the plant does not matter [part of the output's amplitude].
 Derivation: half of the error of abs G with which a model is trusted.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 RATIO = 1e-3

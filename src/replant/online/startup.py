@@ -23,13 +23,13 @@ Held = tuple[float, float, float, float]  # a sample (u, y, t, r) held for start
 FAR = 1e3
 """Distance of an input beyond which it was misread [times the largest other one].
 Origin: as INPUT_LEAP of the recursion.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 MOST_LONE = 2
 """Inputs of a start-up that may be misread; more are pulses [count].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 

