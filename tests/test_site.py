@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -95,7 +96,7 @@ def test_links_within_the_repository_lead_somewhere(page: str) -> None:
 
 def test_spelling() -> None:
     """`typos` knows common mistakes; names that it takes for one are listed in pyproject.toml."""
-    program = shutil.which("typos")
+    program = shutil.which("typos", path=str(Path(sys.executable).parent)) or shutil.which("typos")
     if program is None:
         pytest.skip("typos is not installed: `pip install typos`")
     command = [program, "--format", "brief", *WRITTEN, "src"]
