@@ -14,6 +14,7 @@ import json
 import math
 import os
 import resource
+import signal
 import sys
 import tempfile
 import time
@@ -46,8 +47,9 @@ def measured(changed: Mapping[str, Any]) -> dict[str, Any]:
         os.close(write)
         with os.fdopen(read, "rb") as pipe:
             content = pipe.read()
-        os.waitpid(child, 0)
-        return json.loads(content) if content else {"failed": "the process ends, or does not"}
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        late = code in (-signal.SIGXCPU, -signal.SIGKILL)
+        return json.loads(content) if content else {"failed": "it takes over a minute" if late else "it crashes"}
     os.environ["ADJUSTED_CONSTANTS"] = json.dumps(changed)
     if changed:  # else kernels may have to be compiled
         resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST))

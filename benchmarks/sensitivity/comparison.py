@@ -34,7 +34,7 @@ def words(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
         return f"cannot be: {after['failed']}"
     broken = [name for name in before if "failed" in after[name]]
     if broken:
-        return f"cannot be: {broken[0]} ends with {after[broken[0]]['failed'][:60]}"
+        return f"cannot be: {broken[0]} ends with {after[broken[0]]['failed'].partition(':')[0]}"
     if json.dumps(before) == json.dumps(after):
         return "nothing changes on these records"
     said: list[str] = []

@@ -38,8 +38,8 @@ Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 LAGS: Final = 4
 """Order of the residual's autoregression [samples].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved, cannot be: the process ends, or does not; doubled, right estimates no longer trusted: 'noise of 1
-s', 'slow noise', 'gaps', 'a little nonlinear'; error of 'gaps' times 1.3.
+Sensitivity: halved, cannot be: it crashes; doubled, right estimates no longer trusted: 'noise of 1 s', 'slow noise',
+'gaps', 'a little nonlinear'; error of 'gaps' times 1.3.
 """
 
 LAGUERRE: Final = 12

@@ -21,8 +21,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 SPIKE_NEIGHBOURS = 5
 """Neighbours whose median tells what an output is without its spikes [samples].
 Derivation: two spikes in a row are outvoted.
-Sensitivity: halved or doubled, cannot be: white 1 % ends with ValueError: operands could not be broadcast together with
-sh.
+Sensitivity: halved or doubled, cannot be: white 1 % ends with ValueError.
 """
 
 
