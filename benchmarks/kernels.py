@@ -51,7 +51,7 @@ OTHERS = {
 }
 REPLAY = rp.Replay(capacity=20_000, batch_size=20)
 DT = 1e-3
-RECENT = 10_000  # raw samples kept, as an identifier does
+STORED = 30_000  # raw samples, as an identifier does
 CHUNK = {True: 1_000, False: 10_000}  # samples, with and without replay: under a millisecond
 SAME = 1e-9  # relative
 ENTRIES, REPETITIONS = (2, 4, 6, 8, 10), 102
@@ -234,7 +234,7 @@ def time_both(optimizer: Optimizer, P: int, replay: bool, run: Run, repetitions:
 
     structure, size = rp.Structure(poles=P // 2, zeros=P // 2 - 1, bias=bool(P % 2)), CHUNK[replay]
     settings = settings_for(structure, optimizer, replay)
-    state = State.of_settings(settings, RECENT)
+    state = State.of_settings(settings, STORED)
     program, arrays = Program(settings, state), (state.ints, state.reals, state.banks, state.buffer, state.recent)
     ours, theirs = (np.empty(size), np.empty((size, P))), (np.empty(size), np.empty((size, P)))
     pointers = [array.ctypes.data for array in theirs]

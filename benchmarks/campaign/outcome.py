@@ -37,7 +37,10 @@ class Outcome:
     status, reason : str
         The verdict.
     deviation : float
-        Largest error of a coefficient in its standard deviations; NaN without a model or a standard deviation.
+        Largest error of a coefficient in its standard deviations, 0 where these are infinite; NaN without a model or a
+        standard deviation.
+    unknown : bool
+        Whether the standard deviations are infinite, because a pole and a zero may cancel.
     beside_bound : float
         Root mean square of the coefficients' errors over their Cramer-Rao bound; NaN where that is not known.
     """
@@ -52,6 +55,7 @@ class Outcome:
     status: str
     reason: str
     deviation: float
+    unknown: bool
     beside_bound: float
 
     @property
@@ -75,6 +79,7 @@ def judged(experiment: Experiment) -> Outcome:
         offline = WORST
     off = np.full(experiment.truth.size, math.nan) if starting else ident.parameters[: experiment.truth.size]
     off = off - experiment.truth
+    std = None if starting else ident.uncertainty.std[: off.size]
     n, m = experiment.structure.poles, experiment.structure.zeros
     noisy = "no noise" if experiment.noise == "none" else f"{experiment.noise} {experiment.decibels:.0f} dB"
     return Outcome(
@@ -88,7 +93,8 @@ def judged(experiment: Experiment) -> Outcome:
         starting,
         verdict.status,
         verdict.reasons[0],
-        _deviation(off, None if starting else ident.uncertainty.std[: off.size]),
+        _deviation(off, std),
+        std is not None and bool(np.isinf(std).all()),
         _beside_bound(off, experiment),
     )
 
@@ -106,7 +112,7 @@ def _size(signal: FloatArray) -> float:
 
 
 def _deviation(off: FloatArray, std: FloatArray | None) -> float:
-    if std is None or not (np.isfinite(std).all() and (std > 0.0).all()):
+    if std is None or not (std > 0.0).all():
         return math.nan
     return float(np.abs(off / std).max())
 

@@ -83,23 +83,24 @@ def test_the_special_families_are_carried_out() -> None:
 
 
 def test_the_table_counts() -> None:
-    right = Outcome(0, "", "white", False, 99.0, 99.0, False, "trusted", "", 1.0, 1.0)
+    right = Outcome(0, "", "white", False, 99.0, 99.0, False, "trusted", "", 1.0, False, 1.0)
     behind = replace(right, number=1, online=50.0, status="converging", deviation=4.0)
     silent = replace(right, number=2, online=WORST, starting=True, status="converging", deviation=math.nan)
     fooled = replace(right, number=3, online=50.0, offline=50.0)
-    rests = replace(right, number=4, status="not excited")
+    rests = replace(right, number=4, rests=True, status="not excited")
+    cancels = replace(right, number=5, status="not excited", deviation=0.0, unknown=True)
     none = Trusted(10, ())
     campaign = Campaign(
-        [right, behind, silent, fooled, rests], none, Trusted(65, ("rig 1", "rig 2", "rig 3")), none, 1, 12
+        [right, behind, silent, fooled, rests, cancels], none, Trusted(65, ("rig 1", "rig 2", "rig 3")), none, 1, 12
     )
     lines = {line.what: line for line in campaign.lines()}
     measured = [line.measured for line in lines.values()]
     assert measured == [
-        "4, 2 of 5", "2 of 5", "1 of 5", "1 of 2", "1 of 3", "1 of 2", "1 of 4", "0 of 0", "0 of 0", "1.00", "0 of 10",
-        "3 of 65", "0 of 10", "1 of 12",
+        "5, 3 of 6", "2 of 6", "1 of 6", "1 of 3", "1 of 3", "1 of 3", "1 of 5", "0 of 0", "0 of 0", "1 of 6", "1.00",
+        "0 of 10", "3 of 65", "0 of 10", "1 of 12",
     ]  # fmt: skip
     assert [line.kept for line in lines.values()] == [
-        None, False, False, False, False, False, False, True, True, None, True, False, True, False,
+        None, False, False, False, False, False, False, True, True, None, None, True, False, True, False,
     ]  # fmt: skip
     worst = " ".join(campaign.worst())
     assert "1: online 50.0 %" in worst

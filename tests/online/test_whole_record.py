@@ -105,7 +105,7 @@ def test_nonlinear_plants_do_not_end_behind_fit(seed: int) -> None:
 
 @pytest.mark.parametrize(
     ("samples", "settings"),
-    [(10_500, {}), (3000, {"optimizer": rp.RecursiveLeastSquares(0.999)}), (3000, {"optimizer": "adam"})],
+    [(30_500, {}), (3000, {"optimizer": rp.RecursiveLeastSquares(0.999)}), (3000, {"optimizer": "adam"})],
     ids=["long", "forgets", "gradient"],
 )
 def test_where_not_every_sample_is_kept_and_counts_nothing_changes(samples: int, settings: dict[str, object]) -> None:

@@ -14,6 +14,7 @@ from replant.assessment.evidence import Evidence
 from replant.assessment.judge import RESTING, judge
 from replant.assessment.verdict import Assessment, Finding, conclude
 from replant.engine.covariance import covariance, slowness
+from replant.engine.dimensions import RECENT, STORED
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import GAP, SHORTEST_STEP, State
 from replant.kernels.schema import PAST, Doubt
@@ -79,7 +80,8 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
     from replant.kernels.monitoring import outliers
 
     dt, size, origin, samples = settings.dt, settings.structure.size, state.record_began, state.samples
-    in_use = _in_use(RecentSamples.of(state).cleaned(), state)
+    finished = state.finished_at == samples
+    in_use = _in_use(RecentSamples.of(state, STORED if finished else RECENT).cleaned(), state)
     kept = in_use.since_last_gap(dt)
     record = kept.without_stuck().record(dt, settings.filter.input_hold)
     record = record if record.intervals.size == 1 else record.last(MOST_IRREGULAR)
@@ -105,10 +107,10 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         grown=samples - state.change_began if state.alarm else 0,
         after_change=_is_after_change(state),
         unsettled=_unsettled(state, settings, known),
-        after_alarm=_is_after_alarm(state, in_use, kept, dt),
+        after_alarm=not finished and _is_after_alarm(state, in_use, kept, dt),
         trusted_before=state.trusted_at > 0,
         since_trusted=samples - state.trusted_at,
-        finished=state.finished_at == samples,
+        finished=finished,
         missing=_missing(in_use),
         stuck=state.stuck_outputs > 0 and samples - state.stuck_last < outliers.CALM,
         usual_interval=float(np.median(in_use.interval[1:])) if len(in_use) > 1 else 0.0,
@@ -150,7 +152,7 @@ def _is_after_change(state: State) -> bool:
     uncertainty is that of its memory.
     """
     changed = max(state.revised_from, state.record_began)
-    forgotten = state.past_step == SHORTEST_STEP and state.samples - changed > state.recent_size
+    forgotten = state.past_step == SHORTEST_STEP and state.samples - changed > RECENT
     return changed > 0 and not forgotten
 
 

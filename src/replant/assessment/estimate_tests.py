@@ -13,6 +13,7 @@ from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.gain_error import gain_findings, output_frequency
 from replant.assessment.newton_step import distance as distance_of
 from replant.assessment.verdict import Finding, figure, percent
+from replant.model.shared_root import shared_root
 from replant.statistics.autoregression import one_step
 from replant.statistics.linear_algebra import roots
 
@@ -28,13 +29,6 @@ MOST_UNCERTAIN_IN_LOOP = 0.06
 disturbances that it fights make errors of coefficients that go together [part of its size].
 Origin: of the loops of the accuracy family those in which one coefficient in ten is a tenth off have 0.07 and more,
 those whose error is below 4 % at the best have 0.046 and less.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-MAY_BE_ABSENT = 1.0
-"""Standard deviation of a coefficient beyond which it may as well be absent, so that poles or zeros are too many [part
-of its size].
-Derivation: its 68 % interval then holds zero.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -159,11 +153,14 @@ class Certainty:
         improves = evidence.adapts and moved > MOST_MOVED and left[0] < IMPROVED * left[1]
         most = MOST_UNCERTAIN_IN_LOOP if closed else MOST_UNCERTAIN
         scatter = _scatter(evidence, runs, known, speeds, by_reference)
+        root = shared_root(evidence.structure, evidence.estimate, known)
+        slow = slow_noise(evidence, uncertainty)
+        figures["uncertainty"] = uncertainty if root is None else math.inf
         findings = [
-            *_of_uncertainty(uncertainty, most, math.inf if closed else scatter, slow_noise(evidence, uncertainty)),
+            *_of_uncertainty(uncertainty, most, math.inf if closed else scatter, root, slow),
             *_of_scatter(scatter),
-            *_of_movement(evidence, moved, sigmas, improves),
-            *_of_distance(evidence, distance, away.statistic),
+            *(_of_movement(evidence, moved, sigmas, improves) if root is None or _shows(runs) else []),
+            *(_of_distance(evidence, distance, away.statistic) if root is None else []),
             *gain_findings(evidence, runs, known, away.covariance),
         ]
         return cls(figures, improves, findings)
@@ -257,15 +254,23 @@ def _scatter(
     return math.sqrt(max(made, 0.0)) / float(size.std()) if size.std() > 0.0 else math.inf
 
 
-def _of_uncertainty(uncertainty: float, most: float, scatter: float, slow: str) -> list[Finding]:
+def _of_uncertainty(
+    uncertainty: float, most: float, scatter: float, root: complex | None, slow: str
+) -> list[Finding]:  # fmt: skip
     """Say where a coefficient is not known well; no obstacle to trust where what the model does is known."""
-    if uncertainty <= most:
+    if uncertainty <= most and root is None:
         return []
     reason = f"a coefficient has a standard deviation of {percent(uncertainty)}{slow}"
-    if scatter <= MINOR_SCATTER and uncertainty <= MAY_BE_ABSENT:
-        known = f"but the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output only"
-        return [Finding("trusted", f"{reason}, {known}: rely on G(s) where the input excites it, not on coefficients")]
     advice = "take more samples, move the input more, or ask for fewer poles and zeros"
+    if root is not None:
+        which = f"a pole and a zero near {root.real:.3g} rad/s"
+        if root.imag:
+            which = f"two poles and two zeros near {root.real:.3g} +- {root.imag:.3g}j rad/s"
+        reason, advice = f"{which} may cancel, so that the coefficients are not known", "ask for fewer of both"
+    if scatter <= MINOR_SCATTER:
+        known = f"but the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output only"
+        trust = "rely on G(s) where the input excites it, not on coefficients"
+        return [Finding("trusted", f"{reason}, {known}: {trust}{'' if root is None else ', or ' + advice}")]
     return [Finding("converging", f"{reason}: {advice}")]
 
 
@@ -274,6 +279,11 @@ def _of_scatter(scatter: float) -> list[Finding]:
         return []
     amount = percent(scatter)
     return [Finding("converging", f"the uncertainty of the estimate amounts to {amount} of the modelled output")]
+
+
+def _shows(runs: Runs) -> bool:
+    """Return whether the movement of the estimate shows in the modelled output."""
+    return float(np.std(runs.now.forced - runs.old.forced)) > MINOR_SCATTER * float(np.std(runs.now.forced))
 
 
 def _of_movement(evidence: Evidence, moved: float, sigmas: float, improves: bool) -> list[Finding]:

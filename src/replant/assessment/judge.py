@@ -102,13 +102,16 @@ def judge(evidence: Evidence) -> Assessment:
     Whether the model is right is one question, whether the newest samples can tell is another.  Where these do not
     excite the plant, as while the input rests, the estimate is judged by all samples; where none of them does, the
     verdict from before the rest stays.  By all samples it is judged as well where too few came since it was made, if
-    the record is long or has ended.
+    the record is long or has ended.  At the end of a record that was solved as a whole an earlier estimate that fails
+    says nothing of the present one, which is then judged by all samples, as that of `fit` is.
     """
     evidence = evidence.in_own_units()
     if evidence.is_young and (evidence.finished or evidence.samples >= MANY * evidence.enough):
         evidence = evidence.as_whole()
     verdict = _judged(evidence)
     if verdict.excited:
+        if evidence.finished and not evidence.in_sample and verdict.status != "trusted":
+            return _judged(evidence.as_whole())
         return verdict
     if evidence.was_trusted and not _objections(evidence):
         return replace(verdict, status="trusted", reasons=(BEFORE, verdict.reasons[0]))
@@ -328,11 +331,9 @@ def _in_favour(evidence: Evidence, loop: Loop, figures: Figures) -> str:
     """Return the reason to trust the model."""
     fit, uncertainty = figures.get("fit", math.nan), figures.get("uncertainty", math.nan)
     which = "in sample" if evidence.in_sample else "which the estimate had not used"
-    std = percent(uncertainty) + slow_noise(evidence, uncertainty)
+    std = f"; its denominator's coefficients have standard deviations up to {percent(uncertainty)}"
+    std = "" if math.isinf(uncertainty) else std + slow_noise(evidence, uncertainty)
     explains = f"the model fits the output to {fit:.1f} %"
     if fit < POOREST_FIT:  # with a reference alone, where `_fit` lets it pass
         explains = "what the model leaves may be chance"
-    return (
-        f"{_how_run(evidence, loop)} over {evidence.span} ({which}), {explains}; "
-        f"its denominator's coefficients have standard deviations up to {std}"
-    )
+    return f"{_how_run(evidence, loop)} over {evidence.span} ({which}), {explains}{std}"

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.engine.dimensions import RECENT, Dimensions
+from replant.engine.dimensions import STORED, Dimensions
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import REASONS, State
 from replant.errors import DamagedCheckpointError
@@ -70,7 +70,7 @@ def layout_of_state() -> str:
 
 def shapes_of(settings: Settings) -> dict[str, tuple[int, ...]]:
     """Return the shape of each array of a running identifier with these settings."""
-    return Dimensions.of_settings(settings, RECENT).shapes
+    return Dimensions.of_settings(settings, STORED).shapes
 
 
 def check_start(request: Request, hold: int, rejects: dict[Any, Any], strays: list[Any]) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
+from replant.engine.dimensions import RECENT
 from replant.engine.record import Record
 from replant.engine.state import GAP, State
 from replant.kernels.schema import BRIDGED, DOUBTED, INPUT, OUTPUT, REFERENCE, STEP, Doubt
@@ -40,11 +41,12 @@ class RecentSamples:
     values: FloatArray
 
     @classmethod
-    def of(cls, state: State) -> RecentSamples:
-        """Return those that a state keeps."""
-        if state.samples < len(state.recent):
-            return cls(state.recent[: state.samples])
-        return cls(np.roll(state.recent, -state.recent_head, axis=0))
+    def of(cls, state: State, most: int = RECENT) -> RecentSamples:
+        """Return the newest of those that a state keeps, at most so many."""
+        rows, size = min(state.samples, most, len(state.recent)), len(state.recent)
+        if state.samples < size:
+            return cls(state.recent[state.samples - rows : state.samples])
+        return cls(state.recent[(state.recent_head - rows + np.arange(rows)) % size])
 
     @classmethod
     def since(cls, state: State, sample: int) -> RecentSamples:

@@ -198,7 +198,7 @@ class StateSlots(Table):
     memory_size = Integer("M, numbers of the optimizer's memory", LAYOUT)
     settings_size = Integer("S, numbers of the optimizer's settings", LAYOUT)
     ring_size = Integer("past inputs kept for the dead time", LAYOUT)
-    recent_size = Integer("raw samples kept, for assessment", LAYOUT)
+    recent_size = Integer("raw samples kept", LAYOUT)
     past_step = Integer("most samples between two past estimates kept", LAYOUT)
     rests_with_input = Flag("updates rest while the input rests", IDENTIFIER)
     rest_after = Integer(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,7 @@ from replant.arguments import (
     owned,
 )
 from replant.model.mode import Mode
+from replant.model.shared_root import shared_root
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.statistics.linear_algebra import quiet
@@ -46,7 +48,9 @@ class Uncertainty:
     r"""The uncertainty of an estimate and of the figures that follow from it, to first order (delta method).
 
     A figure :math:`f(\theta)` has the variance :math:`J C J^T` with :math:`J = \partial f / \partial \theta`.  This
-    holds if the figure is nearly linear over a few standard deviations.
+    holds if the figure is nearly linear over a few standard deviations.  It does not hold of a coefficient where a pole
+    and a zero may cancel: its standard deviation, and that of the pole, is then infinite, see
+    `replant.model.shared_root`.
 
     Parameters
     ----------
@@ -79,17 +83,28 @@ class Uncertainty:
         keep(self, "parameters", owned, (size,))
         keep(self, "covariance", owned, (size, size))
 
+    @cached_property
+    def shared_root(self) -> complex | None:
+        """A pole that a zero may cancel, one of a pair of positive imaginary part; None where there is none."""
+        return shared_root(self.structure, self.parameters, self.covariance)
+
     @property
     @quiet
     def std(self) -> FloatArray:
-        """Standard deviation of each parameter, (P,)."""
+        """Standard deviation of each parameter, (P,); infinite where a pole and a zero may cancel."""
+        if self.shared_root is not None:
+            return np.full(self.structure.size, math.inf)
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0) + 0.0 * np.diag(self.covariance)))
 
     @property
     @quiet
     def modes(self) -> tuple[UncertainMode, ...]:
         """The poles of `TransferFunction.modes`, in the same order, with their standard deviations."""
-        return tuple(self._uncertain_mode(mode) for mode in self._model.modes)
+        modes, shared = self._model.modes, self.shared_root
+        may_cancel = None if shared is None else min(modes, key=lambda mode: abs(mode.pole - shared))
+        return tuple(
+            _unknown(mode, math.inf) if mode is may_cancel else self._uncertain_mode(mode) for mode in modes
+        )  # fmt: skip
 
     @property
     @quiet
@@ -144,7 +159,7 @@ class Uncertainty:
         slope = self._pole_slope(mode.pole)
         if not np.isfinite(slope).all():
             unbounded = math.inf if np.isfinite(self.covariance).all() else math.nan
-            return UncertainMode(mode, np.full((2, 2), unbounded), unbounded, unbounded, unbounded)
+            return _unknown(mode, unbounded)
         parts = np.stack([slope.real, slope.imag])
         covariance = np.asarray(parts @ self.covariance @ parts.T)
         x, y = mode.pole.real, mode.pole.imag
@@ -169,6 +184,10 @@ class Uncertainty:
             return slope
         slope[:n] = -(pole ** np.arange(n - 1, -1, -1)) / steepness
         return slope
+
+
+def _unknown(mode: Mode, std: float) -> UncertainMode:
+    return UncertainMode(mode, np.full((2, 2), std), std, std, std)
 
 
 def _std(slope: FloatArray, covariance: FloatArray) -> float:

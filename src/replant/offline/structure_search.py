@@ -11,7 +11,6 @@ import numpy as np
 
 from replant.arguments import FloatArray, increasing, record, vector, whole
 from replant.assessment import simulate
-from replant.assessment.estimate_tests import MAY_BE_ABSENT
 from replant.engine.record import SAME, gaps_of, ready_record
 from replant.errors import InvalidArgumentError
 from replant.model.dead_time import unknown_outputs
@@ -46,6 +45,13 @@ Sensitivity: halved or doubled, nothing changes on these records.
 LEAST_SHARED = 0.5
 """Share of the stretches that two structures must share to be compared [share].
 Derivation: fewer than three differences have no standard error.
+"""
+
+MAY_BE_ABSENT = 1.0
+"""Standard deviation of a coefficient beyond which it may as well be absent, so that poles or zeros are too many [part
+of its size].
+Derivation: its 68 % interval then holds zero.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 PRECISION = 0.01

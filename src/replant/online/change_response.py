@@ -30,7 +30,7 @@ from replant.online.restart import (
     restart,
     restart_from_prior,
 )
-from replant.online.solve_again import MOST_DOUBTED, is_mature
+from replant.online.solve_again import MATURE, MOST_DOUBTED, is_mature
 from replant.online.step_disturbance import only_constant_moved, with_new_constant
 from replant.settings import Settings
 from replant.statistics.linear_algebra import quiet, roots
@@ -250,7 +250,9 @@ def _solved_since(old: State, settings: Settings, begin: int, most: float) -> St
         return None
     record = kept.record(settings.dt, settings.filter.input_hold)
     refined = refine(settings.structure, record, filtered=old.noise.filters > 0.0)
-    if refined is None or not (refined.acceptable and refined.variance <= most):
+    if refined is None or refined.variance > most:
+        return None
+    if not (refined.acceptable or (refined.settled and record.u.size >= MATURE * settings.startup)):
         return None
     if not is_driven(settings, refined, record):
         return None

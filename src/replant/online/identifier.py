@@ -16,7 +16,7 @@ from replant.arguments import (
     vector,
 )
 from replant.assessment.assess_online import assess_running
-from replant.engine.dimensions import RECENT
+from replant.engine.dimensions import STORED
 from replant.engine.dispatch import Step, bound_step, step_kernels
 from replant.engine.state import NOTHING, REASONS, State
 from replant.errors import ArgumentTypeError, InvalidArgumentError
@@ -558,7 +558,7 @@ class Identifier(Estimate):
             if refined is None or not (refined.acceptable or at_any_rate or 2 * self._hold > LONGEST_STARTUP):
                 self._solved[len(self._held)] = self._held[-1], refined
                 return self._wait_longer()
-        state = State.of_settings(settings, RECENT)
+        state = State.of_settings(settings, STORED)
         for reason, slot in REASONS.items():
             setattr(state, slot.name, self._held_rejects[reason])
         error, t = NAN, REGULAR if np.isnan(t).any() else t

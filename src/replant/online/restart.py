@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.engine.dimensions import RECENT
+from replant.engine.dimensions import STORED
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
 from replant.engine.state import State
@@ -53,7 +53,7 @@ def restart(old: State, settings: Settings, refined: Refined, record: Record, or
     origin : int
         Accepted samples before the record that the estimate is made from.
     """
-    new = State.of_settings(settings, RECENT)
+    new = State.of_settings(settings, STORED)
     initialize(new, settings, refined, record)
     stamps = REGULAR
     if record.intervals.size > 1:

@@ -77,7 +77,7 @@ def review(old: State, settings: Settings) -> State | None:
     if known is None or not _predicts_better(settings, known.theta, old.physical, record, seen):
         return None
     refined = refine(settings.structure, record, [known.theta, old.physical])
-    if refined is None or not (refined.acceptable and is_driven(settings, refined, record)):
+    if refined is None or not (refined.settled and is_driven(settings, refined, record)):
         return None
     new = restart(old, settings, refined, record, old.samples - len(kept))
     clear_doubt(new, kept)

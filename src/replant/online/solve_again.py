@@ -15,9 +15,10 @@ from replant.kernels.schema import Alarm
 from replant.offline.refined import Refined
 from replant.offline.srivc import refine
 from replant.online.movement import asked_for
-from replant.online.restart import clear_doubt, restart, restart_from_prior
+from replant.online.restart import SURE, clear_doubt, restart, restart_from_prior
 from replant.settings import Settings
 from replant.simulation.prediction import prediction_error
+from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.robust import without_spikes
 
@@ -120,9 +121,26 @@ def _record(settings: Settings, kept: RecentSamples) -> Record:
 
 
 def _solution(old: State, settings: Settings, kept: RecentSamples) -> Refined | None:
-    """Return the estimate of samples; None where it is not acceptable."""
-    refined = refine(settings.structure, _record(settings, kept), [old.physical], afresh=True)
-    return refined if refined is not None and refined.acceptable else None
+    """Return the estimate of samples; None where it is uncertain and explains them no better than the present one."""
+    record = _record(settings, kept)
+    refined = refine(settings.structure, record, [old.physical], afresh=True)
+    if refined is None or refined.acceptable:
+        return refined
+    return refined if refined.settled and explains_better(settings, refined.theta, old.physical, record) else None
+
+
+def explains_better(settings: Settings, model: FloatArray, other: FloatArray, record: Record) -> bool:
+    """Return whether a model explains a record better than another, beyond chance.
+
+    Each residual is whitened by a noise model of its own.  What counts is the logarithm of the likelihood ratio,
+    K / 2 log(power of the other / power of the one) for K samples.
+    """
+    powers = []
+    for each in (model, other):
+        error = prediction_error(settings.structure, each[: settings.structure.size], record, settings.dt)
+        powers.append(math.inf if error is None else Autoregression.of(error - error.mean()).power)
+    least = np.finfo(float).tiny
+    return 0.5 * record.u.size * math.log(max(powers[1], least) / max(powers[0], least)) > SURE
 
 
 def _is_nearer(settings: Settings, measured: RecentSamples, model: FloatArray, other: FloatArray) -> bool:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.engine.dimensions import STORED
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import GAP, State
 from replant.kernels.schema import Alarm, Doubt
@@ -34,7 +35,7 @@ def solve_whole(old: State, settings: Settings) -> State | None:
     """
     from replant.kernels.monitoring import outliers
 
-    kept = RecentSamples.of(old)
+    kept = RecentSamples.of(old, STORED)
     is_whole = old.finished_at < old.samples == len(kept) and bool((kept.interval[1:] <= GAP * settings.dt).all())
     if not (old.adapt and remembers_all(old, settings) and is_whole):
         return None
