@@ -99,7 +99,7 @@ def test_with_noise_the_truth_lies_where_the_covariance_says(name: str) -> None:
     np.testing.assert_array_equal(covariance, covariance.T)
     assert np.linalg.eigvalsh(covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))).min() > 0
     assert away @ np.linalg.solve(covariance, away) < chi2.ppf(1 - 1e-4, away.size)
-    known = ident.uncertainty.shared_root is None
+    known = ident.uncertainty.cancelled_pole is None
     np.testing.assert_array_equal(ident.uncertainty.std, np.sqrt(np.diag(covariance)) if known else np.inf)
 
 

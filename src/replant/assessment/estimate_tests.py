@@ -13,7 +13,7 @@ from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.gain_error import gain_findings, output_frequency
 from replant.assessment.newton_step import distance as distance_of
 from replant.assessment.verdict import Finding, figure, percent
-from replant.model.shared_root import shared_root
+from replant.model.shared_root import cancelled_pole
 from replant.statistics.autoregression import one_step
 from replant.statistics.linear_algebra import roots
 
@@ -153,14 +153,14 @@ class Certainty:
         improves = evidence.adapts and moved > MOST_MOVED and left[0] < IMPROVED * left[1]
         most = MOST_UNCERTAIN_IN_LOOP if closed else MOST_UNCERTAIN
         scatter = _scatter(evidence, runs, known, speeds, by_reference)
-        root = shared_root(evidence.structure, evidence.estimate, known)
+        cancelled = cancelled_pole(evidence.structure, evidence.estimate, known)
         slow = slow_noise(evidence, uncertainty)
-        figures["uncertainty"] = uncertainty if root is None else math.inf
+        figures["uncertainty"] = uncertainty if cancelled is None else math.inf
         findings = [
-            *_of_uncertainty(uncertainty, most, math.inf if closed else scatter, root, slow),
+            *_of_uncertainty(uncertainty, most, math.inf if closed else scatter, cancelled, slow),
             *_of_scatter(scatter),
-            *(_of_movement(evidence, moved, sigmas, improves) if root is None or _shows(runs) else []),
-            *(_of_distance(evidence, distance, away.statistic) if root is None else []),
+            *(_of_movement(evidence, moved, sigmas, improves) if cancelled is None or _shows(runs) else []),
+            *(_of_distance(evidence, distance, away.statistic) if cancelled is None else []),
             *gain_findings(evidence, runs, known, away.covariance),
         ]
         return cls(figures, improves, findings)
@@ -255,22 +255,22 @@ def _scatter(
 
 
 def _of_uncertainty(
-    uncertainty: float, most: float, scatter: float, root: complex | None, slow: str
+    uncertainty: float, most: float, scatter: float, cancelled: complex | None, slow: str
 ) -> list[Finding]:  # fmt: skip
     """Say where a coefficient is not known well; no obstacle to trust where what the model does is known."""
-    if uncertainty <= most and root is None:
+    if uncertainty <= most and cancelled is None:
         return []
     reason = f"a coefficient has a standard deviation of {percent(uncertainty)}{slow}"
     advice = "take more samples, move the input more, or ask for fewer poles and zeros"
-    if root is not None:
-        which = f"a pole and a zero near {root.real:.3g} rad/s"
-        if root.imag:
-            which = f"two poles and two zeros near {root.real:.3g} +- {root.imag:.3g}j rad/s"
-        reason, advice = f"{which} may cancel, so that the coefficients are not known", "ask for fewer of both"
+    if cancelled is not None:
+        pole = f"a zero may cancel the pole near {cancelled.real:.3g}"
+        if cancelled.imag:
+            pole = f"zeros may cancel the poles near {cancelled.real:.3g} +- {cancelled.imag:.3g}j"
+        reason, advice = f"{pole} rad/s, so that the coefficients are not known", "ask for fewer poles and zeros"
     if scatter <= MINOR_SCATTER:
         known = f"but the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output only"
         trust = "rely on G(s) where the input excites it, not on coefficients"
-        return [Finding("trusted", f"{reason}, {known}: {trust}{'' if root is None else ', or ' + advice}")]
+        return [Finding("trusted", f"{reason}, {known}: {trust}{'' if cancelled is None else ', or ' + advice}")]
     return [Finding("converging", f"{reason}: {advice}")]
 
 

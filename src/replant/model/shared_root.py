@@ -1,9 +1,9 @@
-r"""Shared roots: a pole and a zero that may cancel, so that the data do not tell the coefficients.
+r"""Shared roots: a pole that a zero may cancel, so that the data do not tell the coefficients.
 
 Where A and B share a root p, G(s) is that of fewer poles and zeros, times (s - p)/(s - p): p may be any number, and the
-coefficients with it.  An estimate whose pole and zero nearly cancel is locally certain of them, because chance has put
-them where they are, and only an unbounded interval holds the true coefficients as often as it says.  What depends on
-G(s) alone, as its gain, its other poles and b_m, is not affected.
+coefficients with it.  The covariance of an estimate whose pole and zero nearly cancel says how well they are known
+near the place where chance has put them; only an unbounded interval holds the true coefficients as often as it says.
+What depends on G(s) alone, as its gain and its other poles, is not affected.
 
 Both A and B are linear in the coefficients theta, so that a root p shared is a linear constraint C theta = c:
 
@@ -60,8 +60,10 @@ Derivation: 4e5 times the precision of float64.
 
 
 @quiet
-def shared_root(structure: Structure, parameters: FloatArray, covariance: FloatArray) -> complex | None:
-    """Return the root that A and B most likely share where they may, one of a pair of positive imaginary part; or None.
+def cancelled_pole(structure: Structure, parameters: FloatArray, covariance: FloatArray) -> complex | None:
+    """Return the pole of an estimate that a zero may cancel, of a pair that above the real axis; None without one.
+
+    It is the pole nearest to the root that A and B most likely share.
 
     Parameters
     ----------
@@ -73,9 +75,9 @@ def shared_root(structure: Structure, parameters: FloatArray, covariance: FloatA
     Examples
     --------
     >>> structure, uncertain = Structure(2, 1), np.diag([0.1, 0.1, 0.1, 0.1]) ** 2
-    >>> shared_root(structure, np.array([3.0, 2.0, 1.0, 0.99]), uncertain).real.round(2)
-    np.float64(-0.99)
-    >>> shared_root(structure, np.array([3.0, 2.0, 1.0, 9.0]), uncertain)
+    >>> cancelled_pole(structure, np.array([3.0, 2.0, 1.0, 0.99]), uncertain)
+    (-1+0j)
+    >>> cancelled_pole(structure, np.array([3.0, 2.0, 1.0, 9.0]), uncertain)
     """
     size = structure.coefficients
     known = covariance[:size, :size]
@@ -91,7 +93,10 @@ def shared_root(structure: Structure, parameters: FloatArray, covariance: FloatA
             i = int(found.argmin())
             if found[i] < least:
                 best, least = complex(candidates[i]), float(found[i])
-    return best
+    if best is None:
+        return None
+    nearest = complex(poles[np.abs(poles - best).argmin()])
+    return complex(nearest.real, abs(nearest.imag))
 
 
 def _real(poles: npt.NDArray[np.complex128], zeros: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:

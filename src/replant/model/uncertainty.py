@@ -17,7 +17,7 @@ from replant.arguments import (
     owned,
 )
 from replant.model.mode import Mode
-from replant.model.shared_root import shared_root
+from replant.model.shared_root import cancelled_pole
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.statistics.linear_algebra import quiet
@@ -84,15 +84,15 @@ class Uncertainty:
         keep(self, "covariance", owned, (size, size))
 
     @cached_property
-    def shared_root(self) -> complex | None:
-        """A pole that a zero may cancel, one of a pair of positive imaginary part; None where there is none."""
-        return shared_root(self.structure, self.parameters, self.covariance)
+    def cancelled_pole(self) -> complex | None:
+        """The pole that a zero may cancel, of a pair that above the real axis; None where there is none."""
+        return cancelled_pole(self.structure, self.parameters, self.covariance)
 
     @property
     @quiet
     def std(self) -> FloatArray:
         """Standard deviation of each parameter, (P,); infinite where a pole and a zero may cancel."""
-        if self.shared_root is not None:
+        if self.cancelled_pole is not None:
             return np.full(self.structure.size, math.inf)
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0) + 0.0 * np.diag(self.covariance)))
 
@@ -100,8 +100,8 @@ class Uncertainty:
     @quiet
     def modes(self) -> tuple[UncertainMode, ...]:
         """The poles of `TransferFunction.modes`, in the same order, with their standard deviations."""
-        modes, shared = self._model.modes, self.shared_root
-        may_cancel = None if shared is None else min(modes, key=lambda mode: abs(mode.pole - shared))
+        modes, cancelled = self._model.modes, self.cancelled_pole
+        may_cancel = None if cancelled is None else min(modes, key=lambda mode: abs(mode.pole - cancelled))
         return tuple(
             _unknown(mode, math.inf) if mode is may_cancel else self._uncertain_mode(mode) for mode in modes
         )  # fmt: skip
