@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import replant as rp
 from support.places import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -115,3 +116,11 @@ def test_a_chirp_that_shows_the_fast_modes_last_ends_where_the_record_does(numbe
     assert outcome.offline > 99.0
     assert outcome.online > outcome.offline - 1.0
     assert outcome.status == "trusted"
+
+
+def test_an_uncertain_model_takes_the_place_of_a_wrong_one() -> None:
+    """Five poles at 7 dB: every right model is uncertain, and the first one, which explains nothing, is no less so."""
+    experiment = plants.drawn(501, 137)
+    ident = rp.Identifier(experiment.structure, experiment.dt)
+    ident.update_many(experiment.u[:6000], experiment.y[:6000])
+    assert explained(ident.transfer_function, experiment.u, experiment.clean, experiment.dt) > 90.0

@@ -29,13 +29,13 @@ def learned(u: FloatArray, y: FloatArray, **settings: object) -> rp.Identifier:
     return ident
 
 
-@pytest.mark.parametrize("samples", [60, 300, 700, 3000, 9999])
+@pytest.mark.parametrize("samples", [60, 300, 700, 3000, 9999, 25_000])
 def test_it_is_what_fit_gives(samples: int) -> None:
     u, y = noisy(0, samples)
     ident = learned(u, y)
     ident.finish()
     fitted = rp.fit(u, y, DT, STRUCTURE)
-    assert (np.abs(ident.parameters - fitted.parameters) < 0.02 * fitted.uncertainty.std).all()
+    assert (np.abs(ident.parameters - fitted.parameters) < 0.05 * fitted.uncertainty.std).all()
     np.testing.assert_allclose(ident.uncertainty.std, fitted.uncertainty.std, rtol=0.05)
 
 

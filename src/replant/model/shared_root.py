@@ -3,7 +3,7 @@ r"""Shared roots: a pole that a zero may cancel, so that the data do not tell th
 Where A and B share a root p, G(s) is that of fewer poles and zeros, times (s - p)/(s - p): p may be any number, and the
 coefficients with it.  The covariance of an estimate whose pole and zero nearly cancel says how well they are known
 near the place where chance has put them; only an unbounded interval holds the true coefficients as often as it says.
-What depends on G(s) alone, as its gain and its other poles, is not affected.
+What G(s) does where the input excites it, and its other poles, are not affected.
 
 Both A and B are linear in the coefficients theta, so that a root p shared is a linear constraint C theta = c:
 
