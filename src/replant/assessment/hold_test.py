@@ -17,7 +17,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment.cross_test import FALSE_ALARM
-from replant.assessment.estimate_tests import FARTHEST, Speeds
+from replant.assessment.estimate_tests import FARTHEST, MOVED_SIGMAS, Speeds
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.newton_step import distance
 from replant.assessment.verdict import Finding, percent
@@ -39,18 +39,36 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 
 def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
-    """Say where an input that is taken as held ran straight between its samples, and what that changes."""
+    """Say where an input that is taken as held ran straight between its samples, or may have, and what that changes."""
     record, rows = evidence.record, evidence.known
     if record.input_hold != "zoh" or not _is_smooth(record.u):
         return []
     held, straight = (_improved(evidence, replace(record, input_hold=hold), rows) for hold in ("zoh", "foh"))
-    if held is None or straight is None or not straight[1] - held[1] > -math.log(FALSE_ALARM):
+    if held is None or straight is None:
         return []
+    gain, sure = straight[1] - held[1], -math.log(FALSE_ALARM)
     step = straight[0].parameters[: evidence.coefficients] - evidence.estimate[: evidence.coefficients]
     size = runs.size(step, Speeds.of(evidence, closed=False).poles)
+    if abs(gain) <= sure:
+        largest = _largest_change(evidence, step)
+        if largest <= FARTHEST:
+            return []
+        reason = "the samples do not tell a held input from one that runs straight between its samples: taken as the"
+        return [Finding("trusted", f"{reason} latter, a coefficient differs by {percent(largest)}")]
+    if gain < 0.0:
+        return []
     reason = "the input seems to run straight between its samples, not to be held: taken so, a coefficient differs by"
     status = "inconsistent" if size > FARTHEST else "trusted"
     return [Finding(status, f'{reason} {percent(size)}: use --input-hold foh, or RefinedFilter("foh")')]
+
+
+def _largest_change(evidence: Evidence, step: FloatArray) -> float:
+    """Return the largest part of its size by which a step changes a coefficient, of those that it changes surely."""
+    if evidence.covariance is None:
+        return 0.0
+    std = np.sqrt(np.maximum(np.diag(evidence.covariance)[: step.size], 0.0))
+    part = np.abs(step) / np.maximum(np.abs(evidence.estimate[: step.size]), np.finfo(float).tiny)
+    return float(part[np.abs(step) > MOVED_SIGMAS * std].max(initial=0.0))
 
 
 def _improved(evidence: Evidence, record: Record, rows: slice) -> tuple[ModelRun, float] | None:
