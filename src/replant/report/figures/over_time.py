@@ -157,7 +157,8 @@ def _transient(axis: Any, t: FloatArray, values: FloatArray, std: FloatArray | N
         return
     drawn = thin(values, style.SHOWN_SMALL)
     if std is not None and np.isfinite(std).any():
-        low, high = (thin(values + sign * style.SIGMAS * std, style.SHOWN_SMALL // 2) for sign in (-1.0, 1.0))
+        half = np.where(np.isfinite(std), style.SIGMAS * std, np.nan)
+        low, high = (thin(values + sign * half, style.SHOWN_SMALL // 2) for sign in (-1.0, 1.0))
         look: Any = {"color": style.MODEL, "alpha": 0.22, "lw": 0, "label": "± 2σ"}
         axis.fill_between(low.among(t), low.values, high.values, **look)
     axis.plot(drawn.among(t), drawn.values, color=style.MODEL, lw=1.4, label="estimate")

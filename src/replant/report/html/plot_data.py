@@ -73,7 +73,7 @@ def _parameter_charts(material: Material) -> list[dict[str, Any]]:
         limits = style.settled_limits(values, style.near_the_end(values, std, true))
         curves = [_curve(within_reason(values, limits), "model", "estimate", points=points)]
         if std is not None and np.isfinite(std).any():
-            curves.append(_curve(std, "model", "± 2σ", "band", points=points))
+            curves.append(_curve(np.where(np.isfinite(std), std, np.nan), "model", "± 2σ", "band", points=points))
         if true is not None and math.isfinite(true):
             curves.append({"label": "true", "role": "truth", "kind": "constant", "value": true})
         times = material.clock.after(history.samples) if material.clock.irregular else None

@@ -156,7 +156,7 @@ def _parameter_table(model: Model, truth: TransferFunction | None) -> Any:
     table = _table(*headings)
     true = true_parameters(truth) if truth else [math.nan] * model.structure.size
     for name, value, std, target in zip(model.structure.names, model.parameters, _stds(model), true, strict=False):
-        cells = [name, f"{value:.4g}", *([f"{std:.2g}"] if known else [])]
+        cells = [name, f"{value:.4g}", *([f"{std:.2g}" if math.isfinite(std) else "unknown"] if known else [])]
         if truth:
             cells += [f"{target:.4g}", off_by(value, target)]
         table.add_row(*cells)
