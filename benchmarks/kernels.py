@@ -32,7 +32,7 @@ from rich.progress import track
 from rich.table import Table
 
 import replant as rp
-from replant.engine.offline_regressors import regressors
+from replant.engine.record_regressors import regressors
 from replant.engine.state import State
 from replant.optimizers import Optimizer
 from replant.settings import Settings

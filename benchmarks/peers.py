@@ -24,7 +24,7 @@ os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_
 import numpy as np
 
 import replant as rp
-from replant.engine.offline_regressors import regressors
+from replant.engine.record_regressors import regressors
 from replant.kernels.optimizers.random_stream import draw_below
 from replant.regressor.preprocess import Preprocess
 

@@ -23,7 +23,7 @@ ORDER = [
     # the kernels: arrays in, arrays out
     *("kernels", "kernels.codegen", "kernels.optimizers", "kernels.filters", "kernels.monitoring", "kernels.step"),
     # the stages from a sample to the regressor, and what they share
-    *("interop", "stamps", "log", "statistics", "optimizers", "model", "regressor"),
+    *("interop", "time_stamps", "log", "statistics", "optimizers", "model", "regressor"),
     *("signals", "rigs", "settings"),
     # the kernels' arrays
     "engine",

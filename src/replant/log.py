@@ -18,7 +18,7 @@ from replant.arguments import (
     whole,
 )
 from replant.interop import frames
-from replant.stamps import is_regular
+from replant.time_stamps import is_regular
 
 if TYPE_CHECKING:
     from pathlib import Path

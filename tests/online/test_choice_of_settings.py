@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.engine.offline_regressors import regressors
+from replant.engine.record_regressors import regressors
 from replant.offline.choose_filter import choose_filter
 from replant.online.defaults import settle
 from replant.optimizers import OPTIMIZERS

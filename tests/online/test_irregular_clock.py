@@ -11,7 +11,7 @@ import pytest
 
 import replant as rp
 from replant.engine.state import GAP
-from replant.online.readout import REASONS
+from replant.online.estimate import REASONS
 from support.builders import AWKWARD, DT, identifier, irregular_record, record, state, true_parameters, two_modes
 
 STRUCTURE, PLANT = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))

@@ -11,7 +11,7 @@ import pytest
 from scipy import signal
 
 import replant as rp
-from replant.engine.offline_regressors import regressors
+from replant.engine.record_regressors import regressors
 from replant.model.dead_time import split_delay
 from replant.regressor.preprocess import Preprocess
 from support.builders import binary, random_plant

@@ -6,7 +6,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment import simulate
-from replant.engine.offline_regressors import regressors
+from replant.engine.record_regressors import regressors
 from replant.model.structure import Structure
 from replant.offline.least_squares import least_squares
 from replant.optimizers.optimizer import rounded

@@ -19,8 +19,8 @@ from replant.arguments import (
     vector,
 )
 from replant.assessment import Simulation, fit_percent, simulate
-from replant.engine.offline_regressors import regressors
 from replant.engine.record import Record, ready_record
+from replant.engine.record_regressors import regressors
 from replant.errors import InvalidArgumentError
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure

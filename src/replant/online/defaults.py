@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from replant.arguments import FloatArray
-from replant.engine.offline_regressors import regressors
+from replant.engine.record_regressors import regressors
 from replant.offline.choose_filter import choose_filter
 from replant.optimizers import OPTIMIZERS, Optimizer
 from replant.optimizers.replay import Replay

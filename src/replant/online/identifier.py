@@ -26,11 +26,11 @@ from replant.model.structure import Structure
 from replant.online.begin_recursion import initialize
 from replant.online.change_response import first_look, look
 from replant.online.defaults import settle
-from replant.online.model_of import model_of
-from replant.online.provisional import next_provisional
-from replant.online.readout import Estimate
+from replant.online.estimate import Estimate
+from replant.online.kept_model import model_of
+from replant.online.provisional_model import next_provisional
 from replant.online.restart import REGULAR
-from replant.online.review import is_at_rest, next_renewal, review
+from replant.online.review_estimate import is_at_rest, next_renewal, review
 from replant.online.solve_again import solve_again
 from replant.online.startup import (
     Held,

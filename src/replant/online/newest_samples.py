@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
-from replant.online.readout import Estimate
+from replant.online.estimate import Estimate
 
 IRREGULAR = 1e-6
 """Deviation of an interval from the sampling time that is more than rounding [part of the sampling time].

@@ -4,14 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from replant.checkpoint.encoding import Progress, decode, encode
-from replant.checkpoint.files import (
-    AnyPath,
-    previous,
-    read,
-    write,
-)
-from replant.errors import CheckpointError, DamagedCheckpointError, MissingCheckpointError
+from replant.checkpoint.encoding import Progress, encode
+from replant.checkpoint.files import AnyPath, write
+from replant.checkpoint.newest_sound import newest_sound
 from replant.online.identifier import Identifier
 
 
@@ -74,23 +69,5 @@ def load(path: AnyPath) -> Loaded:
     >>> loaded.progress, loaded.used_previous
     ({'sequence': 17}, None)
     """
-    try:
-        return _load(path, None)
-    except CheckpointError as error:
-        refused = error
-    try:
-        return _load(previous(path), str(refused))
-    except MissingCheckpointError:
-        raise refused from None
-    except CheckpointError as error:
-        kind = DamagedCheckpointError if isinstance(refused, DamagedCheckpointError) else CheckpointError
-        raise kind(f"{refused}; {error}") from error
-
-
-def _load(path: AnyPath, used_previous: str | None) -> Loaded:
-    data = read(path)
-    try:
-        contents = decode(data)
-    except DamagedCheckpointError as error:
-        raise DamagedCheckpointError(f"{path}: {error}") from error
-    return Loaded(Identifier._of(contents.attributes), contents.progress, used_previous)
+    found = newest_sound(path)
+    return Loaded(Identifier._of(found.contents.attributes), found.contents.progress, found.used_previous)

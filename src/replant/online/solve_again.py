@@ -14,11 +14,11 @@ from replant.engine.state import State
 from replant.kernels.schema import Alarm
 from replant.offline.refined import Refined
 from replant.offline.srivc import refine
-from replant.online.movement import asked_for
+from replant.online.estimate_movement import asked_for
 from replant.online.restart import SURE, clear_doubt, restart, restart_from_prior
 from replant.settings import Settings
 from replant.simulation.prediction import prediction_error
-from replant.statistics.autoregression import Autoregression
+from replant.statistics.autoregression import likelihood_ratio
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.robust import without_spikes
 
@@ -126,21 +126,16 @@ def _solution(old: State, settings: Settings, kept: RecentSamples) -> Refined | 
     refined = refine(settings.structure, record, [old.physical], afresh=True)
     if refined is None or refined.acceptable:
         return refined
-    return refined if refined.settled and explains_better(settings, refined.theta, old.physical, record) else None
+    return refined if refined.settled and _explains_better(settings, refined.theta, old.physical, record) else None
 
 
-def explains_better(settings: Settings, model: FloatArray, other: FloatArray, record: Record) -> bool:
-    """Return whether a model explains a record better than another, beyond chance.
-
-    Each residual is whitened by a noise model of its own.  What counts is the logarithm of the likelihood ratio,
-    K / 2 log(power of the other / power of the one) for K samples.
-    """
-    powers = []
-    for each in (model, other):
-        error = prediction_error(settings.structure, each[: settings.structure.size], record, settings.dt)
-        powers.append(math.inf if error is None else Autoregression.of(error - error.mean()).power)
-    least = np.finfo(float).tiny
-    return 0.5 * record.u.size * math.log(max(powers[1], least) / max(powers[0], least)) > SURE
+def _explains_better(settings: Settings, model: FloatArray, other: FloatArray, record: Record) -> bool:
+    """Return whether a model explains a record better than another, beyond chance."""
+    size = settings.structure.size
+    errors = [prediction_error(settings.structure, each[:size], record, settings.dt) for each in (model, other)]
+    if errors[0] is None or errors[1] is None:
+        return errors[0] is not None
+    return likelihood_ratio(errors[0], errors[1]) > SURE
 
 
 def _is_nearer(settings: Settings, measured: RecentSamples, model: FloatArray, other: FloatArray) -> bool:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.engine.offline_regressors import regressors
+from replant.engine.record_regressors import regressors
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
 from replant.runs.result import Result

@@ -12,7 +12,7 @@ from replant.arguments import BoolArray, FloatArray, IntArray
 from replant.assessment import Simulation
 from replant.online.defaults import settle
 from replant.online.identifier import Identifier
-from replant.online.model_of import model_of
+from replant.online.kept_model import model_of
 from replant.online.trace import Trace
 from replant.regressor.filters import Filter
 from replant.regressor.preprocess import screen

@@ -10,6 +10,7 @@ Identification", section 11.2.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -215,6 +216,21 @@ def sums_of(error: FloatArray, known: IntArray) -> tuple[FloatArray, int]:
     rows = np.flatnonzero(known >= LAGS)
     past = np.stack([error[rows - lag] for lag in range(LAGS + 1)])
     return np.asarray(past @ past.T), rows.size
+
+
+def likelihood_ratio(error: FloatArray, other: FloatArray) -> float:
+    """Return the logarithm of the likelihood ratio of two models of a record by their residuals (K,) on it.
+
+    Each is whitened by a noise model of its own: K / 2 log(power of the other / power of the one).
+
+    Examples
+    --------
+    >>> white = np.random.default_rng(0).standard_normal(1000)
+    >>> round(likelihood_ratio(white, 1.1 * white), 4), round(1000 * math.log(1.1), 4)
+    (95.3102, 95.3102)
+    """
+    powers = [max(Autoregression.of(each - each.mean()).power, np.finfo(float).tiny) for each in (error, other)]
+    return 0.5 * error.size * math.log(powers[1] / powers[0])
 
 
 @quiet

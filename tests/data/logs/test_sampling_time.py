@@ -21,7 +21,7 @@ from replant.data.logs.sampling_time import (
     unit_in_seconds,
 )
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
-from replant.stamps import StampResolution, is_regular
+from replant.time_stamps import StampResolution, is_regular
 
 Write = Callable[..., Path]
 

@@ -7,7 +7,7 @@ import pytest
 
 import replant as rp
 from replant.assessment import simulate
-from replant.engine.offline_regressors import regressors
+from replant.engine.record_regressors import regressors
 from replant.paper.actuator.experiment import (
     DEFAULT,
     FILTERS,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
-from replant.stamps import TOLERANCE, StampResolution, is_regular_interval
+from replant.time_stamps import TOLERANCE, StampResolution, is_regular_interval
 
 CHECKED = 1 << 18
 """Stamps that the usual interval is taken from [samples]."""

@@ -13,7 +13,7 @@ from replant.data.logs import Log
 from replant.errors import ReplantError
 from replant.live.observer.view import View
 from replant.online.identifier import Identifier
-from replant.online.model_of import model_of
+from replant.online.kept_model import model_of
 from replant.runs.record_clock import Clock
 from replant.runs.result import History, Result
 from replant.simulation.stretches import stretches_of

@@ -17,7 +17,7 @@ from replant.live.observer.view import UNNAMED, SessionInfo, SignalNames, View, 
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.online.identifier import Identifier
-from replant.online.model_of import model_of
+from replant.online.kept_model import model_of
 from replant.online.newest_samples import newest_samples
 from replant.plotting.poles import mirrored
 from replant.report.figures.style import mapped_label

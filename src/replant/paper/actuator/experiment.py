@@ -15,7 +15,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment import simulate
-from replant.engine.offline_regressors import regressors
+from replant.engine.record_regressors import regressors
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.offline.fit import fit

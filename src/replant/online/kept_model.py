@@ -8,8 +8,8 @@ from replant.assessment.verdict import Verdict
 from replant.identified.fields import has_rest
 from replant.identified.model import Model
 from replant.identified.provenance import Provenance
+from replant.online.estimate import Estimate
 from replant.online.newest_samples import newest_samples
-from replant.online.readout import Estimate
 from replant.simulation.model_output import model_output
 from replant.simulation.offset_fit import Simulation, fit_percent
 from replant.statistics.autoregression import one_step

@@ -15,7 +15,7 @@ from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.offline.refined import Refined
-from replant.online.provisional import Solved, provisional
+from replant.online.provisional_model import Solved, provisional
 from replant.settings import Request, Settings
 
 

@@ -3,8 +3,8 @@ r"""Review: the estimate of a long record beside its newest samples, and a new b
 An estimate that forgets nothing follows a change the more slowly, the longer the record is.  A change that makes the
 residual grow is noticed by its CUSUM test (`online.change_response`).  A gain that is off by a tenth, or by a quarter
 where the noise is strong, makes it grow little: that shows in the estimate.  Where this moves by more than chance
-(`online.movement`), and the change would show in the output if it went on, a model of the samples kept is solved for.
-It takes the place of the estimate if it predicts samples that it has not seen better, beyond chance.
+(`online.estimate_movement`), and the change would show in the output if it went on, a model of the samples kept is
+solved for.  It takes the place of the estimate if it predicts samples that it has not seen better, beyond chance.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels.schema import Alarm
 from replant.offline.srivc import refine
-from replant.online.movement import asked_for
+from replant.online.estimate_movement import asked_for
 from replant.online.restart import clear_doubt, is_driven, restart
 from replant.online.solve_again import MOST_DOUBTED, next_solution, remembers_all
 from replant.settings import Settings
 from replant.simulation.model_run import run_model
-from replant.statistics.autoregression import Autoregression
+from replant.statistics.autoregression import likelihood_ratio
 from replant.statistics.linear_algebra import quiet
 
 EVERY = RECENT // 2
@@ -95,8 +95,7 @@ def _matters(settings: Settings, model: FloatArray, change: FloatArray, record: 
 def _predicts_better(settings: Settings, model: FloatArray, other: FloatArray, record: Record, seen: int) -> bool:
     """Return whether a model differs from another, and predicts the samples after the first ``seen`` better than it.
 
-    Better is beyond chance.  Each residual is whitened by a noise model of its own.  What counts is the logarithm of
-    the likelihood ratio, K / 2 log(power of the other / power of the one) for K samples.
+    Better is beyond chance.
     """
     size = settings.structure.size
     runs = [run_model(settings.structure, parameters[:size], record, settings.dt) for parameters in (model, other)]
@@ -106,6 +105,4 @@ def _predicts_better(settings: Settings, model: FloatArray, other: FloatArray, r
         return True
     if not float(np.std(runs[0].forced - runs[1].forced)) > MATTERS * float(runs[1].forced.std()):
         return False
-    errors = [run.error[seen:] for run in runs if run is not None]
-    powers = [max(Autoregression.of(error - error.mean()).power, np.finfo(float).tiny) for error in errors]
-    return 0.5 * (record.u.size - seen) * math.log(powers[1] / powers[0]) > -math.log(RATIO)
+    return likelihood_ratio(runs[0].error[seen:], runs[1].error[seen:]) > -math.log(RATIO)

@@ -9,7 +9,7 @@ import pytest
 
 import replant as rp
 from replant.arguments import FloatArray
-from replant.online.provisional import next_provisional
+from replant.online.provisional_model import next_provisional
 
 DT = 0.02
 PLANT = rp.TransferFunction([4.0], [1.0, 1.2, 4.0])
