@@ -114,8 +114,10 @@ def toggling(seed: int, rigs: int) -> Trusted:
 def smooth_inputs(seed: int, rigs: int) -> Trusted:
     """Identify plants whose input is smooth between samples, taken as held; 10 % off in a coefficient is wrong.
 
-    Trusted is what nothing is said of.
+    Trusted is what nothing is said of: neither that the input may run straight between its samples, nor that the
+    coefficients are not known.
     """
+    said = "straight between its samples", "the coefficients are not known"
     wrong, cases = 0, []
     for number in range(rigs):
         rng = np.random.default_rng([seed, 3, number])
@@ -129,9 +131,7 @@ def smooth_inputs(seed: int, rigs: int) -> Trusted:
         if not off.max() <= WRONG:
             wrong += 1
             verdict = ident.assess()
-            if verdict.status == "trusted" and not any(
-                "straight between its samples" in said for said in verdict.reasons
-            ):
+            if verdict.status == "trusted" and not any(words in " ".join(verdict.reasons) for words in said):
                 cases.append(f"rig {number}")
     return Trusted(wrong, tuple(cases))
 
