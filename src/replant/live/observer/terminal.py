@@ -10,26 +10,16 @@ from collections.abc import Sequence
 from typing import Any
 
 from replant.live.observer.view import View
-from replant.live.outputs.message import UNKNOWN
 from replant.model.transfer_function import TransferFunction
 from replant.report.findings import without_reasons
 from replant.report.number_format import grouped, off_by, with_std
 from replant.report.terminal.summary import fraction, true_parameters, wrapped
-from replant.report.verdict_words import colour_of
+from replant.report.verdict_words import colour_of, words_of
 
 LINES_APART = 5.0
 """Time between two lines where nobody watches [s]."""
 REASONS_WIDTH = 71
 """Width of the reasons, where a terminal has 80 columns [columns]."""
-#: For each verdict a shape, which identifies it without its colour.
-SHAPES = {
-    "trusted": "●",
-    "converging": "◐",
-    "not excited": "○",
-    "inconsistent": "▲",
-    "diverged": "✕",
-    UNKNOWN: "?",
-}
 
 
 class TerminalStatus:
@@ -127,7 +117,7 @@ def render(view: View, truth: TransferFunction | None = None, *, running: bool =
     from rich.padding import Padding
     from rich.text import Text
 
-    shape, colour = SHAPES.get(view.verdict, "?"), colour_of(view.verdict)
+    shape, colour = words_of(view.verdict).shape, colour_of(view.verdict)
     frozen = "" if view.adapting else "  (frozen: samples arrive, but the estimate is not updated)"
     rows: list[Any] = [_head(view), Text(_traffic(view, running=running), no_wrap=True, overflow="ellipsis")]
     if view.window.r.size:
