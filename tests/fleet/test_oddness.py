@@ -19,6 +19,7 @@ from replant.fleet.drift import drift_between
 from replant.fleet.folder import report_path
 from replant.fleet.oddness import limit_of, oddness_of
 from replant.fleet.page import write_page
+from replant.fleet.quantities import figures_of
 from replant.fleet.result_row import FAILED, Row, table_of
 from replant.fleet.robust import located
 from replant.fleet.watched_record import Movement
@@ -190,6 +191,27 @@ def test_what_has_drifted_is_found_beside_the_uncertainty_of_both(tmp_path: Path
     assert re.search(r"gain 0\.\d+ times what it was, \d+ standard deviations", words["rig0003"])
     assert "gain of the opposite sign" in words["rig0050"]
     assert (drift.compared, drift.gone, drift.new, drift.fleet) == (100, ("gone",), (), ())
+
+
+def test_coefficients_that_no_record_tells_are_not_compared(tmp_path: Path) -> None:
+    """With a pole and a zero too many each record puts the two elsewhere: nothing has drifted."""
+
+    def identified(seed: int) -> list[Row]:
+        rows = []
+        for k in range(6):
+            random = np.random.default_rng([seed, k])
+            u = np.where(np.cumsum(random.random(800) < 0.1) % 2 == 0, 1.0, -1.0)
+            y = rp.TransferFunction([2.0], [1.0, 0.5]).simulate(u, 0.1) + 0.3 * random.standard_normal(u.size)
+            found = rp.fit(u, y, 0.1, poles=2, zeros=1)
+            assert found.uncertainty.cancelled_pole is not None
+            rows.append(Row(f"rig{k:02}", "trusted", ("so it is",), "log.csv", 1, found.model, 800, movement=MOVES))
+        return rows
+
+    structure = rp.Structure(2, 1)
+    before, now = (saved(tmp_path / str(seed), identified(seed), structure) for seed in (1, 2))
+    assert not figures_of(before.table(), structure).known.any()
+    assert drift_between(before, now).drifted == ()
+    assert not oddness_of(before.table(), structure).odd.any()
 
 
 def test_a_fleet_that_has_changed_as_a_whole_is_told(tmp_path: Path) -> None:

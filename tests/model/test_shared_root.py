@@ -98,3 +98,19 @@ def test_unknown_coefficients_are_null_in_a_file(tmp_path: Path) -> None:
     entries = json.loads((tmp_path / "model.json").read_text())["parameters"]
     assert all(entry["std"] is None for entry in entries.values())
     assert rp.load_model(tmp_path / "model.json") == model
+
+
+def test_what_is_decided_by_a_pole_s_place_does_not_lose_it() -> None:
+    """Whether a pole is unstable, or an integrator's, follows from the covariance, also where a zero may cancel it."""
+    structure, covariance = rp.Structure(2, 1), np.diag([0.01, 0.01, 0.01, 0.01]) ** 2
+    known = Uncertainty(structure, np.array([1.0, -2.0, 1.0, -1.0]), covariance)
+    assert known.cancelled_pole == pytest.approx(1.0)
+    (unstable,) = (mode for mode in known.first_order_modes if mode.mode.pole.real > 0.0)
+    assert unstable.covariance[0, 0] < 0.01**2
+    for mode in known.modes:
+        assert math.isinf(mode.covariance[0, 0]) == (mode.mode.pole == unstable.mode.pole)
+
+
+def test_people_read_unknown() -> None:
+    found = fitted(LAG, 2, 1, 0)
+    assert found.model._repr_html_().count("± unknown") == 4

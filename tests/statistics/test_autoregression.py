@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from replant.kernels.schema import LAGS
-from replant.statistics.autoregression import Autoregression, one_step, sums_of
+from replant.statistics.autoregression import Autoregression, likelihood_ratio, one_step, sums_of
 
 SMOOTH = np.convolve([1.0, -1.9, 0.95], [1.0, -0.95])  # as behind a disturbance of the plant's input
 
@@ -84,3 +85,23 @@ def test_models_of_every_order_are_kept() -> None:
     assert (np.diff([power for _, power in found.nested]) <= 0.0).all()
     np.testing.assert_array_equal(found.nested[found.order][0], found.coefficients)
     assert found.variances[found.order] == pytest.approx(found.power / found.count)
+
+
+@pytest.mark.parametrize(
+    ("error", "other", "sign"),
+    [
+        (1e160, 1.0, -1),
+        (1e150, 1e-20, -1),
+        (0.0, 1e140, 1),
+        (1e-170, 1e-160, 1),
+        (0.0, 0.0, 0),
+        (math.inf, 1.0, -1),
+        (1.0, math.nan, 1),
+    ],
+)
+def test_a_likelihood_ratio_is_one_of_any_residuals(error: float, other: float, sign: int) -> None:
+    white = np.random.default_rng(0).standard_normal(500)
+    found = likelihood_ratio(error * white, other * white)
+    assert np.sign(found) == sign
+    if math.isfinite(error) and math.isfinite(other) and max(error, other) < 1e100:
+        assert likelihood_ratio(1e20 * error * white, 1e20 * other * white) == pytest.approx(found)

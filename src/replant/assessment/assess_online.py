@@ -148,8 +148,8 @@ def _missing(kept: RecentSamples) -> int:
 def _is_after_change(state: State) -> bool:
     """Return whether the estimate was begun anew, or revised, after a change of the plant.
 
-    An estimate that forgets does not become better known for ever: once the change is older than the samples kept, its
-    uncertainty is that of its memory.
+    An estimate that forgets does not become better known for ever: once the change is older than the newest samples,
+    its uncertainty is that of its memory.
     """
     changed = max(state.revised_from, state.record_began)
     forgotten = state.past_step == SHORTEST_STEP and state.samples - changed > RECENT

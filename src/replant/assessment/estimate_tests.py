@@ -263,9 +263,10 @@ def _of_uncertainty(
     reason = f"a coefficient has a standard deviation of {percent(uncertainty)}{slow}"
     advice = "take more samples, move the input more, or ask for fewer poles and zeros"
     if cancelled is not None:
-        pole = f"a zero may cancel the pole near {cancelled.real:.3g}"
+        real = cancelled.real + 0.0  # not -0
+        pole = f"a zero may cancel the pole near {real:.3g}"
         if cancelled.imag:
-            pole = f"zeros may cancel the poles near {cancelled.real:.3g} +- {cancelled.imag:.3g}j"
+            pole = f"zeros may cancel the poles near {real:.3g} +- {cancelled.imag:.3g}j"
         reason, advice = f"{pole} rad/s, so that the coefficients are not known", "ask for fewer poles and zeros"
     if scatter <= MINOR_SCATTER:
         known = f"but the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output only"

@@ -201,7 +201,7 @@ class Evidence:
         if self.covariance is None:
             return ()
         size, structure = self.coefficients, dataclasses.replace(self.structure, bias=False)
-        return Uncertainty(structure, self.estimate[:size], self.covariance[:size, :size]).modes
+        return Uncertainty(structure, self.estimate[:size], self.covariance[:size, :size]).first_order_modes
 
     @property
     def unstable_pole(self) -> float:

@@ -49,13 +49,11 @@ def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     gain, sure = straight[1] - held[1], -math.log(FALSE_ALARM)
     step = straight[0].parameters[: evidence.coefficients] - evidence.estimate[: evidence.coefficients]
     size = runs.size(step, Speeds.of(evidence, closed=False).poles)
-    if abs(gain) <= sure:
-        largest = _largest_change(evidence, step)
-        if largest <= FARTHEST:
-            return []
-        reason = "the samples do not tell a held input from one that runs straight between its samples: taken as the"
-        return [Finding("trusted", f"{reason} latter, a coefficient differs by {percent(largest)}")]
-    if gain < 0.0:
+    if abs(gain) <= sure and _largest_change(evidence, step) > FARTHEST:
+        reason = "the samples do not tell a held input from one that runs straight between its samples, on which"
+        advice = 'if it is measured or analogue, use --input-hold foh, or RefinedFilter("foh")'
+        return [Finding("trusted", f"{reason} coefficients depend: {advice}")]
+    if not gain > sure:
         return []
     reason = "the input seems to run straight between its samples, not to be held: taken so, a coefficient differs by"
     status = "inconsistent" if size > FARTHEST else "trusted"

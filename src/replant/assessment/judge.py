@@ -102,8 +102,8 @@ def judge(evidence: Evidence) -> Assessment:
     Whether the model is right is one question, whether the newest samples can tell is another.  Where these do not
     excite the plant, as while the input rests, the estimate is judged by all samples; where none of them does, the
     verdict from before the rest stays.  By all samples it is judged as well where too few came since it was made, if
-    the record is long or has ended.  At the end of a record that was solved as a whole an earlier estimate that fails
-    says nothing of the present one, which is then judged by all samples, as that of `fit` is.
+    the record is long or has ended.  At the end of a record that was solved as a whole, a verdict on an earlier
+    estimate that is not "trusted" says little of the present one: that is then judged by all samples, as `fit` is.
     """
     evidence = evidence.in_own_units()
     if evidence.is_young and (evidence.finished or evidence.samples >= MANY * evidence.enough):

@@ -39,7 +39,7 @@ Progress = Mapping[str, int | float | str]
 
 MAGIC = b"\x89replant"
 
-VERSION = 3
+VERSION = 4
 """Format of a checkpoint, to be raised when the meaning of anything stored changes; the layout of the state watches
 over itself [number].
 """

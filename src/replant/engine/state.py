@@ -36,7 +36,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 LONGEST_STEP = 1250
 """Samples between two past estimates kept, at the most [samples].
-Derivation: of the RECENT raw samples kept at most half are then held out from the oldest of the PAST estimates.
+Derivation: of the RECENT newest samples at most half are then held out from the oldest of the PAST estimates.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 

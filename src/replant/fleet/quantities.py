@@ -95,6 +95,8 @@ def figures_of(table: Any, structure: Structure, usual: BoolArray | None = None)
     std = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 0.0))
     known = np.isfinite(theta).all(axis=1) & np.isfinite(P).all(axis=(1, 2)) & (std > 0.0).all(axis=1)
     known &= (theta != 0.0).all(axis=1)
+    # where a zero may cancel a pole, the covariance does not say how well the coefficients are known
+    known &= np.isfinite(np.column_stack([column(table, f"{name}_std") for name in names])).all(axis=1)
     if usual is None:
         usual = np.asarray(table.column("verdict").to_numpy(zero_copy_only=False) == "trusted")
     signs = _signs(theta[usual & known], std[usual & known])

@@ -37,7 +37,7 @@ def html(model: ModelFields) -> str:
     std = None if model.uncertainty is None else model.uncertainty.std
     rows = []
     for i, name in enumerate(model.names):
-        known = "" if std is None else f"± {std[i]:.2g}" if math.isfinite(std[i]) else "not known"
+        known = "" if std is None else f"± {std[i]:.2g}" if math.isfinite(std[i]) else "± unknown"
         cells = (name, f"{model.parameters[i]:.5g}", known)
         rows.append("<tr>" + "".join(f"<td {CELL}>{cell}</td>" for cell in cells) + "</tr>")
     poles = ", ".join(f"{pole:.4g}" for pole in model.transfer_function.poles.tolist())

@@ -97,14 +97,22 @@ class Uncertainty:
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0) + 0.0 * np.diag(self.covariance)))
 
     @property
-    @quiet
     def modes(self) -> tuple[UncertainMode, ...]:
-        """The poles of `TransferFunction.modes`, in the same order, with their standard deviations."""
-        modes, cancelled = self._model.modes, self.cancelled_pole
-        may_cancel = None if cancelled is None else min(modes, key=lambda mode: abs(mode.pole - cancelled))
-        return tuple(
-            _unknown(mode, math.inf) if mode is may_cancel else self._uncertain_mode(mode) for mode in modes
-        )  # fmt: skip
+        """The poles of `TransferFunction.modes`, in the same order, with their standard deviations.
+
+        Those of a pole that a zero may cancel are infinite.
+        """
+        found, cancelled = self.first_order_modes, self.cancelled_pole
+        if cancelled is None:
+            return found
+        nearest = min(found, key=lambda each: abs(each.mode.pole - cancelled))
+        return tuple(_unknown(each.mode, math.inf) if each is nearest else each for each in found)
+
+    @property
+    @quiet
+    def first_order_modes(self) -> tuple[UncertainMode, ...]:
+        """The same as the covariance has them, also of a pole that a zero may cancel."""
+        return tuple(self._uncertain_mode(mode) for mode in self._model.modes)
 
     @property
     @quiet

@@ -184,7 +184,8 @@ class Estimate:
         ``status`` says whether the model is right, ``excited`` whether anything can be learned now: a model that was
         trusted stays so while the input rests.
 
-        The state stays as it is.  Takes some tens of milliseconds.  See `replant.assessment.Assessment`.
+        The state stays as it is.  Takes some tens of milliseconds, and some tenths of a second at the end of a long
+        record, of which every sample is looked at.  See `replant.assessment.Assessment`.
         """
         if self._settings is None:
             found = self._provisional

@@ -434,7 +434,7 @@ class Identifier(Estimate):
         """Solve for the estimate with every sample so far, as `replant.fit` does: for the end of a record.
 
         Ends the start-up where it is not over and the samples give a model.  The estimate stays where it is frozen,
-        where older samples are forgotten or no longer kept (there are more than 10000), after a gap, with a method that
+        where older samples are forgotten or no longer kept (there are more than 30000), after a gap, with a method that
         is not the default, and where the plant has changed meanwhile.  Samples may follow.
         """
         if self._settings is None:

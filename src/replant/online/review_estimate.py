@@ -31,7 +31,7 @@ from replant.statistics.linear_algebra import quiet
 
 EVERY = RECENT // 2
 """Samples between two reviews, and the fewest that one uses [samples].
-Derivation: half of the samples kept: as far back as the past estimates reach.
+Derivation: half of the newest samples: as far back as the past estimates reach.
 """
 
 MATTERS = 0.05
@@ -95,7 +95,7 @@ def _matters(settings: Settings, model: FloatArray, change: FloatArray, record: 
 def _predicts_better(settings: Settings, model: FloatArray, other: FloatArray, record: Record, seen: int) -> bool:
     """Return whether a model differs from another, and predicts the samples after the first ``seen`` better than it.
 
-    Better is beyond chance.
+    Better means beyond chance, of samples that neither model has been fitted to.
     """
     size = settings.structure.size
     runs = [run_model(settings.structure, parameters[:size], record, settings.dt) for parameters in (model, other)]

@@ -8,6 +8,8 @@ from replant.arguments import FloatArray
 from replant.model.transfer_function import TransferFunction
 
 MINUS, TIMES, PLUS_MINUS = "−", "×", "±"
+UNKNOWN = "unknown"
+"""In place of a standard deviation that is infinite."""
 PLAIN = 1e6
 """Magnitude from which on a power of ten is split off [number]."""
 WORST_PERCENT = -1000.0
@@ -41,9 +43,11 @@ def uncertain(value: float, std: float | None, digits: int = 4) -> str:
 
     Examples
     --------
-    >>> uncertain(2.05821, 0.0123), uncertain(35812.0, 120.0), uncertain(1.0, None)
-    ('2.058 ± 0.012', '35810 ± 120', '1')
+    >>> uncertain(2.05821, 0.0123), uncertain(35812.0, 120.0), uncertain(1.0, None), uncertain(1.0, math.inf)
+    ('2.058 ± 0.012', '35810 ± 120', '1', '1 ± unknown')
     """
+    if std is not None and math.isinf(std) and math.isfinite(value):
+        return f"{number(value, digits)} {PLUS_MINUS} {UNKNOWN}"
     if not std or not (math.isfinite(value) and math.isfinite(std)):  # a std of 0: a real pole's damping is just 1
         return number(value, digits)
     largest = max(abs(value), std)
@@ -122,7 +126,11 @@ def with_std(value: float, std: float) -> str:
     --------
     >>> with_std(1.2345678, 0.01), with_std(0.4700200, 0.0123), with_std(101.1, 1100.0), with_std(2.0, math.nan)
     ('1.235 +- 0.010', '0.470 +- 0.012', '100 +- 1100', '2')
+    >>> with_std(2.0, math.inf)
+    '2 +- unknown'
     """
+    if math.isinf(std) and math.isfinite(value):
+        return f"{value:.4g} +- {UNKNOWN}"
     if not math.isfinite(std):
         return f"{value:.4g}"
     digits = 4

@@ -87,7 +87,7 @@ def run_source(
 ) -> Result:
     """Identify a record of any length in one pass; a second pass simulates the model and computes its fits.
 
-    At the end a record of at most 10000 samples is solved as a whole, see `Identifier.finish`.
+    At the end a record of at most 30000 samples is solved as a whole, see `Identifier.finish`.
 
     With instruments, the start-up is a tenth of the record, at most 20000 samples.  Without them, the settings left at
     "auto" are chosen beforehand from the first million samples.

@@ -218,10 +218,12 @@ def sums_of(error: FloatArray, known: IntArray) -> tuple[FloatArray, int]:
     return np.asarray(past @ past.T), rows.size
 
 
+@quiet
 def likelihood_ratio(error: FloatArray, other: FloatArray) -> float:
     """Return the logarithm of the likelihood ratio of two models of a record by their residuals (K,) on it.
 
-    Each is whitened by a noise model of its own: K / 2 log(power of the other / power of the one).
+    Each is whitened by a noise model of its own: K / 2 log(power of the other / power of the one).  It does not depend
+    on the unit; a residual that leaves float64 is the less likely one.
 
     Examples
     --------
@@ -229,8 +231,13 @@ def likelihood_ratio(error: FloatArray, other: FloatArray) -> float:
     >>> round(likelihood_ratio(white, 1.1 * white), 4), round(1000 * math.log(1.1), 4)
     (95.3102, 95.3102)
     """
-    powers = [max(Autoregression.of(each - each.mean()).power, np.finfo(float).tiny) for each in (error, other)]
-    return 0.5 * error.size * math.log(powers[1] / powers[0])
+    held, other_held = bool(np.isfinite(error).all()), bool(np.isfinite(other).all())
+    if not (held and other_held):
+        return 0.0 if held == other_held else math.inf if held else -math.inf
+    size = max(float(np.abs(error).max(initial=0.0)), float(np.abs(other).max(initial=0.0)), np.finfo(float).tiny)
+    scaled = error / size, other / size
+    powers = [max(Autoregression.of(each - each.mean()).power, np.finfo(float).tiny) for each in scaled]
+    return 0.5 * error.size * (math.log(powers[1]) - math.log(powers[0]))
 
 
 @quiet
