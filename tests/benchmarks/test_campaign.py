@@ -124,3 +124,8 @@ def test_an_uncertain_model_takes_the_place_of_a_wrong_one() -> None:
     ident = rp.Identifier(experiment.structure, experiment.dt)
     ident.update_many(experiment.u[:6000], experiment.y[:6000])
     assert explained(ident.transfer_function, experiment.u, experiment.clean, experiment.dt) > 90.0
+
+
+def test_a_record_solved_as_a_whole_is_judged_as_a_whole() -> None:
+    """An alarm ended where the input came to rest: what came since would not tell anything."""
+    assert judged(plants.drawn(702, 942)).status == "trusted"

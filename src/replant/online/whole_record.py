@@ -54,6 +54,7 @@ def solve_whole(old: State, settings: Settings) -> State | None:
     new = restart(old, settings, refined, used.record(settings.dt, settings.filter.input_hold), 0)
     clear_doubt(new, used)
     new.alarm, new.change_began, new.finished_at = Alarm.NONE, new.samples, new.samples
+    new.gap_at = 0  # it was where an alarm ended: the record has no gap
     return new
 
 
