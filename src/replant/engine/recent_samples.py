@@ -43,10 +43,12 @@ class RecentSamples:
     @classmethod
     def of(cls, state: State, most: int = RECENT) -> RecentSamples:
         """Return the newest of those that a state keeps, at most so many."""
-        rows, size = min(state.samples, most, len(state.recent)), len(state.recent)
-        if state.samples < size:
-            return cls(state.recent[state.samples - rows : state.samples])
-        return cls(state.recent[(state.recent_head - rows + np.arange(rows)) % size])
+        ring = state.recent
+        rows = min(state.samples, most, len(ring))
+        end = state.samples if state.samples < len(ring) else state.recent_head
+        if rows <= end:
+            return cls(ring[end - rows : end])
+        return cls(np.concatenate([ring[len(ring) - (rows - end) :], ring[:end]]))
 
     @classmethod
     def since(cls, state: State, sample: int) -> RecentSamples:

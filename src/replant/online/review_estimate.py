@@ -53,7 +53,7 @@ def next_renewal(state: State, settings: Settings) -> int:
 
 def is_at_rest(state: State) -> bool:
     """Return whether the input has rested since half of the time between two reviews."""
-    newest = RecentSamples.of(state)[-RESTED:].input
+    newest = RecentSamples.of(state, RESTED).input
     return len(newest) == RESTED and float(np.var(newest)) < LEAST_POWER * state.largest_power
 
 
