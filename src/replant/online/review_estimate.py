@@ -95,7 +95,7 @@ def _matters(settings: Settings, model: FloatArray, change: FloatArray, record: 
 def _predicts_better(settings: Settings, model: FloatArray, other: FloatArray, record: Record, seen: int) -> bool:
     """Return whether a model differs from another, and predicts the samples after the first ``seen`` better than it.
 
-    Better means beyond chance, of samples that neither model has been fitted to.
+    Better means beyond chance, of samples that the first has not been fitted to.
     """
     size = settings.structure.size
     runs = [run_model(settings.structure, parameters[:size], record, settings.dt) for parameters in (model, other)]
