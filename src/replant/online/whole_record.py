@@ -13,10 +13,11 @@ from replant.engine.state import GAP, State
 from replant.kernels.schema import Alarm, Doubt
 from replant.offline.refined import Refined
 from replant.offline.srivc import refine
-from replant.online.restart import clear_doubt, restart
+from replant.online.restart import SURE, clear_doubt, restart
 from replant.online.solve_again import remembers_all
 from replant.settings import Settings
 from replant.simulation.prediction import prediction_error, runs_away
+from replant.statistics.autoregression import likelihood_ratio
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.robust import without_spikes
 
@@ -25,16 +26,13 @@ from replant.statistics.robust import without_spikes
 def solve_whole(old: State, settings: Settings) -> State | None:
     """Return the state that begins at a solution of every sample so far; None where the present estimate stays.
 
-    It stays where older samples are forgotten or no longer kept, and where the plant has changed: where the whole
-    record's model leaves more than `outliers.GROWN` times the power of the samples since, as it makes an alarm.
+    It stays where older samples are forgotten or no longer kept, and where the plant has changed, see `_has_changed`.
 
     Parameters
     ----------
     old : State
     settings : Settings
     """
-    from replant.kernels.monitoring import outliers
-
     kept = RecentSamples.of(old, STORED)
     is_whole = old.finished_at < old.samples == len(kept) and bool((kept.interval[1:] <= GAP * settings.dt).all())
     if not (old.adapt and remembers_all(old, settings) and is_whole):
@@ -44,8 +42,7 @@ def solve_whole(old: State, settings: Settings) -> State | None:
         return None
     refined, used = found
     since = max(old.record_began, old.revised_from, old.change_began if old.alarm else 0)
-    newest = kept[since:]
-    if since and not _left(settings, refined.theta, newest) < outliers.GROWN * _left(settings, old.physical, newest):
+    if since and _has_changed(settings, refined.theta, old.physical, kept[since:]):
         return None
     away, left = _rank(settings, refined.theta, kept)
     present = _rank(settings, old.physical, kept)
@@ -56,6 +53,24 @@ def solve_whole(old: State, settings: Settings) -> State | None:
     new.alarm, new.change_began, new.finished_at = Alarm.NONE, new.samples, new.samples
     new.gap_at = 0  # it was where an alarm ended: the record has no gap
     return new
+
+
+def _has_changed(settings: Settings, whole: FloatArray, present: FloatArray, newest: RecentSamples) -> bool:
+    """Return whether the samples since an alarm are those of another plant than the whole record's model.
+
+    It leaves more than `outliers.GROWN` times the power that the present model does, as it makes an alarm, and that is
+    no chance: a residual that drifts differs as much from one stretch to another.
+    """
+    from replant.kernels.monitoring import outliers
+
+    if _left(settings, whole, newest) < outliers.GROWN * _left(settings, present, newest):
+        return False
+    record = newest.with_output(without_spikes(newest.output)).record(settings.dt, settings.filter.input_hold)
+    size = settings.structure.size
+    errors = [prediction_error(settings.structure, each[:size], record, settings.dt) for each in (present, whole)]
+    if errors[0] is None or errors[1] is None:
+        return errors[0] is not None
+    return likelihood_ratio(errors[0], errors[1]) > SURE
 
 
 def _solution(old: State, settings: Settings, kept: RecentSamples) -> tuple[Refined, RecentSamples] | None:
