@@ -32,6 +32,7 @@ from rich.progress import track
 from rich.table import Table
 
 import replant as rp
+from replant.engine.dimensions import STORED
 from replant.engine.record_regressors import regressors
 from replant.engine.state import State
 from replant.optimizers import Optimizer
@@ -51,7 +52,6 @@ OTHERS = {
 }
 REPLAY = rp.Replay(capacity=20_000, batch_size=20)
 DT = 1e-3
-STORED = 30_000  # raw samples, as an identifier does
 CHUNK = {True: 1_000, False: 10_000}  # samples, with and without replay: under a millisecond
 SAME = 1e-9  # relative
 ENTRIES, REPETITIONS = (2, 4, 6, 8, 10), 102

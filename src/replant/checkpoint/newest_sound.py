@@ -2,30 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from replant.checkpoint.encoding import Contents, decode
 from replant.checkpoint.files import AnyPath, previous, read
 from replant.errors import CheckpointError, DamagedCheckpointError, MissingCheckpointError
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
-    """A checkpoint that was read.
-
-    Attributes
-    ----------
-    contents : Contents
-    used_previous : str or None
-        Why the previous checkpoint was used instead; None where it was not.
-    """
-
-    contents: Contents
-    used_previous: str | None
-
-
-def newest_sound(path: AnyPath) -> Found:
-    """Return the checkpoint under ``path``, or the previous one where that cannot be used.
+def newest_sound(path: AnyPath) -> tuple[Contents, str | None]:
+    """Return the checkpoint under ``path`` and None, or the previous one and why that under ``path`` cannot be used.
 
     Raises
     ------
@@ -35,11 +18,11 @@ def newest_sound(path: AnyPath) -> Found:
         If none of them can be used; the message says why for each.
     """
     try:
-        return Found(_decoded(path), None)
+        return _decoded(path), None
     except CheckpointError as error:
         refused = error
     try:
-        return Found(_decoded(previous(path)), str(refused))
+        return _decoded(previous(path)), str(refused)
     except MissingCheckpointError:
         raise refused from None
     except CheckpointError as error:

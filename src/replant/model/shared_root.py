@@ -40,7 +40,7 @@ Derivation: so far away it is slower than any record, or faster than its samplin
 
 REAL = 200
 """Real roots looked at, of each sign, evenly spaced in the logarithm [count].
-Derivation: 17 a decade over the eight decades of plants whose poles span two; W changes over a factor of about two.
+Derivation: 17 a decade over the eight decades of plants whose poles span two; F changes over a factor of about two.
 """
 
 STEPS = 10
@@ -87,12 +87,11 @@ def cancelled_pole(structure: Structure, parameters: FloatArray, covariance: Flo
     b = parameters[structure.numerator]
     poles, zeros = roots(a), roots(b)
     best, least = None, WEAK
-    for candidates in (_real(poles, zeros), _pairs(poles, zeros) if structure.zeros > 1 else poles[:0]):
-        if candidates.size:
-            found = _statistics(candidates, a, b, known)
-            i = int(found.argmin())
-            if found[i] < least:
-                best, least = complex(candidates[i]), float(found[i])
+    pairs = [_pairs(poles, zeros)] if structure.zeros > 1 else []  # one zero cancels no pair
+    for candidates in (_real(poles, zeros), *pairs):
+        found = _statistics(candidates, a, b, known)
+        if found.min(initial=np.inf) < least:
+            best, least = complex(candidates[found.argmin()]), float(found.min())
     if best is None:
         return None
     nearest = complex(poles[np.abs(poles - best).argmin()])
@@ -114,6 +113,7 @@ def _pairs(poles: npt.NDArray[np.complex128], zeros: npt.NDArray[np.complex128])
 
 
 def _between(poles: npt.NDArray[np.complex128], zeros: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:
+    """Return poles, zeros, and the points on the way from each pole to its nearest zeros."""
     way, found = np.linspace(0.0, 1.0, STEPS + 1), [poles, zeros]
     for pole in poles:
         nearest = zeros[np.argsort(np.abs(zeros - pole))[:NEAR]]
@@ -136,13 +136,10 @@ def _statistics(
     values = np.hstack([part(shared) for part in parts])
     squares = constraints @ covariance @ constraints.transpose(0, 2, 1)
     stds = np.sqrt(np.einsum("rii->ri", squares))
-    usable = np.isfinite(stds).all(axis=1) & (stds > 0.0).all(axis=1)
+    scaled = squares / (stds[:, :, None] * stds[:, None, :])
+    usable = np.isfinite(scaled).all(axis=(1, 2))
+    eigenvalues, vectors = np.linalg.eigh(scaled[usable])
+    along = np.einsum("rji,rj->ri", vectors, values[usable] / stds[usable])
     found = np.full(candidates.size, np.inf)
-    if usable.any():
-        scaled = squares[usable] / (stds[usable, :, None] * stds[usable, None, :])
-        usable[usable] = np.isfinite(scaled).all(axis=(1, 2))
-        scaled = scaled[np.isfinite(scaled).all(axis=(1, 2))]
-        eigenvalues, vectors = np.linalg.eigh(scaled)
-        along = np.einsum("rji,rj->ri", vectors, values[usable] / stds[usable])
-        found[usable] = (along**2 / np.maximum(eigenvalues, ROUNDING)).mean(axis=1)
+    found[usable] = (along**2 / np.maximum(eigenvalues, ROUNDING)).mean(axis=1)
     return np.where(np.isfinite(found), found, np.inf)

@@ -69,5 +69,5 @@ def load(path: AnyPath) -> Loaded:
     >>> loaded.progress, loaded.used_previous
     ({'sequence': 17}, None)
     """
-    found = newest_sound(path)
-    return Loaded(Identifier._of(found.contents.attributes), found.contents.progress, found.used_previous)
+    contents, used_previous = newest_sound(path)
+    return Loaded(Identifier._of(contents.attributes), contents.progress, used_previous)

@@ -119,6 +119,17 @@ def off_by(value: float, true: float) -> str:
     return f"{percent:+.2f} %" if 0.1 <= abs(percent) < 1e6 else f"{percent:+.2g} %"
 
 
+def std_alone(std: float) -> str:
+    """Write a standard deviation that stands in a column of its own.
+
+    Examples
+    --------
+    >>> std_alone(0.01234), std_alone(math.inf)
+    ('0.012', 'unknown')
+    """
+    return f"{std:.2g}" if math.isfinite(std) else UNKNOWN
+
+
 def with_std(value: float, std: float) -> str:
     """Write a figure with its standard deviation, where one is known: to the same place, in four digits at the most.
 

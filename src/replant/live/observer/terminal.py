@@ -12,7 +12,7 @@ from typing import Any
 from replant.live.observer.view import View
 from replant.model.transfer_function import TransferFunction
 from replant.report.findings import without_reasons
-from replant.report.number_format import grouped, off_by, with_std
+from replant.report.number_format import grouped, off_by, std_alone, with_std
 from replant.report.terminal.summary import fraction, true_parameters, wrapped
 from replant.report.verdict_words import colour_of, words_of
 
@@ -178,7 +178,7 @@ def _coefficients(view: View, truth: TransferFunction | None) -> Any:
         table.add_column(heading, justify="right")
     for i, name in enumerate(view.names):
         value, std = float(view.parameters[i]), float(view.std[i])
-        cells = [name, f"{value:.5g}", f"{std:.2g}" if math.isfinite(std) else "unknown"]
+        cells = [name, f"{value:.5g}", std_alone(std)]
         if i < len(true):
             cells += [f"{true[i]:.5g}", off_by(value, true[i])]
         table.add_row(*cells)

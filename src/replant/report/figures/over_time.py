@@ -156,8 +156,7 @@ def _transient(axis: Any, t: FloatArray, values: FloatArray, std: FloatArray | N
         style.say(axis, "no estimate")
         return
     drawn = thin(values, style.SHOWN_SMALL)
-    if std is not None and np.isfinite(std).any():
-        half = np.where(np.isfinite(std), style.SIGMAS * std, np.nan)
+    if (half := style.band(std)) is not None:
         low, high = (thin(values + sign * half, style.SHOWN_SMALL // 2) for sign in (-1.0, 1.0))
         look: Any = {"color": style.MODEL, "alpha": 0.22, "lw": 0, "label": "± 2σ"}
         axis.fill_between(low.among(t), low.values, high.values, **look)

@@ -86,9 +86,7 @@ def _draw(axis: Any, result: Result, i: int, dt: float, end: float, name: str, c
         return
     t = result.clock_of(dt).after(history.samples[begin:])
     values = np.clip(history.parameters[begin:, i], -style.FARTHEST, style.FARTHEST)
-    if history.std is not None and np.isfinite(history.std[begin:, i]).any():
-        std = history.std[begin:, i]
-        half = np.where(np.isfinite(std), style.SIGMAS * std, np.nan)
+    if (half := style.band(None if history.std is None else history.std[begin:, i])) is not None:
         low, high = (thin(values + sign * half, style.SHOWN_SMALL // 4) for sign in (-1.0, 1.0))
         axis.fill_between(low.among(t), low.values, high.values, color=colour, alpha=0.13, lw=0)
     drawn = thin(values, style.SHOWN_SMALL)

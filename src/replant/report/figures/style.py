@@ -224,6 +224,13 @@ def estimates(history: History) -> FloatArray:
     return values
 
 
+def band(std: FloatArray | None) -> FloatArray | None:
+    """Return the half-width of a band, NaN where the standard deviation is unknown; None where it is so everywhere."""
+    if std is None or not np.isfinite(std).any():
+        return None
+    return np.where(np.isfinite(std), SIGMAS * std, np.nan)
+
+
 def settled_limits(values: FloatArray, extra: Sequence[float] = ()) -> tuple[float, float]:
     """Return limits that show the last nine tenths of an estimate, and the values ``extra``."""
     shown = np.concatenate([values[values.size // 10 :], np.asarray(extra, np.float64)])

@@ -12,7 +12,7 @@ from replant.assessment.verdict import Verdict
 from replant.identified import model_json
 from replant.identified.model import Model
 from replant.model.transfer_function import TransferFunction
-from replant.report.number_format import duration, interval, off_by, percent, with_std
+from replant.report.number_format import duration, interval, off_by, percent, std_alone, with_std
 from replant.report.verdict_words import colour_of
 from replant.runs.record_clock import Clock
 from replant.runs.result import Result
@@ -156,7 +156,7 @@ def _parameter_table(model: Model, truth: TransferFunction | None) -> Any:
     table = _table(*headings)
     true = true_parameters(truth) if truth else [math.nan] * model.structure.size
     for name, value, std, target in zip(model.structure.names, model.parameters, _stds(model), true, strict=False):
-        cells = [name, f"{value:.4g}", *([f"{std:.2g}" if math.isfinite(std) else "unknown"] if known else [])]
+        cells = [name, f"{value:.4g}", *([std_alone(std)] if known else [])]
         if truth:
             cells += [f"{target:.4g}", off_by(value, target)]
         table.add_row(*cells)
