@@ -13,7 +13,7 @@ import pytest
 
 from replant.live.outputs.message import ENDED, WAITING, EstimateMessage
 from replant.live.outputs.notices import Notices
-from replant.live.outputs.publisher import Outlets
+from replant.live.outputs.publisher import Publisher
 from replant.live.outputs.sinks import open_sink
 from support.broker import MOSQUITTO, Broker
 from support.live_command import ReplayingPeer, lines, live, wait_for
@@ -123,15 +123,15 @@ def test_what_a_dead_session_left_is_replaced_before_the_first_sample(broker: Br
     """Also by a session that never gets one, and again after the broker has lost everything."""
     controller.publish({"trusted": 1, "status": "running", "verdict": "trusted"})
     controller.until(trusted=True)
-    outlets = Outlets(
+    publisher = Publisher(
         [open_sink(f"{broker.url}/{TOPIC}")], None, 5.0, notices=Notices(print), on_reader_gone=lambda: None
     )
     unknown = np.full(2, np.nan)
-    outlets.start(EstimateMessage(0.0, None, 0, ("a0", "b0"), unknown, unknown, "starting", "unknown"))
+    publisher.start(EstimateMessage(0.0, None, 0, ("a0", "b0"), unknown, unknown, "starting", "unknown"))
     assert controller.until(trusted=False)["status"] == WAITING
     broker.kill()
     controller.forget()
     broker.start()
     assert controller.until(trusted=False)["status"] == WAITING
-    outlets.end()
+    publisher.end()
     assert wait_for(lambda: controller.heard[-1]["status"] == ENDED)

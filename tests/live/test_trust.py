@@ -15,7 +15,7 @@ import pytest
 
 import replant as rp
 from replant.data.streams import Batch
-from replant.live.outputs import publisher as outlets_module
+from replant.live.outputs import publisher as publisher_module
 from replant.live.outputs.message import (
     ENDED,
     UNKNOWN,
@@ -24,7 +24,7 @@ from replant.live.outputs.message import (
     time_to_live,
 )
 from replant.live.outputs.notices import Notices
-from replant.live.outputs.publisher import Outlets
+from replant.live.outputs.publisher import Publisher
 from replant.live.outputs.sinks import LineSink
 from support.live_command import wait_for
 from support.live_fakes import DT, FakeObserver, FakeSink, FakeSource, JudgingObserver, make, record
@@ -96,44 +96,46 @@ def test_nobody_trusts_for_longer_than_the_time_to_live(seed: int) -> None:
     """
     clock, generator = Clock(), np.random.default_rng(seed)
     outside = consumers(clock, generator)
-    outlets = Outlets(outside, None, TTL, notices=Notices(lambda line: None), on_reader_gone=lambda: None, now=clock)
-    outlets._newest = estimate()  # as `start` does, without its thread
+    publisher = Publisher(
+        outside, None, TTL, notices=Notices(lambda line: None), on_reader_gone=lambda: None, now=clock
+    )
+    publisher._newest = estimate()  # as `start` does, without its thread
     newest, accepted, held = estimate(), -np.inf, 0
     phase, phase_ends = "samples", clock() + 20.0
     while clock() < 1300.0:
-        clock.now += float(generator.uniform(0.0, outlets_module.TICK))
+        clock.now += float(generator.uniform(0.0, publisher_module.TICK))
         if clock() >= phase_ends:
             phase = str(generator.choice(["samples", "rejected", "silence", "stuck"]))
             phase_ends = clock() + float(generator.exponential(12.0))
         if phase == "samples" and generator.random() < 0.5:
-            outlets.accepted()
+            publisher.accepted()
             accepted = clock()
         if phase != "silence" and generator.random() < 0.5:
             newest = estimate(str(generator.choice(["trusted", "trusted", "trusted", "converging"])))
-            outlets.mark()
+            publisher.mark()
         if phase != "stuck":  # the session's own thread waits for a disk, a solution, a source
-            outlets.send(lambda: newest)  # noqa: B023 - called at once
-        outlets.check()
+            publisher.send(lambda: newest)  # noqa: B023 - called at once
+        publisher.check()
         overdue = clock() - accepted - TTL
         for consumer in outside:
             held += consumer.trusts
-            patience = 20 * outlets_module.TICK if consumer.name in ("slow", "failing") else outlets_module.TICK
+            patience = 20 * publisher_module.TICK if consumer.name in ("slow", "failing") else publisher_module.TICK
             assert not (consumer.trusts and overdue > patience), consumer.name
     assert held > 300
-    outlets.end()
+    publisher.end()
     assert not any(consumer.trusts for consumer in outside if consumer.name == "good")
 
 
 def test_the_rest_of_the_time_to_live_goes_along() -> None:
     clock, sink = Clock(), FakeSink()
-    outlets = Outlets([sink], None, TTL, notices=Notices(print), on_reader_gone=lambda: None, now=clock)
-    outlets.mark()
-    outlets.send(estimate)
-    outlets.accepted()
+    publisher = Publisher([sink], None, TTL, notices=Notices(print), on_reader_gone=lambda: None, now=clock)
+    publisher.mark()
+    publisher.send(estimate)
+    publisher.accepted()
     for seconds in (0.0, 1.2345, 3.765, 1.0):
         clock.now += seconds
-        outlets.mark()
-        outlets.send(estimate)
+        publisher.mark()
+        publisher.send(estimate)
     told = [(one.trusted, one.excited, one.ttl, one.status, one.verdict) for one in sink.sent]
     nothing = (False, False, 0.0, WAITING, UNKNOWN)
     known = [(True, True, ttl, "running", "trusted") for ttl in (5.0, 3.765)]
@@ -144,13 +146,13 @@ def test_the_rest_of_the_time_to_live_goes_along() -> None:
 
 def test_what_is_not_trusted_stays_so_and_is_not_said_again() -> None:
     clock, sink = Clock(), FakeSink()
-    outlets = Outlets([sink], None, TTL, notices=Notices(print), on_reader_gone=lambda: None, now=clock)
-    outlets.accepted()
-    outlets.mark()
-    outlets.send(lambda: estimate("converging"))
+    publisher = Publisher([sink], None, TTL, notices=Notices(print), on_reader_gone=lambda: None, now=clock)
+    publisher.accepted()
+    publisher.mark()
+    publisher.send(lambda: estimate("converging"))
     clock.now += 100.0
     for _ in range(10):
-        outlets.check()
+        publisher.check()
     assert len(sink.sent) == 1
 
 
@@ -162,18 +164,18 @@ def test_the_end_is_said_once_whoever_says_it() -> None:
         def __call__(self) -> float:
             if threading.current_thread() is not threading.main_thread():
                 asked.set()
-                outlets._ended.wait(PATIENCE)
+                publisher._ended.wait(PATIENCE)
             return self.now
 
     clock = Slow()
-    outlets = Outlets([sink], None, TTL, notices=Notices(print), on_reader_gone=lambda: None, now=clock)
-    outlets.accepted()
-    outlets.mark()
-    outlets.send(estimate)
+    publisher = Publisher([sink], None, TTL, notices=Notices(print), on_reader_gone=lambda: None, now=clock)
+    publisher.accepted()
+    publisher.mark()
+    publisher.send(estimate)
     clock.now += 2.0 * TTL
-    outlets.start(estimate())
+    publisher.start(estimate())
     assert asked.wait(PATIENCE)
-    outlets.end()
+    publisher.end()
     assert [one.status for one in sink.sent] == ["running", ENDED]
 
 

@@ -1,4 +1,4 @@
-"""Soundness: the content of a checkpoint fits together: settings, sizes, positions inside their arrays, all numbers.
+"""Content check: settings, sizes, positions inside their arrays and all numbers of a checkpoint fit together.
 
 The kernels do not check their indices, so a state must be sound before they use it.  No compiled code runs here: the
 layout of a state is computed from the settings in Python, and compared.

@@ -1,4 +1,4 @@
-"""Values: settings as plain JSON and back, exactly: numbers to the bit, objects by the name of their class."""
+"""Settings as plain JSON and back, exactly: numbers to the bit, objects by the name of their class."""
 
 from __future__ import annotations
 

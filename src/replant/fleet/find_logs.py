@@ -1,4 +1,4 @@
-"""Walk: the logs in a folder and in all folders in it, each once, whatever links lead where."""
+"""Find logs: those in a folder and in all folders in it, each once, whatever links lead where."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Row: what is kept of a rig, and the columns of the table of results."""
+"""Result row: what is kept of a rig, and the columns of the table of results."""
 
 from __future__ import annotations
 

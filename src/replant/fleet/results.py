@@ -1,4 +1,4 @@
-"""Fleet: the results of a fleet, in its folder."""
+"""Results: those of a fleet, read from its folder (`Fleet`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Watched: a record that notes, as it is read, how far input and output move and how long the output stands still."""
+"""Watched record: notes, as it is read, how far input and output move and how long the output stands still."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run: sets up a session as planned, runs it, and prints the result."""
+"""Run a session: it is set up as planned and run, and its result is printed."""
 
 from __future__ import annotations
 

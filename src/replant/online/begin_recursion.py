@@ -1,4 +1,4 @@
-"""Initialization: a refined estimate, its covariance and its statistics written into a state."""
+"""Begin the recursion: a refined estimate, its covariance and its statistics written into a state."""
 
 from __future__ import annotations
 

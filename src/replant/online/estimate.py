@@ -1,4 +1,4 @@
-"""Readout: the properties and methods of an identifier that do not change it."""
+"""Estimate: the properties and methods of an identifier that do not change it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Refusals: what the operating system denied a process, in words, and what to do about it."""
+"""Errors of the operating system: what it denied a process, in words, and what to do about it."""
 
 from __future__ import annotations
 

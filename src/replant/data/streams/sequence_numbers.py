@@ -1,4 +1,4 @@
-"""Numbering: the sequence numbers of a stream; no sample is taken twice, and each lost sample is counted."""
+"""Sequence numbers of a stream: no sample is taken twice, and each lost sample is counted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Outlets: send estimates to the sinks; a watchdog withdraws trust when no sample is accepted.
+"""Publisher: sends estimates to the sinks; a watchdog withdraws trust when no sample is accepted.
 
 No receiver holds ``trusted: 1`` for longer than the time to live without an accepted sample.  Each message carries the
 rest of that time, for receivers that get no further message.  When the time is over while the session's thread waits
@@ -32,7 +32,7 @@ GOODBYE = 2.0
 
 
 @dataclass
-class _Outlet:
+class _Receiver:
     """A sink and its state: whether an estimate is pending, when it is due, whether it may hold trust, has ended."""
 
     sink: Sink
@@ -43,7 +43,7 @@ class _Outlet:
     lock: threading.Lock = field(default_factory=threading.Lock)
 
 
-class Outlets:
+class Publisher:
     """Sends estimates to sinks, each at its own rate.
 
     Parameters
@@ -70,8 +70,8 @@ class Outlets:
         on_reader_gone: Callable[[], None],
         now: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._watched = [_Outlet(sink) for sink in sinks]
-        self._all = [*self._watched, *([_Outlet(archive)] if archive is not None else [])]
+        self._watched = [_Receiver(sink) for sink in sinks]
+        self._all = [*self._watched, *([_Receiver(archive)] if archive is not None else [])]
         self._ttl, self._notices, self._on_reader_gone, self._now = ttl, notices, on_reader_gone, now
         self._accepted = -math.inf  # time of the last accepted sample
         self._newest: EstimateMessage | None = None
@@ -97,31 +97,31 @@ class Outlets:
 
     def mark(self) -> None:
         """Mark that there is a new estimate to send."""
-        for outlet in self._all:
-            outlet.pending = True
+        for receiver in self._all:
+            receiver.pending = True
 
     def send(self, estimate: Callable[[], EstimateMessage], *, immediately: bool = False) -> None:
-        """Send the newest estimate to each outlet that is due; with ``immediately`` to each that lacks it."""
+        """Send the newest estimate to each receiver that is due; with ``immediately`` to each that lacks it."""
         now = self._now()
-        due = [outlet for outlet in self._all if outlet.pending and (immediately or now >= outlet.due)]
+        due = [receiver for receiver in self._all if receiver.pending and (immediately or now >= receiver.due)]
         if not due:
             return
         self._newest = estimate()
-        for outlet in due:
-            outlet.pending, outlet.due = False, now + outlet.sink.interval
-            with outlet.lock:
-                self._transmit(outlet)
+        for receiver in due:
+            receiver.pending, receiver.due = False, now + receiver.sink.interval
+            with receiver.lock:
+                self._transmit(receiver)
 
     def check(self) -> None:
         """Do the watchdog's work once: withdraw expired trust, and send again what did not arrive."""
         expired = self._remaining() <= 0.0
-        for outlet in self._watched:
-            wanted = outlet.sink.behind or (expired and outlet.trusted)
-            if wanted and outlet.lock.acquire(blocking=False):  # else the other thread is sending right now
+        for receiver in self._watched:
+            wanted = receiver.sink.behind or (expired and receiver.trusted)
+            if wanted and receiver.lock.acquire(blocking=False):  # else the other thread is sending right now
                 try:
-                    self._transmit(outlet)
+                    self._transmit(receiver)
                 finally:
-                    outlet.lock.release()
+                    receiver.lock.release()
 
     def end(self) -> None:
         """Send ``status: ended`` on every sink, and close them; a second call has no effect."""
@@ -130,18 +130,18 @@ class Outlets:
         self._ended.set()
         if self._thread is not None:
             self._thread.join(GOODBYE)
-        for outlet in self._watched:
-            if outlet.lock.acquire(timeout=GOODBYE):  # else its connection blocks the watchdog
-                if not outlet.ended:  # the watchdog may have been about to send, and said it
-                    self._transmit(outlet)
-                outlet.lock.release()
+        for receiver in self._watched:
+            if receiver.lock.acquire(timeout=GOODBYE):  # else its connection blocks the watchdog
+                if not receiver.ended:  # the watchdog may have been about to send, and said it
+                    self._transmit(receiver)
+                receiver.lock.release()
         deadline = time.monotonic() + GOODBYE
-        while any(outlet.sink.behind for outlet in self._watched) and time.monotonic() < deadline:
+        while any(receiver.sink.behind for receiver in self._watched) and time.monotonic() < deadline:
             time.sleep(0.2 * TICK)
             self.check()
-        for outlet in self._watched:
+        for receiver in self._watched:
             with contextlib.suppress(OSError):
-                outlet.sink.close()
+                receiver.sink.close()
 
     def _watch(self) -> None:
         pause = TICK
@@ -154,21 +154,21 @@ class Outlets:
         """Return how long a controller may still use the estimate, in s."""
         return 0.0 if self._ended.is_set() else max(self._accepted + self._ttl - self._now(), 0.0)
 
-    def _transmit(self, outlet: _Outlet) -> None:
-        """Send the newest estimate with the present time to live; the caller holds the outlet's lock."""
+    def _transmit(self, receiver: _Receiver) -> None:
+        """Send the newest estimate with the present time to live; the caller holds the receiver's lock."""
         if self._newest is None:
             return
         estimate = self._stamped(self._newest)
-        outlet.trusted |= estimate.trusted
+        receiver.trusted |= estimate.trusted
         try:
-            outlet.sink.send(estimate)
-            if not outlet.sink.behind:
-                outlet.trusted, outlet.ended = estimate.trusted, estimate.status == ENDED
+            receiver.sink.send(estimate)
+            if not receiver.sink.behind:
+                receiver.trusted, receiver.ended = estimate.trusted, estimate.status == ENDED
         except BrokenPipeError:  # the reader has closed the pipe, as `| head` does
-            outlet.trusted = False
+            receiver.trusted = False
             self._on_reader_gone()
         except Exception as error:  # a fault of one sink; the others, and the watchdog, continue
-            name = outlet.sink.name
+            name = receiver.sink.name
             self._notices.say(name, f"replant: {name}: {one_line(error)}; identification continues")
 
     def _stamped(self, estimate: EstimateMessage) -> EstimateMessage:

@@ -1,4 +1,4 @@
-"""Malloc: a setting of the C library that keeps memory from growing over days."""
+"""Allocator: a setting of the C library's malloc that keeps memory from growing over days."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Limits: the conditions that end a session."""
+"""End conditions: limits of time and samples, or a verdict, that end a session."""
 
 from __future__ import annotations
 

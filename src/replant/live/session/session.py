@@ -18,7 +18,7 @@ from replant.live.outputs.disk_writer import DiskWriter
 from replant.live.outputs.message import UNKNOWN, EstimateMessage, time_to_live
 from replant.live.outputs.notices import Notices
 from replant.live.outputs.parquet_recorder import ParquetRecorder
-from replant.live.outputs.publisher import Outlets
+from replant.live.outputs.publisher import Publisher
 from replant.live.outputs.sinks import Sink
 from replant.live.session.checkpointing import CheckpointWriter
 from replant.live.session.end_conditions import Limits
@@ -71,7 +71,7 @@ class Session:
         self._disk_writer, self._notices, self._observer = disk_writer, notices, observer
         self._recorder, self._checkpoints = recorder, checkpoints
         ttl = time_to_live(identifier.dt) if ttl is None else ttl
-        self._outlets = Outlets(sinks, recorder, ttl, notices=notices, on_reader_gone=self.stop)
+        self._publisher = Publisher(sinks, recorder, ttl, notices=notices, on_reader_gone=self.stop)
         self._limits = limits or Limits()
         self._throughput = Throughput()
         self._clock = self.progress.clock(identifier.dt)
@@ -96,7 +96,7 @@ class Session:
         start = time.monotonic()
         if self.progress.sequence is not None:
             self.source.seek(self.progress.sequence)
-        self._outlets.start(self._estimate())
+        self._publisher.start(self._estimate())
         try:
             with stop_on_signals(self.stop):
                 try:
@@ -111,7 +111,7 @@ class Session:
                     ) from error
                 self._finish()
         finally:  # every receiver learns that no estimate follows, however the session ended
-            self._outlets.end()
+            self._publisher.end()
         return self._trusted or not self._limits.until_trusted
 
     def stop(self) -> None:
@@ -123,7 +123,7 @@ class Session:
         """What the observer cannot see in the identifier: source, counters, rate, lag."""
         rate, lag = self._throughput.read()
         counters = self.progress.counted(self.source.counters)
-        silence = self._outlets.silence
+        silence = self._publisher.silence
         return SessionInfo(self.progress.at, self.source.name, self.source.state, counters, rate, lag, silence)
 
     @property
@@ -153,14 +153,14 @@ class Session:
         self._inconsistent = True
         self.identifier.update_many(batch.u, batch.y, t, batch.r)
         if self._accepted_outputs > before:
-            self._outlets.accepted()
+            self._publisher.accepted()
         rig_time = self.progress.advance(batch, t, self.identifier.dt)
         self._inconsistent = False
         if self._recorder is not None:
             self._recorder.add_samples(batch.sequence, rig_time, batch.u, batch.y, batch.r)
         self._learned = True
         self._throughput.count(batch.u.size, batch.arrived)
-        self._outlets.mark()
+        self._publisher.mark()
 
     @property
     def _accepted_outputs(self) -> int:
@@ -192,7 +192,7 @@ class Session:
             self._notices.say("source", f"replant: {self.source.name}: {self.source.trouble}; trying again")
         self._update_verdict()
         with self._refusals_reported("estimates"):
-            self._outlets.send(self._estimate)
+            self._publisher.send(self._estimate)
         with self._refusals_reported("observer"):
             if self._observer.hand_over(self.identifier, self.info, learned=self._learned):
                 self._learned = False
@@ -219,7 +219,7 @@ class Session:
         before = self._verdict, self._excited
         self._verdict, self._excited = (UNKNOWN, False) if view is None else (view.verdict, view.excited)
         if (self._verdict, self._excited) != before and self.progress.taken:
-            self._outlets.mark()
+            self._publisher.mark()
 
     def _flush_record(self) -> None:
         if self._recorder is not None:
@@ -269,8 +269,8 @@ class Session:
             self._observer.wait_for_view(self.identifier, replace(self.info, silence=0.0))
         self._update_verdict()
         with self._refusals_reported("last estimate"):
-            self._outlets.send(self._estimate, immediately=True)
-        self._outlets.end()
+            self._publisher.send(self._estimate, immediately=True)
+        self._publisher.end()
         with self._refusals_reported("record"):
             if self._recorder is not None:
                 self._recorder.close()

@@ -1,4 +1,4 @@
-"""Material: a result with its record, and the signals and figures of the report, each computed once."""
+"""Report data: a result with its record, and the signals and figures of the report, each computed once."""
 
 from __future__ import annotations
 

@@ -1,0 +1,45 @@
+"""docs/files-of-the-package.md: every folder and file of the package with the first line of its docstring."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCE = ROOT / "src" / "replant"
+PAGE = ROOT / "docs" / "files-of-the-package.md"
+
+_HEAD = """# Every file of the package
+
+*In which file does a line of code belong?*
+
+This page is made from the first line of each file of `src/replant` by `make pages`. Which folder may import which is
+described in [Architecture](architecture.md).
+"""
+
+
+def page() -> str:
+    """Return the page."""
+    parts = [_HEAD]
+    for folder in sorted({path.parent for path in SOURCE.rglob("*.py")}):
+        name = folder.relative_to(SOURCE).as_posix()
+        title = "The top of the package" if folder == SOURCE else f"`{name}`"
+        rows = [f"| `{path.name}` | {first_line(path)} |" for path in sorted(folder.glob("*.py")) if _is_file(path)]
+        table = ["", "| file | contents |", "|---|---|", *rows] if rows else []
+        parts.append("\n".join([f"## {title}\n", first_line(folder / "__init__.py"), *table]) + "\n")
+    return "\n".join(parts)
+
+
+def first_line(path: Path) -> str:
+    """Return the first paragraph of a module's docstring, as Markdown."""
+    docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    text = " ".join(docstring.split("\n\n")[0].split())
+    return text.replace("``", "`").replace(":math:", "").replace("|", "\\|")
+
+
+def _is_file(path: Path) -> bool:
+    return path.name != "__init__.py"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
