@@ -12,7 +12,7 @@ import click
 
 from replant import __version__
 from replant.cli.encoding import replace_unencodable
-from replant.cli.examples import epilog_of
+from replant.cli.help_examples import epilog_of
 from replant.cli.nearest_word import did_you_mean
 from replant.errors import ReplantError
 from replant.operating_system.os_errors import refusal

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from replant.cli.condition import CONDITIONING, conditioned, input_hold_of, is_conditioned
+from replant.cli.conditioning_options import CONDITIONING, conditioned, input_hold_of, is_conditioned
 from replant.cli.missing_options import check_complete
 from replant.cli.nearest_word import Choice
 from replant.cli.notes import note, silence

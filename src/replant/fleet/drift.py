@@ -17,7 +17,7 @@ from replant.fleet.quantities import Figures, figures_of, quantities_of
 from replant.fleet.results import Fleet
 from replant.fleet.robust import Location, located
 from replant.fleet.store import read_table
-from replant.fleet.words import BEFORE, compared
+from replant.fleet.deviation_words import BEFORE, compared
 from replant.model.structure import Structure
 
 

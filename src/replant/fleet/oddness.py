@@ -14,7 +14,7 @@ from replant.fleet.result_row import FAILED
 from replant.fleet.robust import Location, located
 from replant.fleet.store import column
 from replant.fleet.unit_factors import unit_factor
-from replant.fleet.words import compared
+from replant.fleet.deviation_words import compared
 from replant.model.structure import Structure
 
 CHANCE = 0.01

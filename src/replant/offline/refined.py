@@ -11,7 +11,7 @@ from replant.arguments import FloatArray, IntArray
 from replant.engine.record import Record
 from replant.kernels.schema import FIXED, LAGS, ColourSlots, NoiseSlots, PathSlots, ReferenceSlots
 from replant.model.structure import Structure
-from replant.offline.projection import Projection
+from replant.offline.reference_projection import Projection
 from replant.simulation.auxiliary_model import Pass
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.batch_means import no_less_than_scattered, path_of_record, rows_of

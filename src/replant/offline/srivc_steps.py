@@ -14,7 +14,7 @@ from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.kernels.schema import LAGS
 from replant.model.structure import Structure
-from replant.offline.projection import Projection
+from replant.offline.reference_projection import Projection
 from replant.offline.refined import Root
 from replant.simulation.auxiliary_model import AuxiliaryModel, Pass, stability_margin
 from replant.statistics.autoregression import LEAST, Autoregression, sums_of
