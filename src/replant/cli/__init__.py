@@ -24,7 +24,7 @@ COMMANDS = {
     "fit": ("fit", "Fit G(s) to a whole recorded log at once (batch); search structures."),
     "compare": ("compare", "Compare methods on the same recorded log."),
     "fleet": ("fleet", "Identify every rig of a fleet, on all cores or a cluster; one table and page."),
-    "examples": ("example_logs", "Write records of a motor to try the commands on."),
+    "examples": ("examples", "Write records of a motor to try the commands on."),
     "validate": ("validate", "Compare a saved model with other logs."),
     "show": ("show", "Print a saved model."),
     "live": ("live", "Identify G(s) from live samples (serial, TCP, UDP, MQTT, pipe), with a dashboard."),

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
+from replant.fleet.deviation_words import compared
 from replant.fleet.quantities import Figures, Quantity, figures_of, quantities_of
 from replant.fleet.result_row import FAILED
 from replant.fleet.robust import Location, located
 from replant.fleet.store import column
 from replant.fleet.unit_factors import unit_factor
-from replant.fleet.deviation_words import compared
 from replant.model.structure import Structure
 
 CHANCE = 0.01
