@@ -1,4 +1,4 @@
-"""Time stamps: whether they are those of a regular clock, jitter and rounding apart."""
+"""Time stamps given as an array: whether they are those of a regular clock, jitter and rounding apart."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-r"""The cross test: how much of a model's residual the input could still explain.
+r"""The cross test: how much of a model's residual past inputs, or the states they drive, could still explain.
 
 The residual of a correct model is independent of the input.  The test regresses the residual on columns that stand for
 the usual faults of a model: the states s^i/A u and the input at several delays, the derivatives of the simulated output

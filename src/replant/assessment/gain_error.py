@@ -1,4 +1,4 @@
-r"""How well abs G is known, and whether the newest samples contradict it, at the frequencies that the input excites.
+r"""How well |G| is known at the frequencies that the input excites, and whether the newest samples contradict it.
 
 A coefficient may be known well and abs G badly, or the other way round; whoever uses the model uses G.  After a
 change of the plant a new model is made from few samples.  It is trusted where three standard deviations of abs G fit

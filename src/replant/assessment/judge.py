@@ -1,4 +1,4 @@
-"""From the evidence to the verdict: each test, the words for its findings, and the verdict from all findings.
+"""Judge: runs every test on the evidence, words its findings, and makes the verdict of them.
 
 A model is trusted if
 

@@ -1,4 +1,4 @@
-"""The verdict: its status, the reasons in plain words, and the figures behind them."""
+"""Verdict: the value that a judgement results in, with status, reasons and figures."""
 
 from __future__ import annotations
 

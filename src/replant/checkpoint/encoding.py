@@ -1,4 +1,4 @@
-"""The bytes of a checkpoint: the complete state of an identifier, exactly; they contain no code.
+"""The bytes of a checkpoint: the complete state of an identifier, every number of the schema; they contain no code.
 
     magic (8), version (uint32), length of the header (uint32),
     header: JSON in ASCII, padded by blanks to a multiple of 8: every value that is not an array, and for each array its

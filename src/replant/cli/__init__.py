@@ -1,4 +1,4 @@
-"""The command line: one file for each command, imported only when the command is called, so that ``--help`` is fast."""
+"""The command line: one file for each command, imported only when it is called, and files that commands share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Words typed nearly right: the nearest of those that there are, and - for _."""
+"""Words typed nearly right: the nearest known word; "-" counts as "_"."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Progress on standard error: a bar in a terminal; lines, with --progress, where it is none."""
+"""Progress on standard error: a bar in a terminal; lines elsewhere, if --progress is given."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The sources of samples: recorded logs and live streams."""
+"""Where samples come from: recorded logs, their inspection and conditioning, live streams."""

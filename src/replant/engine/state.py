@@ -1,4 +1,4 @@
-"""State: the arrays that the kernels work on, laid out and filled for one identifier or one record.
+"""State: the arrays that the kernels work on, for one identifier or one record, with a property for each number.
 
 The regression behind every estimator, with Lambda moved to the left of (4), reads
 

@@ -1,4 +1,4 @@
-"""Records of a real motor, for trying things out.
+"""Records of a real motor as CSV files, for trying things out.
 
 They are `DCmotor_prbs_open_exp.csv` and `DCmotor_step_open_exp.csv` of the UNDCMotor kit, github.com/nebisman/UNDCMotor
 (MIT licence, copyright 2024 Leonardo Bermeo): time ``t`` in s, voltage ``u`` in V, speed ``y`` in deg/s, every 20 ms.

@@ -1,4 +1,4 @@
-"""Words: a quantity of a rig beside what is usual, or beside what it was."""
+"""Deviation in words: a quantity of a rig beside what is usual, or beside what it was."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plan: groups of rigs of about equal work, from the sizes of their files; a group is one task."""
+"""Plan: the tasks (`Task`), groups of rigs of about equal work, from the sizes of their files."""
 
 from __future__ import annotations
 

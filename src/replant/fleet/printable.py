@@ -1,4 +1,4 @@
-"""Printable: names of files that are no text, as text."""
+"""Printable: file names whose bytes are no valid text, made printable."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The identified model: what is kept of an identification, its JSON, its responses, its validation."""
+"""The identified model (`Model`): what is kept of an identification, its JSON, its responses, its validation."""

@@ -1,4 +1,4 @@
-"""Run a session: it is set up as planned and run, and its result is printed."""
+"""Run a session: source, identifier and outputs set up as the command asks (`Plan`), run, and the result printed."""
 
 from __future__ import annotations
 

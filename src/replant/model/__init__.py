@@ -1,1 +1,1 @@
-"""The model: structure, transfer function, state space, response and uncertainty; immutable values."""
+"""The mathematics of a model: structure, transfer function, state space, response and uncertainty; immutable values."""

@@ -1,4 +1,4 @@
-"""Response: the output of a model under an input on a regular clock, whole or batch by batch.
+"""Response: the output of a transfer function under an input on a regular clock, whole or batch by batch.
 
 The clock's interval is split where a fractional dead time puts the input's corner (`state_space.input_taps`), so the
 output at the sampling instants is exact for the hold.

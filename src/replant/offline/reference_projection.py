@@ -1,4 +1,4 @@
-r"""What a reference explains of input and output: instruments of a record that was taken under a controller.
+r"""The reference's projection over a whole record: instruments of a record that was taken under a controller.
 
 Input and output are projected on the Laguerre functions of the reference and a constant.  The weights are found by
 generalised least squares, with the autoregression of what is left, as disturbances in a loop are seldom white:

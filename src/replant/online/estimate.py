@@ -1,4 +1,4 @@
-"""Estimate: the properties and methods of an identifier that do not change it."""
+"""Estimate: the base class of `Identifier` that holds what is read from it and changes nothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The model that is kept of a running identification."""
+"""Kept model: the `Model` of a running identification, with its noise, provenance and verdict."""
 
 from __future__ import annotations
 

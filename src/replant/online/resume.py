@@ -1,4 +1,4 @@
-"""Resume: load an identifier from its checkpoint."""
+"""Resume: an identifier loaded from its checkpoint (`rp.load`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Step disturbance: the offset changed, G(s) did not."""
+"""Step disturbance: the new offset is found after a step of the load, while G(s) stays."""
 
 from __future__ import annotations
 

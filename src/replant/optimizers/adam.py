@@ -1,4 +1,4 @@
-"""Adam: adaptive moment estimation, Algorithm 1."""
+"""Adam: adaptive moment estimation, the article's Algorithm 1."""
 
 from __future__ import annotations
 

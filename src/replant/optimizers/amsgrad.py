@@ -1,4 +1,4 @@
-"""AMSGrad: Adam with a step that never grows, Algorithm 2."""
+"""AMSGrad: Adam with a step that never grows, the article's Algorithm 2."""
 
 from __future__ import annotations
 

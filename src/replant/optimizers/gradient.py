@@ -1,4 +1,4 @@
-"""Gradient: the gradient descent of (17)."""
+"""Gradient: gradient descent, the article's equation (17)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""IntegralCost: gradient descent on the cost of all past samples, (18)-(19)."""
+"""IntegralCost: gradient descent on the cost of all past samples, the article's equations (18)-(19)."""
 
 from __future__ import annotations
 

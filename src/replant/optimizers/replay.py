@@ -1,4 +1,4 @@
-"""Replay: the buffer of past samples from which each update batch is drawn, Algorithm 3."""
+"""Replay: the buffer of past samples from which each update batch is drawn, the article's Algorithm 3."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Plots of arrays, for notebooks and scripts: colours, and one function a kind of plot."""
+"""Plots of a `Model` and of a validation, for notebooks and scripts; those of a result lie in `report`."""

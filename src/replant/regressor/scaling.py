@@ -1,4 +1,4 @@
-"""Scaling: sigma of the output and of each regressor entry, (10)-(12)."""
+"""Scaling: sigma of the output and of each regressor entry, the article's equations (10)-(12)."""
 
 from __future__ import annotations
 

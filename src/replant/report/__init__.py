@@ -1,1 +1,1 @@
-"""What people look at: figures."""
+"""What people read of a result: findings, numbers as text, figures, the HTML report, the terminal."""

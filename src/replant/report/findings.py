@@ -1,4 +1,4 @@
-"""Findings: the verdict in sentences, and what else a reader must know before using the model."""
+"""Findings: the verdict, and what else one must know before using the model, as sentences of report and terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-r"""A model run over a record: its residual, and the signals that the tests correlate the residual with.
+r"""Model run: the residual of a model over a record, and the signals that the tests correlate it with.
 
 The residual of B/A is :math:`e = A/D\, y - B/D\, u`.  D is A where that is stable: e is then the measured output minus
 the simulated one.  Else D is A with its unstable poles reflected: the residual of a right model is as white as the

@@ -1,4 +1,4 @@
-r"""Score: the fit of a model to a record that comes batch by batch, from the input alone and one step ahead.
+r"""Score: the fit of a model to a record on any clock, batch by batch, from the input alone and one step ahead.
 
 The initial state is fitted over the first 2^18 samples, the offset over all of them, so that a record of any length
 needs one pass.  The autoregression D(q) e = w of the residual e and the sum of w^2 follow from the sums of the products

@@ -1,4 +1,4 @@
-r"""Autoregression: the model :math:`D(q)\, e_k = w_k` that whitens a residual, its order chosen from the data.
+r"""Autoregression: the model D(q) e = w that whitens a residual, its order chosen from the data.
 
 Models of every order up to `LAGS` are found by least squares on sums of products e_{k-i} e_{k-j} over the samples whose
 predecessors are all known, see `replant.kernels.filters.autoregression`.  The Bayesian information criterion chooses:

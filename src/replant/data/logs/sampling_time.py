@@ -1,4 +1,4 @@
-"""The sampling time: from a column of time stamps, regular or not, or as a number given."""
+"""The sampling time of a log: found from its column of time stamps as it is read, or given as a number."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the kernels are compiled, and what makes them as fast as C.
+"""Decorators of the kernels: how each is compiled and inlined, which makes them as fast as C.
 
 * No reference counts (``_nrt=False``).  Numba counts the owners of an array in atomic instructions, at every slice and
   every call; in the kernel of one sample they took most of the time.  A kernel without them may look only into arrays

@@ -1,1 +1,1 @@
-"""Filters: state-variable banks, the chain of them, matrix exponential, Routh's test."""
+"""The loops of the filters, and their numerics: autoregression, matrix exponential, Routh's test, simulation."""

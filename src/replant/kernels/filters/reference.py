@@ -1,4 +1,4 @@
-r"""What a reference explains of input and output: what instruments are made of where a controller closes a loop.
+r"""The reference of a loop, sample by sample: what it explains of input and output, from which instruments are made.
 
 The reference r is applied from outside, as a set-point or a dither is, and does not depend on the noise.  Input and
 output are projected on it, sample by sample:

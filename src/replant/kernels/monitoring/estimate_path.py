@@ -1,4 +1,4 @@
-"""The path of a recursive estimate, kept at a few of its samples: what its scatter is told from without a noise model.
+"""The path of a recursive estimate, kept at a few samples: its scatter gives a variance without a noise model.
 
 See `replant.statistics.batch_means` for what is made of it.  Room is limited and the record is not: when the room is
 full every second row goes, and the next ones come half as often.

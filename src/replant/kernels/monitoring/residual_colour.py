@@ -1,4 +1,4 @@
-"""Power and colour of the residual, kept while the estimator runs: what honest standard deviations are made of.
+"""Power and colour of the residual, and instruments filtered by it, kept for standard deviations under coloured noise.
 
 Noise that is not white makes the plain covariance sigma^2 P too small.  With the residual modelled as an
 autoregression, e = w / D(q), the covariance of the instrumental-variable estimate is

@@ -1,1 +1,1 @@
-"""The loops by which the estimate moves."""
+"""The loops of the optimizers, by which the estimate moves."""

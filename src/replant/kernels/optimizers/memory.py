@@ -1,4 +1,4 @@
-"""Layout of an optimizer's memory: named blocks, declared once, beside the loop that works on them.
+"""Layout of an optimizer's memory: how the file of a loop declares its named blocks.
 
 From the declaration come the places that the loop uses (`Memory.begins` and `block`), the length of the memory, and its
 content before the first sample (`Memory.filled`).  The size of a block is a polynomial in P, the entries of theta.
