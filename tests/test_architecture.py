@@ -39,6 +39,7 @@ ORDER = [
 ]
 #: Read and write files, and speak to the person at the terminal: these and nothing else.
 OUTSIDE = {
+    "operating_system.whole_file",
     "checkpoint.files",
     "identified.model_file",
     "data",

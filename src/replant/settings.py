@@ -1,4 +1,4 @@
-"""Settings: every choice of an identifier, as requested (`Request`) and as resolved from the data (`Settings`)."""
+"""Settings: the choices of an identifier, as requested (`Request`), and as `online.defaults` resolves them."""
 
 from __future__ import annotations
 

@@ -12,10 +12,10 @@ from pyarrow import parquet
 import replant as rp
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
 from replant.fleet.catalogue import find_rigs
-from replant.fleet.files import ENDING
 from replant.fleet.folder import report_path
 from replant.fleet.job import Job
 from replant.fleet.store import Store
+from replant.operating_system.whole_file import ENDING
 from support.fleets import as_csv, as_parquet, as_table, recorded, small_fleet
 
 

@@ -1,54 +1,35 @@
-"""Files that are whole or not there: written under another name, synced, renamed."""
+"""Files of a fleet: each whole or not there, and what writers that were killed have left."""
 
 from __future__ import annotations
 
 import contextlib
-import os
-import socket
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from replant.errors import SystemRefusedError
+from replant.operating_system import whole_file
 from replant.operating_system.os_errors import refusal
-
-ENDING = ".new"
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give the name under which a file is written; it gets its own name when the ``with`` block ends without an error.
+    """Give the name under which a file is written, see `operating_system.whole_file.replacing`.
 
     Raises
     ------
     SystemRefusedError
         If it cannot be written, as on a full disk; a file that was there is then unchanged.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     with replacing(Path(folder, "a")) as new:
-    ...         _ = new.write_bytes(b"content")
-    ...     [path.name for path in Path(folder).iterdir()]
-    ['a']
     """
-    new = path.with_name(f".{path.name}.{socket.gethostname()}.{os.getpid()}.{threading.get_ident()}{ENDING}")
     try:
-        yield new
-        with new.open("rb+") as stream:
-            os.fsync(stream.fileno())
-        new.replace(path)
+        with whole_file.replacing(path) as new:
+            yield new
     except OSError as error:
         raise SystemRefusedError(f"{path} cannot be written: {refusal(error)}") from error
-    finally:
-        with contextlib.suppress(OSError):
-            new.unlink(missing_ok=True)
 
 
 def clear(folder: Path) -> None:
     """Remove what writers that were killed have left."""
-    for left in folder.glob(f".*{ENDING}"):
+    for left in folder.glob(f".*{whole_file.ENDING}"):
         with contextlib.suppress(OSError):
             left.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Job: what is done with every rig of a fleet, and what a rig is made of."""
+"""Job: the columns, structure and method with which every rig is identified, and which files make a rig."""
 
 from __future__ import annotations
 

@@ -1,13 +1,12 @@
-"""Models in files: written whole or not at all, read with a reason where it cannot be done."""
+"""Model files: what may be overwritten, writing, and reading with a reason where it cannot be done."""
 
 from __future__ import annotations
 
-import contextlib
 import os
-import threading
 from pathlib import Path
 
 from replant.errors import ModelFileError
+from replant.operating_system import whole_file
 from replant.operating_system.os_errors import reason_of
 
 AnyPath = str | os.PathLike[str]
@@ -43,7 +42,7 @@ def check_target(path: AnyPath) -> None:
 
 
 def write(path: AnyPath, written: str) -> None:
-    """Write a text first under another name beside the file, so that nobody reads half of it.
+    """Write a text so that nobody reads half of it, see `operating_system.whole_file.replacing`.
 
     Raises
     ------
@@ -52,15 +51,8 @@ def write(path: AnyPath, written: str) -> None:
     """
     check_target(path)
     try:
-        file = Path(path).resolve()
-        new = file.with_name(f".{file.name}.{os.getpid()}.{threading.get_ident()}.new")
-        try:
-            with new.open("x", encoding="utf-8") as stream:
-                stream.write(written)
-            new.replace(file)
-        finally:
-            with contextlib.suppress(OSError):
-                new.unlink(missing_ok=True)
+        with whole_file.replacing(Path(path).resolve()) as new:
+            new.write_text(written, encoding="utf-8", newline="\n")
     except (OSError, ValueError, RuntimeError) as error:
         raise ModelFileError(f"{path}: the model could not be written ({reason_of(error)})") from error
 

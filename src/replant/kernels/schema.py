@@ -1,4 +1,4 @@
-"""The schema of an identifier's state: every number that the kernels keep, declared once.
+"""The schema of an identifier's state: each number declared once, for kernels, checkpoint and documentation.
 
 An identifier's state is five arrays: ``ints`` (int64), ``reals`` (float64), three filter banks, the replay buffer and
 the newest raw samples.  `StateSlots` lists what lies in the first two.  From the list come

@@ -1,1 +1,1 @@
-"""The operating system: threads whose start is checked, and its refusals in words."""
+"""The operating system: threads whose start is checked, files that are whole, and refusals in words."""

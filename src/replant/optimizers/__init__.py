@@ -1,4 +1,4 @@
-"""The optimizers as a user chooses them, one class a file; their loops lie in `kernels.optimizers`.
+"""The optimizers as a user chooses them, one class a file, registered here; their loops lie in `kernels.optimizers`.
 
 To add one: its kernel, code and line in `learn` of `replant.kernels.optimizers.gradient` (or `step`, with a
 covariance), its class in a file of this folder, its name in `OPTIMIZERS` below.  The tests of every optimizer come from

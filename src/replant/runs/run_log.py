@@ -1,4 +1,4 @@
-"""run: one online pass over a log or arrays, in one call."""
+"""`rp.run`: one online pass over a log or arrays, in one call."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The filters as a user chooses them, one class a file; their loops lie in `kernels.filters`.
+"""The filters as a user chooses them, one class a file, registered here; their loops lie in `kernels.filters`.
 
 To add one: its class, a `Filter`, in a file of this folder, its name in `FILTERS` below.  Settings, checkpoints and the
 messages about a wrong argument go by that list; everything else asks the filter itself (see `Filter`).

@@ -1,0 +1,42 @@
+"""A file that is whole or not there: written under another name, synced, renamed."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+ENDING = ".new"
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give the name under which a file is written; it gets its own name when the ``with`` block ends without an error.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written, as on a full disk; a file that was there is then unchanged.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with replacing(Path(folder, "a")) as new:
+    ...         _ = new.write_bytes(b"content")
+    ...     [path.name for path in Path(folder).iterdir()]
+    ['a']
+    """
+    new = path.with_name(f".{path.name}.{socket.gethostname()}.{os.getpid()}.{threading.get_ident()}{ENDING}")
+    try:
+        yield new
+        with new.open("rb+") as stream:
+            os.fsync(stream.fileno())
+        new.replace(path)
+    finally:
+        with contextlib.suppress(OSError):
+            new.unlink(missing_ok=True)
