@@ -87,11 +87,11 @@ recorded: $(READY)  ## `run` beside `fit` on every recorded log
 sensitivity: $(READY)  ## halve and double each tuned constant on a battery of records; an hour of a core; out/sensitivity.jsonl
 	$(BIN)/python benchmarks/sensitivity $(ARGS)
 
-pages: $(READY)  ## what is made from the source: picture of the folders, pages of files, state, constants, the closed loop
+pages: $(READY)  ## what is made from the source: picture of the folders, pages of modules, state, constants, the closed loop
 	$(BIN)/python tools/architecture.py --picture docs/pictures/architecture.svg
 	$(BIN)/python tools/state_page.py
 	$(BIN)/python tools/constants_page.py
-	$(BIN)/python tools/files_page.py
+	$(BIN)/python tools/modules_page.py
 	$(BIN)/python tools/closed_loop_pictures.py
 
 clean:           ## remove everything that was generated

@@ -7,7 +7,7 @@ from support.places import ROOT
 sys.path.insert(0, str(ROOT / "tools"))
 import architecture
 import constants_page
-import files_page
+import modules_page
 import pytest
 import state_page
 
@@ -21,8 +21,8 @@ def test_the_page_of_the_state() -> None:
     assert state_page.PAGE.read_text(encoding="utf-8") == state_page.page()
 
 
-def test_the_page_of_the_files() -> None:
-    assert files_page.PAGE.read_text(encoding="utf-8") == files_page.page()
+def test_the_page_of_the_modules() -> None:
+    assert modules_page.PAGE.read_text(encoding="utf-8") == modules_page.page()
 
 
 CONSTANTS = constants_page.constants()

@@ -1,4 +1,4 @@
-"""docs/files-of-the-package.md: every folder and file of the package with the first line of its docstring."""
+"""docs/modules.md: every folder and module of the package with the first line of its docstring."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "src" / "replant"
-PAGE = ROOT / "docs" / "files-of-the-package.md"
+PAGE = ROOT / "docs" / "modules.md"
 
-_HEAD = """# Every file of the package
+_HEAD = """# Every module of the package
 
-*In which file does a line of code belong?*
+*In which module does a line of code belong?*
 
-This page is made from the first line of each file of `src/replant` by `make pages`. Which folder may import which is
+This page is made from the first line of each module of `src/replant` by `make pages`. Which folder may import which is
 described in [Architecture](architecture.md).
 """
 
@@ -24,8 +24,8 @@ def page() -> str:
     for folder in sorted({path.parent for path in SOURCE.rglob("*.py")}):
         name = folder.relative_to(SOURCE).as_posix()
         title = "The top of the package" if folder == SOURCE else f"`{name}`"
-        rows = [f"| `{path.name}` | {first_line(path)} |" for path in sorted(folder.glob("*.py")) if _is_file(path)]
-        table = ["", "| file | contents |", "|---|---|", *rows] if rows else []
+        rows = [f"| `{path.stem}` | {first_line(path)} |" for path in sorted(folder.glob("*.py")) if _is_file(path)]
+        table = ["", "| module | contents |", "|---|---|", *rows] if rows else []
         parts.append("\n".join([f"## {title}\n", first_line(folder / "__init__.py"), *table]) + "\n")
     return "\n".join(parts)
 
