@@ -24,9 +24,10 @@ def page() -> str:
     for folder in sorted({path.parent for path in SOURCE.rglob("*.py")}):
         name = folder.relative_to(SOURCE).as_posix()
         title = "The top of the package" if folder == SOURCE else f"`{name}`"
-        rows = [f"| `{path.stem}` | {first_line(path)} |" for path in sorted(folder.glob("*.py")) if _is_file(path)]
-        table = ["", "| module | contents |", "|---|---|", *rows] if rows else []
-        parts.append("\n".join([f"## {title}\n", first_line(folder / "__init__.py"), *table]) + "\n")
+        modules = [path for path in sorted(folder.glob("*.py")) if path.name != "__init__.py"]
+        listed = [f"- `{path.stem}` – {first_line(path)}" for path in modules]
+        paragraphs = [f"## {title}", first_line(folder / "__init__.py"), *(["\n".join(listed)] if listed else [])]
+        parts.append("\n\n".join(paragraphs) + "\n")
     return "\n".join(parts)
 
 
@@ -34,11 +35,7 @@ def first_line(path: Path) -> str:
     """Return the first paragraph of a module's docstring, as Markdown."""
     docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
     text = " ".join(docstring.split("\n\n")[0].split())
-    return text.replace("``", "`").replace(":math:", "").replace("|", "\\|")
-
-
-def _is_file(path: Path) -> bool:
-    return path.name != "__init__.py"
+    return text.replace("``", "`").replace(":math:", "")
 
 
 if __name__ == "__main__":
