@@ -52,7 +52,7 @@ def expected(logs: Path, tmp_path_factory: pytest.TempPathFactory) -> list[bytes
 @contextmanager
 def dask_cluster(count: int) -> Iterator:
     distributed = pytest.importorskip("distributed")
-    options = {"n_workers": count, "threads_per_worker": 1, "dashboard_address": None, "processes": True}
+    options = {"n_workers": count, "threads_per_worker": 1, "dashboard_address": ":0", "processes": True}
     with distributed.LocalCluster(**options) as cluster:
         yield cluster
 
