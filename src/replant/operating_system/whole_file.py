@@ -6,6 +6,7 @@ import contextlib
 import os
 import socket
 import threading
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,8 +32,11 @@ def replacing(path: Path) -> Iterator[Path]:
     ...     [path.name for path in Path(folder).iterdir()]
     ['a']
     """
-    new = path.with_name(f".{path.name}.{socket.gethostname()}.{os.getpid()}.{threading.get_ident()}{ENDING}")
+    named = zlib.crc32(os.fsencode(path.name))  # short: the name itself may be as long as names can be
+    new = path.with_name(f".{named:08x}.{socket.gethostname()}.{os.getpid()}.{threading.get_ident()}{ENDING}")
     try:
+        new.unlink(missing_ok=True)
+        new.open("x").close()  # a new file, not what a link of this name leads to
         yield new
         with new.open("rb+") as stream:
             os.fsync(stream.fileno())
