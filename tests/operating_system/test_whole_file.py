@@ -1,5 +1,6 @@
 """A file that is whole or not there."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,7 @@ from replant.operating_system.whole_file import replacing
 
 
 def test_a_name_as_long_as_names_can_be(tmp_path: Path) -> None:
-    path = tmp_path / ("n" * 255)
+    path = tmp_path / ("n" * os.pathconf(tmp_path, "PC_NAME_MAX"))
     with replacing(path) as new:
         new.write_bytes(b"content")
     assert path.read_bytes() == b"content"
