@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from replant.arguments import FloatArray, IntArray
+from replant.arguments import BoolArray, FloatArray, IntArray
+from replant.kernels.schema import LAGS
 from replant.model.dead_time import unknown_outputs
 from replant.model.structure import Structure
 from replant.regressor.preprocess import Preprocess, centre, screen
@@ -74,6 +76,9 @@ class Record:
         The samples before it, whose inputs still act on it because of a dead time.
     usual : float
         Usual interval in s of a record whose gaps part it, see `gaps_of`; infinite where none does.
+    measured : (K,) array of bool, optional
+        Which outputs were measured; None where all were.  Of the others ``y`` holds a guess: the input drives the
+        model, the model's own output takes their place, and nothing is learned from them.
     """
 
     u: FloatArray
@@ -83,6 +88,32 @@ class Record:
     r: FloatArray | None = None
     before: Record | None = None
     usual: float = math.inf
+    measured: BoolArray | None = None
+
+    @property
+    def count(self) -> int:
+        """How many outputs were measured."""
+        return self.u.size if self.measured is None else int(self.measured.sum())
+
+    @property
+    def is_measured(self) -> BoolArray:
+        """Which outputs (K,) were measured."""
+        return np.ones(self.u.size, bool) if self.measured is None else self.measured
+
+    @cached_property
+    def predecessors(self) -> IntArray:
+        """How many outputs before each (K,) were measured one sampling time apart, up to LAGS."""
+        from replant.kernels.filters.whitening import IRREGULAR
+
+        index = np.arange(self.u.size)
+        broken = index == 0
+        if self.intervals.size > 1:
+            nominal = float(np.median(self.intervals[1:]))
+            broken |= np.abs(self.intervals - nominal) > IRREGULAR * nominal
+        if self.measured is not None:
+            broken[1:] |= ~self.measured[:-1]
+        before = np.minimum(index - np.maximum.accumulate(np.where(broken, index, 0)), LAGS)
+        return before if self.measured is None else np.where(self.measured, before, 0)
 
     @property
     def parts(self) -> list[slice]:
@@ -92,21 +123,22 @@ class Record:
 
     def part(self, rows: slice) -> Record:
         """Return a stretch of a record on an irregular clock."""
-        r = None if self.r is None else self.r[rows]
-        return Record(self.u[rows], self.y[rows], self.intervals[rows], self.input_hold, r)
+        return self._cut(rows, math.inf)
 
     def first(self, samples: int) -> Record:
         """Return the record's beginning."""
-        intervals = self.intervals if self.intervals.size == 1 else self.intervals[:samples]
-        r = None if self.r is None else self.r[:samples]
-        return Record(self.u[:samples], self.y[:samples], intervals, self.input_hold, r, usual=self.usual)
+        return self._cut(slice(0, samples), self.usual)
 
     def last(self, samples: int) -> Record:
         """Return the record's end."""
-        rest = slice(max(self.u.size - samples, 0), None)
-        intervals = self.intervals if self.intervals.size == 1 else self.intervals[rest]
-        r = None if self.r is None else self.r[rest]
-        return Record(self.u[rest], self.y[rest], intervals, self.input_hold, r, usual=self.usual)
+        return self._cut(slice(max(self.u.size - samples, 0), None), self.usual)
+
+    def _cut(self, rows: slice, usual: float) -> Record:
+        intervals = self.intervals if self.intervals.size == 1 else self.intervals[rows]
+        r, measured = (None if signal is None else signal[rows] for signal in (self.r, self.measured))
+        return Record(
+            self.u[rows], self.y[rows], intervals, self.input_hold, r, usual=usual, measured=measured
+        )  # fmt: skip
 
     def answering(self, delay: float) -> Record:
         """Return the samples that answer to inputs of the record, those before them as `before`; at least the newest.
@@ -131,7 +163,10 @@ class Record:
         regular = self.intervals.size == 1 and self.u.size > 1
         intervals = self.intervals if regular else np.concatenate([part.intervals for part in parts])
         r = None if self.r is None or self.before.r is None else np.concatenate([self.before.r, self.r])
-        return Record(u, y, intervals, self.input_hold, r, usual=self.usual)
+        measured = None
+        if self.measured is not None or self.before.measured is not None:
+            measured = np.concatenate([part.is_measured for part in parts])
+        return Record(u, y, intervals, self.input_hold, r, usual=self.usual, measured=measured)
 
     def unknown(self, delay: float) -> int:
         """Return how many samples at the beginning answer to inputs before the record, with a dead time in s.

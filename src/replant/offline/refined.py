@@ -132,6 +132,15 @@ class Refined:
     explained: float
     misfit: float
 
+    @property
+    def noise_model(self) -> Autoregression:
+        """The noise model as an autoregression."""
+        slots, order = self.noise, int(self.noise.order)
+        powers = slots.variances * max(float(slots.count), 1.0)
+        return Autoregression(
+            slots.models[order, : order + 1], float(powers[order]), slots.models, powers, slots.sums, float(slots.count)
+        )  # fmt: skip
+
     def condition(self, size: int) -> float:
         """Return the condition number of the first ``size`` parameters, comparable with that of a scaled regressor.
 
@@ -208,7 +217,7 @@ def conclude(
         Of a fit with a prior.
     """
     model, done, noise = root.model, root.done, root.noise
-    samples, size = record.u.size, model.size
+    samples, size = record.count, model.size
     applied = noise if root.filters else Autoregression.white(1.0, samples)
     zeta, white = applied.whiten_known(done.zeta, known), applied.whiten_known(done.error, known)
     prior = PriorInformation.none(size) if prior is None else prior
@@ -222,7 +231,7 @@ def conclude(
         plain = innovation * inverse @ (zeta.T @ zeta) @ inverse.T
     else:
         plain = innovation * inverse
-    colour, power = _colour(zeta, white)
+    colour, power = _colour(zeta, white, samples)
     covariance = larger(power / max(samples - size, 1) * inverse @ colour.squares @ inverse.T, plain)
     # before the scatter along the path is added: a start-up has few blocks, and their chance must not decide its length
     uncertainty = relative_uncertainty(structure, model, covariance, done.phi, record)
@@ -280,7 +289,7 @@ def relative_uncertainty(
     return float(max(of_a.max(), outputs[structure.numerator].max()))
 
 
-def _colour(zeta: FloatArray, error: FloatArray) -> tuple[ColourSlots, float]:
+def _colour(zeta: FloatArray, error: FloatArray, count: int) -> tuple[ColourSlots, float]:
     """Return power and autoregression of the residual at the record's end, and the innovation's sum of squares."""
     samples, size = zeta.shape
     colour = ColourSlots.zeros(FIXED | {"T": size})
@@ -288,7 +297,7 @@ def _colour(zeta: FloatArray, error: FloatArray) -> tuple[ColourSlots, float]:
     noise = Autoregression.of_covariances(colour.covariances)
     filtered = noise.colour(zeta)
     colour.model[:] = noise.coefficients
-    colour.count, colour.power = samples, float(error @ error)
+    colour.count, colour.power = count, float(error @ error)
     colour.errors[:] = error[-LAGS:][::-1]
     for age in range(min(LAGS, samples)):
         colour.filtered[-age % LAGS] = filtered[-1 - age]

@@ -44,8 +44,8 @@ from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
-from replant.offline.coloured_residual import is_noise
 from replant.offline.refined import Refined, Root, conclude
+from replant.offline.specification_test import is_right
 from replant.offline.srivc_steps import STALLS, Problem, is_long_enough
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.chi2 import chi2_quantile
@@ -166,7 +166,7 @@ def refine(
 
 
 def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered: bool) -> Refined | None:
-    """Return the estimate of the least output error, or where that is coloured noise of the least innovation."""
+    """Return the estimate of the least output error, or that of the least innovation where its noise model is right."""
     tried = [problem.improve(start, SHORT, SHORT) for start in starts]
     tried.sort(key=lambda outcome: outcome[0])
     for _, _, last in list(tried[:PROMISING]):
@@ -175,19 +175,34 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
     tried = sorted((outcome for outcome in tried if math.isfinite(outcome[0])), key=lambda outcome: outcome[0])
     if not tried:
         return None
-    model, done, converged = problem.polish(tried[0][1])
-    problem.renew_noise(done)
-    power = done.cost * done.error.size
-    plain = Root(model, done, problem.noise, done.cost, power, converged, converged, filters=False)
-    estimate = conclude(problem.structure, problem.record, problem.known, plain)
-    if converged and (problem.noise.order == 0 or not filtered):
-        return estimate
+    plain = _polished(problem, tried[0][1])
+    if plain.converged and (plain.noise.order == 0 or not filtered):
+        return _concluded(problem, plain)
     others = [model for _, model in _distinct([(cost, model) for cost, model, _ in tried[1:]], tried[0][0])]
-    root = _best([problem.descend(start, WHITENED, RENEWALS) for start in [model, *others[: PROMISING - 1]]])
-    other = None if root is None else conclude(problem.structure, problem.record, problem.known, root)
+    ends = [problem.descend(start, WHITENED, RENEWALS) for start in [plain.model, *others[: PROMISING - 1]]]
+    root = _best(ends)
+    if root is None:
+        return _concluded(problem, plain)
+    if not (plain.converged and problem.is_stable(plain.model)):  # from where the other has come to
+        plain = min(plain, _polished(problem, root.model), key=lambda end: end.innovation)
+    estimate, other = _concluded(problem, plain), _concluded(problem, root)
     if estimate is None or other is None:
         return estimate or other
-    return other if is_noise(problem.structure, problem.record, estimate, other) else estimate
+    if not root.converged and plain.converged:
+        return estimate
+    return other if is_right(problem.structure, problem.whole, estimate, other) else estimate
+
+
+def _polished(problem: Problem, start: FloatArray) -> Root:
+    """Return where steps on the output error end, and the noise model of its residual."""
+    model, done, converged = problem.polish(start)
+    problem.renew_noise(done)
+    power = done.cost * done.error.size
+    return Root(model, done, problem.noise, done.cost, power, converged, converged, filters=False)
+
+
+def _concluded(problem: Problem, root: Root) -> Refined | None:
+    return conclude(problem.structure, problem.record, problem.known, root, problem.projection)
 
 
 def _by_reference(problem: Problem, starts: Sequence[FloatArray]) -> Root | None:

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from replant.arguments import FloatArray
 from replant.engine.record import Record
-from replant.kernels.schema import LAGS
 from replant.model.structure import Structure
 from replant.offline.reference_projection import Projection
 from replant.offline.refined import Root
@@ -100,6 +100,7 @@ class Problem:
 
     Attributes
     ----------
+    whole : Record
     record : Record
         Without the samples at its beginning that answer to unknown inputs, because of a dead time.
     slowest, fastest : float
@@ -113,7 +114,7 @@ class Problem:
     """
 
     def __init__(self, structure: Structure, record: Record) -> None:
-        self._whole, self._unknown = record, record.unknown(structure.delay)
+        self.whole, self._unknown = record, record.unknown(structure.delay)
         self.structure, self.record = structure, record.last(record.u.size - self._unknown)
         self.slowest, self.fastest = stability_margin(record), FASTEST / record.dt
         self.projection = None if record.r is None else Projection.of(record)
@@ -121,14 +122,25 @@ class Problem:
         self._model = AuxiliaryModel(
             structure, record.dt, record.input_hold, margin=self.slowest, reference=referenced
         )  # fmt: skip
-        self.known = _known(self.record)
+        self.known = self.record.predecessors
         self.noise = Autoregression.white(1.0, self.record.u.size)
         self._basis: tuple[Autoregression, FloatArray, FloatArray] | None = None
 
-    def run(self, model: FloatArray) -> Pass:
-        """Return the pass of a model (T,) over the record: parameters, then nuisances."""
+    def run(self, model: FloatArray, *, filled: bool = True) -> Pass:
+        """Return the pass of a model (T,) over the record: parameters, then nuisances.
+
+        Rows of outputs that were not measured are zero; the filters see the model's output, or the record's guess.
+        """
         parts = None if self.projection is None else self.projection.parts
-        return self._model.run(model, self._whole, parts).since(self._unknown)
+        if filled or self.whole.measured is None:
+            return self._model.run(model, self.whole, parts).since(self._unknown)
+        done = self._model.run(model, replace(self.whole, measured=None), parts)
+        return done.of(self.whole.measured).since(self._unknown)
+
+    def is_stable(self, model: FloatArray) -> bool:
+        """Return whether no pole of ``model`` (T,) is reflected."""
+        poles = roots(np.append(1.0, model[self.structure.denominator]))
+        return bool(poles.real.max() < -self.slowest)
 
     def is_usable(self, model: FloatArray) -> bool:
         """Return whether the denominator of ``model`` (T,) can be a filter: finite, and not too fast."""
@@ -161,7 +173,8 @@ class Problem:
         """
         n = self.structure.poles
         a = np.asarray(np.poly(np.full(n, -cutoff))[1:], np.float64)
-        done = self.run(np.concatenate([a, np.zeros(self._model.entries - n)]))
+        # without a numerator the model's output is no guess of outputs that were not measured: those that were, are
+        done = self.run(np.concatenate([a, np.zeros(self._model.entries - n)]), filled=False)
         zeta = done.phi if self.projection is None or not by_reference else done.zeta
         found = solve(zeta.T @ done.phi, zeta.T @ done.target)
         return None if found is None else self.bounded(found)
@@ -181,7 +194,7 @@ class Problem:
         if count >= LEAST and np.isfinite(sums).all() and not self.is_rounding(done):
             self.noise = Autoregression.of_sums(sums, count)
         else:
-            self.noise = Autoregression.white(float(error @ error), error.size)
+            self.noise = Autoregression.white(float(error @ error), self.record.count)
 
     def misfit(self, done: Pass) -> float:
         """Return J, the part of a pass's whitened residual that the reference explains.
@@ -299,7 +312,8 @@ class Problem:
             if step in renewals:
                 self.renew_noise(done)
             zeta, white = self.whiten(done.zeta), self.whiten(done.error)
-            variance, limit, better = max(float(white @ white) / white.size, 1e-300), self.misfit(done) * slack, None
+            variance = max(float(white @ white) / self.record.count, 1e-300)
+            limit, better = self.misfit(done) * slack, None
             # the instrumental-variable step finds its way from far; that of Gauss and Newton lowers the cost for sure
             # where that is the innovation's power, but J has the noise of the instruments in it
             companions = [self.whiten(done.phi), zeta]
@@ -322,7 +336,7 @@ class Problem:
             if step > settled:
                 costs.append(self.misfit(done))
         white = self.whiten(done.error if self.projection is not None else done.ahead)
-        variance = float(white @ white) / white.size
+        variance = float(white @ white) / self.record.count
         converged = moved <= NEARLY_DONE
         # without a reference the cost has a bend where a pole crosses the axis, and steps go to and fro about it
         ends = converged or (self.projection is None and (stuck or _stalls(costs, NEARLY_DONE * variance)))
@@ -341,24 +355,10 @@ class Problem:
 
 def is_long_enough(structure: Structure, record: Record) -> bool:
     """Return whether a record has more samples that say something than a model has parameters and nuisances."""
-    return record.u.size - record.unknown(structure.delay) > 2 * structure.poles + structure.zeros + 3
+    return record.count - record.unknown(structure.delay) > 2 * structure.poles + structure.zeros + 3
 
 
 def _stalls(costs: Sequence[float], least: float) -> bool:
     """Return whether the last `STALLS` of some costs lie no more than ``least`` below the lowest before them."""
     earlier, last = costs[:-STALLS], costs[-STALLS:]
     return bool(earlier) and min(earlier) - min(last) <= least
-
-
-def _known(record: Record) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """Return how many residuals before each of a record are one sampling time apart, up to LAGS."""
-    from replant.kernels.filters.whitening import IRREGULAR
-
-    index = np.arange(record.u.size)
-    if record.intervals.size == 1:
-        return np.minimum(index, LAGS)
-    nominal = float(np.median(record.intervals[1:]))
-    broken = np.abs(record.intervals - nominal) > IRREGULAR * nominal
-    broken[0] = True
-    last = np.maximum.accumulate(np.where(broken, index, 0))
-    return np.minimum(index - last, LAGS)

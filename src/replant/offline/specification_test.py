@@ -1,0 +1,273 @@
+r"""Which of two estimates of a record to take, by a specification test.
+
+PLAIN, the least output error, is consistent in open loop whatever the noise is.  FILTERED, by the noise model, is
+efficient where that is right, nearly consistent in feedback, and far off where the structure is not right.  Hausman's
+test decides: if FILTERED is right, its residual :math:`e_f` is noise v that knows nothing of the input, and by how much
+PLAIN simulates better is chance,
+
+.. math:: q = |e_f|^2 - |e_p|^2 = s^T G^{-1} s, \quad s = Z^T e_f = W^T v, \quad
+          W = Z - D^T D X (X^T D^T D X)^{-1} X^T Z, \quad G = Z^T Z
+
+with X = [Z, nuisances], Z the derivatives of the simulated output freed of the nuisances, and D the noise model as a
+filter.  The covariance of s is the mean over frequency of :math:`W W^* |V|^2`; :math:`|V|^2` is the periodogram of
+:math:`e_p` over 1 - leverage, what the fit has taken from it.  It needs no model of v, no bandwidth and no batches.
+With :math:`\Lambda = G^{-1/2} \mathrm{cov}(s) G^{-1/2}`
+
+.. math:: q / \mathrm{tr} \Lambda \sim F(h, \nu), \qquad h = (\mathrm{tr} \Lambda)^2 / \mathrm{tr} \Lambda^2,
+
+:math:`\nu` the number of periodogram ordinates that the mean is made of (Satterthwaite on both sides).
+
+Feedback makes s large as well.  The input is split into what answers the whitened residual and :math:`u_r`, which does
+not.  With :math:`\delta = (G_p - G_f) u` and :math:`\delta_r` of :math:`u_r`,
+:math:`\varphi = \delta_r^T e_f / \delta^T e_f` is 0 round a right model in feedback and 1 in open loop, and q counts by
+:math:`\varphi^2`.  With a reference :math:`u_r` is what that explains of the input.
+
+Sources: Hausman (1978), "Specification tests in econometrics", Econometrica 46; Robinson (1998), "Inference without
+smoothing in the presence of nonparametric autocorrelation", Econometrica 66; MacKinnon and White (1985), "Some
+heteroskedasticity-consistent covariance matrix estimators", Journal of Econometrics 29 (HC2).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.engine.record import Record
+from replant.model.structure import Structure
+from replant.offline.refined import Refined
+from replant.simulation.model_run import ModelRun, run_model
+from replant.simulation.prediction import runs_away
+from replant.statistics.autoregression import Autoregression
+from replant.statistics.linear_algebra import pseudo_inverse, quiet
+from replant.statistics.projections import lengths_of, orthogonal, products, without
+
+FALSE_ALARM = 1e-2
+"""Chance that a right filtered estimate is given up [probability].
+Level: 1 %: a false alarm costs efficiency, a missed one some points of fit.
+"""
+
+ANSWERED = 1e-3
+"""Chance that feedback is found in open loop [probability].
+Level: 0.1 %: a false one costs little, as the share of the input that answers is then small.
+"""
+
+ANSWERS = 10
+"""Latest residual that the input may answer, beside the present one [samples].
+Origin: as LATEST of the feedback test.
+"""
+
+MOST = 0.5
+"""Share of the difference up to which feedback is its reason: of an answer longer than `ANSWERS` some is left [share].
+Origin: 184 loops under autoregressive noise: right models have shares of 0 to 0.4 but for three integrators.
+"""
+
+LONGEST = 120
+"""Own past values that tell the input at the most; Akaike's criterion chooses [samples].
+Origin: of 42 recorded logs none needs more.
+"""
+
+PER_COLUMN = 12
+"""Samples for each of them [samples].
+Origin: as in the cross test, half as many again.
+"""
+
+NEWEST = 20_000
+"""Samples that they are fitted to at the most, for the time it takes [samples]."""
+
+LEAST_LEFT = 0.02
+"""What the fit leaves of a periodogram's ordinate at the least [share].
+Derivation: below it what is left is rounding of the leverage.
+"""
+
+LOUDEST = 3.0
+"""Amplitude of the input's answer beside the input, beyond which its own past does not carry it on [ratio].
+Derivation: an answer that is larger than the input itself says that its filter is nearly unstable.
+"""
+
+
+@quiet
+def is_right(structure: Structure, record: Record, plain: Refined, filtered: Refined) -> bool:
+    """Return whether the filtered estimate is to be taken: that the plain one simulates better may be chance.
+
+    Parameters
+    ----------
+    structure : Structure
+    record : Record
+    plain, filtered : Refined
+        Estimates without and with the noise model as a filter.
+    """
+    run_p, run_f = (run_model(structure, one.theta[: structure.size], record, record.dt) for one in (plain, filtered))
+    if run_f is None:
+        return False
+    denominators = [np.append(1.0, one.theta[structure.denominator]) for one in (plain, filtered)]
+    if run_p is None or any(runs_away(each, record.span) for each in denominators):
+        return True  # an unstable plant is in feedback, and has no simulated error to compare
+    noise = filtered.noise_model
+    whole = _whole(record, noise.order)
+    statistic, degrees, ordinates = hausman(run_p, run_f, noise, whole)
+    if _chance(statistic, degrees, ordinates) >= FALSE_ALARM:
+        return True
+    share = _share_of_feedback(structure, record, (plain, filtered), (run_p, run_f), whole)
+    return _chance(share**2 * statistic, degrees, ordinates) >= FALSE_ALARM
+
+
+def hausman(run_p: ModelRun, run_f: ModelRun, noise: Autoregression, whole: FloatArray) -> tuple[float, float, float]:
+    """Return q / tr Lambda, and the degrees of freedom h and nu of its distribution.
+
+    Parameters
+    ----------
+    run_p, run_f : ModelRun
+        The plain and the filtered estimate over the record.
+    noise : Autoregression
+        D.
+    whole : (K,) array
+        1 where the residual has a known past as long as D's order, else 0.
+    """
+    size = run_f.zeta.shape[1]
+    x = np.hstack([run_f.zeta, run_f.nuisances])
+    x = x / lengths_of(x)
+    z = without(x[:, :size], x[:, size:])
+    filtered = _ahead(noise, x) * whole[:, None]
+    weights = pseudo_inverse(products(filtered, filtered), 1e-13)[:, :size] @ products(x[:, :size], z)
+    w = (z - _back(noise, filtered) @ weights) @ orthogonal(products(z, z))
+    spectra = np.fft.rfft(w, _length(w), axis=0)
+    power = _noise_power(run_p)
+    covariance = ((spectra.conj() * power[:, None]).T @ spectra).real
+    trace = max(float(np.trace(covariance)), np.finfo(float).tiny)
+    each = (np.abs(spectra) ** 2).sum(axis=1) * power
+    each = each[: each.size // 2 * 2].reshape(-1, 2).sum(axis=1)  # padded to twice the length: neighbours are one
+    ordinates = 4.0 * float(each.sum()) ** 2 / max(float((each**2).sum()), np.finfo(float).tiny)
+    q = float(run_f.error @ run_f.error - run_p.error @ run_p.error)
+    return max(q, 0.0) / trace, trace**2 / max(float(np.sum(covariance**2)), np.finfo(float).tiny), ordinates
+
+
+def _noise_power(run: ModelRun) -> FloatArray:
+    """Return the periodogram of a residual, corrected for what the fit took from it, over the transform's length."""
+    samples, length = run.error.size, _length(run.error)
+    columns = np.hstack([run.zeta, run.nuisances])
+    columns = columns / lengths_of(columns)
+    basis = columns @ orthogonal(products(columns, columns))
+    leverage = (np.abs(np.fft.rfft(basis, length, axis=0)) ** 2).sum(axis=1) / samples
+    power = np.abs(np.fft.rfft(run.error, length)) ** 2 / samples / np.maximum(1.0 - leverage, LEAST_LEFT)
+    power[1:-1] *= 2.0
+    return np.asarray(power / length)
+
+
+def _share_of_feedback(
+    structure: Structure,
+    record: Record,
+    estimates: tuple[Refined, Refined],
+    runs: tuple[ModelRun, ModelRun],
+    whole: FloatArray,
+) -> float:
+    """Return the share of the difference between two estimates that feedback does not explain, phi."""
+    u = record.u - record.u.mean()
+    if record.r is None:
+        answer, chance = answering(u, _ahead(estimates[1].noise_model, runs[1].error) * whole)
+    else:
+        answer, chance = u - _explained(u, record.r), 0.0
+    if chance >= ANSWERED:
+        return 1.0
+    rest = dataclasses.replace(record, u=u - answer)
+    purged = [run_model(structure, one.theta[: structure.size], rest, record.dt) for one in estimates]
+    if purged[0] is None or purged[1] is None:
+        return 0.0
+    deltas = np.column_stack([runs[0].forced - runs[1].forced, purged[0].forced - purged[1].forced])
+    all_of_it, of_the_rest = runs[1].error @ without(deltas, runs[1].nuisances)
+    share = float(np.clip(of_the_rest / all_of_it, 0.0, 1.0)) if all_of_it > 0.0 else 0.0
+    return share if share > MOST else 0.0
+
+
+@quiet
+def answering(u: FloatArray, w: FloatArray) -> tuple[FloatArray, float]:
+    """Return the part (K,) of an input that answers a whitened residual, and its chance in open loop.
+
+    The input is told by its own past, as far as Akaike's criterion asks, and by the residuals now and before.  The
+    chance is that of a score test which noise of any distribution keeps.
+
+    Parameters
+    ----------
+    u, w : (K,) arrays
+        Input, its mean taken off, and whitened residual.
+
+    Examples
+    --------
+    >>> w, r = np.random.default_rng(0).standard_normal((2, 1000))
+    >>> answer, chance = answering(r - 0.5 * w, w)
+    >>> bool(chance < 1e-6), bool(np.corrcoef(answer, w)[0, 1] < -0.9), bool(answering(r, w)[1] > 1e-3)
+    (True, True, True)
+    """
+    from scipy.stats import chi2  # slow to import
+
+    most = min(LONGEST, u.size // PER_COLUMN)
+    rows = np.arange(max(most, ANSWERS), u.size)[-NEWEST:]
+    nothing = np.zeros(u.size), 1.0
+    if rows.size < PER_COLUMN * (ANSWERS + 2):
+        return nothing
+    past = np.column_stack([np.ones(rows.size), *(u[rows - lag] for lag in range(1, most + 1))])
+    basis, upper = np.linalg.qr(past)
+    along, power = basis.T @ u[rows], float(u[rows] @ u[rows])
+    left = np.maximum(power - np.cumsum(along**2), 1e-14 * power)
+    columns = int(np.argmin(rows.size * np.log(left) + 2.0 * np.arange(left.size))) + 1
+    basis, upper, along = basis[:, :columns], upper[:columns, :columns], along[:columns]
+    now = u[rows] - basis @ along
+    if not np.linalg.norm(now) > 1e-6 * np.linalg.norm(u):
+        return nothing  # the input is known from its past
+    lagged = np.column_stack([w[rows - lag] for lag in range(ANSWERS + 1)])
+    told = lagged - basis @ (basis.T @ lagged)
+    moments = now[:, None] * told
+    total = moments.sum(axis=0)
+    chance = float(chi2.sf(total @ pseudo_inverse(moments.T @ moments, 1e-12) @ total, ANSWERS + 1))
+    gains = np.linalg.lstsq(told, now, rcond=1e-12)[0]
+    own = np.linalg.lstsq(upper, along - basis.T @ (lagged @ gains), rcond=1e-12)[0]
+    return _carried(np.convolve(w, gains)[: u.size], own[1:], u), chance
+
+
+def _carried(push: FloatArray, own: FloatArray, u: FloatArray) -> FloatArray:
+    """Return what a push (K,) makes of an input (K,) that its own past carries on."""
+    from scipy.signal import lfilter  # slow to import
+
+    answer = np.asarray(lfilter([1.0], np.append(1.0, -own), push))
+    held = bool(np.isfinite(answer).all()) and np.linalg.norm(answer) <= LOUDEST * np.linalg.norm(u)
+    return answer if held else push
+
+
+def _explained(u: FloatArray, r: FloatArray) -> FloatArray:
+    """Return what present and past values of a reference (K,) explain of an input (K,)."""
+    most = min(LONGEST, u.size // PER_COLUMN)
+    columns = [np.append(np.full(lag, r[0]), r[: r.size - lag]) for lag in range(most + 1)]
+    return u - without(u[:, None], np.column_stack([*columns, np.ones(u.size)]))[:, 0]
+
+
+def _chance(statistic: float, degrees: float, ordinates: float) -> float:
+    from scipy.stats import f  # slow to import
+
+    return float(f.sf(statistic, degrees, ordinates))
+
+
+def _length(signal: FloatArray) -> int:
+    """Return the length of a Fourier transform in which the ends of a signal (K, ...) do not meet."""
+    return 1 << (2 * len(signal) - 1).bit_length()
+
+
+def _ahead(noise: Autoregression, signals: FloatArray) -> FloatArray:
+    """Return D(q) x of ``signals`` (K, ...), zeros before the first sample."""
+    result = signals.copy()
+    for lag in range(1, noise.order + 1):
+        result[lag:] += noise.coefficients[lag] * signals[:-lag]
+    return result
+
+
+def _back(noise: Autoregression, signals: FloatArray) -> FloatArray:
+    """Return the transpose of it."""
+    result = signals.copy()
+    for lag in range(1, noise.order + 1):
+        result[:-lag] += noise.coefficients[lag] * signals[lag:]
+    return result
+
+
+def _whole(record: Record, order: int) -> FloatArray:
+    """Return 1 where a record's residual has ``order`` known predecessors one sampling time apart, else 0, (K,)."""
+    return np.asarray(record.predecessors >= order, np.float64)
