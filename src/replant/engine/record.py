@@ -135,7 +135,8 @@ class Record:
 
     def _cut(self, rows: slice, usual: float) -> Record:
         intervals = self.intervals if self.intervals.size == 1 else self.intervals[rows]
-        r, measured = (None if signal is None else signal[rows] for signal in (self.r, self.measured))
+        r = None if self.r is None else self.r[rows]
+        measured = None if self.measured is None else self.measured[rows]
         return Record(
             self.u[rows], self.y[rows], intervals, self.input_hold, r, usual=usual, measured=measured
         )  # fmt: skip
@@ -206,10 +207,11 @@ def ready_record(
     input_hold: str = "zoh",
     r: FloatArray | None = None,
 ) -> Record:
-    """Return a raw record made ready: mapped, unusable samples dropped, working point taken off.
+    """Return a raw record made ready: mapped, samples without an input dropped, working point taken off.
 
     Without a bias in the structure the mean is subtracted too; the constant beside G(s) takes up the remainder.  Where
-    samples are dropped the intervals grow: the filters are exact for the time that passed.
+    samples are dropped the intervals grow: the filters are exact for the time that passed.  An output that cannot be
+    used is not `Record.measured`.
 
     Parameters
     ----------
@@ -227,12 +229,22 @@ def ready_record(
         Reference.
     """
     mapped = preprocess.map_input(u)
-    accepted, _ = screen(mapped, y)
+    accepted, measured = screen(mapped, np.zeros(y.size))[0], screen(mapped, y)[0]
+    if not measured.any():
+        accepted = measured
     if not structure.bias:
         preprocess = centre(preprocess, u, y)
     regular = stamps is None and bool(accepted.all())
     clock = np.arange(u.size) * dt if stamps is None else stamps
     intervals = np.array([dt]) if regular else np.diff(clock[accepted], prepend=clock[accepted][:1] - dt)
     u, y = mapped[accepted] - float(preprocess.input_offset), y[accepted] - float(preprocess.output_offset)
-    r = None if r is None else r[accepted]
-    return Record(u, y, intervals, input_hold, r, usual=math.inf if stamps is None else dt)
+    measured = measured[accepted]
+    if r is not None:
+        r = r[accepted]
+        told = np.isfinite(r)
+        measured = measured & told
+        r = np.interp(np.arange(r.size), np.flatnonzero(told), r[told]) if told.any() else r
+    return Record(
+        u, np.where(measured, y, 0.0), intervals, input_hold, r,
+        usual=math.inf if stamps is None else dt, measured=None if measured.all() else measured,
+    )  # fmt: skip

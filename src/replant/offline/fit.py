@@ -22,17 +22,16 @@ from replant.assessment import Simulation, fit_percent, simulate
 from replant.engine.record import Record, ready_record
 from replant.engine.record_regressors import regressors
 from replant.errors import InvalidArgumentError
+from replant.kernels.schema import Doubt
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
-from replant.offline.bridging import Solution, solved
 from replant.offline.choose_filter import choose_filter
 from replant.offline.fit_result import FitResult
 from replant.offline.least_squares import least_squares
 from replant.offline.reference_use import ReferenceUse, use_of
-from replant.offline.refined import Refined
 from replant.offline.samples import Samples
-from replant.offline.srivc import first_model
+from replant.offline.solve import Solution, solve
 from replant.regressor.filters import Filter, RefinedFilter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
 from replant.settings import AUTO, Request
@@ -40,7 +39,6 @@ from replant.simulation.prediction import prediction_error, runs_away
 from replant.statistics.autoregression import one_step
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.lost_samples import one_step_with_lost
-from replant.statistics.robust import without_spikes
 
 METHODS = (AUTO, "srivc", "least_squares")
 
@@ -149,12 +147,12 @@ def fit(
         raw = RawRecord(structure, dt, preprocess, u, y, stamps, hold)
         use = None if r is None else use_of(r, raw.made_ready(y, r))
         solution = _solution(raw, r if use is None or use.used else None)
-        if solution.found is None and use is not None:
+        if solution is None and use is not None:
             use = use.given_up()
             solution = _solution(raw, None)
-        if solution.found is not None:
+        if solution is not None:
             use = None if use is None else use.concluded(structure, solution.found)
-            return _with_record(_refined_result(raw, solution, rejected, use), raw, given)
+            return _with_record(_refined_result(raw, solution, rejected, use), raw, given, solution.record)
         if method == "srivc" or stamps is not None:  # least squares needs a regular clock
             raise InvalidArgumentError(
                 "srivc finds no model for this record: the input hardly moves, or the structure does not fit the plant"
@@ -168,13 +166,13 @@ def fit(
         filter = choose_filter(structure, dt, preprocess, u, y, input_hold=hold)  # noqa: A001
     result = _least_squares_result(structure, dt, filter, preprocess, u, y, accepted, rejected)
     raw = RawRecord(structure, dt, preprocess, u, y, None, filter.input_hold)
-    return _with_record(dataclasses.replace(result, reference=use), raw, given)
+    return _with_record(dataclasses.replace(result, reference=use), raw, given, raw.made_ready(raw.y, None))
 
 
-def _with_record(result: FitResult, raw: RawRecord, given: Samples) -> FitResult:
+def _with_record(result: FitResult, raw: RawRecord, given: Samples, record: Record) -> FitResult:
     """Return a result with the record that its verdict looks at, and the names of its signals."""
-    signal = result.reference.signal if result.reference else None
-    record = raw.made_ready(result.bridged(raw.y), signal)
+    if result.reference is not None and record.r is None:
+        record = dataclasses.replace(record, r=raw.made_ready(raw.y, result.reference.signal).r)
     usual = None if raw.stamps is None else float(np.median(np.diff(raw.stamps)))
     used = raw.usable
     means = (float(raw.mapped[used].mean()), float(raw.y[used].mean())) if used.any() else (0.0, 0.0)
@@ -256,72 +254,47 @@ class RawRecord:
         return one_step(residual) if self.stamps is None else one_step_with_lost(residual, self.stamps, self.dt)
 
 
-def _solution(raw: RawRecord, r: FloatArray | None) -> Solution:
-    """Return the model of a record, its outliers and missing outputs bridged."""
-    usable, y = raw.usable, raw.y
-    missing = raw.known & ~usable & _between(usable)  # before the first output and behind the last nothing is told
-    if r is not None:
-        missing &= np.isfinite(r)
-    gross = y.copy()
-    gross[usable] = without_spikes(y[usable])
-    span = raw.dt * y.size if raw.stamps is None else float(raw.stamps[-1] - raw.stamps[0])
-
-    def solve(output: FloatArray) -> tuple[Record, Refined | None]:
-        ready = raw.made_ready(output, r)
-        return ready, first_model(raw.structure, ready)
-
-    def run(found: Refined, output: FloatArray) -> FloatArray | None:
-        model = raw.structure.transfer_function(found.theta[: raw.structure.size])
-        if runs_away(model.den, span):
-            return None
-        simulated = raw.simulated(model, np.where(usable, output, np.nan)).output
-        return simulated if np.isfinite(simulated).all() else None
-
-    inputs = np.where(raw.known, raw.mapped, np.nan)
-    return solved(inputs, np.where(usable, y, np.nan), missing, np.where(usable, gross, np.nan), solve, run)
-
-
-def _between(usable: BoolArray) -> BoolArray:
-    """Return which samples (K,) lie between the first usable one and the last."""
-    return np.asarray(np.logical_or.accumulate(usable) & np.logical_or.accumulate(usable[::-1])[::-1])
+def _solution(raw: RawRecord, r: FloatArray | None) -> Solution | None:
+    return solve(raw.structure, raw.made_ready(raw.y, r))
 
 
 def _refined_result(
     raw: RawRecord, solution: Solution, rejected: dict[str, int], use: ReferenceUse | None
 ) -> FitResult:
-    structure, dt, accepted = raw.structure, raw.dt, raw.usable
-    size, found, ready = structure.size, solution.found, solution.ready
-    assert found is not None
-    in_record = accepted | solution.missing
-    measured = np.where(accepted, raw.y, np.nan)
-    y = np.where(solution.outliers, np.nan, measured)
-    model = structure.transfer_function(found.theta[:size])
+    structure, dt, found = raw.structure, raw.dt, solution.found
+    doubt = np.full(raw.u.size, Doubt.MISSING)
+    doubt[raw.known] = solution.doubt
+    used = doubt == Doubt.NONE
+    measured, y = np.where(raw.usable, raw.y, np.nan), np.where(used, raw.y, np.nan)
+    model = structure.transfer_function(found.theta[: structure.size])
     error = None
-    if runs_away(model.den, ready.span):
-        error = prediction_error(structure, found.theta[:size], ready, dt)
+    if runs_away(model.den, solution.record.span):
+        error = prediction_error(structure, found.theta[: structure.size], solution.record, dt)
     if error is None:
         simulation = raw.simulated(model, y)
     else:
         output = measured.copy()
-        output[in_record] -= error
+        output[raw.known] -= error
         simulation = Simulation(output, 0.0, fit_percent(y, output), is_prediction=True)
+    outliers, stuck = (np.flatnonzero(doubt == each) for each in (Doubt.OUTLIER, Doubt.STUCK))
     return FitResult(
         structure,
         dt,
         "srivc",
         RefinedFilter(raw.input_hold),
         raw.preprocess,
-        found.theta[:size],
-        solution.widening * found.covariance[:size, :size],
-        found.condition(size),
+        found.theta[: structure.size],
+        found.covariance[: structure.size, : structure.size],
+        found.condition(structure.size),
         fit_percent(y, y - raw.one_step(y - simulation.output)),
         simulation,
-        int((accepted & ~solution.outliers).sum()),
-        rejected | {"outlier": int(solution.outliers.sum())},
+        int(used.sum()),
+        rejected | {"outlier": outliers.size, "stuck": stuck.size},
         NoiseModel.of_slots(found.noise, dt),
         use,
-        np.flatnonzero(solution.outliers),
-        np.flatnonzero(solution.missing),
+        outliers,
+        stuck,
+        np.flatnonzero((doubt == Doubt.MISSING) & raw.known),
     )
 
 

@@ -61,6 +61,8 @@ class FitResult:
         What the reference was worth; None where none was given.
     outliers : (N,) array of int
         Indices of the outputs that were left out as outliers.
+    stuck : (N,) array of int
+        Indices of the outputs that were left out because the sensor was stuck, or at its limit.
     missing : (N,) array of int
         Indices of the samples without an output, whose input was used.
     record : Record or None
@@ -90,6 +92,7 @@ class FitResult:
     noise: NoiseModel | None = None
     reference: ReferenceUse | None = None
     outliers: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    stuck: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     missing: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     record: Record | None = None
     means: tuple[float, float] = (0.0, 0.0)
@@ -155,7 +158,7 @@ class FitResult:
 
     def bridged(self, y: FloatArray) -> FloatArray:
         """Return an output (K,) with the model's where it is missing or an outlier: what the model was made from."""
-        rows = np.concatenate([self.outliers, self.missing])
+        rows = np.concatenate([self.outliers, self.stuck, self.missing])
         y = y.copy()
         y[rows] = self.simulation.output[rows]
         return y

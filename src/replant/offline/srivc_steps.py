@@ -131,11 +131,14 @@ class Problem:
 
         Rows of outputs that were not measured are zero; the filters see the model's output, or the record's guess.
         """
+        return self.run_whole(model, filled=filled).since(self._unknown)
+
+    def run_whole(self, model: FloatArray, *, filled: bool = True) -> Pass:
+        """Return the same with the samples that answer to unknown inputs."""
         parts = None if self.projection is None else self.projection.parts
         if filled or self.whole.measured is None:
-            return self._model.run(model, self.whole, parts).since(self._unknown)
-        done = self._model.run(model, replace(self.whole, measured=None), parts)
-        return done.of(self.whole.measured).since(self._unknown)
+            return self._model.run(model, self.whole, parts)
+        return self._model.run(model, replace(self.whole, measured=None), parts).of(self.whole.measured)
 
     def is_stable(self, model: FloatArray) -> bool:
         """Return whether no pole of ``model`` (T,) is reflected."""

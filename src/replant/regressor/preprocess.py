@@ -16,6 +16,7 @@ from replant.arguments import (
 )
 from replant.errors import InvalidArgumentError
 from replant.kernels.schema import LARGEST
+from replant.statistics.robust import without_spikes
 
 InputMap = str | Callable[[FloatArray], FloatArray]
 WorkingPoint = float | str
@@ -144,7 +145,8 @@ def _level(offset: WorkingPoint, signal: FloatArray) -> float:
 def centre(preprocess: Preprocess, u: FloatArray, y: FloatArray) -> Preprocess:
     """Return the same with the record's mean as working point, where a constant is estimated beside G(s).
 
-    That constant makes any working point right; one near the data keeps the regression well conditioned.
+    That constant makes any working point right; one near the data keeps the regression well conditioned.  Gross
+    outliers do not count.
 
     Parameters
     ----------
@@ -156,4 +158,5 @@ def centre(preprocess: Preprocess, u: FloatArray, y: FloatArray) -> Preprocess:
     accepted, _ = screen(mapped, y)
     if not accepted.any():
         return preprocess
-    return Preprocess(preprocess.input_map, float(mapped[accepted].mean()), float(y[accepted].mean()))
+    level = float(without_spikes(y[accepted]).mean())
+    return Preprocess(preprocess.input_map, float(mapped[accepted].mean()), level)

@@ -168,7 +168,7 @@ def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float,
     if fitted.reference:
         y = np.where(np.isfinite(fitted.reference.signal), y, np.nan)
     used = screen(fitted.preprocess.map_input(u), y)[0]
-    used[fitted.outliers] = False
+    used[fitted.outliers] = used[fitted.stuck] = False
     return Result(
         fitted.model,
         fitted.one_step,

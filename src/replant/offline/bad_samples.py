@@ -1,0 +1,184 @@
+"""Bad samples of a record: outputs that are missing, outliers, and those of a sensor that is stuck or at its limit.
+
+An outlier is an output whose residual stands out of its neighbours'.  A sensor is stuck where the output was the same
+number to the bit so often in a row that it is no chance, while the model says that it moved; at its limit where it is
+so at the same number again.  Both need a model, so that a record is solved, its outputs are judged, and it is solved
+again without those that are bad (`replant.offline.solve`).  What may be bad by the outputs alone is left out at first.
+
+Source: Pearson (2002), "Outliers in process modeling and identification", IEEE Transactions on Control Systems
+Technology 10 (median filter and robust scale).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from replant.arguments import BoolArray, FloatArray, IntArray
+from replant.kernels.schema import Doubt
+from replant.statistics.robust import robust_std, without_spikes
+
+SIGMAS = 6.0
+"""Distance of a residual from the median of its neighbours beyond which it is an outlier [robust standard deviations].
+Level: 2e-9 for normal noise.
+"""
+
+LEAST = 0.25
+"""The same beside the output, so that what rounding or a small fault of the model leaves is none [part of the output's
+standard deviation].
+Origin: an outlier that is smaller moves no coefficient by more than its deviation in a record of 500 samples.
+Sensitivity: halved or doubled, nothing changes on these records.
+"""
+
+STEPS = 3.0
+"""The same beside the sensor's smallest step, and what a model must move while the sensor is stuck: rounded, right
+outputs lie up to two steps from their neighbours' median, and one that settles between two steps stands still [steps].
+Derivation: one more than two.
+Sensitivity: halved or doubled, nothing changes on these records.
+"""
+
+MOST = 0.05
+"""Share of outliers beyond which they are none: noise with heavy tails, or another plant [share of samples].
+Origin: as MOST_DOUBTED of the recursion.
+Sensitivity: halved or doubled, nothing changes on these records.
+"""
+
+NEIGHBOURS = 5
+"""Neighbours, itself included, whose median tells what a residual is without outliers [samples].
+Derivation: two outliers in a row are outvoted.
+"""
+
+JUMP = 0.1
+"""Step of the input that a model without a direct path answers too late [part of the input's range].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: halved or doubled, nothing changes on these records.
+"""
+
+BY_CHANCE = 0.01
+"""Chance below which outliers are at steps of the input for a reason [probability].
+Level: of a binomial test; a lone outlier is taken for an answer where steps are rarer than one sample in 100.
+"""
+
+TIED_BY_CHANCE = 1e-3
+"""Chance of a run of equal outputs in a record below which the sensor is stuck [probability].
+Level: the run's length follows from the share of equal neighbours elsewhere.
+"""
+
+SECTIONS = 8
+"""Parts of the record of which one at least tells how often neighbours are equal by chance: the sensor may fail in
+others [count].
+Origin: as in the test of the sensor's faults.
+"""
+
+HARM = 0.02
+"""What a model must move while the sensor is stuck, so that it does harm [part of the output's standard deviation].
+Origin: as the square root of HARM of the recursion.
+"""
+
+
+def suspicious(y: FloatArray) -> IntArray:
+    """Return the `Doubt` in each output (K,) without a model: missing (NaN), gross, or equal too often to be chance.
+
+    Where the last would leave too little, none of them is suspicious.
+
+    Examples
+    --------
+    >>> y = np.sin(np.arange(200.0))
+    >>> y[20], y[50], y[100:160] = np.nan, 1e9, 0.3
+    >>> np.flatnonzero(np.diff(suspicious(y)) != 0).tolist()
+    [19, 20, 49, 50, 99, 159]
+    """
+    doubt = np.where(np.isfinite(y), Doubt.NONE, Doubt.MISSING)
+    known = np.flatnonzero(np.isfinite(y))
+    doubt[known[without_spikes(y[known]) != y[known]]] = Doubt.OUTLIER
+    still = doubt.copy()
+    for rows in _runs(y):
+        still[rows] = Doubt.STUCK
+    return still if 2 * int((still == Doubt.NONE).sum()) > known.size else doubt
+
+
+def doubts(u: FloatArray, y: FloatArray, modelled: FloatArray) -> IntArray:
+    """Return the `Doubt` in each output (K,), by a model's.
+
+    Parameters
+    ----------
+    u, y : (K,) arrays
+        Input, and output as it was measured; NaN where it is missing.
+    modelled : (K,) array
+        The model's output.
+    """
+    error = y - modelled
+    doubt = np.where(np.isfinite(y), Doubt.NONE, Doubt.MISSING)
+    doubt[_outliers(u, y, error)] = Doubt.OUTLIER
+    doubt[_stuck(y, modelled, robust_std(error[np.isfinite(error)]) if np.isfinite(error).any() else 0.0)] = Doubt.STUCK
+    return doubt
+
+
+def filled(y: FloatArray, measured: BoolArray) -> FloatArray:
+    """Return an output (K,) with those not measured on the straight line between their neighbours."""
+    if measured.all() or not measured.any():
+        return y
+    index = np.arange(y.size)
+    return np.interp(index, index[measured], y[measured])
+
+
+def _runs(y: FloatArray) -> list[slice]:
+    """Return where outputs (K,) are equal to the bit so often in a row that it is no chance."""
+    if y.size < 2 * SECTIONS:
+        return []
+    equal = y[1:] == y[:-1]
+    share = min(float(part.mean()) for part in np.array_split(equal, SECTIONS))
+    share = max(share, SECTIONS / y.size)  # fewer were not looked at
+    if not share < 1.0:
+        return []
+    fewest = math.log(TIED_BY_CHANCE / y.size) / math.log(share)
+    edges = np.flatnonzero(np.diff(equal.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    return [slice(int(begin), int(end) + 1) for begin, end in edges if end - begin > fewest]
+
+
+def _stuck(y: FloatArray, modelled: FloatArray, noise: float) -> BoolArray:
+    """Return which outputs (K,) are those of a sensor that is stuck, or at its limit.
+
+    The model moves meanwhile by more than the noise, some steps of the scale, and what does no harm.
+    """
+    found = np.zeros(y.size, bool)
+    known = y[np.isfinite(y)]
+    if known.size < 2:
+        return found
+    steps = np.abs(np.diff(known))
+    least = max(noise, STEPS * float(steps[steps > 0.0].min(initial=math.inf)), HARM * float(known.std()))
+    runs = [rows for rows in _runs(y) if float(np.ptp(modelled[rows])) > least]
+    for rows in runs:
+        found[rows] = True
+    for level in {float(y[rows.start]) for rows in runs}:  # shorter runs at the same end of the scale
+        found[:-1] |= (y[:-1] == level) & (y[1:] == level)
+        found[1:] |= (y[:-1] == level) & (y[1:] == level)
+    return found
+
+
+def _outliers(u: FloatArray, y: FloatArray, error: FloatArray) -> BoolArray:
+    """Return which residuals (K,) stand out of their neighbours; none where they follow steps of the input."""
+    known = np.isfinite(error)
+    nothing = np.zeros(error.size, bool)
+    if int(known.sum()) < NEIGHBOURS:
+        return nothing
+    half = NEIGHBOURS // 2
+    padded = np.pad(error[known], half, mode="reflect")
+    away = np.abs(error[known] - np.median(np.lib.stride_tricks.sliding_window_view(padded, NEIGHBOURS), axis=1))
+    steps_of_output = np.abs(np.diff(y[known]))
+    step = float(steps_of_output[steps_of_output > 0.0].min(initial=math.inf))
+    limit = max(SIGMAS * robust_std(away), LEAST * float(np.std(y[known] - error[known])))
+    found = nothing.copy()
+    found[known] = away > max(limit, STEPS * step if step < math.inf else 0.0)
+    steps = np.abs(np.diff(u, prepend=u[:1])) > JUMP * float(np.ptp(u))
+    steps |= np.roll(steps, 1)
+    follow = _more_than_chance(int((found & steps).sum()), int(found.sum()), float(steps.mean()))
+    return nothing if follow or not 0 < int(found.sum()) <= MOST * error.size else found
+
+
+def _more_than_chance(at_steps: int, outliers: int, share: float) -> bool:
+    """Return whether more outliers are at steps than the share of steps among the samples makes by chance."""
+    from scipy import special  # slow to import
+
+    return 2 * at_steps > outliers and float(special.bdtrc(at_steps - 1, outliers, share)) < BY_CHANCE
