@@ -160,4 +160,9 @@ class RecentSamples:
         u, y, intervals = self.values[:, : STEP + 1].T.copy()
         regular = bool((intervals[1:] == dt).all())
         r = self.reference.copy() if self.have_reference else None
-        return Record(u, y, np.array([dt]) if regular else intervals, input_hold, r)
+        measured = np.isfinite(y)
+        y[~measured] = self.bridged[~measured] if self.are_examined else 0.0
+        return Record(
+            u, y, np.array([dt]) if regular else intervals, input_hold, r,
+            measured=None if measured.all() else measured,
+        )  # fmt: skip

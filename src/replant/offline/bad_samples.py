@@ -5,8 +5,9 @@ number to the bit so often in a row that it is no chance, while the model says t
 so at the same number again.  Both need a model, so that a record is solved, its outputs are judged, and it is solved
 again without those that are bad (`replant.offline.solve`).  What may be bad by the outputs alone is left out at first.
 
-Source: Pearson (2002), "Outliers in process modeling and identification", IEEE Transactions on Control Systems
-Technology 10 (median filter and robust scale).
+Sources: Pearson (2002), "Outliers in process modeling and identification", IEEE Transactions on Control Systems
+Technology 10 (median filter and robust scale); Chang, Tiao and Chen (1988), "Estimation of time series parameters in the
+presence of outliers", Technometrics 30 (additive outliers in coloured noise).
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from replant.kernels.schema import Doubt
 from replant.statistics.robust import robust_std, without_spikes
 
 SIGMAS = 6.0
-"""Distance of a residual from the median of its neighbours beyond which it is an outlier [robust standard deviations].
+"""Distance of a residual from what its neighbours tell beyond which it is an outlier [robust standard deviations].
 Level: 2e-9 for normal noise.
 """
 
@@ -44,10 +45,11 @@ Origin: as MOST_DOUBTED of the recursion.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-NEIGHBOURS = 5
-"""Neighbours, itself included, whose median tells what a residual is without outliers [samples].
-Derivation: two outliers in a row are outvoted.
-"""
+FEWEST = 5
+"""Residuals that tell how large one usually is, at the least [samples]."""
+
+IN_A_ROW = 5
+"""Outliers in a row that are told apart: each time the largest of neighbours is found [count]."""
 
 JUMP = 0.1
 """Step of the input that a model without a direct path answers too late [part of the input's range].
@@ -98,7 +100,7 @@ def suspicious(y: FloatArray) -> IntArray:
     return still if 2 * int((still == Doubt.NONE).sum()) > known.size else doubt
 
 
-def doubts(u: FloatArray, y: FloatArray, modelled: FloatArray) -> IntArray:
+def doubts(u: FloatArray, y: FloatArray, modelled: FloatArray, noise: FloatArray) -> IntArray:
     """Return the `Doubt` in each output (K,), by a model's.
 
     Parameters
@@ -107,10 +109,12 @@ def doubts(u: FloatArray, y: FloatArray, modelled: FloatArray) -> IntArray:
         Input, and output as it was measured; NaN where it is missing.
     modelled : (K,) array
         The model's output.
+    noise : (p + 1,) array
+        The noise model 1, d_1 .. d_p.
     """
     error = y - modelled
     doubt = np.where(np.isfinite(y), Doubt.NONE, Doubt.MISSING)
-    doubt[_outliers(u, y, error)] = Doubt.OUTLIER
+    doubt[_outliers(u, y, error, noise)] = Doubt.OUTLIER
     doubt[_stuck(y, modelled, robust_std(error[np.isfinite(error)]) if np.isfinite(error).any() else 0.0)] = Doubt.STUCK
     return doubt
 
@@ -157,20 +161,32 @@ def _stuck(y: FloatArray, modelled: FloatArray, noise: float) -> BoolArray:
     return found
 
 
-def _outliers(u: FloatArray, y: FloatArray, error: FloatArray) -> BoolArray:
-    """Return which residuals (K,) stand out of their neighbours; none where they follow steps of the input."""
+def _outliers(u: FloatArray, y: FloatArray, error: FloatArray, noise: FloatArray) -> BoolArray:
+    """Return which residuals (K,) stand out of their neighbours; none where they follow steps of the input.
+
+    Beside its neighbours on both sides a residual of the noise model D stands out by D'D e / d'd.
+    """
     known = np.isfinite(error)
     nothing = np.zeros(error.size, bool)
-    if int(known.sum()) < NEIGHBOURS:
+    if int(known.sum()) < max(FEWEST, noise.size):
         return nothing
-    half = NEIGHBOURS // 2
-    padded = np.pad(error[known], half, mode="reflect")
-    away = np.abs(error[known] - np.median(np.lib.stride_tricks.sliding_window_view(padded, NEIGHBOURS), axis=1))
+    left, found = np.where(known, error, 0.0), nothing.copy()
     steps_of_output = np.abs(np.diff(y[known]))
     step = float(steps_of_output[steps_of_output > 0.0].min(initial=math.inf))
-    limit = max(SIGMAS * robust_std(away), LEAST * float(np.std(y[known] - error[known])))
-    found = nothing.copy()
-    found[known] = away > max(limit, STEPS * step if step < math.inf else 0.0)
+    least = max(LEAST * float(np.std(y[known] - error[known])), STEPS * step if step < math.inf else 0.0)
+    for _ in range(IN_A_ROW):
+        white = np.convolve(left, noise)[: left.size]
+        away = np.convolve(white[::-1], noise)[: left.size][::-1] / float(noise @ noise)
+        size = np.abs(away)
+        # of neighbours it is the one that stands out most: the others do so because of it
+        largest = np.max(
+            np.lib.stride_tricks.sliding_window_view(np.pad(size, noise.size - 1), 2 * noise.size - 1), axis=1
+        )
+        new = known & (size > max(SIGMAS * robust_std(away[known]), least)) & (size == largest)
+        if not new.any():
+            break
+        found |= new
+        left[new] -= away[new]
     steps = np.abs(np.diff(u, prepend=u[:1])) > JUMP * float(np.ptp(u))
     steps |= np.roll(steps, 1)
     follow = _more_than_chance(int((found & steps).sum()), int(found.sum()), float(steps.mean()))

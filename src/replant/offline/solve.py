@@ -77,7 +77,7 @@ def solve(
             break
         modelled = _output(structure, used, found)
         solution = Solution(found, replace(used, y=np.where(used.is_measured, used.y, modelled)), doubt)
-        before, doubt = doubt, doubts(record.u, y, modelled)
+        before, doubt = doubt, doubts(record.u, y, modelled, found.noise_model.coefficients)
         if (doubt == before).all():
             return solution
     missing = np.where(record.is_measured, Doubt.NONE, Doubt.MISSING)

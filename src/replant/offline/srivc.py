@@ -37,6 +37,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -45,7 +46,7 @@ from replant.engine.record import Record
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
 from replant.offline.refined import Refined, Root, conclude
-from replant.offline.specification_test import is_right
+from replant.offline.specification_test import FALSE_ALARM, is_right
 from replant.offline.srivc_steps import STALLS, Problem, is_long_enough
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.chi2 import chi2_quantile
@@ -191,6 +192,23 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
     if not root.converged and plain.converged:
         return estimate
     return other if is_right(problem.structure, problem.whole, estimate, other) else estimate
+
+
+def _efficient(problem: Problem, referenced: Refined | None, alone: Refined | None) -> Refined | None:
+    """Return the estimate without the reference where that explains nothing of its residual: it is more precise.
+
+    It goes on with the reference's instruments.
+    """
+    if referenced is None or alone is None or not alone.converged:
+        return referenced
+    problem.noise = alone.noise_model
+    done = problem.run(alone.theta)
+    misfit = problem.misfit(done) / alone.innovation
+    if not misfit <= chi2_quantile(1.0 - FALSE_ALARM, LAGUERRE):
+        return referenced
+    root = Root(alone.theta, done, problem.noise, alone.innovation, misfit * alone.innovation, True, True)
+    found = _concluded(problem, root)
+    return None if found is None else replace(found, covariance=alone.covariance, uncertainty=alone.uncertainty)
 
 
 def _polished(problem: Problem, start: FloatArray) -> Root:

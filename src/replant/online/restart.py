@@ -15,6 +15,7 @@ from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.offline.map_srivc import revise
 from replant.offline.refined import Refined
+from replant.offline.solve import Solution
 from replant.online.begin_recursion import initialize
 from replant.online.startup import carry_over, warm_up
 from replant.settings import Settings
@@ -63,6 +64,15 @@ def restart(old: State, settings: Settings, refined: Refined, record: Record, or
     new.ready_at = new.elapsed
     carry_over(old, new)
     new.record_began, new.solved_at = origin, old.samples
+    return new
+
+
+def restart_at(old: State, settings: Settings, solution: Solution, origin: int) -> State:
+    """Return `restart` at the solution of a record as it was measured; what it left out is in doubt from now on."""
+    new = restart(old, settings, solution.found, solution.record, origin)
+    count = solution.doubt.size
+    rows, recent = (new.samples - count + np.arange(count)) % len(new.recent), RecentSamples(new.recent)
+    recent.bridged[rows], recent.doubt[rows] = solution.record.y, solution.doubt
     return new
 
 

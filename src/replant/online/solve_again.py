@@ -4,34 +4,22 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from replant.arguments import FloatArray
 from replant.engine.dimensions import RECENT
 from replant.engine.recent_samples import RecentSamples
-from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels.schema import Alarm
-from replant.offline.refined import Refined
-from replant.offline.srivc import refine
+from replant.offline.solve import Solution, solve
 from replant.online.estimate_movement import asked_for
-from replant.online.restart import SURE, clear_doubt, restart, restart_from_prior
+from replant.online.restart import SURE, restart_at, restart_from_prior
 from replant.settings import Settings
 from replant.simulation.prediction import prediction_error
 from replant.statistics.autoregression import likelihood_ratio
 from replant.statistics.linear_algebra import quiet
-from replant.statistics.robust import without_spikes
 
 MOST_DOUBTED = 0.05
 """Share of bridged samples up to which a record is one that can be solved [share of samples].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved, nothing changes on these records; doubled, no verdict changes, and no error by a quarter.
-"""
-
-NEARER = 0.5
-"""Typical error of a model, beside another's, below which the other is the one that is wrong [ratio of medians].
-Derivation: outliers in up to a twentieth of the samples move a median by a tenth; a model that takes right outputs for
-outliers is off by several standard deviations.
 Sensitivity: halved, nothing changes on these records; doubled, no verdict changes, and no error by a quarter.
 """
 
@@ -86,69 +74,35 @@ def remembers_all(state: State, settings: Settings) -> bool:
 
 @quiet
 def solve_again(old: State, settings: Settings) -> State | None:
-    """Return the state that begins at a solution of the whole record, found from the present estimate.
+    """Return the state that begins at a solution of the whole record as it was measured.
 
-    None where no usable model is found, where older samples are forgotten, or where the record has a gap or too many
-    bridged outputs.  As long as the record is so short that its estimate may be the one that is wrong, the outputs as
-    they were measured are solved too.
+    None where no usable model is found, where older samples are forgotten, or where the record has a gap.
     """
     if not (old.adapt and remembers_all(old, settings) and _is_due(old, settings)):
         return None
     if old.was_revised:
         return _revised_again(old, settings)
     origin = old.record_began
-    kept = RecentSamples.since(old, origin)
-    if old.gap_at > origin or old.samples - origin > len(kept):
+    kept = RecentSamples.of(old)
+    if old.gap_at > origin or old.samples - origin > len(kept) or (old.alarm and is_mature(old, settings)):
         return None
-    mature = is_mature(old, settings)
-    if old.alarm and mature:
+    record = kept[len(kept) - (old.samples - origin) :].record(settings.dt, settings.filter.input_hold)
+    solution = solve(settings.structure, record, [old.physical], afresh=True)
+    if solution is None or not _is_usable(solution, settings, old.physical):
         return None
-    bridged = kept.with_output(kept.bridged)
-    found = _solution(old, settings, bridged) if kept.doubted <= MOST_DOUBTED else None
-    if not mature and kept.is_bridged.any() and kept.stuck <= MOST_DOUBTED:
-        measured = RecentSamples.of(old)[-len(kept) :]
-        plain = measured.with_output(without_spikes(measured.output))
-        other, present = _solution(old, settings, plain), old.physical if found is None else found.theta
-        if other is not None and _is_nearer(settings, measured, other.theta, present):
-            new = restart(old, settings, other, _record(settings, plain), origin)
-            clear_doubt(new, plain)
-            return new
-    return None if found is None else restart(old, settings, found, _record(settings, bridged), origin)
+    return restart_at(old, settings, solution, origin)
 
 
-def _record(settings: Settings, kept: RecentSamples) -> Record:
-    return kept.record(settings.dt, settings.filter.input_hold)
-
-
-def _solution(old: State, settings: Settings, kept: RecentSamples) -> Refined | None:
-    """Return the estimate of samples; None where it is uncertain and explains them no better than the present one."""
-    record = _record(settings, kept)
-    refined = refine(settings.structure, record, [old.physical], afresh=True)
-    if refined is None or refined.acceptable:
-        return refined
-    return refined if refined.settled and _explains_better(settings, refined.theta, old.physical, record) else None
-
-
-def _explains_better(settings: Settings, model: FloatArray, other: FloatArray, record: Record) -> bool:
-    """Return whether a model explains a record better than another, beyond chance."""
-    size = settings.structure.size
-    errors = [prediction_error(settings.structure, each[:size], record, settings.dt) for each in (model, other)]
+def _is_usable(solution: Solution, settings: Settings, present: FloatArray) -> bool:
+    """Return whether an estimate is certain, or explains its record better than the present one, beyond chance."""
+    found = solution.found
+    if found.acceptable or not found.settled:
+        return found.acceptable
+    size, record = settings.structure.size, solution.record
+    errors = [prediction_error(settings.structure, each[:size], record, settings.dt) for each in (found.theta, present)]
     if errors[0] is None or errors[1] is None:
         return errors[0] is not None
     return likelihood_ratio(errors[0], errors[1]) > SURE
-
-
-def _is_nearer(settings: Settings, measured: RecentSamples, model: FloatArray, other: FloatArray) -> bool:
-    """Return whether a model is so much nearer to the measured outputs that another has bridged right ones.
-
-    The median of the magnitudes of its error, which outliers hardly move, is then less than `NEARER` of the other's.
-    """
-    size, record = settings.structure.size, _record(settings, measured)
-    typical = []
-    for each in (model, other):
-        error = prediction_error(settings.structure, each[:size], record, settings.dt)
-        typical.append(math.inf if error is None else float(np.median(np.abs(error))))
-    return typical[0] < NEARER * typical[1]
 
 
 def _revised_again(old: State, settings: Settings) -> State | None:
