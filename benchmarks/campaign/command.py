@@ -7,7 +7,7 @@ sensors and with holes, beside an output-error fit that begins at the truth (`ca
 both are run.  Another seed gives other records.  ``--only`` runs single records again, by their numbers.  Ends with
 exit code 1 where the table of "random" misses what is wanted.
 
-What came of each field record stands in out/campaign/field-SEED.json, the anchors beside it: a second run finds them.
+What came of each field record stands in out/campaign/outcomes, its anchor beside it: a second run finds the anchors.
 """
 
 from __future__ import annotations
@@ -77,8 +77,6 @@ def of_field(options: argparse.Namespace, console: Console) -> int:
     if options.only:
         console.print(*outcomes, sep="\n")
         return 0
-    OUT.mkdir(parents=True, exist_ok=True)
-    (OUT / f"field-{options.seed}.json").write_text(json.dumps([asdict(one) for one in outcomes], indent=1))
     found = FieldTable(outcomes)
     title = f"field records, seed {options.seed}, {len(outcomes)} records, {seconds:.0f} s"
     console.print(table_of(title, list(found.lines())))
@@ -125,7 +123,11 @@ def carry_out(seed: int, task: int | str) -> Any:
 
 def carry_out_field(seed: int, number: int) -> field_outcome.FieldOutcome:
     """Make one field record by its number and identify it."""
-    return field_outcome.judged(field.drawn(seed, number), OUT / "anchors" / f"{seed}-{number}.json")
+    name = f"{seed}-{number}.json"
+    outcome = field_outcome.judged(field.drawn(seed, number), OUT / "anchors" / name)
+    (OUT / "outcomes").mkdir(exist_ok=True)
+    (OUT / "outcomes" / name).write_text(json.dumps(asdict(outcome)))
+    return outcome
 
 
 def read_options() -> argparse.Namespace:

@@ -115,7 +115,8 @@ def judged(record: FieldRecord, kept_at: Path) -> FieldOutcome:
 def delays(record: FieldRecord) -> tuple[float, ...]:
     """Return the dead times in s that a user could give: one that lies between two samples is not known so well."""
     samples = record.plant.delay / record.dt
-    return tuple(k * record.dt for k in range(math.floor(samples), math.ceil(samples) + 1))
+    whole = (math.floor(samples), math.ceil(samples)) if record.half else (round(samples),)
+    return tuple(k * record.dt for k in whole)
 
 
 def offline_estimate(record: FieldRecord) -> tuple[rp.TransferFunction | None, Estimate]:
