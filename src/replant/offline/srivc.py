@@ -163,7 +163,9 @@ def refine(
         # a strong load leads every start by instruments astray; least squares is biased, but less led by chance
         found = (problem.from_cutoff(float(cutoff), by_reference=False) for cutoff in cutoffs)
         root = _best([root, _by_reference(problem, [start for start in found if start is not None])], referenced=True)
-    return None if root is None else conclude(structure, problem.record, problem.known, root, problem.projection)
+    referenced = None if root is None else _concluded(problem, root)
+    alone = refine(structure, replace(record, r=None), given, afresh=afresh, filtered=filtered)
+    return _efficient(problem, referenced, alone)
 
 
 def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered: bool) -> Refined | None:
