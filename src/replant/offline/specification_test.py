@@ -101,11 +101,13 @@ def is_right(structure: Structure, record: Record, plain: Refined, filtered: Ref
     run_p, run_f = (run_model(structure, one.theta[: structure.size], record, record.dt) for one in (plain, filtered))
     if run_f is None:
         return False
-    denominators = [np.append(1.0, one.theta[structure.denominator]) for one in (plain, filtered)]
-    if run_p is None or any(runs_away(each, record.span) for each in denominators):
-        return True  # an unstable plant is in feedback, and has no simulated error to compare
+    away = [runs_away(np.append(1.0, one.theta[structure.denominator]), record.span) for one in (plain, filtered)]
+    if run_p is None or away[0]:
+        return True
     noise = filtered.noise_model
     whole = _whole(record, noise.order)
+    if away[1]:  # a plant that is not stable is in feedback; there is no simulated error to compare
+        return _answer(record, noise, run_f.error, whole)[1] < ANSWERED
     statistic, degrees, ordinates = hausman(run_p, run_f, noise, whole)
     if _chance(statistic, degrees, ordinates) >= FALSE_ALARM:
         return True
@@ -164,10 +166,7 @@ def _share_of_feedback(
 ) -> float:
     """Return the share of the difference between two estimates that feedback does not explain, phi."""
     u = record.u - record.u.mean()
-    if record.r is None:
-        answer, chance = answering(u, _ahead(estimates[1].noise_model, runs[1].error) * whole)
-    else:
-        answer, chance = u - _explained(u, record.r), 0.0
+    answer, chance = _answer(record, estimates[1].noise_model, runs[1].error, whole)
     if chance >= ANSWERED:
         return 1.0
     rest = dataclasses.replace(record, u=u - answer)
@@ -178,6 +177,14 @@ def _share_of_feedback(
     all_of_it, of_the_rest = runs[1].error @ without(deltas, runs[1].nuisances)
     share = float(np.clip(of_the_rest / all_of_it, 0.0, 1.0)) if all_of_it > 0.0 else 0.0
     return share if share > MOST else 0.0
+
+
+def _answer(record: Record, noise: Autoregression, error: FloatArray, whole: FloatArray) -> tuple[FloatArray, float]:
+    """Return the part (K,) of a record's input that answers a residual (K,), and its chance in open loop."""
+    u = record.u - record.u.mean()
+    if record.r is not None:
+        return u - _explained(u, record.r), 0.0
+    return answering(u, _ahead(noise, error) * whole)
 
 
 @quiet
