@@ -3,8 +3,9 @@
     python benchmarks/public_logs --mirror DIR [--only NAME ...] [--cache FILE]
 
 DIR holds a git directory for each repository, named owner+name; what is missing is said, and how to clone it.  All
-figures are simulated fits in percent, offset and initial state estimated.  In feedback the output error is no measure
-of a model: those logs are listed, and left out of the totals.  Exit code 2 says that repositories are missing.
+figures are simulated fits in percent, offset and initial state estimated; -inf is a model that would run away, or none.
+In feedback the output error is no measure of a model: those logs are listed, and left out of the totals.  Exit code 2
+says that repositories are missing.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from replant.offline.fit import RawRecord
 from replant.offline.srivc import refine
 from replant.runs.run import run_online
 from replant.settings import Request
+from replant.simulation.prediction import runs_away
 
 CLOSE, FAR = 1.0, 5.0  # points below the anchor: as good as it; far too low to be trusted
 CACHE = Path("out/public_logs.json")
@@ -83,9 +85,16 @@ def measured(log: Log, data: Data, cache: dict[str, list[float]]) -> Row:
     result = run_online(Request(structure, log.dt, preprocess=MEANS), data.u, data.y, reference=data.r)
     models.append(result.transfer_function)
     verdicts.append(result.verdict.status)
-    fits = [-np.inf if model is None else simulate(model, data.u, data.y, log.dt).fit for model in models]
+    fits = [_simulated(model, log, data) for model in models]
     given = [np.asarray(model.den[1:]) for model in [*models, _plain(structure, data, log.dt)] if model is not None]
     return Row(log, data.u.size, _anchor(log, data, given, cache), (fits[0], fits[1]), (verdicts[0], verdicts[1]))
+
+
+def _simulated(model: rp.TransferFunction | None, log: Log, data: Data) -> float:
+    """Return the simulated fit in percent; -inf without a model, or of one that would run away."""
+    if model is None or runs_away(model.den, data.u.size * log.dt):
+        return -np.inf
+    return simulate(model, data.u, data.y, log.dt).fit
 
 
 def _plain(structure: rp.Structure, data: Data, dt: float) -> rp.TransferFunction | None:

@@ -65,9 +65,10 @@ def _column(content: bytes, path: str, name: str) -> FloatArray:
     variable, _, number = name.rpartition(",") if "," in name else (name, "", "")
     if not path.endswith(".mat"):
         return _of_text(content.decode("utf-8-sig"), int(name))
-    value = loadmat(io.BytesIO(content), struct_as_record=False, squeeze_me=True)
-    for field in variable.split("."):
-        value = value[field] if isinstance(value, dict) else getattr(value, field)
+    first, *fields = variable.split(".")
+    value = loadmat(io.BytesIO(content), struct_as_record=False, squeeze_me=True, variable_names=[first])[first]
+    for field in fields:
+        value = getattr(value, field)
     columns = np.asarray(value, float)
     if columns.ndim > 1:
         columns = (columns if columns.shape[0] > columns.shape[1] else columns.T)[:, int(number)]
