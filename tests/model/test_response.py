@@ -77,7 +77,7 @@ def test_a_regular_clock_given_as_intervals_is_the_regular_clock(name: str, hold
 @every_model
 @every_hold
 def test_an_irregular_clock_is_a_choice_of_the_samples_of_a_fine_one(name: str, hold: str) -> None:
-    """The delays are whole numbers of the fine clock's samples; no interval is so long that an input might have moved."""
+    """The delays are whole numbers of the fine clock's samples; no interval is so long that u might have moved."""
     model, fine = MODELS[name], 50
     at = np.cumsum(np.random.default_rng(1).integers(20, 70, 300))
     at -= at[0]
@@ -113,7 +113,7 @@ def test_on_a_regular_clock_it_is_the_solution_by_scipy(name: str, hold: str) ->
 
 @every_model
 def test_free_responses_are_what_a_state_adds(name: str) -> None:
-    """A record that begins in the midst of a motion: offset apart, the rest of it is output by the inputs, and these."""
+    """A record that begins in the midst of motion is output by its inputs, and these."""
     model = MODELS[name]
     u = np.random.default_rng(5).standard_normal(300)
     intervals = jittering(6, 300)
