@@ -112,14 +112,13 @@ class Response:
             return Stretch(output, free, 0)
         if self._samples.size == 0:
             self._begin(u[0], regular=intervals is None)
-        new = self._samples.size
         samples, lengths = np.concatenate([self._samples, u]), np.array([self._dt])
         if intervals is not None:
             lengths = np.concatenate([self._lengths, intervals])
             if not self._progress[simulate.BEGUN]:
-                lengths[new] = self._dt
+                lengths[self._samples.size] = self._dt
         front, unknown, alive = simulate.simulate(
-            self._bank, self._states, self._work, self._row, self._feedthrough, self._progress, samples, lengths, new,
+            self._bank, self._states, self._work, self._row, self._feedthrough, self._progress, samples, lengths,
             self._dt, self._straight, output, free,
         )  # fmt: skip
         self._samples, self._lengths = samples[front - 2 :].copy(), lengths[front - 2 :].copy()

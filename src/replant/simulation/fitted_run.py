@@ -61,6 +61,8 @@ class Part(NamedTuple):
         used, free = state != 0.0, self.stretch.free
         output = self.stretch.output + offset
         output[: len(free)] += free[:, used] @ state[used]
+        unknown = self.stretch.unknown
+        output[:unknown] = output[min(unknown, output.size - 1)]  # what answers to unknown inputs stands still
         return output
 
 

@@ -43,8 +43,8 @@ def lives(n, free):
 
 
 @kernel
-def simulate(bank, states, work, row, feedthrough, progress, samples, lengths, new, dt, straight, output, free):
-    """Take the newest samples (K,); return the piece that acts next, and how many of them do what the docstring says.
+def simulate(bank, states, work, row, feedthrough, progress, samples, lengths, dt, straight, output, free):
+    """Take the newest samples (K,).
 
     Returns the place of the sample at the end of the piece that acts next; how many of the newest samples answer to
     inputs from before the first one; how many the free responses live.
@@ -63,8 +63,6 @@ def simulate(bank, states, work, row, feedthrough, progress, samples, lengths, n
         Inputs: two ahead of the piece that acts next, those that wait, and the newest.
     lengths : (2 + W + K,) or (1,) array
         Interval before each of them, or that before all, in s.
-    new : int
-        Place of the first new sample.
     dt : float
         Usual interval in s: after 1.5 of it a held input is taken to have moved.
     straight : bool
@@ -77,7 +75,7 @@ def simulate(bank, states, work, row, feedthrough, progress, samples, lengths, n
     n, regular, at_rest = row.size, lengths.size == 1, free.shape[0] == 0
     inputs, intervals = pointer(samples, 0), pointer(lengths, 0)
     kept, x, response, spare = pointer(bank, 0), pointer(states, 0), pointer(states, n), pointer(work, 0)
-    front, slot, step, unknown, alive = 2, 0, 0.0, 0, 0
+    new, front, slot, step, unknown, alive = samples.size - output.size, 2, 0, 0.0, 0, 0
     for k in range(output.size):
         left = intervals[0 if regular else new + k]
         same = bk.SAME_INTERVAL * left
