@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: demo test docs docs-serve slow lint types check bench bench-fleet bench-live regression soak fuzz faults accuracy campaign recorded sensitivity pages clean help
+.PHONY: demo test docs docs-serve slow lint types check bench bench-fleet bench-live regression soak fuzz faults accuracy campaign steps recorded sensitivity pages clean help
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -78,8 +78,11 @@ faults: $(READY)  ## let every call of a live session fail that can, one a sessi
 accuracy: $(READY)  ## accuracy, Monte Carlo beside what is promised; writes docs/accuracy.md and out/accuracy
 	$(BIN)/python benchmarks/accuracy $(ARGS)
 
-campaign: $(READY)  ## the default on 1,000 random plants; SEED=2 gives others
+campaign: $(READY)  ## the default on 1,000 random plants, and 500 field records; SEED=2 gives others
 	$(BIN)/python benchmarks/campaign --seed $(or $(SEED),1) $(ARGS)
+
+steps: $(READY)  ## the structure search and `fit` on 60 step tests, and the time of a search; SEED=2 gives others
+	$(BIN)/python benchmarks/steps --seed $(or $(SEED),1) $(ARGS)
 
 recorded: $(READY)  ## `run` beside `fit` on every recorded log
 	$(BIN)/python benchmarks/recorded.py

@@ -1,4 +1,4 @@
-"""`python benchmarks/campaign [--seed 1] [--records 1000] [--only NUMBER ...]`: see `campaign.command`."""
+"""`python benchmarks/campaign [--seed 1] [--family random|field] [--only NUMBER ...]`: see `campaign.command`."""
 
 import sys
 from pathlib import Path
