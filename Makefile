@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: demo test docs docs-serve slow lint types check bench bench-fleet bench-live regression soak fuzz faults accuracy campaign steps recorded sensitivity pages clean help
+.PHONY: demo test docs docs-serve slow lint types check bench bench-fleet bench-live regression soak fuzz faults accuracy campaign steps recorded public-logs sensitivity pages clean help
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -86,6 +86,9 @@ steps: $(READY)  ## the structure search and `fit` on 60 step tests, and the tim
 
 recorded: $(READY)  ## `run` beside `fit` on every recorded log
 	$(BIN)/python benchmarks/recorded.py
+
+public-logs: $(READY)  ## `fit` and `run` on public logs beside an output-error fit; MIRROR=folder of git directories
+	$(BIN)/python benchmarks/public_logs --mirror $(or $(MIRROR),out/mirror) $(ARGS)
 
 sensitivity: $(READY)  ## halve and double each tuned constant on a battery of records; an hour of a core; out/sensitivity.jsonl
 	$(BIN)/python benchmarks/sensitivity $(ARGS)
