@@ -79,7 +79,7 @@ def record(rows: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     while done < rows:
         count = min(BLOCK, rows - done)
         u = level * np.where(np.cumsum(rng.random(count) < 0.02) % 2 == 0, 1.0, -1.0)
-        y = response.output(u) + 0.01 * rng.standard_normal(count)
+        y = response.take(u).output + 0.01 * rng.standard_normal(count)
         yield np.round(DT * np.arange(done, done + count), 2), u, np.round(y, 6)
         level, done = float(u[-1]), done + count
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from rich.table import Table
 
 from campaign.field_outcome import Estimate, FieldOutcome
+from campaign.outcome import GOOD
 from campaign.table import BEHIND, Line
 
 WAYS: dict[str, Callable[[FieldOutcome], Estimate]] = {
@@ -49,12 +50,15 @@ class FieldTable:
             yield Line(f"{name}: trusted, of the good", share(trusted, len(good)))
             yield Line(f"{name}: bad and trusted, of the bad", share(fooled, len(bad)))
             yield Line(f"{name}: right and refused (inconsistent), of the good", share(refused, len(good)))
-        yield Line("anchor: good, of all", share(sum(one.anchor >= 90.0 for one in self.outcomes), len(self.outcomes)))
+        yield Line("anchor: good, of all", share(sum(one.anchor >= GOOD for one in self.outcomes), len(self.outcomes)))
         for name, of in WAYS.items():
             found = [of(one) for one in self.outcomes]
             times = f"{sum(one.seconds for one in found):.0f} s, verdicts {sum(one.judging for one in found):.0f} s"
             yield Line(f"{name}: processor time", times)
-        yield Line("anchor: processor time", f"{sum(one.anchor_seconds for one in self.outcomes):.0f} s")
+        yield Line(
+            "anchor: processor time, of those not kept from before",
+            f"{sum(one.anchor_seconds for one in self.outcomes):.0f} s",
+        )
 
     def by_feature(self) -> Table:
         """Return the losses, and the wrong verdicts of `fit`, by what the records have."""

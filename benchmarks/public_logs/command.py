@@ -3,9 +3,10 @@
     python benchmarks/public_logs --mirror DIR [--only NAME ...] [--cache FILE]
 
 DIR holds a git directory for each repository, named owner+name; what is missing is said, and how to clone it.  All
-figures are simulated fits in percent, offset and initial state estimated; -inf is a model that would run away, or none.
-In feedback the output error is no measure of a model: those logs are listed, and left out of the totals.  Exit code 2
-says that repositories are missing.
+figures are simulated fits in percent, offset and initial state estimated.  "!" marks a model with a pole that grows
+more than e-fold within the record: the anchor has none, and it does not count as good as the anchor.  In feedback the
+output error is no measure of a model: those logs are listed, and left out of the totals.  Exit code 2 says that
+repositories are missing.
 """
 
 from __future__ import annotations
@@ -44,13 +45,14 @@ MEANS = rp.Preprocess("identity", "mean", "mean")
 
 @dataclass(frozen=True)
 class Row:
-    """What the anchor, `fit` and `run` reach on a log: fits in percent, and verdicts."""
+    """What the anchor, `fit` and `run` reach on a log: fits in percent, verdicts, and whether a model runs away."""
 
     log: Log
     samples: int
     best: float
     fits: tuple[float, float]
     verdicts: tuple[str, str]
+    away: tuple[bool, bool] = (False, False)
 
     @property
     def behind(self) -> tuple[float, float]:
@@ -64,8 +66,8 @@ class Row:
             f"{self.log.poles}/{self.log.zeros}" + (f" {self.log.delay:g}s" if self.log.delay else ""),
         )
         each = "  ".join(
-            f"{fit:7.2f} {behind:7.2f} {verdict:12}"
-            for fit, behind, verdict in zip(self.fits, self.behind, self.verdicts, strict=True)
+            f"{fit:7.2f}{'!' if away else ' '}{behind:7.2f} {verdict:12}"
+            for fit, behind, verdict, away in zip(self.fits, self.behind, self.verdicts, self.away, strict=True)
         )
         return f"{log.name:20} {self.samples:6} {structure:9} {log.loop:6} {self.best:7.2f}  {each}".rstrip()
 
@@ -85,16 +87,17 @@ def measured(log: Log, data: Data, cache: dict[str, list[float]]) -> Row:
     result = run_online(Request(structure, log.dt, preprocess=MEANS), data.u, data.y, reference=data.r)
     models.append(result.transfer_function)
     verdicts.append(result.verdict.status)
-    fits = [_simulated(model, log, data) for model in models]
+    (fit, fit_away), (run, run_away) = (_simulated(model, log, data) for model in models)
     given = [np.asarray(model.den[1:]) for model in [*models, _plain(structure, data, log.dt)] if model is not None]
-    return Row(log, data.u.size, _anchor(log, data, given, cache), (fits[0], fits[1]), (verdicts[0], verdicts[1]))
+    best = _anchor(log, data, given, cache)
+    return Row(log, data.u.size, best, (fit, run), (verdicts[0], verdicts[1]), (fit_away, run_away))
 
 
-def _simulated(model: rp.TransferFunction | None, log: Log, data: Data) -> float:
-    """Return the simulated fit in percent; -inf without a model, or of one that would run away."""
-    if model is None or runs_away(model.den, data.u.size * log.dt):
-        return -np.inf
-    return simulate(model, data.u, data.y, log.dt).fit
+def _simulated(model: rp.TransferFunction | None, log: Log, data: Data) -> tuple[float, bool]:
+    """Return the simulated fit in percent, and whether the model would run away; without a model -inf."""
+    if model is None:
+        return -np.inf, False
+    return simulate(model, data.u, data.y, log.dt).fit, runs_away(model.den, data.u.size * log.dt)
 
 
 def _plain(structure: rp.Structure, data: Data, dt: float) -> rp.TransferFunction | None:
@@ -105,11 +108,18 @@ def _plain(structure: rp.Structure, data: Data, dt: float) -> rp.TransferFunctio
 
 
 def _anchor(log: Log, data: Data, given: Sequence[FloatArray], cache: dict[str, list[float]]) -> float:
-    """Return the anchor's fit: from its own starts, once, and from denominators that replant comes to."""
+    """Return the anchor's fit: from its own starts, once, and from denominators that replant comes to.
+
+    Beside a known anchor only those of the latter count that are better already.
+    """
     problem = OutputError(data.u, data.y, log.dt, log.poles, log.zeros, log.delay)
     problem_given = data.u.tobytes(), data.y.tobytes(), log.dt, log.poles, log.zeros, log.delay
     key = sha256(repr((problem_given, Path(anchor.__file__).read_text())).encode()).hexdigest()[:16]
-    known = np.array(cache[key]) if key in cache else problem.best()
+    if key in cache:
+        known = np.array(cache[key])
+        given = [den for den in given if problem.fit(den) > problem.fit(known)]
+    else:
+        known = problem.best()
     best = problem.better(known, given)
     cache[key] = best.tolist()
     return problem.fit(best)
@@ -120,7 +130,7 @@ def totals(rows: Sequence[Row]) -> list[str]:
     found = [row for row in rows if row.log.loop == "open"]
     lines = []
     for k, name in enumerate(("fit", "run")):
-        near = sum(row.behind[k] <= CLOSE for row in found)
+        near = sum(row.behind[k] <= CLOSE and not row.away[k] for row in found)
         wrong = [row.log.name for row in found if row.behind[k] > FAR and row.verdicts[k] == "trusted"]
         lines.append(
             f"{name}: within {CLOSE:g} point of the anchor on {near} of {len(found)} logs in open loop; "

@@ -1,6 +1,7 @@
 """The logs: where each lies, which columns, which clock, and the structure that is fitted to it.
 
-All were measured on rigs; none ships with replant.  Where the source gives no sampling time it is 1.
+All come from rigs, as far as their sources tell; none ships with replant.  Where the source gives no sampling time it
+is 1.
 """
 
 from __future__ import annotations

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
+from scipy import signal
 
 from replant import Structure, TransferFunction
 from replant.arguments import FloatArray
-from replant.kernels.filters.simulate import continued_states
-from replant.model import state_space
 
 DT = 1.0 / 64.0  # s; a power of two, so that time stamps are multiples of it to the bit
 SLOWEST, FASTEST = 0.3, 6.0  # rad/s, of the poles
@@ -41,7 +40,6 @@ class Rig:
     held: float | None = None
     gain: float = 1.0
     speed: float = 1.0
-    _inputs: FloatArray = field(default_factory=lambda: np.zeros(2))
 
     def __post_init__(self) -> None:
         rng = self.rng
@@ -50,7 +48,7 @@ class Rig:
         self._poles, self.order = poles, len(poles)
         self._zero = corner * rng.uniform(1.5, 4.0) if self.order > 1 and rng.random() < 0.3 else None
         self._hold = max(2, round(rng.uniform(0.3, 1.5) / corner / self.dt))
-        self._state = np.zeros(self.order)
+        self._stored = np.zeros(self.order)
         self._size = 10.0 ** rng.uniform(-3.0, 3.0)
         self._rest = self._size * rng.uniform(-5.0, 5.0)
         self._u = 0.0
@@ -106,16 +104,12 @@ class Rig:
 
     def _arrange(self) -> None:
         plant = self.plant
-        model = state_space.companion(plant.den)
-        self._transition, _, _ = state_space.exact(model.matrix, model.column, self.dt, "zoh")
-        self._taps = state_space.input_taps(model.matrix, model.column, self.dt, "zoh", 0.0)
-        self._row = plant.output_row(model)
+        numerator, self._den, _ = signal.cont2discrete((plant.num, plant.den), self.dt)
+        self._num = numerator.ravel()
 
     def _run(self, u: FloatArray) -> FloatArray:
-        inputs = np.concatenate([self._inputs, u])
-        states = continued_states(self._transition, self._taps, inputs, self._state, -1)
-        self._inputs = inputs[-2:]
-        return np.asarray(states @ self._row)
+        y, self._stored = signal.lfilter(self._num, self._den, u, zi=self._stored)
+        return np.asarray(y)
 
     def _steps(self, samples: int) -> FloatArray:
         levels = self.rng.uniform(-1.0, 1.0, -(-samples // self._hold))

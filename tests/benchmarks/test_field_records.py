@@ -63,7 +63,7 @@ def test_every_feature_is_drawn_and_can_be_seen() -> None:
 
 
 def test_inputs_are_predictable() -> None:
-    """Two past inputs tell the next one to a tenth, but for a ramp's corners and the corner of the spectrum."""
+    """Two past inputs tell the next one to a third of its size, the first family's white noise nothing of it."""
     for one in DRAWN:
         v = one.all_u[field.BEFORE :]
         x = np.column_stack([v[1:-1], v[:-2], np.ones(v.size - 2)])

@@ -105,10 +105,11 @@ def test_a_missing_repository_is_named_with_the_command_that_clones_it(tmp_path:
 def test_totals_leave_out_logs_in_feedback_and_count_trusted_models_that_are_far_behind() -> None:
     log = replace(LOGS[0], loop="open")
     far = Row(log, 100, 90.0, (84.0, 89.5), ("trusted", "inconsistent"))
-    fit, run = totals([far, replace(far, log=replace(log, loop="closed"))])
-    assert "on 0 of 1" in fit
-    assert log.name in fit
-    assert "on 1 of 1" in run
+    away = replace(far, fits=(90.0, 89.5), away=(True, False), verdicts=("inconsistent", "inconsistent"))
+    fit, run = totals([far, away, replace(far, log=replace(log, loop="closed"))])
+    assert "on 0 of 2" in fit
+    assert fit.count(log.name) == 1
+    assert "on 2 of 2" in run
     assert log.name not in run
 
 

@@ -7,8 +7,8 @@ import pytest
 
 import replant as rp
 from replant.engine.record import MOST_GAPS, gaps_of
+from replant.model.response import Response
 from replant.offline.structure_search import search
-from replant.simulation.free_run import FreeRun, free_run
 from support.builders import DT, binary, irregular_record, record, true_parameters, two_modes
 
 STRUCTURE, PLANT = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
@@ -35,7 +35,7 @@ def with_gaps(seed: int, lost: int = 50, every: int = 600, samples: int = 6000) 
 def of_two_rates(seed: int) -> tuple[np.ndarray, ...]:
     t = np.cumsum(np.concatenate([np.full(2400, DT), np.full(1600, 5 * DT)]))
     u = binary(seed, t.size, 5)
-    y = free_run(PLANT, u, np.diff(t, prepend=0.0), 5 * DT)[0]  # of this dt no interval has lost samples
+    y = Response(PLANT, 5 * DT).take(u, np.diff(t, prepend=0.0)).output  # of this dt no interval has lost samples
     return u, y + noise(seed, y.size), t
 
 
@@ -137,16 +137,3 @@ def test_of_very_many_gaps_the_longest_count() -> None:
     found = gaps_of(steps, 1.0)
     assert found.size == MOST_GAPS
     assert set(range(101, steps.size, 200)) <= set(found.tolist())
-
-
-@pytest.mark.parametrize("delay", [0.0, 0.32])
-def test_a_free_run_goes_on_from_batch_to_batch(delay: float) -> None:
-    model = rp.TransferFunction(PLANT.num, PLANT.den, delay)
-    u, intervals = binary(1, 500, 5), np.random.default_rng(0).uniform(0.5 * DT, 1.5 * DT, 500)
-    whole, parts = free_run(model, u, intervals, DT), FreeRun(model, DT)
-    found = [parts.take(u[rows], intervals[rows]) for rows in (slice(0, 40), slice(40, 41), slice(41, 500))]
-    forced, free = (np.concatenate([part[i] for part in found]) for i in range(2))
-    unknown = whole[2]
-    assert unknown == found[0][2]
-    np.testing.assert_array_equal(forced[unknown:], whole[0][unknown:])
-    np.testing.assert_array_equal(free[unknown:], whole[1][unknown:])

@@ -10,13 +10,13 @@ import pytest
 
 import replant as rp
 from replant.data.logs import open_recording, read_columns, read_log
+from replant.model.response import Response
 from replant.offline.fit import fit
 from replant.runs import run
 from replant.runs.full_trace import FullTrace
 from replant.runs.result import Result, result_of_fit
 from replant.runs.run import run_online, run_source
 from replant.settings import Request
-from replant.simulation.free_run import free_run
 from support.builders import DT, irregular_record, record, two_modes
 
 STRUCTURE, PLANT = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
@@ -154,7 +154,8 @@ def test_two_rates_contradict_no_sampling_time() -> None:
     fast, slow = 2000, 1000
     t = np.cumsum(np.concatenate([np.full(fast, DT), np.full(slow, 5 * DT)]))
     u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 600), 5)
-    y = free_run(PLANT, u, np.diff(t, prepend=0.0), 5 * DT)[0] + 0.05 * np.random.default_rng(1).standard_normal(u.size)
+    y = Response(PLANT, 5 * DT).take(u, np.diff(t, prepend=0.0)).output
+    y += 0.05 * np.random.default_rng(1).standard_normal(u.size)
     fitted = fit(u, y, DT, STRUCTURE, t=t)
     assert result_of_fit(fitted, u, y, 0.0, t).verdict.status == "trusted"
     assert run_online(REQUEST, u, y, t=t).verdict.status == "trusted"

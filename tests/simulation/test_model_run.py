@@ -79,6 +79,20 @@ def test_irregular_intervals_are_taken_exactly() -> None:
     np.testing.assert_allclose(run.error, 0.0, atol=1e-6)
 
 
+@pytest.mark.parametrize("delay", [0.3 * DT, 7.0 * DT])
+def test_stamps_that_repeat_their_intervals_are_taken_exactly_behind_a_dead_time(delay: float) -> None:
+    """A record that begins in the midst of motion, on a clock of few different intervals, as whole milliseconds make.
+
+    The discretisations of the pieces into which a dead time cuts an interval must not take the place of its own.
+    """
+    plant = rp.TransferFunction([2.0], [1.0, 0.5], delay)
+    u, y, t = irregular_record(plant, seed=4, samples=600, dt=DT, jitter=0.4)
+    late = Record(u[100:], y[100:] + 7.0, np.diff(t[100:], prepend=t[100] - DT))
+    run = run_model(rp.Structure(1, delay=delay), np.array([0.5, 2.0]), late, DT)
+    assert run is not None
+    np.testing.assert_allclose(run.error[late.unknown(delay) :], 0.0, atol=1e-10)
+
+
 def test_the_residual_of_an_unstable_model_is_as_white_as_the_noise() -> None:
     """What the output of 1/(s - 1) would grow to in 300 s is no concern of its."""
     noise = coloured(1, 3000, 0.0)

@@ -126,3 +126,44 @@ def test_a_model_that_explodes_is_told_and_does_not_crash() -> None:
 
 def test_no_output_at_all_is_told_and_does_not_crash() -> None:
     assert simulate(G1, binary(1, 300), np.full(300, np.nan), 0.1).fit == -math.inf
+
+
+def with_gaps(plant: rp.TransferFunction, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Input, output and stamps of a record that begins in motion, with two gaps, the input moving meanwhile."""
+    u = binary(5, 900, 7)
+    kept = np.concatenate([np.arange(100, 300), np.arange(340, 600), np.arange(650, 900)])
+    return u[kept], plant.simulate(u, dt)[kept], dt * kept
+
+
+@pytest.mark.parametrize("plant", [G1, G2, random_plant(1, 4, 2), rp.TransferFunction([1.0, 2.0], [1.0, 0.7], 0.23)])
+def test_behind_each_gap_the_state_is_found_anew_and_the_offset_is_common(plant: rp.TransferFunction) -> None:
+    u, y, t = with_gaps(plant, 0.1)
+    simulation = simulate(plant, u, y + 3.0, 0.1, t=t)
+    assert simulation.fit > 99.99999
+    assert simulation.offset == pytest.approx(3.0, abs=1e-7 * max(1.0, abs(y).max()))
+
+
+def test_the_offset_of_an_integrator_is_that_of_its_states() -> None:
+    """Nothing tells the two apart: it is 0, whether there are gaps or not."""
+    plant = rp.TransferFunction([1.0], [1.0, 0.3, 0.0])
+    u, y, t = with_gaps(plant, 0.1)
+    for stamps in (None, 0.1 * np.arange(200)):
+        simulation = simulate(plant, u[:200], y[:200] + 40.0, 0.1, t=stamps)
+        assert simulation.offset == 0.0
+        assert simulation.fit > 99.99999
+    simulation = simulate(plant, u, y + 40.0, 0.1, t=t)
+    assert simulation.offset == 0.0
+    assert simulation.fit > 99.99999
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.3, 0.32])
+@pytest.mark.parametrize("hold", ["zoh", "foh"])
+def test_a_regular_clock_given_as_stamps_is_the_regular_clock(delay: float, hold: str) -> None:
+    plant = rp.TransferFunction([2.0, 1.0], [1.0, 0.5], delay)
+    u = np.random.default_rng(0).standard_normal(300)
+    y = plant.simulate(u, 0.1, input_hold=hold) + 0.1 * Y
+    y[[4, 50]], u[7] = np.nan, np.nan
+    one = simulate(plant, u[50:], y[50:], 0.1, input_hold=hold)
+    other = simulate(plant, u[50:], y[50:], 0.1, input_hold=hold, t=3.0 + 0.1 * np.arange(250))
+    np.testing.assert_allclose(other.output, one.output, atol=1e-10)
+    assert (other.fit, other.offset) == pytest.approx((one.fit, one.offset), abs=1e-9)

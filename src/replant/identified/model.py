@@ -15,9 +15,9 @@ from replant.identified.model_file import AnyPath
 from replant.identified.responses import Bode, ImpulseResponse, Nyquist, PoleMap, StepResponse, time_of
 from replant.identified.validation import Validation, validate
 from replant.log import Log
-from replant.simulation.free_run import free_run
+from replant.model.response import Response
+from replant.simulation.fitted_run import bridged
 from replant.simulation.model_output import model_output
-from replant.simulation.offset_fit import bridged
 from replant.statistics.autoregression import ahead
 from replant.statistics.linear_algebra import quiet
 
@@ -107,12 +107,10 @@ class Model(ModelFields):
         v, g = bridged(v)[0], self.transfer_function
         at_rest = float(v[0]) if v.size and self.rests else 0.0
         v = v - at_rest
-        if stamps is None:
-            forced = g.simulate(v, self.dt, input_hold=self.input_hold)
-        else:
-            intervals = np.diff(stamps, prepend=stamps[0] - self.dt)
-            # an interval that is the usual one or shorter is not taken for a lost sample
-            forced = free_run(g, v, intervals, float(intervals.max()), self.input_hold)[0]
+        intervals = None if stamps is None else np.diff(stamps, prepend=stamps[:1] - self.dt)
+        # of this usual interval none is taken for a lost sample
+        dt = self.dt if intervals is None else float(intervals.max(initial=self.dt))
+        forced = Response(g, dt, self.input_hold).take(v, intervals).output
         return np.asarray(self.output_level + (g.dc_gain * at_rest if at_rest else 0.0) + forced)
 
     @quiet

@@ -1,22 +1,18 @@
-"""Response: the output of a transfer function under an input on a regular clock, whole or batch by batch.
+"""Response: the output of a transfer function under an input on any clock, whole or batch by batch.
 
-The clock's interval is split where a fractional dead time puts the input's corner (`state_space.input_taps`), so the
-output at the sampling instants is exact for the hold.
+Exact for the hold over every interval, and for a dead time of any length: the output at the samples is that of the
+differential equation.
 """
 
 from __future__ import annotations
 
-from functools import cached_property
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from replant.arguments import FloatArray
 from replant.model import state_space
-from replant.model.dead_time import split_delay
-
-NOTHING = 1e-200
-"""Size of a free response below which it has died out; before its numbers become slow ones (denormal) [number]."""
+from replant.model.dead_time import WHOLE, split_delay
 
 
 class Rational(Protocol):
@@ -38,96 +34,103 @@ class Rational(Protocol):
         """Return the row (n,) from the companion states to the output."""
 
 
-class Response:
-    """The output of a model from rest, and the responses to its initial state, continued from batch to batch.
+class Stretch(NamedTuple):
+    """The response over K samples that follow each other.
 
-    A batch ends where the next one begins: joined, the outputs of the batches are the output of the whole input.
+    Attributes
+    ----------
+    output : (K,) array
+        By the inputs alone.
+    free : (L, n) array
+        Responses to a unit of each state at the beginning; from row L on they have died out.
+    unknown : int
+        How many outputs, the first ones, answer to inputs from before the record, because of a dead time; in them
+        ``output`` and ``free`` stand still.
+    """
+
+    output: FloatArray
+    free: FloatArray
+    unknown: int
+
+
+class Response:
+    """The response of a model to a record, continued from batch to batch.
+
+    A batch ends where the next one begins: joined, the responses of the batches are that of the whole to the bit.
 
     Parameters
     ----------
     model : TransferFunction
     dt : float
-        Sampling time in s.
+        Sampling time in s; of an irregular clock the usual interval, after 1.5 of which a held input is taken to have
+        moved.
     input_hold : {"zoh", "foh"}
         What the input does between samples.
+    at_rest : bool
+        Whether plant and input were zero before the first sample.  Else they were not known: the first outputs that
+        answer to earlier inputs are `Stretch.unknown`, and the state at the first one that does not is free.
 
     Examples
     --------
     >>> from replant.model.transfer_function import TransferFunction
     >>> response = Response(TransferFunction([1.0], [1.0, 1.0]), dt=1.0)
-    >>> response.output(np.ones(2)).round(4), response.output(np.ones(1)).round(4)
+    >>> response.take(np.ones(2)).output.round(4), response.take(np.ones(1)).output.round(4)
     (array([0.    , 0.6321]), array([0.8647]))
+    >>> found = Response(TransferFunction([1.0], [1.0, 1.0], delay=2.0), dt=1.0, at_rest=False).take(np.ones(4))
+    >>> found.output.round(4), found.free.round(4).ravel(), found.unknown
+    (array([0.    , 0.    , 0.    , 0.6321]), array([1.    , 1.    , 1.    , 0.3679]), 2)
     """
 
-    def __init__(self, model: Rational, dt: float, input_hold: str = "zoh") -> None:
-        self._hold = input_hold
-        companion = state_space.companion(model.den) if model.den.size > 1 else None
-        self._held = _FromRest(model, dt, "zoh", companion)
-        self._joined = _FromRest(model, dt, "foh", companion)
-        self._first: float | None = None
-        self._free: FloatArray | None = None  # the response to each state at the next sample
+    def __init__(self, model: Rational, dt: float, input_hold: str = "zoh", *, at_rest: bool = True) -> None:
+        from replant.kernels.filters import bank, simulate
 
-    def output(self, u: FloatArray) -> FloatArray:
-        """Return the output (K,) for the next inputs (K,)."""
-        if self._hold == "zoh" or u.size == 0:
-            return self._held.output(u)
-        if self._first is None:
-            self._first = float(u[0])
-        # an input joined by straight lines is a step from zero to the first sample, and the rest, which begins at zero
-        return self._held.output(np.full(u.size, self._first)) + self._joined.output(u - self._first)
+        self._order = n = model.den.size - 1
+        self._bank, self._work = np.zeros(bank.size(n, 0)), np.zeros(3 * (n + 2) ** 2)
+        self._row, self._states = np.zeros(n), np.zeros(2 * n)
+        if n:
+            companion = state_space.companion(model.den)
+            self._bank[bank.SCALE] = companion.column[0]
+            self._bank[bank.DENOMINATOR + n : bank.DENOMINATOR + 2 * n] = companion.characteristic
+            self._row = self._states[n:] = model.output_row(companion)
+        self._feedthrough, self._dt, self._straight, self._at_rest = model.feedthrough, dt, input_hold == "foh", at_rest
+        self._delay, self._progress = model.delay, np.zeros(simulate.PROGRESS)
+        self._samples = self._lengths = np.zeros(0)  # two before the piece of the input that acts next, and all since
 
-    def free(self, samples: int) -> FloatArray:
-        """Return the responses (K, n) to one unit of each state alone, over the next ``samples``."""
-        row = self._held.row if self._free is None else self._free
-        died_out = self._free is not None and not np.abs(row).max(initial=0.0) > NOTHING
-        if row.size == 0 or samples == 0 or died_out:
-            return np.zeros((samples, row.size))
-        from replant.kernels.filters.simulate import free_responses
+    def take(self, u: FloatArray, intervals: FloatArray | None = None) -> Stretch:
+        """Return the response to the next inputs (K,).
 
-        responses = np.asarray(free_responses(self._held.transition, row, samples + 1))
-        self._free = responses[-1].copy()
-        return responses[:-1]
+        Parameters
+        ----------
+        u : (K,) array
+        intervals : (K,) array, optional
+            Time since the sample before, in s, that of the very first one is not used; None for a regular clock.
+        """
+        from replant.kernels.filters import simulate
 
+        output, free = np.zeros(u.size), np.zeros((0 if self._at_rest else u.size, self._order))
+        if u.size == 0:
+            return Stretch(output, free, 0)
+        if self._samples.size == 0:
+            self._begin(u[0], regular=intervals is None)
+        samples, lengths = np.concatenate([self._samples, u]), np.array([self._dt])
+        if intervals is not None:
+            lengths = np.concatenate([self._lengths, intervals])
+            if not self._progress[simulate.BEGUN]:
+                lengths[self._samples.size] = self._dt
+        front, unknown, alive = simulate.simulate(
+            self._bank, self._states, self._work, self._row, self._feedthrough, self._progress, samples, lengths,
+            self._dt, self._straight, output, free,
+        )  # fmt: skip
+        self._samples, self._lengths = samples[front - 2 :].copy(), lengths[front - 2 :].copy()
+        return Stretch(output, free[:alive], unknown)
 
-class _FromRest:
-    """The output for an input that is zero before its first sample and, where it is joined by lines, at it."""
+    def _begin(self, first: float, *, regular: bool) -> None:
+        """Get ready for the first sample: its input, and two that stand for those before it."""
+        from replant.kernels.filters import simulate
 
-    def __init__(self, model: Rational, dt: float, input_hold: str, companion: state_space.Companion | None) -> None:
-        self._feedthrough, self._dt, self._hold = model.feedthrough, dt, input_hold
-        self._companion = companion
-        lag, self._fraction = split_delay(model.delay, dt)
-        self._past = np.zeros(lag + 2)  # the inputs that the dead time still holds back
-        self._begun = False
-        self.row = np.zeros(0) if companion is None else model.output_row(companion)
-        self._state = np.zeros(self.row.size)
-
-    @cached_property
-    def transition(self) -> FloatArray:
-        """Ad (n, n) over one interval."""
-        assert self._companion is not None
-        return state_space.exact(self._companion.matrix, self._companion.column, self._dt, self._hold)[0]
-
-    @cached_property
-    def _taps(self) -> FloatArray:
-        assert self._companion is not None
-        matrix, column = self._companion.matrix, self._companion.column
-        return state_space.input_taps(matrix, column, self._dt, self._hold, self._fraction)
-
-    def output(self, u: FloatArray) -> FloatArray:
-        """Return the output (K,) for the next inputs (K,)."""
-        known = np.concatenate([self._past, u])
-        self._past = known[u.size :].copy()
-        inputs, output = known[: u.size + 2], np.zeros(u.size)
-        if self._companion is not None:
-            from replant.kernels.filters.simulate import continued_states
-
-            first = -1 if self._begun else 0
-            states = continued_states(self.transition, self._taps, inputs, self._state, first)
-            output = states @ self.row
-            self._begun = self._begun or u.size > 0
-        if self._feedthrough:
-            now, before = inputs[2:], inputs[1:-1]
-            if self._fraction:
-                now = before if self._hold == "zoh" else (1 - self._fraction) * now + self._fraction * before
-            output = output + self._feedthrough * now
-        return np.asarray(output)
+        self._samples, self._lengths = np.full(2, first), np.full(2, self._dt)
+        samples, fraction = split_delay(self._delay, self._dt)
+        if regular:
+            self._progress[simulate.LAG], self._progress[simulate.WAIT] = samples, fraction * self._dt
+        elif self._delay > WHOLE * self._dt:
+            self._progress[simulate.WAIT] = self._delay

@@ -154,7 +154,7 @@ class TransferFunction:
         array([0.    , 0.6321, 0.8647])
         """
         u, dt = vector("u", u), positive("dt", dt)
-        return Response(self, dt, one_of("input_hold", input_hold, ("zoh", "foh"))).output(u)
+        return Response(self, dt, one_of("input_hold", input_hold, ("zoh", "foh"))).take(u).output
 
     @quiet
     def free_responses(self, samples: int, dt: float) -> FloatArray:
@@ -163,7 +163,9 @@ class TransferFunction:
         The states are those of `state_space.companion`.  An initial state w0 (n,) adds ``free_responses @ w0``.
         """
         dt, samples = positive("dt", dt), whole("samples", samples, 0)
-        return Response(self, dt).free(samples)
+        undelayed = TransferFunction(self.num, self.den)
+        free = Response(undelayed, dt, at_rest=False).take(np.zeros(samples)).free
+        return np.concatenate([free, np.zeros((samples - len(free), free.shape[1]))])
 
     @property
     def feedthrough(self) -> float:

@@ -248,7 +248,7 @@ def _result(
     """Return the result of an online run; ``begun`` is the value of `time.perf_counter` at its start."""
     settings = identifier.settings
     hold = settings.filter.input_hold if settings else "zoh"
-    score = Score(identifier.transfer_function, identifier.dt, hold, irregular=irregular)
+    score = Score(identifier.transfer_function, identifier.dt, hold)
     preprocess = settings.preprocess if settings else None
     kept, left_out = Recorder(source.samples, newest), [NONE]
     clock = ClockRecorder(identifier.dt, source.samples, source.samples if newest is None else KNOTS)

@@ -108,8 +108,7 @@ class AuxiliaryModel:
     input_hold : {"zoh", "foh"}
         What the input does between samples.
     margin : float
-        Poles that do not lie left of minus this, in rad/s, are reflected to there; negative: none is, so that the model
-        is simulated from the input alone.
+        Poles that do not lie left of minus this, in rad/s, are reflected to there.
     reference : bool
         Whether instruments are made from a reference.
 
@@ -133,9 +132,7 @@ class AuxiliaryModel:
         """How many entries a model has, T."""
         return self._state.entries
 
-    def run(
-        self, theta: FloatArray, record: Record, by_reference: FloatArray | None = None, *, goes_on: bool = False
-    ) -> Pass:
+    def run(self, theta: FloatArray, record: Record, by_reference: FloatArray | None = None) -> Pass:
         """Run a model over a record from rest, each part behind a gap anew; see `_of_parts`.
 
         Samples that answer to inputs before the record, because of a dead time, say nothing: their rows are zero, and
@@ -148,8 +145,6 @@ class AuxiliaryModel:
         record : Record
         by_reference : (K, 2) array, optional
             What the reference explains of input and output; for a model made with ``reference``.
-        goes_on : bool
-            Whether the record is the continuation of the last one, of the same model.
         """
         parts = record.parts
         if len(parts) > 1:
@@ -179,9 +174,8 @@ class AuxiliaryModel:
         from replant.kernels.step.stages import regressors
 
         state, size, samples = self._state, self.entries, record.u.size
-        if not goes_on:
-            state.install(theta)
-            state.started = False
+        state.install(theta)
+        state.started = False
         phi, zeta = np.empty((samples, size)), np.empty((samples, size))
         target, output = np.empty(samples), np.empty(samples)
         regressors(
@@ -190,7 +184,7 @@ class AuxiliaryModel:
         )  # fmt: skip
         ahead = record.y - output
         error = target - phi @ theta if state.serves_reflected else ahead
-        unknown = 0 if goes_on else record.unknown(self._delay)
+        unknown = record.unknown(self._delay)
         if unknown:
             output[:unknown] = output[min(unknown, samples - 1)]
             for signal in (phi, zeta, target, ahead, error):

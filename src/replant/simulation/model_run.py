@@ -16,8 +16,8 @@ from replant.engine.record import Record
 from replant.kernels.schema import LARGEST
 from replant.model.structure import Structure
 from replant.simulation.auxiliary_model import AuxiliaryModel
+from replant.simulation.nuisances import triangle_of, weights_of
 from replant.statistics.linear_algebra import quiet
-from replant.statistics.projections import without
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ def run_model(
         return None
     states, nuisances = done.phi[:, full.numerator], done.phi[:, full.coefficients :]
     slopes = np.hstack([slopes_of_a, done.phi[:, own]])
-    error = without(done.error[:, None], nuisances)[:, 0]
+    error = done.error - nuisances @ weights_of(triangle_of(nuisances, done.error))
     direct = structure.delay < dt if record.input_hold == "foh" else structure.is_biproper and structure.delay == 0.0
     instruments = None
     if by_reference is not None:

@@ -14,7 +14,8 @@ from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
 from replant.simulation.auxiliary_model import SLOWEST, AuxiliaryModel
-from replant.statistics.linear_algebra import quiet, roots, solve
+from replant.simulation.nuisances import triangle_of, weights_of
+from replant.statistics.linear_algebra import quiet, roots
 
 RUNAWAY = 1.0
 """Growth of a model's free response within a record beyond which it is predicted, not simulated [exponent].
@@ -61,9 +62,6 @@ def prediction_error(structure: Structure, parameters: FloatArray, record: Recor
     theta, known = np.zeros(model.entries), structure.coefficients
     theta[:known] = parameters[:known]
     done = model.run(theta, record)
-    nuisances = done.phi[:, known:]
-    fitted = solve(nuisances.T @ nuisances, nuisances.T @ done.error)
-    if fitted is not None:
-        theta[known:] = fitted
-        done = model.run(theta, record)
+    theta[known:] = weights_of(triangle_of(done.phi[:, known:], done.error))
+    done = model.run(theta, record)
     return done.ahead if np.isfinite(done.ahead).all() else None

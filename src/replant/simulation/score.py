@@ -13,9 +13,7 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
 from replant.model.transfer_function import TransferFunction
-from replant.simulation.fitted_parts import PartedRun, known_outputs, offset_of, state_of
-from replant.simulation.offset_fit import bridged, initial_weights, with_initial, with_state
-from replant.simulation.record_response import RecordResponse
+from replant.simulation.fitted_run import FittedRun
 from replant.statistics.lost_samples import places_on_grid
 from replant.statistics.running_sums import ErrorSums, OutputSums
 
@@ -32,8 +30,6 @@ class Score:
     dt : float
         Sampling time in s; of an irregular clock the usual interval.
     input_hold : {"zoh", "foh"}
-    irregular : bool
-        Whether the samples come with time stamps.
 
     Examples
     --------
@@ -45,12 +41,10 @@ class Score:
     (100.0, array([5., 5.]))
     """
 
-    def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh", *, irregular: bool = False) -> None:
-        self._regular = None if irregular else RecordResponse(model, dt, input_hold)
-        self._irregular = PartedRun(model, dt, input_hold) if irregular else None
+    def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh") -> None:
+        self._run = FittedRun(model, dt, input_hold)
         self._dt, self._last = dt, math.nan
-        self._weights = np.zeros(1 + model.den.size - 1)
-        self._input, self._batches, self._failed = 0.0, 0, False
+        self._batches, self._failed = 0, False
         self._error, self._output = ErrorSums(), OutputSums()
 
     def take(self, u: FloatArray, y: FloatArray, t: FloatArray | None = None) -> FloatArray:
@@ -60,12 +54,11 @@ class Score:
         input, NaN in ``y`` is left out, and so are the outputs that answer to inputs from before the record.  ``t`` are
         time stamps (K,) in s, of an irregular clock.
         """
-        if t is not None and u.size == 0:
+        if u.size == 0:
             return np.zeros(0)
         intervals = self._intervals(t)
-        u, self._input = bridged(u, self._input)
         with np.errstate(over="ignore", invalid="ignore"):
-            modelled, y = self._run(u, y, t)
+            modelled, y = self._run.take(u, y, t)
             self._batches += 1
             self._failed = self._failed or not bool(np.isfinite(modelled).all())
             if not self._failed:
@@ -82,33 +75,6 @@ class Score:
         self._last = float(t[-1])
         return intervals
 
-    def _run(self, u: FloatArray, y: FloatArray, t: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-        """Return the model's output (K,), and the measured one (K,), NaN where it says nothing."""
-        if t is not None:
-            return self._run_parts(u, y, t)
-        assert self._regular is not None
-        forced, free, unknown = self._regular.take(u)
-        y = np.concatenate([np.full(unknown, np.nan), y[unknown:]])
-        if self._batches == 0:
-            weights = initial_weights(forced, free, y)
-            self._weights = self._weights if weights is None else weights
-        return with_initial(forced, free, self._weights), y
-
-    def _run_parts(self, u: FloatArray, y: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the same on an irregular clock; behind a gap the state is that of the rest of the batch."""
-        assert self._irregular is not None
-        parts = self._irregular.take(u, t)
-        if self._batches == 0:
-            offset = offset_of(parts, y)
-            self._weights[0] = offset if math.isfinite(offset) else 0.0
-        modelled, known = [], []
-        for part in parts:
-            if part.begins:
-                self._weights[1:] = state_of(part, y, float(self._weights[0]))
-            modelled.append(with_state(part.forced, part.free, float(self._weights[0]), self._weights[1:]))
-            known.append(known_outputs(part, y))
-        return np.concatenate(modelled), np.concatenate(known)
-
     @property
     def usable(self) -> bool:
         """Whether there is something to compare: a modelled output within float64, and a measured output."""
@@ -124,7 +90,7 @@ class Score:
     @property
     def offset(self) -> float:
         """The estimated constant between measured and simulated output."""
-        return float(self._weights[0]) + self.shift if self.usable else 0.0
+        return self._run.offset + self.shift if self.usable else 0.0
 
     @property
     def simulated(self) -> float:

@@ -15,7 +15,7 @@ from replant.data.streams.batch import Batch
 from replant.data.streams.controlled_motor import controlled
 from replant.data.streams.pace import Pace, speed_of
 from replant.data.streams.reader import Reader
-from replant.model import state_space
+from replant.model.response import Response
 from replant.rigs import deap_rig, motor_rig
 from replant.signals import random_steps, white_noise
 
@@ -100,28 +100,15 @@ def simulated(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, Float
     >>> first, u.size == y.size == BLOCK
     (0, True)
     """
-    from replant.kernels.filters.simulate import filter_states, free_responses
-
     rig = deap_rig()
-    plant, preprocess = rig.plant, rig.preprocess
-    model = state_space.companion(plant.den)
-    transition, _, _ = state_space.exact(model.matrix, model.column, rig.dt, "zoh")
-    taps = state_space.input_taps(model.matrix, model.column, rig.dt, "zoh", 0.0)
-    row = np.zeros(model.column.size)
-    row[-plant.num.size :] = plant.num / model.scale[-plant.num.size :]
-    free = free_responses(transition, row, BLOCK)
-    over_a_block = np.linalg.matrix_power(transition, BLOCK)
-    state = np.zeros(row.size)
+    preprocess, response = rig.preprocess, Response(rig.plant, rig.dt)
     number = 0
     while True:
         draw = int(np.random.SeedSequence([seed, number]).generate_state(1, np.uint64)[0])
         u = demo_voltage(BLOCK, draw)
-        moved = preprocess.map_input(u) - float(preprocess.input_offset)
-        forced = filter_states(transition, taps, 0, np.append(moved, 0.0))
+        still = rig.output_rest + response.take(preprocess.map_input(u) - float(preprocess.input_offset)).output
         if number >= skip:
-            still = rig.output_rest + forced[:-1] @ row + free @ state
             yield number * BLOCK, u, still + white_noise(BLOCK, rig.noise, draw + 1)
-        state = over_a_block @ state + forced[-1]
         number += 1
 
 

@@ -74,31 +74,38 @@ def begin(ints, reals, banks, u, y):
         reals[at.LEARN_FROM] = max(reals[at.LEARN_FROM], reals[at.ELAPSED] + reals[at.DELAY])
 
 
-@inline_source
-def remember_input(ints, reals, u, interval):
-    """Put the newest input, and the part that a reference explains of it, into the rings for the dead time.
+@inline_llvm
+def moved_share(interval, before, earlier, dt):
+    """Return how far a held input moves from one sample to the next, on the mean over the interval, as a part of it.
 
     Where samples are missing, a held input may have moved on the way, or stood until the newest sample.  For the first
-    sampling time it stood in any case.  For the rest the mean of the last and the newest value would be right in the
-    former case, the last value in the latter: a third of the way errs least in the worse of both.  No sample is
-    missing where the two intervals before were as long: the device samples more slowly.
+    sampling time ``dt`` it stood in any case.  For the rest the mean of the last and the newest value would be right in
+    the former case, the last value in the latter: a third of the way errs least in the worse of both.  No sample is
+    missing where the two intervals ``before`` and ``earlier`` were as long: the device samples more slowly.
     """
+    usual = max(dt, min(before, earlier))
+    known = usual / interval if interval > MISSING * usual else 1.0
+    return (1.0 - known) * MOVED
+
+
+@inline_source
+def remember_input(ints, reals, u, interval):
+    """Put the newest input, and the part that a reference explains of it, into the rings for the dead time."""
     inputs, held = pointer(reals, ints[at.AT_INPUTS]), pointer(reals, ints[at.AT_HELD])
     intervals, last = pointer(reals, ints[at.AT_INTERVALS]), inputs[ints[at.RING_HEAD]]
     before = ints[at.RING_HEAD] - 1 if ints[at.RING_HEAD] > 0 else ints[at.RING_SIZE] - 1
-    usual = max(reals[at.INTERVAL], min(intervals[ints[at.RING_HEAD]], intervals[before]))
-    known = usual / interval if interval > MISSING * usual else 1.0
+    share = moved_share(interval, intervals[ints[at.RING_HEAD]], intervals[before], reals[at.INTERVAL])
     newest = ints[at.RING_HEAD] + 1
     if newest == ints[at.RING_SIZE]:
         newest = 0
     ints[at.RING_HEAD] = newest
     inputs[newest], intervals[newest] = u, interval
-    held[newest] = last + (1.0 - known) * MOVED * (u - last)
+    held[newest] = last + share * (u - last)
     if ints[at.HAS_REFERENCE] == 1:
         parts, means = pointer(reals, ints[at.AT_REFERENCE_INPUTS]), pointer(reals, ints[at.AT_REFERENCE_HELD])
         last, part = parts[newest - 1 if newest > 0 else ints[at.RING_SIZE] - 1], reals[at.INPUT_BY_REFERENCE]
         parts[newest] = part
-        means[newest] = last + (1.0 - known) * MOVED * (part - last)
+        means[newest] = last + share * (part - last)
 
 
 @outlined
@@ -190,8 +197,12 @@ def advance_bank(ints, reals, bank, interval, y, channels):
     slot = bk.discretization(bank, n, T, interval, work)
     last_y = reals[at.LAST_OUTPUT]
     if reals[at.DELAY] > 0.0:
-        bk.advance_channel(bank, n, T, bk.OUTPUT, slot, last_y, y, work)
         advance_delayed_input(ints, reals, bank, interval, slot, work, bk.INPUT)
+        if channels > bk.INPUT + 1 and ints[at.HAS_REFERENCE] == 1:
+            advance_reference_input(ints, reals, bank, interval, slot, work)
+        # once more: the discretisations of the pieces may have taken the place of that of the whole interval
+        slot = bk.discretization(bank, n, T, interval, work)
+        bk.advance_channel(bank, n, T, bk.OUTPUT, slot, last_y, y, work)
     else:
         inputs, held = pointer(reals, ints[at.AT_INPUTS]), pointer(reals, ints[at.AT_HELD])
         now = inputs[newest]
@@ -202,7 +213,7 @@ def advance_bank(ints, reals, bank, interval, y, channels):
         reals[at.INPUT_NOW] = now
     if channels > bk.INPUT + 1:
         bk.advance_two(bank, n, T, slot, bk.IMPULSE, 0.0, 0.0, bk.CONSTANT, 1.0, 1.0, work)
-        if ints[at.HAS_REFERENCE] == 1:
+        if ints[at.HAS_REFERENCE] == 1 and not reals[at.DELAY] > 0.0:
             advance_reference_input(ints, reals, bank, interval, slot, work)
     return slot
 
@@ -211,8 +222,7 @@ def advance_bank(ints, reals, bank, interval, y, channels):
 def install_model(ints, reals, banks, which, theta):
     """Make the scaled estimate ``theta`` the auxiliary model of a bank.
 
-    Its denominator is the bank's; if that is not stable, with the roots reflected.  A negative margin of stability lets
-    it be as it is: the bank simulates it, whatever becomes of that.
+    Its denominator is the bank's; if that is not stable, with the roots reflected.
     """
     n, T, inputs = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES]
     bank = banks[which]
@@ -221,7 +231,7 @@ def install_model(ints, reals, banks, which, theta):
     for i in range(n):
         work[i] = theta[i] * reals[ints[at.AT_UNIT] + i]
     margin = reals[at.STABILITY_MARGIN]
-    stable = margin < 0.0 or all_left_of(work[:n], margin, work[n:])
+    stable = all_left_of(work[:n], margin, work[n:])
     if not stable:
         reflect(work[:n], margin, work[n:])
     bank[bk.REFLECTED] = 0.0 if stable else 1.0

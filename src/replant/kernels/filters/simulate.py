@@ -1,52 +1,134 @@
-"""Simulation of a companion form: states under an input, from rest or going on from a state, and free responses."""
+"""Simulation of B/A on any clock: the output by the input, and what a state at the beginning adds to it.
 
-import numpy as np
-from numba import njit
+The input runs in pieces from sample to sample, held or straight; after the dead time each acts for as long as it lasts.
+Over an interval between two samples the companion states are carried piece by piece, exactly; a clock without jitter
+needs one discretisation, with a fractional dead time two (see `bank.discretization`).
+"""
+
+from replant.kernels.codegen.decorators import kernel, outlined
+from replant.kernels.codegen.pointer import pointer
+from replant.kernels.filters import bank as bk
+from replant.kernels.filters.chain import moved_share
+
+LAG, WAIT, USED, NOW, BEGUN = range(5)
+"""Places in ``progress``: whole samples, then time in s, until the first input acts; time for which the piece that acts
+has acted, in s; the delayed input; a truth: whether there was a sample [index]."""
+
+PROGRESS = 5
+"""Numbers in ``progress`` [count]."""
+
+NOTHING = 1e-200
+"""Size of a free response below which it has died out; before its numbers become slow ones (denormal) [number]."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def continued_states(transition, taps, inputs, state, first):
-    """Return the states (K, n) from ``state`` (n,) on, and leave the last one there.
+@outlined
+def advance_free(n, solution, free, new):
+    """Carry the responses (n,) to a unit of each state over one interval, free' = free' Ad; all are pointers."""
+    for j in range(n):
+        total = 0.0
+        for i in range(n):
+            total += free[i] * solution[i * n + j]
+        new[j] = total
+    for j in range(n):
+        free[j] = new[j]
 
-    w(k) = Ad w(k-1) + taps[0] x(k-2) + taps[1] x(k-1) + taps[2] x(k).  ``inputs`` (K + 2,) begin with x(-2) and x(-1).
-    Up to sample ``first`` the states are ``state`` itself: 0 at the beginning of a record, -1 later on.
+
+@outlined
+def lives(n, free):
+    """Say whether a response (n,) behind a pointer has not died out; NaN lives."""
+    for i in range(n):
+        if not abs(free[i]) <= NOTHING:
+            return True
+    return False
+
+
+@kernel
+def simulate(bank, states, work, row, feedthrough, progress, samples, lengths, dt, straight, output, free):
+    """Take the newest samples (K,).
+
+    Returns the place of the sample at the end of the piece that acts next; how many of the newest samples answer to
+    inputs from before the first one; how many the free responses live.
+
+    Parameters
+    ----------
+    bank : array
+        Of `bank.size(n, 0)` numbers, with scale and characteristic: it keeps the discretisations.
+    states : (2 n,) array
+        The companion states, and the responses to a unit of each state.
+    work : (3 (n + 2)^2,) array
+    row : (n,) array
+        From the companion states to the output, ``feedthrough`` beside it.
+    progress : (PROGRESS,) array
+    samples : (2 + W + K,) array
+        Inputs: two ahead of the piece that acts next, those that wait, and the newest.
+    lengths : (2 + W + K,) or (1,) array
+        Interval before each of them, or that before all, in s.
+    dt : float
+        Usual interval in s: after 1.5 of it a held input is taken to have moved.
+    straight : bool
+    output : (K,) array
+    free : (K, n) array of zeros, or (0, n)
+        Written until they have died out.  Without rows the plant is at rest and its input zero before the first sample;
+        with rows it is at rest at the first sample that answers to the record's inputs, and its input was always the
+        first one.
     """
-    n = transition.shape[0]
-    states = np.empty((inputs.size - 2, n))
-    for k in range(states.shape[0]):
+    n, regular, at_rest = row.size, lengths.size == 1, free.shape[0] == 0
+    inputs, intervals = pointer(samples, 0), pointer(lengths, 0)
+    kept, x, response, spare = pointer(bank, 0), pointer(states, 0), pointer(states, n), pointer(work, 0)
+    new, front, slot, step, unknown, alive = samples.size - output.size, 2, 0, 0.0, 0, 0
+    for k in range(output.size):
+        left = intervals[0 if regular else new + k]
+        same = bk.SAME_INTERVAL * left
+        waits = progress[LAG] > 0.0 or progress[WAIT] > 0.0
+        if progress[BEGUN] == 0.0:
+            progress[BEGUN], left, front = 1.0, 0.0, new + 1
+            if not (at_rest and waits):
+                progress[NOW] = inputs[new]
+        elif progress[LAG] > 0.0:
+            progress[LAG], left = progress[LAG] - 1.0, 0.0
+        elif progress[WAIT] > left + same:
+            progress[WAIT], left = progress[WAIT] - left, 0.0
+        else:
+            left, progress[WAIT] = left - progress[WAIT], 0.0
+        if waits:
+            if progress[LAG] > 0.0 or progress[WAIT] > 0.0:
+                unknown += 1
+            else:
+                progress[NOW] = inputs[front - 1]
+        while left > same:
+            last, coming, length = inputs[front - 1], inputs[front], intervals[0 if regular else front]
+            wanted = length - progress[USED]
+            ends = wanted <= left + same
+            if not ends:
+                wanted = left
+            start = end = last
+            if straight:
+                slope = (coming - last) / length
+                start = last + slope * progress[USED]
+                end = coming if ends else start + slope * wanted
+            elif not regular:
+                start = end = last + (coming - last) * moved_share(
+                    length, intervals[front - 1], intervals[front - 2], dt
+                )
+            if n > 0:
+                if wanted != step:
+                    slot, step = bk.discretization(bank, n, 0, wanted, work), wanted
+                bk.advance_states(n, pointer(kept, slot + 1), start, end - start, x, spare)
+                if not waits and alive == k and not at_rest:
+                    advance_free(n, pointer(kept, slot + 1), response, spare)
+            left -= wanted
+            if ends:
+                front, progress[USED], progress[NOW] = front + 1, 0.0, coming
+            else:
+                progress[USED], progress[NOW] = progress[USED] + wanted, end
+        total = feedthrough * progress[NOW]
         for i in range(n):
-            total = state[i]
-            if k > first:
-                total = 0.0
-                for j in range(n):
-                    total += transition[i, j] * state[j]
-                for tap in range(3):
-                    total += taps[tap, i] * inputs[k + tap]
-            states[k, i] = total
-        for i in range(n):
-            state[i] = states[k, i]
-    return states
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def filter_states(transition, taps, lag, u):
-    """Return the states (K, n) from rest under ``u`` (K,) delayed by ``lag`` samples, zero before the record."""
-    inputs = np.zeros(u.size + 2)
-    if lag + 2 < inputs.size:
-        inputs[lag + 2 :] = u[: u.size - lag]
-    return continued_states(transition, taps, inputs, np.zeros(transition.shape[0]), 0)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def free_responses(transition, row, samples):
-    """Return row Ad^k (K, n): column i is the output when state i starts at one."""
-    n = row.size
-    responses = np.empty((samples, n))
-    responses[0] = row
-    for k in range(1, samples):
-        for j in range(n):
-            total = 0.0
+            if waits and not at_rest:  # the state that such an input leaves is free: the run begins here
+                x[i] = 0.0
+            total += row[i] * x[i]
+        output[k] = total
+        if not at_rest and alive == k and lives(n, response):
             for i in range(n):
-                total += responses[k - 1, i] * transition[i, j]
-            responses[k, j] = total
-    return responses
+                free[k, i] = response[i]
+            alive = k + 1
+    return front, unknown, alive
