@@ -6,8 +6,8 @@ so at the same number again.  Both need a model, so that a record is solved, its
 again without those that are bad (`replant.offline.solve`).  What may be bad by the outputs alone is left out at first.
 
 Sources: Pearson (2002), "Outliers in process modeling and identification", IEEE Transactions on Control Systems
-Technology 10 (median filter and robust scale); Chang, Tiao and Chen (1988), "Estimation of time series parameters in the
-presence of outliers", Technometrics 30 (additive outliers in coloured noise).
+Technology 10 (median filter and robust scale); Chang, Tiao and Chen (1988), "Estimation of time series parameters in
+the presence of outliers", Technometrics 30 (additive outliers in coloured noise).
 """
 
 from __future__ import annotations

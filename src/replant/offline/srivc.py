@@ -170,24 +170,22 @@ def refine(
 
 def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered: bool) -> Refined | None:
     """Return the estimate of the least output error, or that of the least innovation where its noise model is right."""
-    tried = [problem.improve(start, SHORT, SHORT) for start in starts]
-    tried.sort(key=lambda outcome: outcome[0])
-    for _, _, last in list(tried[:PROMISING]):
-        if last is not None:
-            tried.append(problem.improve(last, LONG, STALLS))
-    tried = sorted((outcome for outcome in tried if math.isfinite(outcome[0])), key=lambda outcome: outcome[0])
-    if not tried:
+    distinct = _promising(problem, starts)
+    if not distinct:
         return None
-    plain = _polished(problem, tried[0][1])
+    plain = _plain(problem, distinct)
+    if not problem.is_stable(plain.model):  # the error of its prediction is no measure beside that of a simulation
+        stable = _promising(problem, [problem.stabilized(start) for start in starts], stable=True)
+        simulated = _plain(problem, stable, stable=True) if stable else plain
+        plain = simulated if simulated.converged else plain
     if plain.converged and (plain.noise.order == 0 or not filtered):
         return _concluded(problem, plain)
-    others = [model for _, model in _distinct([(cost, model) for cost, model, _ in tried[1:]], tried[0][0])]
-    ends = [problem.descend(start, WHITENED, RENEWALS) for start in [plain.model, *others[: PROMISING - 1]]]
+    ends = [problem.descend(start, WHITENED, RENEWALS) for start in [plain.model, *distinct[1:]]]
     root = _best(ends)
     if root is None:
         return _concluded(problem, plain)
     if not (plain.converged and problem.is_stable(plain.model)):  # from where the other has come to
-        plain = min(plain, _polished(problem, root.model), key=lambda end: end.innovation)
+        plain = _plain(problem, [plain.model, root.model], stable=problem.is_stable(plain.model))
     estimate, other = _concluded(problem, plain), _concluded(problem, root)
     if estimate is None or other is None:
         return estimate or other
@@ -213,9 +211,28 @@ def _efficient(problem: Problem, referenced: Refined | None, alone: Refined | No
     return None if found is None else replace(found, covariance=alone.covariance, uncertainty=alone.uncertainty)
 
 
-def _polished(problem: Problem, start: FloatArray) -> Root:
+def _promising(problem: Problem, starts: Sequence[FloatArray], *, stable: bool = False) -> list[FloatArray]:
+    """Return the models of least output error that iterations from the starts lead to."""
+    tried = [problem.improve(start, SHORT, SHORT, stable=stable) for start in starts]
+    tried.sort(key=lambda outcome: outcome[0])
+    for _, _, last in list(tried[:PROMISING]):
+        if last is not None:
+            tried.append(problem.improve(last, LONG, STALLS, stable=stable))
+    found = sorted((outcome for outcome in tried if math.isfinite(outcome[0])), key=lambda outcome: outcome[0])
+    return [model for _, model in _distinct([(cost, model) for cost, model, _ in found])][:PROMISING]
+
+
+def _plain(problem: Problem, starts: Sequence[FloatArray], *, stable: bool = False) -> Root:
+    """Return the root of the least output error, among stable models or all."""
+    ends = [_polished(problem, problem.stabilized(start) if stable else start, stable=stable) for start in starts]
+    least = min(end.innovation for end in ends)
+    alike = [end for end in ends if end.innovation <= (1.0 + AGREE) * least]
+    return min(alike, key=lambda end: (not end.converged, end.innovation))
+
+
+def _polished(problem: Problem, start: FloatArray, *, stable: bool = False) -> Root:
     """Return where steps on the output error end, and the noise model of its residual."""
-    model, done, converged = problem.polish(start)
+    model, done, converged = problem.polish(start, stable=stable)
     problem.renew_noise(done)
     power = done.cost * done.error.size
     return Root(model, done, problem.noise, done.cost, power, converged, converged, filters=False)

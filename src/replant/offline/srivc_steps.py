@@ -18,7 +18,7 @@ from replant.offline.reference_projection import Projection
 from replant.offline.refined import Root
 from replant.simulation.auxiliary_model import AuxiliaryModel, Pass, stability_margin
 from replant.statistics.autoregression import LEAST, Autoregression, sums_of
-from replant.statistics.linear_algebra import roots, solve
+from replant.statistics.linear_algebra import real_coefficients, roots, solve
 from replant.statistics.projections import orthogonal, products
 
 STALLED = 1e-6
@@ -51,6 +51,11 @@ ROUNDING = 1e-18
 """Power of the residual below which only rounding is left [part of the output's power].
 Origin: not recorded; kept, see sensitivity.
 Sensitivity: halved or doubled, nothing changes on these records.
+"""
+
+DIFFERENCE = 1e-5
+"""Step of the differences that make derivatives [part of a coefficient's size].
+Derivation: the cube root of float64's precision.
 """
 
 HALVINGS = 10
@@ -222,7 +227,9 @@ class Problem:
             self._basis = self.noise, functions, orthogonal(products(functions, functions))
         return self._basis[1:]
 
-    def improve(self, theta: FloatArray, iterations: int, patience: int) -> tuple[float, FloatArray, FloatArray | None]:
+    def improve(
+        self, theta: FloatArray, iterations: int, patience: int, *, stable: bool = False
+    ) -> tuple[float, FloatArray, FloatArray | None]:
         """Iterate the instrumental-variable step.
 
         Parameters
@@ -233,6 +240,8 @@ class Problem:
             Most steps taken.
         patience : int
             Steps that may fail to lower the cost before the iteration ends.
+        stable : bool
+            Whether poles are reflected that are not stable.
 
         Returns
         -------
@@ -255,41 +264,71 @@ class Problem:
             if found is None:
                 return best, best_model, None
             change = np.abs(found - model) * np.linalg.norm(done.zeta, axis=0)
-            current = self.bounded(found)
+            current = self.stabilized(self.bounded(found)) if stable else self.bounded(found)
             if change.max() <= STILL * math.sqrt(done.cost) or stalls >= patience:
                 break
         return best, best_model, current
 
-    def polish(self, model: FloatArray) -> tuple[FloatArray, Pass, bool]:
-        """Take damped Gauss-Newton steps on the output error; return the model, its pass, whether it converged."""
-        done = self.run(model)
+    def polish(self, model: FloatArray, *, stable: bool = False) -> tuple[FloatArray, Pass, bool]:
+        """Take damped Gauss-Newton steps on the output error; return the model, its pass, whether it converged.
+
+        Parameters
+        ----------
+        model : (T,) array
+        stable : bool
+            Whether no step may leave the stable models.
+        """
+        done, exact = self.run(model), False
         for _ in range(POLISH):
-            gradient = done.zeta.T @ done.error
-            direction = solve(done.zeta.T @ done.zeta, gradient)
+            slopes = self._slopes(model, done) if exact else done.zeta
+            gradient = slopes.T @ done.error
+            direction = solve(slopes.T @ slopes, gradient)
             if direction is None:
                 return model, done, False
-            gain = float(direction @ gradient) / self.record.u.size
-            samples = self.record.u.size
             # converged: the step is a thousandth of a standard deviation, or the error is rounding
-            if gain * samples <= DONE * done.cost or self.is_rounding(done):
+            if float(direction @ gradient) <= DONE * done.cost or self.is_rounding(done):
                 return model, done, True
-            better = self._line_search(model, direction, done.cost)
-            if better is None:
-                # no step lowers the cost: the instruments join the model's output by straight lines between samples, so
-                # that with poles as fast as the sampling the gradient vanishes a little beside the least cost
-                return model, done, gain * samples <= NEARLY_DONE * done.cost
-            model, done = better
+            better = self._line_search(model, direction, done.cost, stable=stable)
+            if better is not None:
+                model, done = better
+            elif exact:
+                return model, done, float(direction @ gradient) <= NEARLY_DONE * done.cost
+            exact = exact or better is None
         return model, done, False
 
-    def _line_search(self, model: FloatArray, direction: FloatArray, cost: float) -> tuple[FloatArray, Pass] | None:
+    def _slopes(self, model: FloatArray, done: Pass) -> FloatArray:
+        """Return the derivatives (K, T) of the output, those along the denominator by differences.
+
+        The instruments join the model's output by straight lines between samples: where poles are as fast as the
+        sampling, they are no derivatives.
+        """
+        slopes = done.phi.copy()
+        sizes = real_coefficients(model[self.structure.denominator], 1.0 / self.record.span)
+        for i, size in enumerate(sizes):
+            step = np.zeros(model.size)
+            step[i] = DIFFERENCE * size
+            slopes[:, i] = (self.run(model - step).ahead - self.run(model + step).ahead) / (2.0 * step[i])
+        return slopes
+
+    def _line_search(
+        self, model: FloatArray, direction: FloatArray, cost: float, *, stable: bool
+    ) -> tuple[FloatArray, Pass] | None:
         """Return the model after the longest of `HALVINGS` halved steps that lowers the cost; None if none does."""
         for halvings in range(HALVINGS):
             tried = model + direction * 0.5**halvings
-            if self.is_usable(tried):
+            if self.is_usable(tried) and not (stable and not self.is_stable(tried)):
                 done = self.run(tried)
                 if done.cost < cost:
                     return tried, done
         return None
+
+    def stabilized(self, model: FloatArray) -> FloatArray:
+        """Return ``model`` (T,) with the poles reflected that are not stable."""
+        poles = roots(np.append(1.0, model[self.structure.denominator]))
+        if not np.isfinite(poles).all() or poles.real.max() < -self.slowest:
+            return model
+        inside = -np.maximum(np.abs(poles.real), 2.0 * self.slowest) + 1j * poles.imag
+        return np.concatenate([np.poly(inside).real[1:], model[self.structure.poles :]])
 
     def descend(self, model: FloatArray, steps: int, renewals: Sequence[int] = ()) -> Root | None:
         """Take damped steps on the whitened residual; None where the first pass fails.

@@ -154,23 +154,23 @@ class AuxiliaryModel:
         if by_reference is None:
             by_reference = NOTHING
         if record.measured is not None and not record.measured.all():
-            return self._run_filled(theta, record, by_reference, goes_on=goes_on)
-        return self._run(theta, record, by_reference, goes_on=goes_on)
+            return self._run_filled(theta, record, by_reference)
+        return self._run(theta, record, by_reference)
 
-    def _run_filled(self, theta: FloatArray, record: Record, by_reference: FloatArray, *, goes_on: bool) -> Pass:
+    def _run_filled(self, theta: FloatArray, record: Record, by_reference: FloatArray) -> Pass:
         """Run a model over a record, its own output in the place of what was not measured; such rows are zero."""
         assert record.measured is not None
         known, filled = record.measured, record.y
-        done = self._run(theta, replace(record, y=filled), by_reference, goes_on=goes_on)
+        done = self._run(theta, replace(record, y=filled), by_reference)
         for _ in range(PREDICTED if self._state.serves_reflected else 1):
             # offset and initial state as the measured outputs ask for them: theta may not have them yet
             nuisances, away = done.phi[:, -self._order - 1 :], record.y - done.output
             weights = least_norm(nuisances[known], away[known], WEAKEST)[0]
             filled = np.where(known, record.y, done.output + nuisances @ weights)
-            done = self._run(theta, replace(record, y=filled), by_reference, goes_on=goes_on)
+            done = self._run(theta, replace(record, y=filled), by_reference)
         return done.of(known)
 
-    def _run(self, theta: FloatArray, record: Record, by_reference: FloatArray, *, goes_on: bool) -> Pass:
+    def _run(self, theta: FloatArray, record: Record, by_reference: FloatArray) -> Pass:
         from replant.kernels.step.stages import regressors
 
         state, size, samples = self._state, self.entries, record.u.size
