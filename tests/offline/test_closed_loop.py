@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 
 import replant as rp
 from replant.engine.record import Record
-from replant.offline.refined import Refined
+from replant.offline.solve import Solution, solve
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem
 from replant.offline.structure_search import search
@@ -239,10 +239,10 @@ def test_one_step_of_the_set_point_is_a_reference() -> None:
 
 
 def test_where_no_model_is_found_with_the_reference_the_fit_does_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    def only_without(structure: rp.Structure, ready: Record) -> Refined | None:
-        return refine(structure, ready) if ready.r is None else None
+    def only_without(structure: rp.Structure, ready: Record) -> Solution | None:
+        return solve(structure, ready) if ready.r is None else None
 
-    monkeypatch.setattr(fit_module, "first_model", only_without)
+    monkeypatch.setattr(fit_module, "solve", only_without)
     done = loop(rp.TransferFunction([1.0], [1.0, 1.0]), 5.0, 1000, noise=0.05)
     found = rp.fit(done.u, done.y, DT, rp.Structure(1), reference=done.r)
     assert (found.method, found.reference.used) == ("srivc", False)

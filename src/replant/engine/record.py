@@ -230,8 +230,8 @@ def ready_record(
     """
     mapped = preprocess.map_input(u)
     accepted, measured = screen(mapped, np.zeros(y.size))[0], screen(mapped, y)[0]
-    if not measured.any():
-        accepted = measured
+    # before the first output and behind the last nothing is told
+    accepted &= np.logical_or.accumulate(measured) & np.logical_or.accumulate(measured[::-1])[::-1]
     if not structure.bias:
         preprocess = centre(preprocess, u, y)
     regular = stamps is None and bool(accepted.all())

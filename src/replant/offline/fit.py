@@ -236,6 +236,12 @@ class RawRecord:
         return screen(self.mapped, np.zeros(self.u.size))[0]
 
     @cached_property
+    def made_use_of(self) -> BoolArray:
+        """Which samples (K,) a record made ready has: inputs that can be used, from the first output to the last."""
+        usable = self.usable
+        return self.known & np.logical_or.accumulate(usable) & np.logical_or.accumulate(usable[::-1])[::-1]
+
+    @cached_property
     def usable(self) -> BoolArray:
         """Which samples (K,) can be used."""
         return screen(self.mapped, self.y)[0]
@@ -263,7 +269,7 @@ def _refined_result(
 ) -> FitResult:
     structure, dt, found = raw.structure, raw.dt, solution.found
     doubt = np.full(raw.u.size, Doubt.MISSING)
-    doubt[raw.known] = solution.doubt
+    doubt[raw.made_use_of] = solution.doubt
     used = doubt == Doubt.NONE
     measured, y = np.where(raw.usable, raw.y, np.nan), np.where(used, raw.y, np.nan)
     model = structure.transfer_function(found.theta[: structure.size])
@@ -274,7 +280,7 @@ def _refined_result(
         simulation = raw.simulated(model, y)
     else:
         output = measured.copy()
-        output[raw.known] -= error
+        output[raw.made_use_of] -= error
         simulation = Simulation(output, 0.0, fit_percent(y, output), is_prediction=True)
     outliers, stuck = (np.flatnonzero(doubt == each) for each in (Doubt.OUTLIER, Doubt.STUCK))
     return FitResult(
@@ -294,7 +300,7 @@ def _refined_result(
         use,
         outliers,
         stuck,
-        np.flatnonzero((doubt == Doubt.MISSING) & raw.known),
+        np.flatnonzero((doubt == Doubt.MISSING) & raw.made_use_of),
     )
 
 

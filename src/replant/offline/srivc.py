@@ -201,6 +201,8 @@ def _efficient(problem: Problem, referenced: Refined | None, alone: Refined | No
     """
     if referenced is None or alone is None or not alone.converged:
         return referenced
+    if not (problem.is_stable(alone.theta) and problem.is_stable(referenced.theta)):
+        return referenced  # an integrator adds up its load: no autoregression tells the noise
     problem.noise = alone.noise_model
     done = problem.run(alone.theta)
     misfit = problem.misfit(done) / alone.innovation

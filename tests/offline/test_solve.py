@@ -1,9 +1,10 @@
-"""A fit uses the input of a sample whose output is missing, and finds, names and leaves out outliers."""
+"""A fit uses the input of a sample whose output is bad: missing, an outlier, or that of a stuck sensor."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import replant as rp
 from replant.runs.result import result_of_fit
@@ -144,17 +145,70 @@ def test_an_input_that_always_moves_does_not_hide_outliers() -> None:
     assert rp.fit(u, y, DT, STRUCTURE).outliers.tolist() == [100, 700, 1300]
 
 
-def test_missing_outputs_of_an_unstable_plant_are_not_made_up() -> None:
-    """A model that runs away fills nothing in: the samples are left out with their inputs, as they came."""
+def test_missing_outputs_of_an_unstable_plant_keep_their_inputs() -> None:
+    """Their place is taken by predictions, as a simulation would run away."""
     u, plant = binary(17, 400, 8), rp.TransferFunction([2.0], [1.0, -0.05])
     y = plant.simulate(u, 0.1) + 0.05 * np.random.default_rng(18).standard_normal(400)
+    clean = rp.fit(u, y, 0.1, rp.Structure(1))
     y[100:150] = np.nan
     found = rp.fit(u, y, 0.1, rp.Structure(1))
-    assert found.missing.size == 0
+    assert found.missing.tolist() == list(range(100, 150))
     assert found.samples == 350
+    assert away(found, clean) < 1.0
 
 
-def test_where_most_is_missing_nothing_is_filled_in() -> None:
+def test_where_most_is_missing_the_rest_tells_the_model() -> None:
+    """The standard deviations grow by the root of the ratio of samples, as what is left is spread evenly."""
     u, y = noisy(19)
-    y[np.random.default_rng(20).choice(SAMPLES, SAMPLES // 2, replace=False)] = np.nan
-    assert rp.fit(u, y, DT, STRUCTURE).missing.size == 0
+    clean = rp.fit(u, y, DT, STRUCTURE)
+    y[np.random.default_rng(20).choice(SAMPLES, 4 * SAMPLES // 5, replace=False)] = np.nan
+    found = rp.fit(u, y, DT, STRUCTURE)
+    assert found.missing.size > 0.79 * SAMPLES
+    assert (np.abs(found.parameters - TRUE) < 4.0 * found.uncertainty.std).all()
+    assert (found.uncertainty.std < 1.3 * np.sqrt(5.0) * clean.uncertainty.std).all()
+
+
+def stuck(y: np.ndarray, *places: tuple[int, int]) -> np.ndarray:
+    held = y.copy()
+    for begin, end in places:
+        held[begin:end] = held[begin]
+    return held
+
+
+def test_a_stuck_sensor_is_left_out_and_its_inputs_are_used() -> None:
+    u, y = noisy(21)
+    clean = rp.fit(u, y, DT, STRUCTURE)
+    found = rp.fit(u, stuck(y, (300, 500), (900, 950)), DT, STRUCTURE)
+    assert found.stuck.tolist() == [*range(300, 500), *range(900, 950)]
+    assert found.rejected["stuck"] == 250
+    assert away(found, clean) < 1.0
+    assert found.verdict.status == "trusted", found.verdict.reasons
+
+
+def test_a_sensor_at_its_limit_is_left_out() -> None:
+    u, y = noisy(22)
+    clean = rp.fit(u, y, DT, STRUCTURE)
+    limit = float(np.quantile(y, 0.85))
+    found = rp.fit(u, np.minimum(y, limit), DT, STRUCTURE)
+    assert found.stuck.size > 0.9 * (y > limit).sum()
+    assert (np.minimum(y, limit)[found.stuck] == limit).all()
+    assert away(found, clean) < 1.0
+
+
+def test_an_output_at_rest_is_not_stuck() -> None:
+    """A step test on a scale of 8 bits: before the step and on the plateau the output stands still by right."""
+    u = np.repeat([0.0, 1.0], [100, 500])
+    y = rp.TransferFunction([1.0], [3.0, 1.0]).simulate(u, DT)
+    found = rp.fit(u, np.round(256.0 * y) / 256.0, DT, poles=1)
+    assert found.stuck.size == 0
+    assert found.parameters == pytest.approx([1.0 / 3.0, 1.0 / 3.0], rel=0.01)
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.9])
+def test_noise_of_any_colour_has_no_outliers(pole: float) -> None:
+    """The level is 2e-9 a sample: of 30,000 samples none."""
+    for seed in range(20):
+        u, _ = noisy(seed)
+        y = PLANT.simulate(u, DT)
+        noise = lfilter([1.0], [1.0, -pole], np.random.default_rng(seed).standard_normal(SAMPLES))
+        assert rp.fit(u, y + 0.3 * y.std() / noise.std() * noise, DT, STRUCTURE).outliers.size == 0, seed
