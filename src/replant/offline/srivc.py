@@ -48,9 +48,10 @@ from replant.model.structure import Structure
 from replant.offline.refined import Refined, Root, conclude
 from replant.offline.specification_test import FALSE_ALARM, is_right
 from replant.offline.srivc_steps import STALLS, Problem, is_long_enough
+from replant.simulation.offset_fit import simulate
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.chi2 import chi2_quantile
-from replant.statistics.linear_algebra import quiet
+from replant.statistics.linear_algebra import quiet, roots
 
 CUTOFFS = 8
 """State-variable filters tried for a start, evenly spaced in the logarithm [count].
@@ -106,6 +107,11 @@ LOUD = 3.0
 Origin: the innovation alone prefers a model without a numerator, which leaves the whole output to the autoregression:
 in half of the runs of the PI and PID loops under a load.
 Sensitivity: halved or doubled, nothing changes on these records.
+"""
+
+MOST_GROWN = 18.0
+"""Growth within the record beyond which the simulation of an unstable model says nothing [exponent].
+Derivation: the root of float64's precision: no measurement tells the initial state better.
 """
 
 LIKELY = 0.999
@@ -174,10 +180,11 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
     if not distinct:
         return None
     plain = _plain(problem, distinct)
-    if not problem.is_stable(plain.model):  # the error of its prediction is no measure beside that of a simulation
+    if not problem.is_stable(plain.model):
         stable = _promising(problem, [problem.stabilized(start) for start in starts], stable=True)
         simulated = _plain(problem, stable, stable=True) if stable else plain
-        plain = simulated if simulated.converged else plain
+        # the error of a prediction is no measure beside that of a simulation
+        plain = simulated if simulated.innovation <= _simulated(problem, plain.model) else plain
     if plain.converged and (plain.noise.order == 0 or not filtered):
         return _concluded(problem, plain)
     ends = [problem.descend(start, WHITENED, RENEWALS) for start in [plain.model, *distinct[1:]]]
@@ -230,6 +237,19 @@ def _plain(problem: Problem, starts: Sequence[FloatArray], *, stable: bool = Fal
     least = min(end.innovation for end in ends)
     alike = [end for end in ends if end.innovation <= (1.0 + AGREE) * least]
     return min(alike, key=lambda end: (not end.converged, end.innovation))
+
+
+def _simulated(problem: Problem, model: FloatArray) -> float:
+    """Return the mean square of a model's error when simulated; infinite where that says nothing."""
+    record, plant = problem.whole, problem.structure.transfer_function(model[: problem.structure.size])
+    if float(roots(plant.den).real.max()) * record.span > MOST_GROWN:
+        return math.inf
+    y = np.where(record.is_measured, record.y, np.nan)
+    t = None if record.intervals.size == 1 else np.cumsum(record.intervals)
+    dt = float(record.intervals[0]) if t is None else record.usual if math.isfinite(record.usual) else record.dt
+    error = y - simulate(plant, record.u, y, dt, input_hold=record.input_hold, t=t).output
+    square = float(np.nanmean(error**2))
+    return square if math.isfinite(square) else math.inf
 
 
 def _polished(problem: Problem, start: FloatArray, *, stable: bool = False) -> Root:
