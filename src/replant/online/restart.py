@@ -10,7 +10,7 @@ from replant.arguments import FloatArray
 from replant.engine.dimensions import STORED
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
-from replant.engine.state import State
+from replant.engine.state import REGULAR, State
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.offline.map_srivc import revise
@@ -22,8 +22,6 @@ from replant.simulation.auxiliary_model import SLOWEST
 from replant.simulation.model_run import run_model
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import roots
-
-REGULAR = np.zeros(0)  # the time stamps of a regular clock
 
 EXPLAINED = 0.3
 """Part of the output's power that the input must explain, where a model is to replace another one after a change [part
