@@ -50,7 +50,7 @@ class Settings:
     preprocess : Preprocess
         With numbers for the working point.
     startup : int
-        Number of samples that the start-up held back.
+        Number of samples that the start-up collected.
     reference : bool
         Whether the samples come with a reference.
     """
@@ -139,10 +139,19 @@ class Request:
             return self.instruments
         if isinstance(self.filter, Filter) and self.filter.follows_estimate:
             return True
+        return self.keeps_covariance
+
+    @property
+    def keeps_covariance(self) -> bool:
+        """Whether the optimizer keeps a covariance: the outputs are then examined, and some may be missing."""
+        return self._optimizer.keeps_covariance
+
+    @property
+    def _optimizer(self) -> Optimizer | type[Optimizer]:
+        """The optimizer, or the kind of it where the user named that alone."""
         if isinstance(self.optimizer, Optimizer):
-            return self.optimizer.keeps_covariance
-        name = DEFAULT_OPTIMIZER if self.optimizer == AUTO else self.optimizer
-        return OPTIMIZERS[name].keeps_covariance
+            return self.optimizer
+        return OPTIMIZERS[DEFAULT_OPTIMIZER if self.optimizer == AUTO else self.optimizer]
 
     @property
     def input_hold(self) -> str:
@@ -152,10 +161,8 @@ class Request:
     @property
     def takes_reference(self) -> bool:
         """Whether a reference can be used: by the refined filter with recursive least squares."""
-        named = DEFAULT_OPTIMIZER if self.optimizer == AUTO else self.optimizer
-        optimizer = self.optimizer if isinstance(self.optimizer, Optimizer) else OPTIMIZERS[str(named)]
         follows = self.filter.follows_estimate if isinstance(self.filter, Filter) else self.wants_instruments
-        return follows and optimizer.keeps_covariance and optimizer.keeps_colour
+        return follows and self.keeps_covariance and self._optimizer.keeps_colour
 
     @property
     def least_startup(self) -> int:
@@ -164,7 +171,7 @@ class Request:
 
     @property
     def first_hold(self) -> int:
-        """Number of samples that the start-up holds back at first; 0 if no choice needs them."""
+        """Number of measured outputs that the start-up collects at first; 0 if no choice needs them."""
         if self.asks_for_data:
             return max(self.startup, self.least_startup)
         return 0 if self.preprocess.needs == "nothing" else 1
@@ -209,7 +216,7 @@ def _check_together(chosen: Settings | Request) -> None:
 
 
 LONGEST_STARTUP = 20_000
-"""Samples held back at the most, before a start-up that does not suffice is taken as it is [samples].
+"""Measured outputs collected at the most, before a start-up that does not suffice is taken as it is [samples].
 Origin: not recorded; kept, see sensitivity.
 Sensitivity: halved or doubled, nothing changes on these records.
 """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import tracemalloc
 from collections.abc import Callable
 from typing import Any
@@ -22,6 +23,7 @@ from replant.checkpoint.encoding import (
     decode,
 )
 from replant.kernels import schema as at
+from replant.kernels.schema import BRIDGED, DOUBTED, INPUT, OUTPUT, STEP
 from support.builders import engine_state, identifier, random_plant, record
 
 
@@ -250,14 +252,28 @@ def peak_of_refusal(data: bytes, words: str) -> int:
 
 
 @pytest.mark.parametrize("samples", [3, 30_000_000, 2**60, 4.0, True, -1, "4", None])
-def test_samples_that_are_not_in_the_file_are_not_held_back(samples: Any) -> None:
-    """Seven hundred bytes that said so took gigabytes."""
+def test_samples_that_are_not_in_the_file_are_not_collected(samples: Any) -> None:
+    """Two thousand bytes that say so take no gigabytes."""
     header, body = parts(SMALL["starting"])
     for startup in (500, 2**31 - 1):
         header["attributes"]["_request"]["Request"]["startup"] = header["attributes"]["_hold"] = startup
         for rows in (0, 4, samples):
-            header["arrays"] = [["_held", "<f8", [samples, 4], rows]]
+            header["arrays"][-1] = ["recent", "<f8", [samples, 5], rows]
             assert peak_of_refusal(assembled(header, body), ".") < 2**20
+
+
+def test_more_samples_than_are_in_the_file_are_not_collected() -> None:
+    header, body = parts(SMALL["starting"])
+    ints = np.frombuffer(body[: 8 * header["arrays"][0][3]], "<i8").copy()
+    ints[at.SAMPLES] = ints[at.RECENT_HEAD] = 5
+    assert "fewer samples" in reason(assembled(header, ints.tobytes() + body[ints.nbytes :]))
+
+
+@pytest.mark.parametrize("due", [-1, 0, 4, 30_001, 2**62])
+def test_a_start_up_that_waits_for_a_sample_that_cannot_come_is_refused(due: int) -> None:
+    ident = starting()
+    ident._state.attention_at = due
+    assert re.search("does not wait|points outside", reason(ident.to_bytes()))
 
 
 @pytest.mark.parametrize("order", [11, 4_000, 40_000])
@@ -307,13 +323,6 @@ def test_a_count_that_cannot_be_is_refused(name: str, value: Any) -> None:
         assert reason(assembled(header, body))
 
 
-@pytest.mark.parametrize("rejects", [{}, {"not finite": 0}, {"x": 1}, [], None, {"not finite": -1}])
-def test_rejections_that_were_not_counted_are_refused(rejects: Any) -> None:
-    header, body = parts(SMALL["starting"])
-    header["attributes"]["_held_rejects"] = {"dict": [list(pair) for pair in rejects.items()]} if rejects else rejects
-    assert reason(assembled(header, body))
-
-
 def test_an_entry_that_comes_twice_is_refused() -> None:
     _, body = parts(SMALL["running"])
     _, _, length = START.unpack_from(SMALL["running"])
@@ -321,10 +330,14 @@ def test_an_entry_that_comes_twice_is_refused() -> None:
     assert "JSON" in reason(assembled(header[:-1] + b',"progress":{}}', body))
 
 
-@pytest.mark.parametrize("sample", [(np.nan, 0.0, 0.5), (0.0, np.inf, 0.5), (0.0, 1e200, 0.5), (0.0, 0.0, np.inf)])
-def test_samples_that_no_identifier_accepts_are_not_held_back(sample: tuple[float, float, float]) -> None:
-    header, body = parts(SMALL["starting"])
-    assert "not accepted" in reason(assembled(header, np.array(sample).tobytes() + body[24:]))
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [(INPUT, np.nan), (OUTPUT, np.inf), (OUTPUT, 1e200), (STEP, 0.0), (STEP, np.inf), (BRIDGED, np.nan), (DOUBTED, 7)],
+)
+def test_samples_that_no_identifier_accepts_are_not_collected(column: int, value: float) -> None:
+    ident = starting()
+    ident._state.recent[2, column] = value
+    assert "not accepted" in reason(ident.to_bytes())
 
 
 def test_a_buffer_that_says_it_is_full_and_is_not_in_the_file_is_refused() -> None:
@@ -382,8 +395,8 @@ def test_rows_that_were_never_written_cost_nothing() -> None:
 def test_a_negative_zero_is_no_row_that_was_never_written() -> None:
     ident = rp.Identifier(rp.Structure(1), 0.1)
     ident.update(-0.0, -0.0, -0.0)
-    (row,) = rp.Identifier.from_bytes(ident.to_bytes())._held
-    assert np.signbit(row[:3]).all()
+    (row,) = rp.Identifier.from_bytes(ident.to_bytes()).recent
+    assert np.signbit(row[:2]).all()
 
 
 def test_the_size_stays_once_the_rings_are_full() -> None:

@@ -136,7 +136,7 @@ def _fitted(header: Any, body: bytearray) -> tuple[Any, bytearray]:
     """Declare arrays as the settings need them, cut off or filled up by zeros; the whole numbers as they follow."""
     import warnings
 
-    from replant.checkpoint.content_check import DECIDED, shapes_of
+    from replant.checkpoint.content_check import DECIDED, sizes_of
     from replant.checkpoint.settings_json import from_plain
     from replant.engine.state import State
     from replant.kernels.schema import StateSlots
@@ -144,11 +144,15 @@ def _fitted(header: Any, body: bytearray) -> tuple[Any, bytearray]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            settings = from_plain(header["attributes"]["_settings"])
-            shapes = shapes_of(settings)
-            if math.prod(shapes["reals"]) > 10**6:
+            settings, request = (from_plain(header["attributes"][name]) for name in ("_settings", "_request"))
+            reference = header["attributes"]["_reference"]
+            shapes = sizes_of(settings, request, reference=reference).shapes
+            if math.prod(shapes["reals"]) + math.prod(shapes["recent"]) > 10**6:
                 return header, body
-            fresh = State.laid_out(settings, shapes["recent"][0])
+            if settings is None:
+                fresh = State.collecting(request, reference=reference)
+            else:
+                fresh = State.laid_out(settings, shapes["recent"][0])
     except Exception:  # there is nothing to fit to
         return header, body
     start, parts, declared = 0, [], []

@@ -102,7 +102,7 @@ def _live(ident: rp.Identifier, chance: random.Random, *, plainly: bool) -> None
     samples = 6 if plainly else max(4, min(40, 40_000 // (replay.batch_size if replay else 1)))
     u, y, t = record(2 * samples)
     stamped = chance.random() < 0.3
-    first = float(np.nan_to_num(ident._state.last_time)) if ident.settings is not None else 0.0
+    first = float(np.nan_to_num(ident._state.last_time))
     r = reference(2 * samples) if ident.reference else None
     t = t + first
     looks = chance.random() < 0.4
@@ -151,14 +151,13 @@ def _look(ident: rp.Identifier) -> Any:
 
 def _step(ident: rp.Identifier, act: Any) -> None:
     """Do something, between guard zones; only our own errors may be raised."""
-    zones = Zones.of(ident) if ident.settings is not None else None
+    zones = Zones.of(ident)
     try:
         act()
     except rp.ReplantError:
         pass
     finally:
-        if zones is not None:
-            zones.check()
+        zones.check()
 
 
 def _memory() -> int:

@@ -176,7 +176,7 @@ def test_it_waits_for_an_input_that_moves() -> None:
     before = ident.update_many(u[:30_000], y[:30_000])
     assert ident.status == "starting"
     assert not before.parameters.any()
-    assert len(ident._held) <= 20_000
+    assert ident.samples <= 20_000
     ident.update_many(u[30_000:], y[30_000:])
     assert ident.status == "running"
     np.testing.assert_allclose(ident.parameters, true_parameters(plant, 1), rtol=0.05)

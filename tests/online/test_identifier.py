@@ -585,7 +585,7 @@ def test_rejected_samples_do_not_pile_up_either() -> None:
     u = np.full(10_000, np.nan)
     ident.update_many(u, u)
     assert ident.rejected == {**NONE, "not finite": 10_000}
-    assert len(ident._held) == 0
+    assert ident.samples == 0
 
 
 def test_a_choice_that_is_none_is_named_with_those_there_are() -> None:

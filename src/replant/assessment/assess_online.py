@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -35,7 +34,7 @@ def assess_running(state: State, settings: Settings) -> Assessment:
 
 def assess_starting(
     request: Request,
-    held: Sequence[tuple[float, float, float, float]],
+    kept: RecentSamples,
     wanted: int,
     solved: int = 0,
     uncertainty: float = math.nan,
@@ -45,20 +44,19 @@ def assess_starting(
     Parameters
     ----------
     request : Request
-    held : sequence of (u, y, t, r)
-        Raw samples held so far; t is NaN for a regular clock, r where there is no reference.
+    kept : RecentSamples
+        Collected so far.
     wanted : int
-        How many samples the first model needs by now.
+        How many measured outputs the first model needs by now.
     solved : int
         How many of them the provisional model is made from; 0 while there is none.
     uncertainty : float
         Of the provisional model: its largest relative uncertainty.
     """
-    if not held:
+    if not len(kept):
         return NO_SAMPLE
-    u, y, t, _ = np.array(held).T
-    u = request.preprocess.map_input(u)
-    reason = f"starting: {u.size} of the {wanted} samples for the first model"
+    u, there = kept.input, kept.is_measured
+    reason = f"starting: {int(there.sum())} of the {wanted} samples for the first model"
     if wanted > request.startup:
         reason += f"; startup={request.startup} samples gave no usable model"
     findings = [Finding("converging", reason)]
@@ -67,9 +65,9 @@ def assess_starting(
         findings.append(Finding("converging", reason))
     if np.ptp(u) <= RESTING * np.abs(u).max():
         findings.append(Finding("not excited", "the input is constant: move it"))
-    if u.size > 1 and not np.isnan(t).any():
-        findings += sensor_faults.clock_finding(float(np.median(np.diff(t))), request.dt)
-    findings += sensor_faults.level_finding(u, y)
+    if u.size > 1:
+        findings += sensor_faults.clock_finding(float(np.median(kept.interval[1:])), request.dt)
+    findings += sensor_faults.level_finding(u[there], kept.output[there])
     excited = all(finding.status != "not excited" for finding in findings)
     return Assessment(*conclude(findings, ""), excited=excited, samples=u.size, uncertainty=uncertainty)
 

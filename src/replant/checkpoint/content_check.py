@@ -9,20 +9,18 @@ from __future__ import annotations
 import hashlib
 import math
 from functools import cache
-from typing import Any
 
 import numpy as np
 
 from replant.engine.dimensions import STORED, Dimensions
 from replant.engine.recent_samples import RecentSamples
-from replant.engine.state import REASONS, State
+from replant.engine.state import State
 from replant.errors import DamagedCheckpointError
 from replant.kernels.schema import (
     FIXED,
     LAGS,
     LARGEST,
     LAYOUT,
-    MOST_EARLIER,
     PAST,
     ROOM,
     ROWS,
@@ -68,80 +66,75 @@ def layout_of_state() -> str:
     return hashlib.sha256("\n".join(slots + sizes).encode()).hexdigest()[:16]
 
 
-def shapes_of(settings: Settings) -> dict[str, tuple[int, ...]]:
-    """Return the shape of each array of a running identifier with these settings."""
-    return Dimensions.of_settings(settings, STORED).shapes
+def sizes_of(settings: Settings | None, request: Request, *, reference: bool) -> Dimensions:
+    """Return the sizes of an identifier's arrays; without settings those of a start-up."""
+    if settings is None:
+        return Dimensions.of_request(request, reference=reference)
+    return Dimensions.of_settings(settings, STORED)
 
 
-def check_start(request: Request, hold: int, rejects: dict[Any, Any], strays: list[Any]) -> None:
+def check_start(request: Request, hold: int, *, reference: bool) -> None:
     """Check the values that belong to the start-up.
 
     Parameters
     ----------
     request : Request
     hold : int
-        Number of samples that the start-up holds back.
-    rejects : dict
-        Number of rejected samples by reason.
-    strays : list of float
-        Time stamps that leapt and were not confirmed, in s.
-
-    Raises
-    ------
-    DamagedCheckpointError
-        If ``hold`` does not follow from the request, or the others have wrong types or values.
-    """
-    holds = [request.first_hold]
-    while request.wants_instruments and 2 * holds[-1] <= LONGEST_STARTUP:
-        holds.append(2 * holds[-1])
-    if type(hold) is not int or hold not in holds:
-        raise DamagedCheckpointError("it holds back other samples for its start-up than its settings say")
-    if list(rejects) != list(REASONS) or any(type(n) is not int or not 0 <= n < NEVER for n in rejects.values()):
-        raise DamagedCheckpointError("its numbers of rejected samples are not valid")
-    if len(strays) > MOST_EARLIER or not all(type(stamp) is float and math.isfinite(stamp) for stamp in strays):
-        raise DamagedCheckpointError("its stray time stamps are not valid")
-
-
-def check_held(held: list[tuple[float, float, float, float]], request: Request, hold: int, *, reference: bool) -> None:
-    """Check the samples that a starting identifier holds back.
-
-    Parameters
-    ----------
-    held : list of (float, float, float, float)
-        Input, output, time stamp in s and reference of each sample.
-    request : Request
-    hold : int
-        Number of samples that the start-up holds back.
+        Number of measured outputs that the start-up waits for.
     reference : bool
         Whether the samples come with a reference.
 
     Raises
     ------
     DamagedCheckpointError
-        If there are too many, or an identifier would have rejected one.
+        If they do not follow from the request.
     """
-    from replant.regressor.preprocess import screen
-
-    if len(held) > hold:  # equal while the newest sample waits for its successor
-        raise DamagedCheckpointError("it holds back more samples than it waits for")
+    holds = [request.first_hold]
+    while request.wants_instruments and 2 * holds[-1] <= LONGEST_STARTUP:
+        holds.append(2 * holds[-1])
+    if type(hold) is not int or hold not in holds:
+        raise DamagedCheckpointError("it waits for other samples in its start-up than its settings say")
     if reference and not request.takes_reference:
         raise DamagedCheckpointError("it has a reference, which its settings cannot use")
-    u, y, t, r = np.array(held, np.float64).reshape(-1, 4).T
-    if not screen(request.preprocess.map_input(u), y)[0].all() or np.isinf(t).any() or (t[1:] <= t[:-1]).any():
-        raise DamagedCheckpointError("it holds back samples that are not accepted")
-    if not (np.abs(r) <= LARGEST if reference else np.isnan(r)).all():
-        raise DamagedCheckpointError("it holds back samples whose reference is not valid")
 
 
-def check_settings(settings: Settings, request: Request, hold: int, *, reference: bool) -> None:
+def check_collected(state: State, request: Request, resolve_at: int, *, reference: bool) -> None:
+    """Check the state of a start-up.
+
+    Parameters
+    ----------
+    state : State
+        It has the right shapes, see `sizes_of`.
+    request : Request
+    resolve_at : int
+        Number of samples at which the whole record is solved again: 0.
+    reference : bool
+        Whether the samples come with a reference.
+
+    Raises
+    ------
+    DamagedCheckpointError
+        If a number has no valid value.
+    """
+    if type(resolve_at) is not int or resolve_at != 0:
+        raise DamagedCheckpointError("it plans to solve its record again, and has none yet")
+    fresh = State.collecting(request, reference=reference)
+    _check_decided(state, fresh, None)
+    _check_positions(state)
+    if not state.samples < state.attention_at <= max(len(state.recent), state.samples + 1):
+        raise DamagedCheckpointError("it does not wait for the sample at which its start-up may end")
+    numbers = all(slot.is_sound(state) for slot in (*StateSlots.scalars, *StateSlots.blocks))
+    if not (numbers and np.isfinite(state.recent).all() and _raw_samples_are_sound(state)):
+        raise DamagedCheckpointError("it has collected samples that are not accepted")
+
+
+def check_settings(settings: Settings, request: Request, *, reference: bool) -> None:
     """Check that settings follow from a request.
 
     Parameters
     ----------
     settings : Settings
     request : Request
-    hold : int
-        Number of samples that the start-up held back.
     reference : bool
         Whether the samples come with a reference.
 
@@ -163,7 +156,7 @@ def check_settings(settings: Settings, request: Request, hold: int, *, reference
         "instruments": settings.instruments == request.wants_instruments,
         "normalize": settings.normalize == request.normalize,
         "input_map": settings.preprocess.input_map == request.preprocess.input_map,
-        "startup": settings.startup <= hold,
+        "startup": settings.startup <= Dimensions.of_request(request, reference=reference).recent,
         "reference": settings.reference == reference,
     }
     wrong = next((name for name, right in agrees.items() if not right), None)
@@ -177,7 +170,7 @@ def check_state(state: State, settings: Settings, resolve_at: int) -> None:
     Parameters
     ----------
     state : State
-        It has the right shapes, see `shapes_of`.
+        It has the right shapes, see `sizes_of`.
     settings : Settings
     resolve_at : int
         Number of samples at which the whole record is solved again; 0: never.
@@ -199,7 +192,7 @@ def check_state(state: State, settings: Settings, resolve_at: int) -> None:
             raise DamagedCheckpointError(f"its state holds {what} that are not valid")
 
 
-def _check_decided(state: State, fresh: State, settings: Settings) -> None:
+def _check_decided(state: State, fresh: State, settings: Settings | None) -> None:
     """Check the numbers that follow from the settings: sizes, offsets, scaling, the optimizer's numbers.
 
     The blocks' contents are compared last, after a check of their offsets.
@@ -209,7 +202,8 @@ def _check_decided(state: State, fresh: State, settings: Settings) -> None:
             raise DamagedCheckpointError(f"its state and its settings differ in where {block.name} begins")
     for slot in DECIDED:
         differs = np.asarray(getattr(state, slot.name) != getattr(fresh, slot.name))
-        if slot is StateSlots.settings and settings.filter.follows_estimate and not settings.optimizer.keeps_colour:
+        chooses = settings and settings.filter.follows_estimate and not settings.optimizer.keeps_colour
+        if slot is StateSlots.settings and settings and chooses:
             chosen = 1 + settings.structure.size  # the random walk of the offset, which the start-up chooses
             differs[chosen] = not 0.0 <= state.settings[chosen] < math.inf
         if differs.any():

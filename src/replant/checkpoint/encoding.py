@@ -12,7 +12,6 @@ All numbers are little-endian.  The checksum detects damage, not forgery: it is 
 from __future__ import annotations
 
 import hashlib
-import itertools
 import json
 import math
 import struct
@@ -23,12 +22,12 @@ from typing import Any
 import numpy as np
 
 from replant.checkpoint.content_check import (
-    check_held,
+    check_collected,
     check_settings,
     check_start,
     check_state,
     layout_of_state,
-    shapes_of,
+    sizes_of,
 )
 from replant.checkpoint.settings_json import from_plain, to_plain
 from replant.engine.state import State
@@ -39,7 +38,7 @@ Progress = Mapping[str, int | float | str]
 
 MAGIC = b"\x89replant"
 
-VERSION = 4
+VERSION = 5
 """Format of a checkpoint, to be raised when the meaning of anything stored changes; the layout of the state watches
 over itself [number].
 """
@@ -52,26 +51,21 @@ LONGEST_HEADER = 2**20
 LARGEST = 2**34
 """Largest array that is read, rows not stored included: no state needs 16 GiB [bytes]."""
 
-#: The attributes of an identifier that are no arrays, and their types; `RUNNING`: only after the start-up.
+#: The attributes of an identifier that are no arrays, and their types.
 ATTRIBUTES: dict[str, type | tuple[type, ...]] = {
     "_request": Request,
     "_settings": (Settings, type(None)),
-    "_held_rejects": dict,
-    "_strays": list,
     "_reference": bool,
+    "_regular": bool,
     "_hold": int,
     "_resolve_at": int,
 }
-RUNNING: dict[str, type] = {"_regular": bool}
-#: Attributes that are stored as arrays.
-HELD, STATE = "_held", "_state"
-NUMBERS_HELD = 4
-"""Numbers of a sample held for start-up: input, output, time stamp, reference [count]."""
+STATE = "_state"  # the attribute that is stored as arrays
 
 #: The header's entries.
 HEADER = LAYOUT, ATTRIBUTE, PROGRESS, ARRAYS = "layout", "attributes", "progress", "arrays"
 
-#: The arrays of a running identifier, in their order, and their types.
+#: The arrays of an identifier, in their order, and their types.
 STATE_ARRAYS = tuple(field.name for field in fields(State))
 TYPES = {"ints": "<i8"}
 FLOAT = "<f8"
@@ -101,16 +95,14 @@ def encode(attributes: Mapping[str, Any], progress: Progress | None = None) -> b
     InvalidArgumentError
         If a setting or an entry of ``progress`` cannot be stored, for example a function; or if it is too large.
     """
-    running = attributes["_settings"] is not None
-    arrays = _arrays_of(attributes, running)
+    arrays = {name: getattr(attributes[STATE], name) for name in STATE_ARRAYS}
     written = {name: len(array) for name, array in arrays.items()}
-    if running:
-        written["buffer"] = attributes[STATE].buffer_filled  # searching a large buffer for its used rows would be slow
+    written["buffer"] = attributes[STATE].buffer_filled  # searching a large buffer for its used rows would be slow
     kept = {name: array[: _rows_in_use(array[: written[name]])] for name, array in arrays.items()}
     header = _header(
         {
-            LAYOUT: layout_of_state() if running else None,
-            ATTRIBUTE: {name: to_plain("", attributes[name]) for name in _names(running)},
+            LAYOUT: layout_of_state(),
+            ATTRIBUTE: {name: to_plain("", attributes[name]) for name in ATTRIBUTES},
             PROGRESS: {name: to_plain(f"progress[{name!r}]", value) for name, value in _checked(progress).items()},
             ARRAYS: [[name, _type(name), list(arrays[name].shape), len(kept[name])] for name in arrays],
         }
@@ -150,18 +142,6 @@ def decode(data: bytes | bytearray | memoryview) -> Contents:
 def _header(content: dict[str, Any]) -> bytes:
     text = json.dumps(content, allow_nan=False, separators=(",", ":")).encode("ascii")
     return text + b" " * (-len(text) % 8)
-
-
-def _arrays_of(attributes: Mapping[str, Any], running: bool) -> dict[str, np.ndarray[Any, Any]]:
-    if running:
-        return {name: getattr(attributes[STATE], name) for name in STATE_ARRAYS}
-    held = attributes[HELD]
-    numbers = np.fromiter(itertools.chain.from_iterable(held), np.float64, NUMBERS_HELD * len(held))
-    return {HELD: numbers.reshape(-1, NUMBERS_HELD)}
-
-
-def _names(running: bool) -> list[str]:
-    return [*ATTRIBUTES, *(RUNNING if running else ())]
 
 
 def _type(name: str) -> str:
@@ -235,44 +215,36 @@ def _contents(header: dict[str, Any], body: memoryview) -> Contents:
     for name, value in attributes.items():
         if isinstance(value, np.generic):  # earlier versions stored NumPy numbers as the caller had passed them
             attributes[name] = value.item()
-    running = attributes.get("_settings") is not None
-    if list(attributes) != _names(running):
+    if list(attributes) != list(ATTRIBUTES):
         raise DamagedCheckpointError("it is of another version of replant: it has other attributes")
-    for name, kind in {**ATTRIBUTES, **(RUNNING if running else {})}.items():
+    for name, kind in ATTRIBUTES.items():
         if type(attributes[name]) not in (kind if isinstance(kind, tuple) else (kind,)):
             raise TypeError(f"{name.lstrip('_')} is a {type(attributes[name]).__name__}")
-    if header[LAYOUT] != (layout_of_state() if running else None):
+    if header[LAYOUT] != layout_of_state():
         raise DamagedCheckpointError("it is of another version of replant, in which the state has another layout")
-    check_start(attributes["_request"], attributes["_hold"], attributes["_held_rejects"], attributes["_strays"])
-    read = _running if running else _starting
-    attributes |= read(attributes, header[ARRAYS], body)
+    check_start(attributes["_request"], attributes["_hold"], reference=attributes["_reference"])
+    attributes |= {STATE: _state(attributes, header[ARRAYS], body), "_mapped": False}  # a callable map is not stored
     progress = {name: from_plain(plain) for name, plain in header[PROGRESS].items()}
     return Contents(attributes, _checked(progress))
 
 
-def _running(attributes: dict[str, Any], declared: list[Any], body: memoryview) -> dict[str, Any]:
-    """Return the attributes of a running identifier that are stored as arrays."""
-    settings: Settings = attributes["_settings"]
-    check_settings(settings, attributes["_request"], attributes["_hold"], reference=attributes["_reference"])
-    state = State(**_arrays(declared, body, shapes_of(settings)))
-    *_, (_, _, _, rows), _ = declared  # of the buffer; a row with a sample is never all zero
+def _state(attributes: dict[str, Any], declared: list[Any], body: memoryview) -> State:
+    """Return the arrays of an identifier, checked."""
+    settings: Settings | None = attributes["_settings"]
+    request, reference, resolve_at = attributes["_request"], attributes["_reference"], attributes["_resolve_at"]
+    if settings is not None:
+        check_settings(settings, request, reference=reference)
+    state = State(**_arrays(declared, body, sizes_of(settings, request, reference=reference).shapes))
+    *_, (_, _, _, rows), (_, _, _, samples) = declared  # of buffer and raw samples; a row in use is never all zero
     if not 0 <= state.buffer_filled <= rows:
         raise DamagedCheckpointError("its buffer holds fewer samples than its state says")
-    check_state(state, settings, attributes["_resolve_at"])
-    return {STATE: state, HELD: [], "_mapped": False}  # a callable map is not stored
-
-
-def _starting(attributes: dict[str, Any], declared: list[Any], body: memoryview) -> dict[str, Any]:
-    """Return the attributes of a starting identifier that are stored as arrays."""
-    if attributes["_resolve_at"] != 0:
-        raise DamagedCheckpointError("it plans to solve its record again, and has none yet")
-    # the file's size bounds the number of samples; at most one more has only zero bits, and is not stored
-    ((*_, (samples, _), _),) = declared
-    if type(samples) is not int or not 0 <= samples <= len(body) // (8 * NUMBERS_HELD) + 1:
-        raise DamagedCheckpointError("it declares more samples than it holds")
-    held = [tuple(row) for row in _arrays(declared, body, {HELD: (samples, NUMBERS_HELD)})[HELD].tolist()]
-    check_held(held, attributes["_request"], attributes["_hold"], reference=attributes["_reference"])
-    return {HELD: held}
+    if settings is not None:
+        check_state(state, settings, resolve_at)
+        return state
+    if not 0 <= min(state.samples, len(state.recent)) <= samples:
+        raise DamagedCheckpointError("it has collected fewer samples than its state says")
+    check_collected(state, request, resolve_at, reference=reference)
+    return state
 
 
 def _arrays(declared: list[Any], body: memoryview, shapes: dict[str, tuple[int, ...]]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from replant.arguments import keep, truth, whole
 from replant.kernels.schema import FIXED, LAGUERRE, ROWS, SCALARS, StateSlots
 from replant.kernels.slot_tables import Block
 from replant.model.structure import Structure
-from replant.settings import Settings
+from replant.settings import Request, Settings
 
 DENSEST = 4.0
 """Rate at which samples may come where there is a dead time: so many past inputs are kept [nominal rates]."""
@@ -85,6 +85,12 @@ class Dimensions:
             guarded=optimizer.keeps_covariance,
             reference=settings.reference,
         )
+
+    @classmethod
+    def of_request(cls, request: Request, *, reference: bool) -> Dimensions:
+        """Return those of a start-up, whose samples are collected before there are filters and an estimate."""
+        ring, recent = ring_of(request.structure, request.dt), max(STORED, request.first_hold)
+        return cls(1, 1, ring, 0, 0, recent=recent, guarded=request.keeps_covariance, reference=reference)
 
     @property
     def numbers(self) -> dict[str, int]:

@@ -20,8 +20,10 @@ def step_kernels(state: State, *, regular: bool) -> tuple[Callable[..., Any], Ca
     All kernels work on the same arrays, so another one can go on where one stopped, as when stamps begin to come.  See
     the table in `replant.kernels.step`.
     """
-    from replant.kernels.step import covariance, fixed_filter, gradient
+    from replant.kernels.step import collecting, covariance, fixed_filter, gradient
 
+    if state.collects:
+        return collecting.step, collecting.steps
     if state.examines_output:
         return covariance.step, covariance.steps
     without_model = not (state.instruments or state.rests_with_input)

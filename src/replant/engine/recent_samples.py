@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
 from replant.engine.dimensions import RECENT
-from replant.engine.record import Record
+from replant.engine.record import Record, gaps_of
 from replant.engine.state import GAP, State
 from replant.kernels.schema import BRIDGED, DOUBTED, INPUT, OUTPUT, REFERENCE, STEP, Doubt
 
@@ -18,6 +19,11 @@ LONELY = 5
 Origin: not recorded; kept, see sensitivity.
 Sensitivity: halved, 48 samples held against 'load step' instead of 49; error of 'load step' times 0.54; doubled,
 nothing changes on these records.
+"""
+
+LONGEST_GAP = 1000.0
+"""Longest that a gap which parts a record counts as [usual intervals].
+Derivation: a gap of any length begins a new part; what is chosen by the record's duration must not depend on it.
 """
 
 STUCK_RUN = 4
@@ -29,7 +35,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 @dataclass(frozen=True, eq=False)
 class RecentSamples:
-    """Raw samples, input mapped and working point taken off, oldest first.
+    """Raw samples, input mapped and working point taken off, oldest first; those of a start-up still have theirs.
 
     Attributes
     ----------
@@ -108,6 +114,11 @@ class RecentSamples:
         return self.doubt > Doubt.NONE if self.are_examined else np.zeros(len(self), bool)
 
     @property
+    def is_measured(self) -> BoolArray:
+        """Whether each sample came with an output."""
+        return self.doubt != Doubt.MISSING if self.are_examined else np.ones(len(self), bool)
+
+    @property
     def is_stuck(self) -> BoolArray:
         """Whether the output of each sample is that of a stuck sensor."""
         return self.doubt == Doubt.STUCK if self.are_examined else np.zeros(len(self), bool)
@@ -139,6 +150,20 @@ class RecentSamples:
         copy.output[:] = output
         return copy
 
+    def less(self, input_offset: float, output_offset: float) -> RecentSamples:
+        """Return a copy with the working point taken off."""
+        copy = RecentSamples(self.values.copy())
+        copy.input[:] -= input_offset
+        copy.output[:] -= output_offset
+        return copy
+
+    def select(self, rows: BoolArray) -> RecentSamples:
+        """Return a copy of some samples (K,), to whose intervals those of the samples left out are added."""
+        copy, ends = RecentSamples(self.values[rows]), np.cumsum(self.interval)
+        if not rows.all():
+            copy.interval[1:] = np.diff(ends[rows])
+        return copy
+
     def without_stuck(self) -> RecentSamples:
         """Return them with the output of a stuck sensor as the filters saw it: it says nothing of a model."""
         if not self.is_stuck.any():
@@ -155,14 +180,31 @@ class RecentSamples:
         stuck = np.convolve(self.doubt == Doubt.STUCK, np.ones(STUCK_RUN), "valid") == STUCK_RUN
         return self[int(np.flatnonzero(stuck)[-1]) + STUCK_RUN :] if stuck.any() else self
 
-    def record(self, dt: float, input_hold: str) -> Record:
-        """Return them as a record; regular where every interval is ``dt``."""
+    def is_regular(self, dt: float) -> bool:
+        """Return whether every interval is ``dt``."""
+        return bool((self.interval[1:] == dt).all())
+
+    def record(self, dt: float, input_hold: str, *, parted: bool = False) -> Record:
+        """Return them as a record; regular where every interval is ``dt``.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling time in s.
+        input_hold : {"zoh", "foh"}
+        parted : bool
+            Whether gaps part the record, see `replant.engine.record.gaps_of`; they then count as no longer than
+            `LONGEST_GAP`.
+        """
         u, y, intervals = self.values[:, : STEP + 1].T.copy()
-        regular = bool((intervals[1:] == dt).all())
+        regular = self.is_regular(dt)
         r = self.reference.copy() if self.have_reference else None
-        measured = np.isfinite(y)
-        y[~measured] = self.bridged[~measured] if self.are_examined else 0.0
+        usual = dt if parted and not regular else math.inf
+        if math.isfinite(usual):
+            gaps = gaps_of(intervals, usual)
+            intervals[gaps] = np.minimum(intervals[gaps], LONGEST_GAP * float(np.median(intervals[1:])))
+        measured = self.is_measured & np.isfinite(y)
         return Record(
-            u, y, np.array([dt]) if regular else intervals, input_hold, r,
-            measured=None if measured.all() else measured,
+            u, np.where(measured, y, 0.0), np.array([dt]) if regular else intervals, input_hold, r,
+            usual=usual, measured=None if measured.all() else measured,
         )  # fmt: skip

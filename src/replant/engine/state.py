@@ -24,15 +24,19 @@ from replant.kernels.slot_tables import Block, Slot
 from replant.model.structure import Structure
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess
-from replant.settings import Settings
+from replant.settings import Request, Settings
 
 NOTHING = np.zeros(0)
+REGULAR = np.zeros(0)  # the time stamps of a regular clock
 
 GAP = 20.0
 """Time without a sample after which the filters begin anew [sampling times].
 Origin: not recorded; kept, see sensitivity.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
+
+#: What an array that the user makes large is for, and what to ask for instead.
+LARGE = {"buffer": ("a replay buffer", "a smaller capacity"), "recent": ("a start-up", "a shorter startup")}
 
 LONGEST_STEP = 1250
 """Samples between two past estimates kept, at the most [samples].
@@ -105,10 +109,11 @@ class State(StateSlots):
         try:
             state = cls(ints, *(np.zeros(shapes[name]) for name in ("reals", "banks", "buffer", "recent")))
         except MemoryError as error:
-            rows, columns = shapes["buffer"]
+            name = max(("buffer", "recent"), key=lambda each: math.prod(shapes[each]))
+            what, remedy = LARGE[name]
+            rows, columns = shapes[name]
             raise SystemRefusedError(
-                f"the system grants no memory for a replay buffer of {rows:,} rows of {columns} numbers: "
-                "ask for a smaller capacity"
+                f"the system grants no memory for {what} of {rows:,} rows of {columns} numbers: ask for {remedy}"
             ) from error
         state.order, state.entries, state.ring_size = sizes.order, sizes.entries, sizes.ring
         state.memory_size, state.settings_size = sizes.memory, sizes.settings
@@ -216,6 +221,16 @@ class State(StateSlots):
         state.input_offset = float(settings.preprocess.input_offset)
         state.output_offset = float(settings.preprocess.output_offset)
         state.longest_gap = GAP * settings.dt
+        return state
+
+    @classmethod
+    def collecting(cls, request: Request, *, reference: bool) -> State:
+        """Return the arrays that collect the samples of a start-up, raw but for the input map."""
+        state = cls.empty(Dimensions.of_request(request, reference=reference))
+        state.collects, state.adapt, state.serving_bank = True, True, 1
+        state.square_input = request.preprocess.input_map == "square"
+        state.delay, state.interval, state.longest_gap = request.structure.delay, request.dt, GAP * request.dt
+        state.forget_input = 1.0 / max(request.first_hold, 1)
         return state
 
     @classmethod

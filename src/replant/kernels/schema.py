@@ -193,6 +193,7 @@ class StateSlots(Table):
     instruments = Flag("the regressor has a noise-free companion", LAYOUT)
     has_noise_model = Flag("regressor, instruments and target are filtered by the noise model", LAYOUT)
     has_reference = Flag("instruments are made from a reference", LAYOUT)
+    collects = Flag("the start-up's samples are collected: there is no estimate yet", LAYOUT)
     coloured = Flag("power and colour of the residual are kept", LAYOUT)
     examines_output = Flag("outputs are examined before they are learned", LAYOUT)
     memory_size = Integer("M, numbers of the optimizer's memory", LAYOUT)

@@ -38,15 +38,19 @@ class Solution:
         Its outputs that were not measured are the model's.
     doubt : (K,) array of int
         The `Doubt` in each output.
+    bridged : (K,) array
+        The record's outputs, with another working point perhaps.
     """
 
     found: Refined
     record: Record
     doubt: IntArray
+    bridged: FloatArray
 
-    def left_out(self, reason: Doubt) -> BoolArray:
-        """Return the samples (K,) whose output was left out for a reason."""
-        return np.asarray(self.doubt == reason)
+    @property
+    def is_bad(self) -> BoolArray:
+        """Which outputs (K,) were left out."""
+        return np.asarray(self.doubt != Doubt.NONE)
 
 
 def solve(
@@ -76,7 +80,8 @@ def solve(
         if found is None:
             break
         modelled = _output(structure, used, found)
-        solution = Solution(found, replace(used, y=np.where(used.is_measured, used.y, modelled)), doubt)
+        bridged = np.where(used.is_measured, used.y, modelled)
+        solution = Solution(found, replace(used, y=bridged), doubt, bridged)
         before, doubt = doubt, doubts(record.u, y, modelled, found.noise_model.coefficients)
         if (doubt == before).all():
             return solution
@@ -85,7 +90,7 @@ def solve(
         used = _used(record, missing)
         found = _solved(structure, used, given, afresh=afresh)
         if found is not None:
-            solution = Solution(found, used, missing)
+            solution = Solution(found, used, missing, used.y)
     return solution
 
 

@@ -201,7 +201,7 @@ class Ensemble:
 
     @property
     def samples(self) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-        """Accepted samples (M,), those held back for start-up included."""
+        """Accepted samples (M,); during start-up those collected."""
         return np.array([member.samples for member in self._members])
 
     @property

@@ -16,6 +16,7 @@ from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.offline.refined import Refined
 from replant.online.provisional_model import Solved, provisional
+from replant.online.startup import collected
 from replant.settings import Request, Settings
 
 
@@ -24,9 +25,7 @@ class Estimate:
 
     _request: Request
     _settings: Settings | None
-    _held: list[tuple[float, float, float, float]]
     _reference: bool
-    _held_rejects: dict[str, int]
     _hold: int
     _solved: Solved
     _state: State
@@ -53,13 +52,13 @@ class Estimate:
 
     @property
     def settings(self) -> Settings | None:
-        """The definite settings; None while samples are held back for start-up."""
+        """The definite settings; None while samples are collected for the start-up."""
         return self._settings
 
     @property
     def _provisional(self) -> tuple[int, Refined] | None:
         """The model during start-up and the number of samples that it is made from, if there is one."""
-        return provisional(self._request, self._held, self._solved, reference=self._reference)
+        return provisional(self._request, collected(self._state), self._solved)
 
     @property
     def has_model(self) -> bool:
@@ -70,7 +69,7 @@ class Estimate:
     def parameters(self) -> FloatArray:
         """The estimate (P,) in physical units, in the order of `names`.
 
-        During start-up it is a provisional one, made from the first samples held; zero while there is none.
+        During start-up it is a provisional one, made from the first samples collected; zero while there is none.
         """
         size = self.structure.size
         if self._settings is None:
@@ -121,14 +120,12 @@ class Estimate:
 
     @property
     def samples(self) -> int:
-        """Accepted samples, those held back for start-up included."""
-        return len(self._held) if self._settings is None else self._state.samples
+        """Accepted samples; during start-up those collected."""
+        return self._state.samples
 
     @property
     def rejected(self) -> dict[str, int]:
         """Rejected samples by reason."""
-        if self._settings is None:
-            return dict(self._held_rejects)
         return {reason: getattr(self._state, slot.name) for reason, slot in REASONS.items()}
 
     @property
@@ -139,13 +136,10 @@ class Estimate:
     @property
     def recent(self) -> FloatArray:
         """The newest accepted samples (K, 3): input behind its map, output, and seconds since the sample before."""
-        if self._settings is None:
-            u, y, t, _ = np.array(self._held, np.float64).reshape(-1, 4).T
-            regular = np.isnan(t).any() or not t.size
-            intervals = np.full(u.size, self.dt) if regular else np.diff(t, prepend=t[:1] - self.dt)
-            return np.column_stack([self._request.preprocess.map_input(u), y, intervals])
-        rest = self._settings.preprocess
         kept = RecentSamples.of(self._state).values[:, :3]
+        if self._settings is None:
+            return kept.copy()
+        rest = self._settings.preprocess
         return np.asarray(kept + np.array([float(rest.input_offset), float(rest.output_offset), 0.0]))
 
     @property
@@ -153,22 +147,16 @@ class Estimate:
         """The reference (K,) of the samples of `recent`; None where there is none."""
         if not self._reference:
             return None
-        if self._settings is None:
-            return np.array([sample[3] for sample in self._held], np.float64)
         return RecentSamples.of(self._state).reference.copy()
 
     @property
     def judged(self) -> BoolArray:
         """Which samples of `recent` (K,) the verdict uses: those since the last interruption that were not bridged."""
-        if self._settings is None:
-            return np.ones(len(self._held), bool)
         return judged(self._state, self.dt)
 
     @property
     def bridged(self) -> BoolArray:
         """Which samples of `recent` (K,) were bridged: outliers, missing outputs, outputs of a stuck sensor."""
-        if self._settings is None:
-            return np.zeros(len(self._held), bool)
         return RecentSamples.of(self._state).is_bridged
 
     @property
@@ -190,5 +178,5 @@ class Estimate:
         if self._settings is None:
             found = self._provisional
             solved, uncertainty = (0, np.nan) if found is None else (found[0], found[1].uncertainty)
-            return assess_starting(self._request, self._held, self._hold, solved, uncertainty)
+            return assess_starting(self._request, collected(self._state), self._hold, solved, uncertainty)
         return assess_running(self._state, self._settings)

@@ -16,29 +16,27 @@ from replant.arguments import (
     vector,
 )
 from replant.assessment.assess_online import assess_running
-from replant.engine.dimensions import STORED
 from replant.engine.dispatch import Step, bound_step, step_kernels
-from replant.engine.state import NOTHING, REASONS, State
+from replant.engine.state import NOTHING, REGULAR, State
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.identified.model import Model
 from replant.kernels.schema import BELIEVED, Alarm, Attention
 from replant.model.structure import Structure
-from replant.online.begin_recursion import initialize
 from replant.online.change_response import first_look, look
-from replant.online.defaults import settle
 from replant.online.estimate import Estimate
 from replant.online.kept_model import model_of
 from replant.online.provisional_model import next_provisional
-from replant.online.restart import REGULAR
 from replant.online.review_estimate import is_at_rest, next_renewal, review
 from replant.online.solve_again import solve_again
 from replant.online.startup import (
-    Held,
-    awaits_successor,
-    hold_back,
-    lone_inputs,
+    begin,
+    collected,
+    drop_misread,
+    keep_newer_half,
+    measured,
     modelled,
-    warm_up,
+    settled,
+    take_held,
 )
 from replant.online.trace import Trace
 from replant.online.whole_record import solve_whole
@@ -48,7 +46,6 @@ from replant.regressor.filters import Filter
 from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
 from replant.settings import AUTO, LONGEST_STARTUP, NO_USE_OF_REFERENCE, Request, Settings
-from replant.statistics.robust import without_spikes
 
 NAN, INFINITE = math.nan, math.inf
 """NaN and infinity, looked up at every sample [number]."""
@@ -62,9 +59,9 @@ if TYPE_CHECKING:
 class Identifier(Estimate):
     r"""Identify G(s) online: samples go in one by one, the estimate is there after each.
 
-    Settings left at "auto" are chosen from the first ``startup`` accepted samples.  These are held back and then
-    learned in their order, so that none is lost; until then `settings` is None, and the estimate a provisional one of
-    the samples so far.
+    Settings left at "auto" are chosen from the first samples, up to the ``startup``-th with an output.  These are
+    collected and then learned in their order, so that none is lost; until then `settings` is None, and the estimate a
+    provisional one of the samples so far.
 
     Parameters
     ----------
@@ -93,8 +90,8 @@ class Identifier(Estimate):
     preprocess : Preprocess
         Input map and working point.
     startup : int
-        Samples held back at the beginning, from which settings and the first model are made.  Doubled, up to 20000,
-        until they suffice for a first model that can make instruments.
+        Measured outputs from which settings and the first model are made.  Doubled, up to 20000, until they suffice
+        for a first model that can make instruments.
 
     Raises
     ------
@@ -109,7 +106,7 @@ class Identifier(Estimate):
 
     An optimizer that keeps a covariance ignores implausible outputs: outliers, and those of a sensor that is stuck or
     at its limit.  The filters see the model's output instead; such samples count in `rejected` and in `samples`.  A
-    sample whose output alone is missing (NaN) is treated alike; during start-up it is rejected.  A single input beyond
+    sample whose output alone is missing (NaN) is treated alike, from the first output on.  A single input beyond
     a thousand times its moving standard deviation is taken for misread: the sample is held back, and taken only if the
     next input is as far away.  While it is held back it counts as rejected.
     Where the residual grows and stays large, `assess` says that something has changed.  A model of the samples since
@@ -135,6 +132,8 @@ class Identifier(Estimate):
     >>> print(ident.transfer_function)
     2 / (s + 0.5)
     """
+
+    _step: Step
 
     def __init__(
         self,
@@ -164,15 +163,11 @@ class Identifier(Estimate):
     def reset(self) -> None:
         """Forget every sample and begin again; settings left at "auto" are chosen anew."""
         self._settings: Settings | None = None
-        self._held: list[Held] = []
-        self._strays: list[float] = []
         self._solved = {}
-        self._held_rejects = dict.fromkeys(REASONS, 0)
-        self._reference = False  # whether the samples come with a reference
         self._resolve_at = 0  # accepted samples at which to solve the record again; 0: not planned
-        self._state: State
-        self._step: Step = self._hold_back_one  # what takes the next sample
-        self._hold = self._request.first_hold
+        self._hold = self._request.first_hold  # measured outputs that the start-up waits for
+        self._regular = True  # whether no time stamp has come yet
+        self._collect(reference=False)
         if self._hold == 0:
             self._begin()
 
@@ -247,14 +242,13 @@ class Identifier(Estimate):
 
     def __setstate__(self, attributes: dict[str, Any]) -> None:
         self.__dict__.update(attributes)
-        self._step, self._solved = self._hold_back_one, {}
-        if self._settings is not None:
-            self._work_on(self._state, regular=self._regular)
+        self._solved = {}
+        self._work_on(self._state, regular=self._regular)
 
     def update(self, u: float, y: float, t: float | None = None, r: float | None = None) -> float:
         """Take one sample; return its a-priori output error y - theta' phi, in the unit of y.
 
-        NaN stands for "no prediction": the sample was rejected, has no output, or is held back.
+        NaN stands for "no prediction": the sample was rejected, has no output, or is collected for the start-up.
 
         Parameters
         ----------
@@ -271,8 +265,8 @@ class Identifier(Estimate):
         r : float, optional
             Reference, where a controller makes the input: the set-point or a dither, whatever is applied from outside
             and knows nothing of the disturbances.  Given with every sample, or with none; the unit does not matter.
-            One that is not finite is held at the last; during start-up the sample is rejected.  The default filter
-            and optimizer alone use it.
+            One that is not finite is held at the last; until the first that is, samples are rejected.  The default
+            filter and optimizer alone use it.
 
         Raises
         ------
@@ -291,12 +285,10 @@ class Identifier(Estimate):
         try:
             return self._step(u, y, t, r)
         except Attention:
-            error = self._state.error * self._state.output_scale
-        if self._state.held_at == BELIEVED:
-            self._take_held()
-            return self.update(u, y, None if math.isnan(t) else t, None if math.isnan(r) else r)
-        self._attend()
-        return error
+            if self._state.held_at != BELIEVED:
+                return self._attend()
+        self._take_held()
+        return self.update(u, y, None if math.isnan(t) else t, None if math.isnan(r) else r)
 
     def update_many(self, u: Any, y: Any, t: Any = None, r: Any = None) -> Trace:
         """Take a chunk of samples in compiled code: equal, to the bit, to a loop of `update`.
@@ -325,25 +317,15 @@ class Identifier(Estimate):
         t = self._stamps(t, u.size)
         trace = Trace(self.names, self.parameters, np.empty((u.size, self.structure.size)), np.full(u.size, np.nan),
                       t if t.size else None)  # fmt: skip
+        if self._mapped and u.size:
+            u = self._request.preprocess.call_map(u)
+        if r.size and not self._reference:
+            self._collect(reference=True)
         taken = 0
-        while self._settings is None and taken < u.size:
-            some = slice(taken, taken + (1 if t.size else self._chunk))
-            trace.parameters[some] = self.parameters
-            taken += u[some].size
-            trace.errors[taken - 1] = self._hold_back(u[some], y[some], t[some], r[some])
-            trace.parameters[taken - 1] = self.parameters
-        if taken < u.size and self._mapped:
-            u = np.concatenate([u[:taken], self._request.preprocess.call_map(u[taken:])])
         while taken < u.size:
             rest = slice(taken, None)
             taken += self._take(u[rest], y[rest], t[rest], r[rest], trace.errors[rest], trace.parameters[rest])
         return trace
-
-    @property
-    def _chunk(self) -> int:
-        """How many samples to hold back before the start-up ends or the provisional model changes."""
-        held = len(self._held)
-        return max(min(self._hold, next_provisional(self._request, held)) - held, 1)
 
     @property
     def model(self) -> Model:
@@ -365,34 +347,39 @@ class Identifier(Estimate):
     ) -> int:
         """Run a chunk up to a sample that needs attention, attend to it, and return the number of samples taken."""
         state = self._state
-        taken: int = self._steps(*state.arrays, u, y, t, r, errors, parameters)
+        if self._settings is None:  # the kernel has no estimate to write
+            parameters[:], present = self.parameters, np.empty((u.size, 0))
+        else:
+            present = parameters
+        taken: int = self._steps(*state.arrays, u, y, t, r, errors, present)
         if state.held_at == BELIEVED:
             self._take_held()
             return taken - 1  # the sample that confirms it is taken after it
         if state.attention:
-            self._attend()
+            errors[taken - 1] = self._attend()
             parameters[taken - 1] = self.parameters
         return taken
 
     def _take_held(self) -> None:
         """Take the sample that was held back, as the next one has confirmed it."""
         state = self._state
-        u, y, t, r = np.array([[state.held_input], [state.held_output], [state.held_time], [state.held_reference]])
-        state.attention = False
-        try:
-            with state.without_preprocessing():
-                self._steps(*state.arrays, u, y, t, r, np.empty(1), np.empty((1, 0)))
-        finally:
-            state.held_at = 0
+        take_held(state, self._steps)
         if state.attention:
             self._attend()
 
-    def _attend(self) -> None:
-        """Look into an alarm, or solve the record again, where either is due."""
+    def _attend(self) -> float:
+        """Do what is due, and return the error of the newest sample.
+
+        The start-up ends, or goes on; later an alarm is looked into, or the record solved again.
+        """
+        error = self._state.error * self._state.output_scale
         try:
+            if self._settings is None:
+                return self._end_startup()
             self._attend_to(self._state.samples)
         finally:  # also after KeyboardInterrupt
             self._plan()
+        return error
 
     def _attend_to(self, samples: int) -> None:
         state, settings = self._state, self._settings
@@ -425,6 +412,9 @@ class Identifier(Estimate):
     def _plan(self) -> None:
         """Set the sample at which the kernels next ask for attention: the next one, where a task was interrupted."""
         state, now = self._state, self._state.samples
+        if self._settings is None:
+            state.attention_at, state.attention = self._next_look(), False
+            return
         dues = [now + 1 if 0 < due <= now else due for due in (self._resolve_at, state.look_at)]
         self._resolve_at, state.look_at = dues
         state.attention_at = min((due for due in dues if due), default=0)
@@ -438,8 +428,9 @@ class Identifier(Estimate):
         is not the default, and where the plant has changed meanwhile.  Samples may follow.
         """
         if self._settings is None:
-            if self._held:
+            if self._state.samples:
                 self._begin(at_any_rate=True)
+                self._plan()
         elif (found := solve_whole(self._state, self._settings)) is not None:
             self._resolve_at = next_renewal(self._go_on_with(found), self._settings)
             self._plan()
@@ -483,7 +474,7 @@ class Identifier(Estimate):
         if isinstance(chosen, Filter) and chosen.regular_only:
             raise InvalidArgumentError("the gbt filter knows a regular clock only: give no t, or use method='exact'")
         t = number("t", t)
-        if self._settings is not None and self._regular:
+        if self._regular:
             self._work_on(self._state, regular=False)
         return t if math.isfinite(t) else math.inf
 
@@ -517,65 +508,53 @@ class Identifier(Estimate):
             return
         if not self._request.takes_reference:
             raise InvalidArgumentError(NO_USE_OF_REFERENCE)
-        if self._settings is not None or self._held or any(self._held_rejects.values()):
+        if self.samples or any(self.rejected.values()):
             raise InvalidArgumentError("the samples before came without r: give it with every sample, or with none")
 
-    def _hold_back_one(self, u: float, y: float, t: float, r: float) -> float:
-        """Keep a sample for start-up."""
-        return self._hold_back(np.array([u]), np.array([y]), np.array([t]), np.array([r]))
-
-    def _hold_back(self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray) -> float:
-        """Hold samples for start-up, at most as many as it lacks; begin with the last one and return its error."""
-        self._reference = r.size > 0 and not bool(np.isnan(r).any())
-        hold_back(self._held, self._strays, self._held_rejects, self._request, u, y, t, r)
-        if len(self._held) < self._hold or awaits_successor(self._held, self._request.dt) or self._drop_lone_inputs():
-            return NAN
-        try:
-            return self._begin()
-        except BaseException:  # KeyboardInterrupt included: the next sample begins
-            self._held.pop()
-            raise
-
-    def _drop_lone_inputs(self) -> bool:
-        """Reject held samples whose input was misread; return whether there were any."""
-        inputs = np.array([sample[0] for sample in self._held])
-        lone = lone_inputs(self._request.preprocess.map_input(inputs))
-        for k in reversed(lone):
-            del self._held[k]
-        self._held_rejects["input leap"] += len(lone)
-        return bool(lone)
-
-    def _begin(self, *, at_any_rate: bool = False) -> float:
-        """Choose the settings, lay out the state and learn the held samples; return the error of the last one."""
-        u, y, t, r = np.array(self._held, np.float64).reshape(-1, 4).T.copy()
-        clean = without_spikes(y) if self._request.wants_instruments else y
-        settings = settle(self._request, u, clean, reference=self._reference)
-        refined = None
-        if settings.instruments:
-            ready, refined = modelled(self._request, settings.preprocess, u, clean, t, r if self._reference else None)
-            if refined is None and at_any_rate:  # the samples held are kept: others may follow
-                return NAN
-            if refined is None or not (refined.acceptable or at_any_rate or 2 * self._hold > LONGEST_STARTUP):
-                self._solved[len(self._held)] = self._held[-1], refined
-                return self._wait_longer()
-        state = State.of_settings(settings, STORED)
-        for reason, slot in REASONS.items():
-            setattr(state, slot.name, self._held_rejects[reason])
-        error, t = NAN, REGULAR if np.isnan(t).any() else t
-        if u.size > 0:
-            if refined is not None:
-                initialize(state, settings, refined, ready)
-            if callable(settings.preprocess.input_map):
-                u = settings.preprocess.call_map(u)
-            learn = refined is None or not settings.optimizer.keeps_covariance
-            error = float(warm_up(state, u, y, t, r if settings.reference else None, learn=learn)[-1])
-            state.ready_at, state.solved_at = state.elapsed, state.samples
-            state.finished_at = state.samples if at_any_rate else 0
-        self._settings, self._held, self._strays, self._solved = settings, [], [], {}
-        self._work_on(state, regular=not t.size)
-        if refined is not None:
-            self._resolve_at = next_renewal(state, settings)
+    def _collect(self, *, reference: bool) -> None:
+        """Begin the start-up; whether the samples come with a reference is known with the first of them."""
+        self._reference = reference
+        self._work_on(State.collecting(self._request, reference=reference), regular=self._regular)
+        if self._hold:
             self._plan()
+
+    def _next_look(self) -> int:
+        """Return the number of samples at which the start-up may end, or the provisional model may change."""
+        state = self._state
+        there, now = measured(state), state.samples
+        missing = min(self._hold, next_provisional(self._request, there)) - there
+        return min(now + max(missing, 1), max(state.recent_size, now + 1))
+
+    def _end_startup(self) -> float:
+        """Begin where enough outputs are collected; return the error of the newest sample, NaN where more must come."""
+        state = self._state
+        is_full = state.samples >= state.recent_size
+        if measured(state) < self._hold and not is_full:
+            return NAN
+        if drop_misread(state, self._request, stamped=not self._regular):
+            self._solved = {}
+            return NAN
+        return self._begin(is_full=is_full)
+
+    def _begin(self, *, at_any_rate: bool = False, is_full: bool = False) -> float:
+        """Choose the settings, lay out the state and learn the samples collected; return the error of the last one."""
+        old, request = self._state, self._request
+        kept, solution = collected(old), None
+        settings = settled(request, kept)
+        if settings.instruments:
+            solution = modelled(request, settings.preprocess, kept)
+            if solution is None and at_any_rate:  # the samples are kept: others may follow
+                return NAN
+            last = at_any_rate or 2 * self._hold > LONGEST_STARTUP
+            if solution is None or not (solution.found.acceptable or last):
+                self._solved[measured(old)] = None if solution is None else solution.found
+                return self._wait_longer(is_full=is_full)
+        state, error = begin(old, settings, kept, solution)
+        state.finished_at = state.samples if at_any_rate else 0
+        self._settings, self._solved = settings, {}
+        self._work_on(state, regular=self._regular)
+        if solution is not None:
+            self._resolve_at = next_renewal(state, settings)
         return error
 
     def _work_on(self, state: State, *, regular: bool) -> None:
@@ -587,13 +566,18 @@ class Identifier(Estimate):
 
     def _first_step(self, u: float, y: float, t: float, r: float) -> float:
         """Take a sample and bind the kernel for single samples; `update_many` does not need that one compiled."""
-        self._step = bound_step(self._state, self._kernel, self._request.preprocess)
-        return self._step(u, y, t, r)
+        if not (self._reference or math.isnan(r)):  # the first sample of all
+            self._collect(reference=True)
+        step = bound_step(self._state, self._kernel, self._request.preprocess)
+        error = step(u, y, t, r)
+        self._step = step
+        return error
 
-    def _wait_longer(self) -> float:
+    def _wait_longer(self, *, is_full: bool) -> float:
         """Double the start-up; at its limit drop the older half of the samples, as a rig may idle before it moves."""
-        if 2 * self._hold <= LONGEST_STARTUP:
+        if 2 * self._hold <= LONGEST_STARTUP and not is_full:
             self._hold *= 2
         else:
-            self._held = self._held[len(self._held) // 2 :]
-        return math.nan
+            keep_newer_half(self._state)
+            self._solved = {}
+        return NAN

@@ -10,21 +10,19 @@ from replant.arguments import FloatArray
 from replant.engine.dimensions import STORED
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
-from replant.engine.state import State
+from replant.engine.state import REGULAR, State
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.offline.map_srivc import revise
 from replant.offline.refined import Refined
 from replant.offline.solve import Solution
 from replant.online.begin_recursion import initialize
-from replant.online.startup import carry_over, warm_up
+from replant.online.startup import carry_over, note_doubts, warm_up
 from replant.settings import Settings
 from replant.simulation.auxiliary_model import SLOWEST
 from replant.simulation.model_run import run_model
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import roots
-
-REGULAR = np.zeros(0)  # the time stamps of a regular clock
 
 EXPLAINED = 0.3
 """Part of the output's power that the input must explain, where a model is to replace another one after a change [part
@@ -70,9 +68,7 @@ def restart(old: State, settings: Settings, refined: Refined, record: Record, or
 def restart_at(old: State, settings: Settings, solution: Solution, origin: int) -> State:
     """Return `restart` at the solution of a record as it was measured; what it left out is in doubt from now on."""
     new = restart(old, settings, solution.found, solution.record, origin)
-    count = solution.doubt.size
-    rows, recent = (new.samples - count + np.arange(count)) % len(new.recent), RecentSamples(new.recent)
-    recent.bridged[rows], recent.doubt[rows] = solution.record.y, solution.doubt
+    note_doubts(new, solution)
     return new
 
 

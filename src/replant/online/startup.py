@@ -1,125 +1,203 @@
-"""Start-up: the first samples are held back; a model, its covariance and settled filters are made from them."""
+"""Start-up: the first samples are collected; a model, its covariance and settled filters are made from them.
+
+A compiled step collects them (`replant.kernels.step.collecting`), by the rules that later samples meet, in the place
+where a state keeps its raw samples.
+"""
 
 from __future__ import annotations
 
-import itertools
 import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.arguments import FloatArray, IntArray
+from replant.engine.dimensions import STORED
 from replant.engine.dispatch import step_kernels
-from replant.engine.record import Record, ready_record
-from replant.engine.state import NOTHING, State
-from replant.kernels.schema import BELIEVED, FARTHEST, LARGEST, LEAP, MOST_EARLIER
-from replant.offline.refined import Refined
-from replant.offline.srivc import first_model
-from replant.regressor.preprocess import Preprocess, screen
-from replant.settings import Request
+from replant.engine.recent_samples import RecentSamples
+from replant.engine.state import NOTHING, REGULAR, State
+from replant.kernels.schema import BELIEVED
+from replant.offline.solve import Solution, solve
+from replant.online.begin_recursion import initialize
+from replant.online.defaults import settle
+from replant.regressor.preprocess import Preprocess, centre
+from replant.settings import Request, Settings
 from replant.statistics.linear_algebra import quiet
-
-Held = tuple[float, float, float, float]  # a sample (u, y, t, r) held for start-up
-
-FAR = 1e3
-"""Distance of an input beyond which it was misread [times the largest other one].
-Origin: as INPUT_LEAP of the recursion.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-MOST_LONE = 2
-"""Inputs of a start-up that may be misread; more are pulses [count].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
+from replant.statistics.robust import without_spikes
 
 
-def hold_back(
-    held: list[Held], strays: list[float], rejects: dict[str, int], request: Request,
-    u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray,
-) -> None:  # fmt: skip
-    """Add samples to those held for start-up, and count the rejected ones by reason.
+def collected(state: State) -> RecentSamples:
+    """Return the samples of a start-up: input behind its map, output as it came."""
+    return RecentSamples.of(state, len(state.recent))
+
+
+def measured(state: State) -> int:
+    """Return how many of the samples collected came with an output."""
+    return int(np.count_nonzero(collected(state).is_measured))
+
+
+def take_held(state: State, steps: Callable[..., Any]) -> None:
+    """Take the sample that was held back, as the next one has confirmed it."""
+    u, y, t, r = np.array([[state.held_input], [state.held_output], [state.held_time], [state.held_reference]])
+    state.attention = False
+    try:
+        with state.without_preprocessing():
+            steps(*state.arrays, u, y, t, r, np.empty(1), np.empty((1, 0)))
+    finally:
+        state.held_at = 0
+
+
+def drop_misread(state: State, request: Request, *, stamped: bool) -> bool:
+    """Reject collected samples whose input was misread before it was known how far inputs lie; return whether any were.
+
+    The kernel cannot tell of the first two values of the input how far apart they may be.  It can once the samples are
+    given to it from their end, and then of the others.
 
     Parameters
     ----------
-    held : list of (u, y, t, r)
-        Samples held so far; changed in place.
-    strays : list of float
-        The newest consecutive stamps that increase but lie before the newest one held; changed in place.
-    rejects : dict
-        Rejected samples by reason; changed in place.
+    state : State
+        It is changed.
     request : Request
-    u, y : (K,) arrays
-        Raw samples.
-    t : (K,) or (0,) array
-        Time stamps in s: empty or NaN where there are none, infinite where a stamp was not finite.
-    r : (K,) or (0,) array
-        Reference: empty or NaN where there is none, infinite where it was not finite.
+    stamped : bool
+        Whether the samples came with time stamps: a sample that is dropped then took its time.
     """
-    accepted, rejected = screen(request.preprocess.map_input(u), y)
-    for reason, count in rejected.items():
-        rejects[reason] += count
-    none = [math.nan] * u.size
-    stamps, references = t.tolist() if t.size else none, r.tolist() if r.size else none
-    for k in np.flatnonzero(accepted).tolist():
-        if math.isinf(stamps[k]) or math.isinf(references[k]):
-            rejects["not finite"] += 1
-        elif abs(references[k]) > LARGEST:
-            rejects["too large"] += 1
-        elif abs(stamps[k]) > FARTHEST * request.dt:
-            rejects["time too coarse"] += 1
-        else:
-            _admit(held, strays, rejects, request.dt, (float(u[k]), float(y[k]), stamps[k], references[k]))
+    kept = collected(state)
+    u = kept.input.copy()
+    moved = np.flatnonzero(u != u[:1])[:1]
+    if not moved.size:
+        return False
+    first = np.append(0, moved) if moved[0] == 1 else moved
+    misread = np.setdiff1d(first, u.size - 1 - _believed(request, u[::-1].copy()))
+    if not misread.size:
+        return False
+    rest = np.delete(np.arange(u.size), misread)
+    rows = np.isin(np.arange(u.size), rest[_believed(request, u[rest])])
+    lost = u.size - int(rows.sum())
+    _replace(state, kept.select(rows) if stamped else kept[rows])
+    state.input_leaps += lost
+    return True
 
 
-def _admit(held: list[Held], strays: list[float], rejects: dict[str, int], dt: float, sample: Held) -> None:
-    """Hold one sample, or reject it by its stamp, by the rules of `kernels.monitoring.interruptions`.
+def _believed(request: Request, u: FloatArray) -> IntArray:
+    """Return which inputs (K,), behind their map, a start-up believes when they come in this order."""
+    state = State.collecting(replace(request, startup=max(u.size, 1)), reference=False)
+    _, steps = step_kernels(state, regular=True)
+    index, errors, taken = np.arange(u.size, dtype=np.float64), np.empty(u.size), 0
+    with state.without_preprocessing():
+        while taken < u.size:
+            rest = slice(taken, None)
+            taken += steps(*state.arrays, u[rest], index[rest], REGULAR, NOTHING, errors[rest], np.empty((u.size, 0)))
+            if state.held_at == BELIEVED:
+                take_held(state, steps)
+                taken -= 1
+    return collected(state).output.astype(np.int64)
 
-    Where the stamp of the newest sample held had leapt ahead and this one does not confirm it, that sample is rejected.
+
+def keep_newer_half(state: State) -> None:
+    """Let go of the older half of the samples collected."""
+    kept = collected(state)
+    _replace(state, kept[len(kept) // 2 :])
+
+
+def _replace(state: State, kept: RecentSamples) -> None:
+    """Put some of the samples collected in the place of all, from the first on that has an output."""
+    there = np.flatnonzero(kept.is_measured)
+    values = kept.values[there[0] if there.size else len(kept) :].copy()
+    state.gap_at = max(state.gap_at - (state.samples - len(values)), 0)
+    state.recent[: len(values)], state.recent[len(values) :] = values, 0.0
+    state.samples, state.recent_head, state.held_at = len(values), len(values) % len(state.recent), 0
+
+
+@quiet
+def modelled(request: Request, preprocess: Preprocess, kept: RecentSamples) -> Solution | None:
+    """Return the solution of the samples of a start-up, in the unit of ``preprocess``'s working point.
+
+    Parameters
+    ----------
+    request : Request
+    preprocess : Preprocess
+        With numbers for the working point, whose input map is not used.
+    kept : RecentSamples
     """
-    stamp = sample[2]
-    last = held[-1][2] if held else math.nan
-    if awaits_successor(held, dt):
-        before = held[-2][2]
-        if stamp > before and not 0.0 < stamp - last <= max(LEAP * dt, 2.0 * (last - before)):
-            held.pop()
-            rejects["time leap"] += 1
-            last = before
-    if stamp <= last:
-        if not (strays and stamp > strays[-1]):
-            strays.clear()
-        strays.append(stamp)
-        if len(strays) <= MOST_EARLIER:
-            rejects["not later"] += 1
-            return
-        kept = [one for one in held if one[2] < strays[0]]  # the clock was set, or what lies ahead was misread
-        rejects["time leap"] += len(held) - len(kept)
-        held[:] = kept
-    strays.clear()
-    held.append(sample)
+    level = replace(preprocess, input_map="identity")
+    if not request.structure.bias:
+        level = centre(level, kept.input.copy(), kept.output.copy())
+    at = float(level.input_offset), float(level.output_offset)
+    solution = solve(request.structure, kept.less(*at).record(request.dt, request.input_hold, parted=True))
+    if solution is None:
+        return None
+    moved = float(level.output_offset) - float(preprocess.output_offset)
+    return replace(solution, bridged=solution.record.y + moved)
 
 
-def awaits_successor(held: list[Held], dt: float) -> bool:
-    """Return whether the stamp of the newest sample held leaps ahead, so that the next one must confirm it."""
-    return len(held) > 1 and held[-1][2] - held[-2][2] > LEAP * dt
+def cleaned(request: Request, kept: RecentSamples) -> tuple[Request, RecentSamples]:
+    """Return samples of a start-up as settings and a first model are made from them, and the request for such samples.
 
-
-def lone_inputs(u: FloatArray) -> list[int]:
-    """Return the indices of at most two isolated samples at which a mapped input (K,) is far beyond all others.
-
-    Examples
-    --------
-    >>> u = np.tile([1.0, -1.0], 10)
-    >>> u[7] = 4294967296.0
-    >>> lone_inputs(u)
-    [7]
+    Their input is mapped already.  Where a model is made, gross outliers are taken out.
     """
-    away = np.abs(u - np.median(u))
-    order = np.argsort(away)[::-1][: MOST_LONE + 1]
-    for count in range(min(MOST_LONE, order.size - 1), 0, -1):
-        far, next_one = sorted(order[:count].tolist()), away[order[count]]
-        if away[order[count - 1]] > FAR * next_one > 0.0 and all(b - a > 1 for a, b in itertools.pairwise(far)):
-            return far
-    return []
+    mapped = replace(request, preprocess=replace(request.preprocess, input_map="identity"))
+    if not request.wants_instruments:
+        return mapped, kept
+    output, there = kept.output.copy(), kept.is_measured
+    output[there] = without_spikes(output[there])
+    return mapped, kept.with_output(output)
+
+
+def settled(request: Request, kept: RecentSamples) -> Settings:
+    """Return definite settings, chosen from the samples of a start-up."""
+    mapped, clean = cleaned(request, kept)
+    settings = settle(mapped, clean.input.copy(), clean.output.copy(), reference=kept.have_reference)
+    return replace(settings, preprocess=replace(settings.preprocess, input_map=request.preprocess.input_map))
+
+
+def begin(old: State, settings: Settings, kept: RecentSamples, solution: Solution | None) -> tuple[State, float]:
+    """Return the state that has learned the samples of a start-up, and the error of the last one.
+
+    Parameters
+    ----------
+    old : State
+        That has collected them.
+    settings : Settings
+    kept : RecentSamples
+    solution : Solution or None
+        What `modelled` gives; None where no model is made.
+    """
+    state, error = State.of_settings(settings, STORED), math.nan
+    if len(kept) > 0:
+        if solution is not None:
+            initialize(state, settings, solution.found, solution.record)
+        raw = kept.less(float(settings.preprocess.input_offset), float(settings.preprocess.output_offset))
+        u, y, t = raw.input.copy(), np.where(raw.is_measured, raw.output, math.nan), REGULAR
+        if solution is not None:
+            y = np.where(solution.is_bad & raw.is_measured, solution.bridged, y)
+        if not raw.is_regular(settings.dt):
+            t = np.cumsum(raw.interval)
+        learn = solution is None or not settings.optimizer.keeps_covariance
+        with state.without_preprocessing():
+            error = float(warm_up(state, u, y, t, raw.reference if settings.reference else None, learn=learn)[-1])
+        if solution is not None:
+            note_doubts(state, solution, raw.output)
+        state.ready_at, state.solved_at = state.elapsed, state.samples
+    state.take_over(
+        old,
+        *(State.not_finite, State.too_large, State.not_later, State.too_dense, State.time_leaps, State.too_coarse),
+        *(State.input_leaps, State.no_output, State.no_reference, State.last_time),
+    )
+    return state, error
+
+
+def note_doubts(state: State, solution: Solution, output: FloatArray | None = None) -> None:
+    """Note with the newest raw samples which of them a solution has left out, and their ``output`` (K,) if given."""
+    if not state.examines_output:
+        return
+    count = solution.doubt.size
+    rows, recent = (state.samples - count + np.arange(count)) % len(state.recent), RecentSamples(state.recent)
+    recent.bridged[rows] = np.where(solution.is_bad, solution.bridged, recent.bridged[rows])
+    recent.doubt[rows] = solution.doubt
+    if output is not None:
+        recent.output[rows] = output
 
 
 def warm_up(
@@ -155,27 +233,6 @@ def warm_up(
     state.past_kept, state.past_due = 0, state.samples
     state.learned = state.samples
     return errors
-
-
-@quiet
-def modelled(
-    request: Request, preprocess: Preprocess, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray | None
-) -> tuple[Record, Refined | None]:
-    """Return held samples as a record, and their `first_model`.
-
-    Parameters
-    ----------
-    request : Request
-    preprocess : Preprocess
-        With numbers for the working point.
-    u, y, t : (K,) arrays
-        Raw samples; t in s, NaN where there is no stamp.
-    r : (K,) array, optional
-        Reference.
-    """
-    stamps = None if np.isnan(t).any() else t
-    record = ready_record(request.structure, request.dt, preprocess, u, y, stamps, request.input_hold, r)
-    return record, first_model(request.structure, record)
 
 
 def carry_over(old: State, new: State) -> None:

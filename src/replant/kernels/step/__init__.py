@@ -3,6 +3,8 @@
 ============  ======================================================  ==================================================
 file          what it serves                                          what holds its bits equal
 ============  ======================================================  ==================================================
+collecting    the start-up: samples are kept until there are     tests/online/test_startup.py, chunks beside single
+              settings and a first model                         samples
 gradient      the gradient family: any filter, any clock              NumPy twins, tests/support/references.py
 covariance    optimizers with a covariance, outputs examined          NumPy twins, tests/support/references.py
 fixed_filter  the gradient family, a fixed filter, a regular clock,   tests/kernels/step/test_fixed_filter.py beside

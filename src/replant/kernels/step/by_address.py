@@ -12,7 +12,7 @@ from numba import carray, njit, types  # type: ignore[attr-defined]  # its hints
 from numba.extending import intrinsic
 
 from replant.kernels import schema as at
-from replant.kernels.step import covariance, fixed_filter, gradient
+from replant.kernels.step import collecting, covariance, fixed_filter, gradient
 
 INTS, REALS, BANKS, BUFFER, RECENT, SIZE = 0, 2, 4, 7, 10, 13
 """Places in the table of addresses and shapes: ints, reals, banks, buffer and recent, and its size [index]."""
@@ -103,6 +103,16 @@ def gradient_step_at(address, u, y, t, r):
 
 
 @direct
+def collecting_step_at(address, u, y, t, r):
+    """Take one sample as `collecting.step` does; raise Attention as `covariance_step_at` does."""
+    ints, reals, banks, buffer, recent = arrays_at(address)
+    error = collecting.step(ints, reals, banks, buffer, recent, u, y, t, r)
+    if ints[at.ATTENTION] == 1:
+        raise at.Attention
+    return error
+
+
+@direct
 def fixed_filter_step_at(address, u, y, t, r):
     """Take one sample as `fixed_filter.step` does."""
     ints, reals, banks, buffer, recent = arrays_at(address)
@@ -110,6 +120,7 @@ def fixed_filter_step_at(address, u, y, t, r):
 
 
 WITHOUT_ARRAYS = {
+    collecting.step: collecting_step_at,
     covariance.step: covariance_step_at,
     gradient.step: gradient_step_at,
     fixed_filter.step: fixed_filter_step_at,

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import inline_llvm, inline_source, kernel, outlined
+from replant.kernels.codegen.decorators import inline_source, kernel, outlined
 from replant.kernels.filters import reference, whitening
 from replant.kernels.monitoring import estimate_path as trail
 from replant.kernels.monitoring import outliers, residual_colour
@@ -27,6 +27,8 @@ from replant.kernels.step.stages import (
     cut_estimate,
     direction_of,
     keep_estimate,
+    keep_guarded_sample,
+    lacks_output_alone,
     mapped_input,
     may_learn,
     note_reference,
@@ -41,31 +43,6 @@ def learn(ints, reals, buffer, batch, interval):
     """Let the optimizer consume the first ``batch`` of the drawn rows; ``interval`` is in s."""
     theta, memory, _, _, _, _, settings, rows = cut_estimate(ints, reals)
     loops.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, direction_of(ints), interval)
-
-
-@outlined
-def lacks_output_alone(ints, u, y):
-    """Return whether a sample that was turned away has an input that can be used, and no output."""
-    if not (math.isnan(y) and abs(u) <= at.LARGEST):
-        return False
-    ints[at.NOT_FINITE] -= 1
-    return True
-
-
-@inline_llvm
-def keep_guarded_sample(ints, reals, recent, u, y, interval):
-    """Keep the raw sample, over the oldest one, with the output that the filters saw and why.
-
-    Where there is no output, what the filters saw stands for it; where no reference came, the last one.
-    """
-    head = ints[at.RECENT_HEAD]
-    row = recent[head]
-    row[at.INPUT], row[at.STEP] = u, interval
-    row[at.OUTPUT] = reals[at.USED_OUTPUT] if ints[at.DOUBT] == Doubt.MISSING else y
-    row[at.BRIDGED], row[at.DOUBTED] = reals[at.USED_OUTPUT], ints[at.DOUBT]
-    if ints[at.HAS_REFERENCE] == 1:
-        row[at.REFERENCE] = reals[at.REFERENCE_NOW]
-    ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT_SIZE] else 0
 
 
 @outlined

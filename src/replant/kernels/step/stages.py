@@ -1,10 +1,12 @@
 """The stages of one sample that every variant of the step kernel uses: checks, the update, what is kept.
 
-    mapped_input, acceptable        the raw sample: working point, magnitude
+    mapped_input, acceptable,       the raw sample: working point, magnitude, an output that is missing
+    lacks_output_alone
     note_reference                  the reference of an accepted sample
     cut_estimate, keep_and_write,   the update of the estimate: keep what it changes, write the sample into the buffer,
     draw_rows, undo_unless_finite   draw the batch, (let the optimizer learn it), undo what left float64
-    keep_sample, keep_estimate      what is kept for assessment
+    keep_sample, keep_estimate,     what is kept for assessment
+    keep_guarded_sample
     renew_model, take_many          general variants: the auxiliary model, and the loop over many samples
 
 `regressors` is the chain of filters alone, for a record.
@@ -27,7 +29,7 @@ from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain, whitening
 from replant.kernels.monitoring import residual_colour
 from replant.kernels.optimizers.random_stream import draw_below
-from replant.kernels.schema import LAGS
+from replant.kernels.schema import LAGS, Doubt
 
 KEEP_AFTER_PART = 8
 """Part by which the samples must have grown until the estimate is kept again [part: one in so many].
@@ -64,6 +66,15 @@ def acceptable(ints, u, y):
     else:
         ints[at.NOT_FINITE] += 1
     return False
+
+
+@outlined
+def lacks_output_alone(ints, u, y):
+    """Return whether a sample that was turned away has an input that can be used, and no output."""
+    if not (math.isnan(y) and abs(u) <= at.LARGEST):
+        return False
+    ints[at.NOT_FINITE] -= 1
+    return True
 
 
 @inline_llvm
@@ -230,6 +241,22 @@ def keep_sample(ints, recent, u, y, interval):
     head = ints[at.RECENT_HEAD]
     row = recent[head]
     row[0], row[1], row[2] = u, y, interval
+    ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT_SIZE] else 0
+
+
+@inline_llvm
+def keep_guarded_sample(ints, reals, recent, u, y, interval):
+    """Keep the raw sample, over the oldest one, with the output that the filters saw and why.
+
+    Where there is no output, what the filters saw stands for it; where no reference came, the last one.
+    """
+    head = ints[at.RECENT_HEAD]
+    row = recent[head]
+    row[at.INPUT], row[at.STEP] = u, interval
+    row[at.OUTPUT] = reals[at.USED_OUTPUT] if ints[at.DOUBT] == Doubt.MISSING else y
+    row[at.BRIDGED], row[at.DOUBTED] = reals[at.USED_OUTPUT], ints[at.DOUBT]
+    if ints[at.HAS_REFERENCE] == 1:
+        row[at.REFERENCE] = reals[at.REFERENCE_NOW]
     ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT_SIZE] else 0
 
 
