@@ -86,7 +86,7 @@ def solve_again(old: State, settings: Settings) -> State | None:
     kept = RecentSamples.of(old)
     if old.gap_at > origin or old.samples - origin > len(kept) or (old.alarm and is_mature(old, settings)):
         return None
-    record = kept[len(kept) - (old.samples - origin) :].record(settings.dt, settings.filter.input_hold)
+    record = kept[len(kept) - (old.samples - origin) :].record(settings.dt, settings.filter.input_hold, parted=True)
     solution = solve(settings.structure, record, [old.physical], afresh=True)
     if solution is None or not _is_usable(solution, settings, old.physical):
         return None

@@ -36,7 +36,7 @@ def solve_whole(old: State, settings: Settings) -> State | None:
     is_whole = old.finished_at < old.samples == len(kept) and bool((kept.interval[1:] <= GAP * settings.dt).all())
     if not (old.adapt and remembers_all(old, settings) and is_whole):
         return None
-    solution = solve(settings.structure, kept.record(settings.dt, settings.filter.input_hold))
+    solution = solve(settings.structure, kept.record(settings.dt, settings.filter.input_hold, parted=True))
     if solution is None:
         return None
     found = solution.found
