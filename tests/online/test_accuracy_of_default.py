@@ -288,9 +288,9 @@ def test_while_frozen_samples_go_through_the_filters_and_nothing_is_learned() ->
 
 
 def test_what_came_in_while_frozen_is_never_learned_afterwards() -> None:
-    """Not even by a new solution of the whole record: for two hundred samples the sensor was off."""
+    """Not even by a new solution of the whole record: for two hundred samples the sensor showed something else."""
     u, y = made("order 1", noise=0.01)
-    y[600:800] = 0.0
+    y[600:800] *= -1.0
     ident = rp.Identifier(AWKWARD["order 1"][0], DT)
     ident.update_many(u[:600], y[:600])
     ident.freeze()

@@ -25,6 +25,7 @@ def assess_record(
     instruments: bool = True,
     unseen: bool = False,
     usual_interval: float | None = None,
+    disagreement: float = 0.0,
 ) -> Assessment:
     """Return the verdict on a model by a record.
 
@@ -45,6 +46,8 @@ def assess_record(
         Whether the record is another one, which the model was not fitted to.
     usual_interval : float, optional
         Median interval of the time stamps in s; by default that of the record, in which unusable samples are missing.
+    disagreement : float
+        By how much two estimates of the record differ that a right structure makes equal, see `Refined.disagreement`.
 
     Examples
     --------
@@ -69,6 +72,7 @@ def assess_record(
         in_sample=not unseen,
         adapts=not unseen,
         instruments=instruments,
+        disagreement=disagreement,
         usual_interval=usual_interval or (float(np.median(record.intervals[1:])) if irregular else 0.0),
     )
     return judge(evidence)

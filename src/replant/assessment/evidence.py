@@ -82,6 +82,8 @@ class Evidence:
         Largest moving variance that the input has had; 0 where it is not known.
     usual_interval : float
         Median time between samples in s, interruptions included; 0 where there are no time stamps.
+    disagreement : float
+        By how much two estimates of the record differ that a right structure makes equal; 0 where they do not.
     grown : int
         Samples since the residual began to exceed its usual size, if that is statistically significant; else 0.
     after_change : bool
@@ -128,6 +130,7 @@ class Evidence:
     follows: bool = False
     largest_power: float = 0.0
     usual_interval: float = 0.0
+    disagreement: float = 0.0
     grown: int = 0
     after_change: bool = False
     unsettled: float = 0.0

@@ -63,6 +63,12 @@ little use.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
+DISAGREES = 0.05
+"""Difference of two estimates' outputs that a right structure makes equal, from which on it matters [part of the
+output's amplitude].
+Derivation: half of the error of abs G with which a model is trusted.
+"""
+
 WORST_FIT = -1000.0
 """Simulated fit below which fits are not told apart in words [%]."""
 
@@ -238,12 +244,23 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
         *_unexplained(evidence, runs, loop, figures),
         *growth_finding(evidence, runs, figures, referenced=loop.reference is not None),
         *burst_finding(evidence, runs, referenced=loop.reference is not None),
+        *_disagreement(evidence),
     ]
     if certainty.improves:  # the present estimate may explain what the earlier one does not
         model = [Finding(max(found.status, "converging", key=_gravity), found.reason) for found in model]
     held = [] if loop.reference is not None else hold_findings(evidence, runs)
     # an input that acts half a sample earlier than it was taken to act seems to answer the residual
     return (held or loop.findings) + model + certainty.findings
+
+
+def _disagreement(evidence: Evidence) -> list[Finding]:
+    if evidence.disagreement <= DISAGREES:
+        return []
+    reason = (
+        f"filtered by its noise model the same record gives another model, whose output differs by "
+        f"{percent(evidence.disagreement)}: too few poles or zeros, a wrong dead time, or a plant that is not linear"
+    )
+    return [Finding("inconsistent", reason)]
 
 
 def _gravity(status: str) -> int:

@@ -301,6 +301,7 @@ def _refined_result(
         outliers,
         stuck,
         np.flatnonzero((doubt == Doubt.MISSING) & raw.made_use_of),
+        disagreement=found.disagreement,
     )
 
 

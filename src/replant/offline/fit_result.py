@@ -69,6 +69,8 @@ class FitResult:
         The record made ready, with the model's outputs where they are missing or outliers: what the verdict looks at.
     means : tuple of two floats
         Of the mapped input and of the output, where both can be used.
+    disagreement : float
+        See `replant.offline.refined.Refined.disagreement`.
     usual_interval : float or None
         Median interval of the time stamps in s; None for a regular clock.
     input_name, output_name : str
@@ -96,6 +98,7 @@ class FitResult:
     missing: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     record: Record | None = None
     means: tuple[float, float] = (0.0, 0.0)
+    disagreement: float = 0.0
     usual_interval: float | None = None
     input_name: str = "u"
     output_name: str = "y"
@@ -119,6 +122,7 @@ class FitResult:
             self.covariance,
             instruments=self.method != "least_squares",
             usual_interval=self.usual_interval,
+            disagreement=self.disagreement,
         )
         finding = self.reference.finding if self.reference else ""
         if not finding or any(finding.partition(":")[0] in reason for reason in verdict.reasons):

@@ -113,6 +113,9 @@ class Refined:
     misfit : float
         J: the part of the filtered residual that the reference explains, in variances of the latter; chi-squared with
         12 less the number of coefficients in degrees of freedom where the model is right.
+    disagreement : float
+        By how much the output of the estimate filtered by the noise model differs, where that was given up because the
+        structure cannot be right, as a part of the output's amplitude; else 0.
     """
 
     theta: FloatArray
@@ -131,6 +134,7 @@ class Refined:
     reference: ReferenceSlots | None
     explained: float
     misfit: float
+    disagreement: float = 0.0
 
     @property
     def noise_model(self) -> Autoregression:

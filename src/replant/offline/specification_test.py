@@ -115,6 +115,16 @@ def is_right(structure: Structure, record: Record, plain: Refined, filtered: Ref
     return _chance(share**2 * statistic, degrees, ordinates) >= FALSE_ALARM
 
 
+def disagreement(structure: Structure, record: Record, plain: Refined, filtered: Refined) -> float:
+    """Return by how much the outputs of two estimates differ, as a part of the plain one's amplitude; at most 1."""
+    runs = [run_model(structure, one.theta[: structure.size], record, record.dt) for one in (plain, filtered)]
+    if runs[0] is None or runs[1] is None:
+        return 1.0
+    apart = without(np.column_stack([runs[0].forced - runs[1].forced, runs[0].forced]), runs[0].nuisances)
+    size, whole = np.linalg.norm(apart, axis=0)
+    return float(size / whole) if size < whole else 1.0
+
+
 def hausman(run_p: ModelRun, run_f: ModelRun, noise: Autoregression, whole: FloatArray) -> tuple[float, float, float]:
     """Return q / tr Lambda, and the degrees of freedom h and nu of its distribution.
 

@@ -46,7 +46,7 @@ from replant.engine.record import Record
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
 from replant.offline.refined import Refined, Root, conclude
-from replant.offline.specification_test import FALSE_ALARM, is_right
+from replant.offline.specification_test import FALSE_ALARM, disagreement, is_right
 from replant.offline.srivc_steps import STALLS, Problem, is_long_enough
 from replant.simulation.offset_fit import simulate
 from replant.statistics.autoregression import Autoregression
@@ -198,7 +198,9 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
         return estimate or other
     if not root.converged and plain.converged:
         return estimate
-    return other if is_right(problem.structure, problem.whole, estimate, other) else estimate
+    if is_right(problem.structure, problem.whole, estimate, other):
+        return other
+    return replace(estimate, disagreement=disagreement(problem.structure, problem.whole, estimate, other))
 
 
 def _efficient(problem: Problem, referenced: Refined | None, alone: Refined | None) -> Refined | None:
