@@ -144,18 +144,27 @@ def _runs(y: FloatArray) -> list[slice]:
 def _stuck(y: FloatArray, modelled: FloatArray, noise: float) -> BoolArray:
     """Return which outputs (K,) are those of a sensor that is stuck, or at its limit.
 
-    The model moves meanwhile by more than the noise, some steps of the scale, and what does no harm.
+    The model moves meanwhile by more than the noise, some steps of the scale, and what does no harm.  A plant that
+    rests leaves its rest without a jump, however late; at a limit the model lies beyond it.
     """
     found = np.zeros(y.size, bool)
     known = y[np.isfinite(y)]
     if known.size < 2:
         return found
     steps = np.abs(np.diff(known))
-    least = max(noise, STEPS * float(steps[steps > 0.0].min(initial=math.inf)), HARM * float(known.std()))
-    runs = [rows for rows in _runs(y) if float(np.ptp(modelled[rows])) > least]
-    for rows in runs:
-        found[rows] = True
-    for level in {float(y[rows.start]) for rows in runs}:  # shorter runs at the same end of the scale
+    step = STEPS * float(steps[steps > 0.0].min(initial=math.inf))
+    least, low, high = max(noise, step, HARM * float(known.std())), known.min(), known.max()
+    limits = set()
+    for rows in _runs(y):
+        level, model = float(y[rows.start]), modelled[rows]
+        if not float(np.ptp(model)) > least:
+            continue
+        away = float(model.mean()) - level
+        if (level == high and away > 0.0) or (level == low and away < 0.0):
+            limits.add(level)
+        elif rows.stop == y.size or not abs(float(y[rows.stop]) - level) <= max(noise, step):
+            found[rows] = True
+    for level in limits:  # shorter runs too
         found[:-1] |= (y[:-1] == level) & (y[1:] == level)
         found[1:] |= (y[:-1] == level) & (y[1:] == level)
     return found

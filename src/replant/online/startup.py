@@ -194,8 +194,7 @@ def note_doubts(state: State, solution: Solution, output: FloatArray | None = No
         return
     count = solution.doubt.size
     rows, recent = (state.samples - count + np.arange(count)) % len(state.recent), RecentSamples(state.recent)
-    recent.bridged[rows] = np.where(solution.is_bad, solution.bridged, recent.bridged[rows])
-    recent.doubt[rows] = solution.doubt
+    recent.bridged[rows], recent.doubt[rows] = solution.bridged, solution.doubt
     if output is not None:
         recent.output[rows] = output
 
