@@ -43,9 +43,10 @@ from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import pseudo_inverse, quiet
 from replant.statistics.projections import lengths_of, orthogonal, products, without
 
-FALSE_ALARM = 1e-2
+FALSE_ALARM = 0.15
 """Chance that a right filtered estimate is given up [probability].
-Level: 1 %: a false alarm costs efficiency, a missed one some points of fit.
+Origin: on 70 field records of `make campaign` the noise-free fit does not depend on it from 0.01 to 0.3; on logs of real
+rigs, no structure being right, a filtered estimate that is kept costs 1 to 24 points.
 """
 
 ANSWERED = 1e-3
