@@ -45,8 +45,8 @@ from replant.statistics.projections import lengths_of, orthogonal, products, wit
 
 FALSE_ALARM = 0.15
 """Chance that a right filtered estimate is given up [probability].
-Origin: on 70 field records of `make campaign` the noise-free fit does not depend on it from 0.01 to 0.3; on logs of real
-rigs, no structure being right, a filtered estimate that is kept costs 1 to 24 points.
+Origin: on 70 field records of `make campaign` the noise-free fit does not depend on it from 0.01 to 0.3; on logs of
+real rigs, no structure being right, a filtered estimate that is kept costs 1 to 24 points.
 """
 
 ANSWERED = 1e-3
@@ -65,7 +65,7 @@ Origin: 184 loops under autoregressive noise: right models have shares of 0 to 0
 """
 
 LONGEST = 120
-"""Own past values that tell the input at the most; Akaike's criterion chooses [samples].
+"""Own past values that tell the input at the most; Akaike chooses [samples].
 Origin: of 42 recorded logs none needs more.
 """
 

@@ -46,7 +46,7 @@ from replant.engine.record import Record
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
 from replant.offline.refined import Refined, Root, conclude
-from replant.offline.specification_test import FALSE_ALARM, disagreement, is_right
+from replant.offline.specification_test import disagreement, is_right
 from replant.offline.srivc_steps import STALLS, Problem, is_long_enough
 from replant.simulation.offset_fit import simulate
 from replant.statistics.autoregression import Autoregression
@@ -215,7 +215,7 @@ def _efficient(problem: Problem, referenced: Refined | None, alone: Refined | No
     problem.noise = alone.noise_model
     done = problem.run(alone.theta)
     misfit = problem.misfit(done) / alone.innovation
-    if not misfit <= chi2_quantile(1.0 - FALSE_ALARM, LAGUERRE):
+    if not misfit <= chi2_quantile(LIKELY, LAGUERRE):
         return referenced
     root = Root(alone.theta, done, problem.noise, alone.innovation, misfit * alone.innovation, True, True)
     found = _concluded(problem, root)
