@@ -31,6 +31,10 @@ class SystemRefusedError(ReplantError):
     """The system grants no more memory, files, threads or disk space: the message says for what, and what to do."""
 
 
+class InUseError(ReplantError, RuntimeError):
+    """A call was made within another one on the same object: the message says from where, and what to do instead."""
+
+
 class UnsupportedDependencyError(ReplantError, ImportError):
     """A package has a version that replant is not tested with: the message names it and the versions allowed."""
 

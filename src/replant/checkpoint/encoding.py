@@ -60,6 +60,7 @@ ATTRIBUTES: dict[str, type | tuple[type, ...]] = {
     "_strays": list,
     "_reference": bool,
     "_hold": int,
+    "_dropped": int,
     "_resolve_at": int,
 }
 RUNNING: dict[str, type] = {"_regular": bool}

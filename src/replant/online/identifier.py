@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import copy
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import numpy as np
 
 from replant.arguments import (
     FloatArray,
+    IntArray,
     number,
     record,
     stamps_of,
@@ -41,6 +42,7 @@ from replant.online.startup import (
     warm_up,
 )
 from replant.online.trace import Trace
+from replant.online.turns import Turn, changes, reads
 from replant.online.whole_record import solve_whole
 from replant.optimizers import Optimizer
 from replant.optimizers.replay import Replay
@@ -52,9 +54,22 @@ from replant.statistics.robust import without_spikes
 
 NAN, INFINITE = math.nan, math.inf
 """NaN and infinity, looked up at every sample [number]."""
-DERIVED = {"_kernel", "_mapped", "_solved", "_step", "_steps"}  # attributes that follow from the others
+DERIVED = {"_gate", "_kernel", "_mapped", "_solved", "_step", "_steps", "_turn"}  # attributes that others lead to
+OPEN, SHUT = 0, 1  # the gate of `replant.kernels.step.by_address`
+NO_GATE = np.full(1, SHUT)  # of an identifier whose kernel for single samples is not bound
+PIECE = 8192
+"""Updates of the estimate after which Ctrl-C is answered while a chunk is taken [updates].
+Origin: some 10 ms, beside which a call of the kernel, some 10 us, does not count.
+"""
+
+T = TypeVar("T")
+
+#: The reasons of samples that count as accepted, too.
+COUNTED = {"outlier", "stuck", "no output", "no reference"}
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from replant.checkpoint.encoding import Progress
     from replant.checkpoint.files import AnyPath
 
@@ -159,19 +174,30 @@ class Identifier(Estimate):
         self._request = Request(
             structure, dt, filter, scaling, optimizer, replay, instruments, normalize, preprocess, startup
         )
-        self.reset()
+        self._turn = Turn()
+        self._begin_again()
 
+    @changes
     def reset(self) -> None:
         """Forget every sample and begin again; settings left at "auto" are chosen anew."""
+        self._as_one(Identifier._begin_again)
+
+    def _begin_again(self) -> None:
         self._settings: Settings | None = None
         self._held: list[Held] = []
         self._strays: list[float] = []
         self._solved = {}
         self._held_rejects = dict.fromkeys(REASONS, 0)
         self._reference = False  # whether the samples come with a reference
+        self._dropped = 0  # samples held for so long a start-up that they were dropped
         self._resolve_at = 0  # accepted samples at which to solve the record again; 0: not planned
         self._state: State
-        self._step: Step = self._hold_back_one  # what takes the next sample
+        self._step: Step = _in_turn  # what takes the next sample
+        self._gate: IntArray = NO_GATE
+        self._regular: bool  # whether no time stamp has come
+        self._mapped: bool  # whether the input map is a function
+        self._kernel: Callable[..., float]
+        self._steps: Callable[..., int]
         self._hold = self._request.first_hold
         if self._hold == 0:
             self._begin()
@@ -179,6 +205,8 @@ class Identifier(Estimate):
     def clone(self) -> Identifier:
         """Return an independent copy in the same state."""
         return copy.deepcopy(self)
+
+    __copy__ = clone
 
     def save(self, path: AnyPath, progress: Progress | None = None) -> None:
         """Save the whole state to a file, from which `replant.load` continues to the bit.
@@ -202,6 +230,7 @@ class Identifier(Estimate):
 
         write(path, self.to_bytes(progress))
 
+    @reads
     def to_bytes(self, progress: Progress | None = None) -> bytes:
         """Return the whole state as bytes for `from_bytes`; equal states give equal bytes.  See `save`.
 
@@ -242,14 +271,49 @@ class Identifier(Estimate):
         (restored := cls.__new__(cls)).__setstate__(attributes)
         return restored
 
+    @reads
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name not in DERIVED}
+        return {name: value for name, value in vars(self._draft()).items() if name not in DERIVED}
 
     def __setstate__(self, attributes: dict[str, Any]) -> None:
         self.__dict__.update(attributes)
-        self._step, self._solved = self._hold_back_one, {}
+        self._turn, self._step, self._gate, self._solved = Turn(), _in_turn, NO_GATE, {}
         if self._settings is not None:
             self._work_on(self._state, regular=self._regular)
+
+    def _draft(self) -> Identifier:
+        """Return a copy with its own samples and its own arrays, and the same turn."""
+        draft = object.__new__(type(self))
+        own = {"_held": list(self._held), "_strays": list(self._strays), "_held_rejects": dict(self._held_rejects)}
+        draft.__dict__.update(vars(self) | own | {"_step": _in_turn, "_gate": NO_GATE})
+        if self._settings is not None:
+            draft._state = self._state.copy()
+        return draft
+
+    def _moved_to(self, state: State) -> Identifier:
+        """Return this identifier, gone on with to arrays of the same content."""
+        moved = object.__new__(type(self))
+        moved.__dict__.update(vars(self))
+        moved._work_on(state, regular=True)
+        return moved
+
+    def _as_one(self, work: Callable[..., T], *given: Any) -> T:
+        """Do some work on a draft, and take it over in one bytecode: interrupted, it was not begun.
+
+        Whoever still has the arrays before finds them waiting for attention, or their gate shut, and takes no sample.
+        """
+        draft = self._draft()
+        result = work(draft, *given)
+        vars(self).update(vars(draft))
+        return result
+
+    def _enter(self) -> None:
+        self._gate[0] = SHUT
+        while self._settings is not None and self._state.attention:
+            self._as_one(Identifier._attend)
+
+    def _leave(self) -> None:
+        self._gate[0] = OPEN
 
     def update(self, u: float, y: float, t: float | None = None, r: float | None = None) -> float:
         """Take one sample; return its a-priori output error y - theta' phi, in the unit of y.
@@ -291,13 +355,29 @@ class Identifier(Estimate):
         try:
             return self._step(u, y, t, r)
         except Attention:
-            error = self._state.error * self._state.output_scale
-        if self._state.held_at == BELIEVED:
-            self._take_held()
-            return self.update(u, y, None if math.isnan(t) else t, None if math.isnan(r) else r)
-        self._attend()
-        return error
+            pass
+        return self._take_one(u, y, t, r)
 
+    @changes
+    def _take_one(self, u: float, y: float, t: float, r: float) -> float:
+        """Take one sample where more than its kernel is asked for."""
+        if self._settings is None:
+            if self._reference or not math.isnan(r):
+                self._check_reference(None if math.isnan(r) else r)
+            return self._as_one(Identifier._hold_back, *np.array([[u], [y], [t], [r]]))
+        if self._regular and not math.isnan(t):
+            self._work_on(self._state, regular=False)
+        if self._step is _in_turn:
+            step, gate = bound_step(self._state, self._kernel, self._request.preprocess)
+            vars(self).update(_step=step, _gate=gate)
+        while True:
+            self._gate[0] = OPEN
+            try:
+                return self._step(u, y, t, r)
+            except Attention:  # it confirms one that was held back
+                self._enter()
+
+    @changes
     def update_many(self, u: Any, y: Any, t: Any = None, r: Any = None) -> Trace:
         """Take a chunk of samples in compiled code: equal, to the bit, to a loop of `update`.
 
@@ -329,15 +409,27 @@ class Identifier(Estimate):
         while self._settings is None and taken < u.size:
             some = slice(taken, taken + (1 if t.size else self._chunk))
             trace.parameters[some] = self.parameters
+            error = self._as_one(Identifier._hold_back, u[some], y[some], t[some], r[some])
             taken += u[some].size
-            trace.errors[taken - 1] = self._hold_back(u[some], y[some], t[some], r[some])
+            trace.errors[taken - 1] = error
             trace.parameters[taken - 1] = self.parameters
         if taken < u.size and self._mapped:
             u = np.concatenate([u[:taken], self._request.preprocess.call_map(u[taken:])])
         while taken < u.size:
-            rest = slice(taken, None)
-            taken += self._take(u[rest], y[rest], t[rest], r[rest], trace.errors[rest], trace.parameters[rest])
+            some = slice(taken, taken + max(PIECE // self._state.batch_size, 1))
+            taken += self._take(u[some], y[some], t[some], r[some], trace.errors[some], trace.parameters[some])
         return trace
+
+    @property
+    @reads
+    def taken(self) -> int:
+        """Samples given so far, rejected ones included: where to go on after an interrupt.
+
+        Samples are in order from the first to this one: each was taken, with all that was due after it, and none behind
+        it was looked at.
+        """
+        counts = {reason: count for reason, count in self.rejected.items() if reason not in COUNTED}
+        return self.samples + sum(counts.values()) + self._dropped
 
     @property
     def _chunk(self) -> int:
@@ -356,9 +448,18 @@ class Identifier(Estimate):
         InvalidArgumentError
             While there is no estimate; see `has_model`.
         """
-        if not self.has_model:
-            raise InvalidArgumentError(f"there is no model yet: {self.samples} samples are too few")
-        return model_of(self)
+        now = self._snapshot()
+        if not now.has_model:
+            raise InvalidArgumentError(f"there is no model yet: {now.samples} samples are too few")
+        return model_of(now)
+
+    @reads
+    def _snapshot(self) -> Identifier:
+        now = object.__new__(type(self))
+        now.__dict__.update(vars(self) | {"_held": list(self._held), "_turn": Turn(), "_gate": NO_GATE})
+        if self._settings is not None:
+            now._state = self._state.copy(buffer=False)
+        return now
 
     def _take(
         self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray, errors: FloatArray, parameters: FloatArray
@@ -366,12 +467,13 @@ class Identifier(Estimate):
         """Run a chunk up to a sample that needs attention, attend to it, and return the number of samples taken."""
         state = self._state
         taken: int = self._steps(*state.arrays, u, y, t, r, errors, parameters)
-        if state.held_at == BELIEVED:
-            self._take_held()
+        if not state.attention:
+            return taken
+        believed = state.held_at == BELIEVED
+        self._enter()
+        if believed:
             return taken - 1  # the sample that confirms it is taken after it
-        if state.attention:
-            self._attend()
-            parameters[taken - 1] = self.parameters
+        parameters[taken - 1] = self.parameters
         return taken
 
     def _take_held(self) -> None:
@@ -379,19 +481,16 @@ class Identifier(Estimate):
         state = self._state
         u, y, t, r = np.array([[state.held_input], [state.held_output], [state.held_time], [state.held_reference]])
         state.attention = False
-        try:
-            with state.without_preprocessing():
-                self._steps(*state.arrays, u, y, t, r, np.empty(1), np.empty((1, 0)))
-        finally:
-            state.held_at = 0
-        if state.attention:
-            self._attend()
+        with state.without_preprocessing():
+            self._steps(*state.arrays, u, y, t, r, np.empty(1), np.empty((1, 0)))
+        state.held_at = 0
 
     def _attend(self) -> None:
-        """Look into an alarm, or solve the record again, where either is due."""
-        try:
+        """Take a sample that was held back, look into an alarm, or solve the record again: what is due."""
+        if self._state.held_at == BELIEVED:
+            self._take_held()
+        else:
             self._attend_to(self._state.samples)
-        finally:  # also after KeyboardInterrupt
             self._plan()
 
     def _attend_to(self, samples: int) -> None:
@@ -423,13 +522,14 @@ class Identifier(Estimate):
         return state
 
     def _plan(self) -> None:
-        """Set the sample at which the kernels next ask for attention: the next one, where a task was interrupted."""
+        """Set the sample at which the kernels next ask for attention."""
         state, now = self._state, self._state.samples
         dues = [now + 1 if 0 < due <= now else due for due in (self._resolve_at, state.look_at)]
         self._resolve_at, state.look_at = dues
         state.attention_at = min((due for due in dues if due), default=0)
         state.attention = False
 
+    @changes
     def finish(self) -> None:
         """Solve for the estimate with every sample so far, as `replant.fit` does: for the end of a record.
 
@@ -437,6 +537,9 @@ class Identifier(Estimate):
         where older samples are forgotten or no longer kept (there are more than 30000), after a gap, with a method that
         is not the default, and where the plant has changed meanwhile.  Samples may follow.
         """
+        self._as_one(Identifier._finish)
+
+    def _finish(self) -> None:
         if self._settings is None:
             if self._held:
                 self._begin(at_any_rate=True)
@@ -444,6 +547,7 @@ class Identifier(Estimate):
             self._resolve_at = next_renewal(self._go_on_with(found), self._settings)
             self._plan()
 
+    @changes
     def freeze(self) -> None:
         """Stop adapting: the filters still take samples, the estimate stays.
 
@@ -452,8 +556,9 @@ class Identifier(Estimate):
         InvalidArgumentError
             During start-up, when there is no estimate yet.
         """
-        self._adapt(False)
+        self._as_one(Identifier._adapt, False)
 
+    @changes
     def resume(self) -> None:
         """Adapt again after `freeze`.
 
@@ -462,7 +567,7 @@ class Identifier(Estimate):
         InvalidArgumentError
             During start-up, when there is no estimate yet.
         """
-        self._adapt(True)
+        self._as_one(Identifier._adapt, True)
 
     def _adapt(self, adapt: bool) -> None:
         if self._settings is None:
@@ -479,19 +584,29 @@ class Identifier(Estimate):
 
     def _stamp(self, t: Any) -> float:
         """Return a time stamp for the kernel: infinite, which the kernel rejects, where it is not finite."""
+        self._check_clock()
+        t = number("t", t)
+        if self._settings is not None and self._regular:
+            self._use_stamps()
+        return t if math.isfinite(t) else math.inf
+
+    @changes
+    def _use_stamps(self) -> None:
+        """Go on with the kernels for time stamps."""
+        self._work_on(self._state, regular=False)
+
+    def _check_clock(self) -> None:
         chosen = self._request.filter
         if isinstance(chosen, Filter) and chosen.regular_only:
             raise InvalidArgumentError("the gbt filter knows a regular clock only: give no t, or use method='exact'")
-        t = number("t", t)
-        if self._settings is not None and self._regular:
-            self._work_on(self._state, regular=False)
-        return t if math.isfinite(t) else math.inf
 
     def _stamps(self, t: Any, samples: int) -> FloatArray:
         if t is None:
             return REGULAR
         stamps = stamps_of(t, samples)
-        self._stamp(0.0)
+        self._check_clock()
+        if self._settings is not None and self._regular:
+            self._work_on(self._state, regular=False)
         return np.where(np.isfinite(stamps), stamps, np.inf)
 
     def _referenced(self, r: Any) -> float:
@@ -520,21 +635,13 @@ class Identifier(Estimate):
         if self._settings is not None or self._held or any(self._held_rejects.values()):
             raise InvalidArgumentError("the samples before came without r: give it with every sample, or with none")
 
-    def _hold_back_one(self, u: float, y: float, t: float, r: float) -> float:
-        """Keep a sample for start-up."""
-        return self._hold_back(np.array([u]), np.array([y]), np.array([t]), np.array([r]))
-
     def _hold_back(self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray) -> float:
         """Hold samples for start-up, at most as many as it lacks; begin with the last one and return its error."""
         self._reference = r.size > 0 and not bool(np.isnan(r).any())
         hold_back(self._held, self._strays, self._held_rejects, self._request, u, y, t, r)
         if len(self._held) < self._hold or awaits_successor(self._held, self._request.dt) or self._drop_lone_inputs():
             return NAN
-        try:
-            return self._begin()
-        except BaseException:  # KeyboardInterrupt included: the next sample begins
-            self._held.pop()
-            raise
+        return self._begin()
 
     def _drop_lone_inputs(self) -> bool:
         """Reject held samples whose input was misread; return whether there were any."""
@@ -580,20 +687,23 @@ class Identifier(Estimate):
 
     def _work_on(self, state: State, *, regular: bool) -> None:
         """Go on with a state: choose its step kernels; those for a regular clock serve until the first time stamp."""
-        self._state, self._regular = state, regular
-        self._mapped = callable(self._request.preprocess.input_map)
-        self._kernel, self._steps = step_kernels(state, regular=regular)
-        self._step = self._first_step
-
-    def _first_step(self, u: float, y: float, t: float, r: float) -> float:
-        """Take a sample and bind the kernel for single samples; `update_many` does not need that one compiled."""
-        self._step = bound_step(self._state, self._kernel, self._request.preprocess)
-        return self._step(u, y, t, r)
+        kernel, steps = step_kernels(state, regular=regular)
+        vars(self).update(
+            _state=state, _regular=regular, _kernel=kernel, _steps=steps, _step=_in_turn, _gate=NO_GATE,
+            _mapped=callable(self._request.preprocess.input_map),
+        )  # fmt: skip
 
     def _wait_longer(self) -> float:
         """Double the start-up; at its limit drop the older half of the samples, as a rig may idle before it moves."""
         if 2 * self._hold <= LONGEST_STARTUP:
             self._hold *= 2
         else:
-            self._held = self._held[len(self._held) // 2 :]
+            kept = self._held[len(self._held) // 2 :]
+            self._dropped += len(self._held) - len(kept)
+            self._held = kept
         return math.nan
+
+
+def _in_turn(u: float, y: float, t: float, r: float) -> NoReturn:
+    """Take no sample: start-up, or the kernel for single samples is not bound; `update_many` does not need it."""
+    raise Attention
