@@ -69,20 +69,21 @@ direct = njit(cache=True, error_model="numpy")
 
 
 @direct
-def arrays_at(address):
-    """Return the arrays of the table at this address; raise Attention where no sample may be taken now.
+def must_wait(address):
+    """Return whether no sample may be taken now: the gate is shut, or the identifier has something to do first.
 
-    That is where another call is under way, so that the gate is shut, or where the identifier has something to do
-    first.  The interpreter is not free meanwhile: no other thread comes between the look and the sample.
-
-    Python looks for an exception after every call, so that one costs nothing until it comes.
+    The interpreter is not free between the look and the sample, so that no other thread comes between.
     """
+    table = ints_at(address)
+    return table[GATE] == SHUT or ints_at(table[INTS])[at.ATTENTION] == 1
+
+
+@direct
+def arrays_at(address):
+    """Return the arrays of the table at this address."""
     table = carray(ints_at(address), (SIZE,))
-    ints = carray(ints_at(table[INTS]), (table[INTS + 1],))
-    if table[GATE] == SHUT or ints[at.ATTENTION] == 1:
-        raise at.Attention
     return (
-        ints,
+        carray(ints_at(table[INTS]), (table[INTS + 1],)),
         carray(reals_at(table[REALS]), (table[REALS + 1],)),
         carray(reals_at(table[BANKS]), (table[BANKS + 1], table[BANKS + 2])),
         carray(reals_at(table[BUFFER]), (table[BUFFER + 1], table[BUFFER + 2])),
@@ -92,7 +93,12 @@ def arrays_at(address):
 
 @direct
 def covariance_step_at(address, u, y, t, r):
-    """Take one sample as `covariance.step` does; raise Attention, and take none, where something comes before it."""
+    """Take one sample as `covariance.step` does; raise Attention, and take none, where something comes before it.
+
+    Python looks for an exception after every call, so that one costs nothing until it comes.
+    """
+    if must_wait(address):
+        raise at.Attention
     ints, reals, banks, buffer, recent = arrays_at(address)
     error = covariance.step(ints, reals, banks, buffer, recent, u, y, t, r)
     if ints[at.HELD_AT] == at.BELIEVED:  # one that was held back
@@ -103,6 +109,8 @@ def covariance_step_at(address, u, y, t, r):
 @direct
 def gradient_step_at(address, u, y, t, r):
     """Take one sample as `gradient.step` does; raise Attention, and take none, where something comes before it."""
+    if must_wait(address):
+        raise at.Attention
     ints, reals, banks, buffer, recent = arrays_at(address)
     error = gradient.step(ints, reals, banks, buffer, recent, u, y, t, r)
     if ints[at.HELD_AT] == at.BELIEVED:  # one that was held back
@@ -113,6 +121,8 @@ def gradient_step_at(address, u, y, t, r):
 @direct
 def fixed_filter_step_at(address, u, y, t, r):
     """Take one sample as `fixed_filter.step` does; raise Attention, and take none, where something comes before it."""
+    if must_wait(address):
+        raise at.Attention
     ints, reals, banks, buffer, recent = arrays_at(address)
     return fixed_filter.step(ints, reals, banks, buffer, recent, u, y, t, r)
 
