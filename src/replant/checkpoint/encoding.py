@@ -32,7 +32,7 @@ from replant.checkpoint.content_check import (
 )
 from replant.checkpoint.settings_json import from_plain, to_plain
 from replant.engine.state import State
-from replant.errors import ArgumentTypeError, DamagedCheckpointError, InvalidArgumentError
+from replant.errors import ArgumentTypeError, DamagedCheckpointError, InvalidArgumentError, shown
 from replant.settings import Request, Settings
 
 Progress = Mapping[str, int | float | str]
@@ -170,9 +170,13 @@ def _type(name: str) -> str:
 
 
 def _checked(progress: Progress | None) -> dict[str, int | float | str]:
+    if not isinstance(progress, Mapping | None):
+        raise ArgumentTypeError(f"progress must be a dict, got {type(progress).__name__} {shown(progress)}")
     for name, value in (progress or {}).items():
         if type(name) is not str or type(value) not in (int, float, str):
-            raise InvalidArgumentError(f"progress must map names to int, float or str, got {name!r}: {value!r}")
+            raise InvalidArgumentError(
+                f"progress must map names to int, float or str, got {shown(name)}: {shown(value)}"
+            )
     return dict(progress or {})
 
 

@@ -21,7 +21,8 @@ from replant.engine.vector_blocks import (
     kind,
     order,
 )
-from replant.errors import ArgumentTypeError, InvalidArgumentError
+from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
+from replant.limits import count
 from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
 from replant.online.trace import Trace
@@ -31,6 +32,11 @@ LEAST = 3
 """Members that a block pays for: it takes about the time of three [count]."""
 PORTION = 8192
 """Samples after which a thread may go on with other members: none then waits long for the last one [samples]."""
+
+OBJECT = 2048
+"""What an identifier takes beside its arrays, about [numbers of eight bytes]."""
+MOST_JOBS = 2**31
+"""Processors that may be left free [count]."""
 
 Take = Callable[..., None]  # takes the samples from a row on: (room, row, u, y, errors, parameters)
 
@@ -229,6 +235,11 @@ class Ensemble(Shared):
     @reads
     def member(self, number: int) -> Identifier:
         """Return a copy of one member, an identifier in the same state."""
+        number = whole("number", number, -len(self))
+        if number >= len(self):
+            raise InvalidArgumentError(
+                f"number must be less than {len(self)}, the number of members, got {shown(number)}"
+            )
         return self._members[number].clone()
 
     @property
@@ -384,7 +395,8 @@ def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None)
     """Return the ensemble's own members."""
     if isinstance(identifiers, Identifier):
         _refuse_reference([identifiers])
-        return [identifiers.clone() for _ in range(1 if members is None else whole("members", members, 1))]
+        number = 1 if members is None else count("members", members, 1, _numbers(identifiers))
+        return [identifiers.clone() for _ in range(number)]
     if members is not None:
         raise InvalidArgumentError("members goes with one identifier; a sequence of them is as long as it is")
     if not isinstance(identifiers, Iterable):
@@ -404,6 +416,12 @@ def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None)
     return [one.clone() for one in each]
 
 
+def _numbers(identifier: Identifier) -> int:
+    """Return how many numbers of eight bytes an identifier takes, about."""
+    state = sum(array.size for array in identifier._state.arrays) if identifier.settings is not None else 0
+    return int(state) + OBJECT
+
+
 def _refuse_reference(identifiers: Sequence[Identifier]) -> None:
     if any(one.reference for one in identifiers):
         raise InvalidArgumentError("an ensemble knows no reference: give it identifiers whose samples came without r")
@@ -411,7 +429,7 @@ def _refuse_reference(identifiers: Sequence[Identifier]) -> None:
 
 def _rooms(n_jobs: int | None, members: int) -> list[Room]:
     """Return one workspace for each thread by joblib's meaning of ``n_jobs``, at most one for each member."""
-    jobs = 1 if n_jobs is None else whole("n_jobs", n_jobs, -(2**31))
+    jobs = 1 if n_jobs is None else whole("n_jobs", n_jobs, -MOST_JOBS)
     if jobs == 0:
         raise InvalidArgumentError("n_jobs must not be 0: 1 is one thread, -1 all processors")
     threads = jobs if jobs > 0 else max(multiprocessing.cpu_count() + 1 + jobs, 1)
