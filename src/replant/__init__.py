@@ -23,6 +23,7 @@ __all__ = [
     "FitResult",
     "Gradient",
     "Identifier",
+    "InUseError",
     "IntegralCost",
     "InvalidArgumentError",
     "KalmanTracking",

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from replant.errors import ArgumentTypeError, InvalidArgumentError
+from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -71,12 +71,13 @@ def number(name: str, value: Any) -> float:
     >>> number("dt", 1)
     1.0
     """
-    text_or_complex = isinstance(value, str | bytes | complex)
+    not_a_number = isinstance(value, str | bytes | complex | np.ma.MaskedArray)
     of_numpy = isinstance(value, np.ndarray | np.generic)
-    if text_or_complex or (of_numpy and (value.ndim > 0 or value.dtype.kind not in "fiub")):
+    if not_a_number or (of_numpy and (value.ndim > 0 or value.dtype.kind not in "fiub")):
         raise ArgumentTypeError(f"{name} must be a number, got {_describe(value)}")
     try:
-        return float(value)
+        with np.errstate(over="ignore"):
+            return float(value)
     except (TypeError, ValueError) as cause:
         raise ArgumentTypeError(f"{name} must be a number, got {_describe(value)}") from cause
     except OverflowError as cause:
@@ -203,14 +204,14 @@ def whole(name: str, value: Any, least: int) -> int:
     >>> whole("poles", np.int8(2), 1)
     2
     """
-    if isinstance(value, bool) or (isinstance(value, np.ndarray) and value.ndim > 0):
+    if isinstance(value, bool | np.ma.MaskedArray) or (isinstance(value, np.ndarray) and value.ndim > 0):
         raise ArgumentTypeError(f"{name} must be a whole number, got {_describe(value)}")
     try:
         result = int(operator.index(value))  # of a subclass of int, index returns the object itself
     except TypeError as cause:
         raise ArgumentTypeError(f"{name} must be a whole number, got {_describe(value)}") from cause
     if result < least:
-        raise InvalidArgumentError(f"{name} must be at least {least}, got {result}")
+        raise InvalidArgumentError(f"{name} must be at least {least}, got {shown(result)}")
     return result
 
 
@@ -237,7 +238,7 @@ def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
     """
     if not isinstance(value, str) or value not in choices:
         listed = ", ".join(repr(choice) for choice in choices)
-        raise InvalidArgumentError(f"{name} must be one of {listed}, got {value!r}")
+        raise InvalidArgumentError(f"{name} must be one of {listed}, got {shown(value)}")
     return choices[choices.index(value)]
 
 
@@ -255,7 +256,7 @@ def truth(name: str, value: Any) -> bool:
     True
     """
     if not isinstance(value, bool | np.bool_):
-        raise ArgumentTypeError(f"{name} must be True or False, got {value!r}")
+        raise ArgumentTypeError(f"{name} must be True or False, got {shown(value)}")
     return bool(value)
 
 
@@ -273,7 +274,7 @@ def text(name: str, value: Any) -> str:
     'voltage [V]'
     """
     if not isinstance(value, str):
-        raise ArgumentTypeError(f"{name} must be a str, got {value!r}")
+        raise ArgumentTypeError(f"{name} must be a str, got {shown(value)}")
     return str(value)
 
 
@@ -307,11 +308,11 @@ def instance(name: str, value: Any, *kinds: Any) -> Any:
             if word == value:
                 return word
     allowed = " or ".join([*(_one(kind.__name__) for kind in classes), *(repr(word) for word in words)])
-    raise ArgumentTypeError(f"{name} must be {allowed}, got {type(value).__name__} {value!r}")
+    raise ArgumentTypeError(f"{name} must be {allowed}, got {type(value).__name__} {shown(value)}")
 
 
 def array_of_reals(name: str, value: Any) -> FloatArray:
-    """Return ``value`` as a contiguous float64 array of its own shape.
+    """Return ``value`` as a contiguous float64 array of its own shape; entries that are masked are NaN.
 
     Raises
     ------
@@ -326,11 +327,15 @@ def array_of_reals(name: str, value: Any) -> FloatArray:
     """
     try:
         array = np.asarray(value)
-    except ValueError as cause:
+    except (ValueError, TypeError, OverflowError) as cause:
         raise ArgumentTypeError(f"{name} must be an array of numbers: {cause}") from cause
     if array.dtype.kind not in "fiub":
         raise ArgumentTypeError(f"{name} must hold real numbers, got dtype {array.dtype}")
-    return np.asarray(array, np.float64, order="C")
+    with np.errstate(over="ignore"):  # of a wider type: infinite
+        reals = np.asarray(array, np.float64, order="C")
+    if isinstance(value, np.ma.MaskedArray):
+        return np.where(np.ma.getmaskarray(value), np.nan, reals)
+    return reals
 
 
 def vector(name: str, value: Any) -> FloatArray:
@@ -440,7 +445,7 @@ def coefficients(name: str, value: Any) -> FloatArray:
     if result.ndim != 1 or result.size == 0:
         raise InvalidArgumentError(f"{name} must be a non-empty list of coefficients, got shape {result.shape}")
     if not np.isfinite(result).all():
-        raise InvalidArgumentError(f"{name} must be finite, got {result.tolist()}")
+        raise InvalidArgumentError(f"{name} must be finite, got {shown(result.tolist())}")
     result.flags.writeable = False
     return result
 
@@ -493,4 +498,4 @@ def _one(name: str) -> str:
 def _describe(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape}"
-    return f"{type(value).__name__} {value!r}" if isinstance(value, str | bytes) else type(value).__name__
+    return f"{type(value).__name__} {shown(value)}" if isinstance(value, str | bytes) else type(value).__name__

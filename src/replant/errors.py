@@ -2,9 +2,55 @@
 
 from __future__ import annotations
 
+import math
+import reprlib
+
+LONGEST = 300
+"""Longest message of an error, whatever names and values it repeats [characters]."""
+SHOWN = 60
+"""Longest text of one value within a message [characters]."""
+
 
 class ReplantError(Exception):
-    """Base of all errors of this package; the command line prints its message and exits with code 2."""
+    """Base of all errors of this package; the command line prints its message and exits with code 2.
+
+    The message is one line of at most 300 characters: of a longer one the middle is left out.
+    """
+
+    def __init__(self, message: object = "", *more: object) -> None:
+        super().__init__(brief(str(message)), *more)
+
+
+def brief(text: str, longest: int = LONGEST) -> str:
+    """Return a text in one line, without its middle where it is longer: what is wrong comes first, what to do last.
+
+    Examples
+    --------
+    >>> brief("the name 'one of a great many words' is too long: choose another one", 54)
+    "the name 'one of a great many w ... choose another one"
+    """
+    words = " ".join(text.split())
+    if len(words) <= longest:
+        return words
+    end = longest // 3
+    return f"{words[: longest - end - 5].rstrip()} ... {words[-end:].lstrip()}"
+
+
+def shown(value: object) -> str:
+    """Return a value as a message shows it: in one short line, however long or deep it is.
+
+    Examples
+    --------
+    >>> shown("volt"), shown(10**5000), shown([1.0] * 1000)
+    ("'volt'", 'a whole number of 5001 digits', '[1.0, 1.0, 1.0, 1.0, 1.0, 1.0, ...]')
+    """
+    if isinstance(value, int) and abs(value) >= 10**SHOWN:  # of more than 4300 digits Python itself prints none
+        return f"a whole number of {int(value.bit_length() * math.log10(2)) + 1} digits"
+    return brief(_SHORT.repr(value), SHOWN)
+
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = SHOWN
 
 
 class InvalidArgumentError(ReplantError, ValueError):
@@ -29,6 +75,10 @@ class MissingDependencyError(ReplantError, ImportError):
 
 class SystemRefusedError(ReplantError):
     """The system grants no more memory, files, threads or disk space: the message says for what, and what to do."""
+
+
+class InUseError(ReplantError, RuntimeError):
+    """A call was made within another one on the same object: the message says from where, and what to do instead."""
 
 
 class UnsupportedDependencyError(ReplantError, ImportError):

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replant.arguments import (
+    finite,
     keep,
-    number,
     one_of,
+    text,
     truth,
     vector,
     whole,
 )
+from replant.errors import InvalidArgumentError
 from replant.interop import frames
+from replant.limits import duration, file_path
 from replant.time_stamps import is_regular
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,11 +85,21 @@ class Log:
     def __post_init__(self) -> None:
         keep(self, "input", vector)
         keep(self, "output", vector)
-        keep(self, "dt", number)
+        keep(self, "dt", duration)
+        for name in ("input_name", "output_name", "reference_name", "sha256"):
+            keep(self, name, text)
         if self.time is not None:
             keep(self, "time", vector)
         if self.reference is not None:
             keep(self, "reference", vector)
+        signals = (self.output, self.time, self.reference)
+        sizes = [self.input.size, *(each.size for each in signals if each is not None)]
+        if min(sizes) != max(sizes):
+            raise InvalidArgumentError(f"input, output, time and reference must have the same length, got {sizes}")
+        for name in ("begin", "end"):
+            if getattr(self, name) is not None:
+                keep(self, name, finite)
+        object.__setattr__(self, "path", Path(file_path("path", self.path)))
         keep(self, "earlier", whole, 0)
         if self.irregular is not None:
             keep(self, "irregular", truth)

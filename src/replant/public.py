@@ -7,6 +7,7 @@ from replant.errors import (
     ArgumentTypeError as ArgumentTypeError,
     CheckpointError as CheckpointError,
     DamagedCheckpointError as DamagedCheckpointError,
+    InUseError as InUseError,
     InvalidArgumentError as InvalidArgumentError,
     LogError as LogError,
     MissingCheckpointError as MissingCheckpointError,

@@ -13,8 +13,9 @@ from replant.arguments import (
     keep,
     not_negative,
     one_of,
-    positive,
+    vector,
 )
+from replant.limits import count, duration
 from replant.model.transfer_function import TransferFunction
 from replant.regressor.preprocess import Preprocess
 from replant.signals import random_steps, white_noise
@@ -58,7 +59,7 @@ class Rig:
 
     def __post_init__(self) -> None:
         keep(self, "plant", instance, TransferFunction)
-        keep(self, "dt", positive)
+        keep(self, "dt", duration)
         keep(self, "input_map", one_of, ("identity", "square"))
         keep(self, "noise", not_negative)
         for name in ("input_rest", "output_rest", "creep"):
@@ -78,7 +79,7 @@ class Rig:
         >>> Rig(G1, dt=0.1, output_rest=3.0).measure(np.zeros(2))
         array([3., 3.])
         """
-        preprocess = self.preprocess
+        u, preprocess = vector("u", u), self.preprocess
         moved = preprocess.map_input(u) - float(preprocess.input_offset)
         still = self.output_rest + self.plant.simulate(moved, self.dt) + white_noise(u.size, self.noise, seed)
         return still + self.crept(u.size) if self.creep else still
@@ -91,7 +92,8 @@ class Rig:
         >>> Rig(G1, dt=9.0, creep=0.5).crept(2)
         array([0. , 0.5])
         """
-        return np.asarray(self.creep * np.log10(1.0 + self.dt * np.arange(samples)))
+        t = self.dt * np.arange(count("samples", samples, 0, 4))
+        return np.asarray(self.creep * np.log10(1.0 + t))
 
 
 def deap_rig(noise: float = 1e-3, creep: float = 0.0) -> Rig:

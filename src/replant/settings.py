@@ -10,11 +10,11 @@ import numpy as np
 from replant.arguments import (
     instance,
     keep,
-    positive,
     truth,
     whole,
 )
-from replant.errors import InvalidArgumentError
+from replant.errors import InvalidArgumentError, shown
+from replant.limits import duration
 from replant.model.structure import Structure
 from replant.optimizers import OPTIMIZERS, Optimizer
 from replant.optimizers.replay import Replay
@@ -69,7 +69,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         keep(self, "structure", instance, Structure)
-        keep(self, "dt", positive)
+        keep(self, "dt", duration)
         keep(self, "filter", instance, *FILTERS)
         keep(self, "scaling", instance, Scaling)
         keep(self, "optimizer", instance, Optimizer)
@@ -108,7 +108,7 @@ class Request:
 
     def __post_init__(self) -> None:
         keep(self, "structure", instance, Structure)
-        keep(self, "dt", positive)
+        keep(self, "dt", duration)
         keep(self, "filter", instance, *FILTERS, AUTO)
         keep(self, "scaling", instance, Scaling, AUTO, None)
         keep(self, "optimizer", instance, Optimizer, AUTO, *OPTIMIZERS)
@@ -118,7 +118,7 @@ class Request:
         keep(self, "preprocess", instance, Preprocess)
         keep(self, "startup", whole, 1)
         if self.startup >= 2**31:
-            raise InvalidArgumentError(f"startup must be below 2^31, got {self.startup}")
+            raise InvalidArgumentError(f"startup must be below 2^31, got {shown(self.startup)}")
         _check_together(self)
         remembers = isinstance(self.optimizer, Optimizer) and self.optimizer.keeps_covariance
         if remembers and isinstance(self.replay, Replay):

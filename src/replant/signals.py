@@ -8,13 +8,14 @@ import numpy as np
 
 from replant.arguments import (
     FloatArray,
+    between,
     finite,
-    not_negative,
     positive,
     vector,
     whole,
 )
 from replant.errors import InvalidArgumentError
+from replant.limits import count, duration
 
 # Feedback taps (stages counted from 1) with which a shift register runs through all 2^n - 1 states.  SciPy's own taps
 # give other sequences of the same length; these stay so that a seed keeps its sequence.
@@ -23,6 +24,15 @@ _TAPS = {
     11: (11, 9), 12: (12, 11, 10, 4), 13: (13, 12, 11, 8), 14: (14, 13, 12, 2), 15: (15, 14), 16: (16, 15, 13, 4),
     17: (17, 14), 18: (18, 11),
 }  # fmt: skip
+
+LARGEST_RMS = 1e300
+"""Largest standard deviation of noise that stays within float64 [the signal's unit]."""
+
+LONGEST_STEP = 40.0
+"""Longest step, longer than any signal in memory [logarithm of samples]."""
+
+MOST_TURNS = 1e15
+"""Turns of a sine of which float64 still tells the angle [turns]."""
 
 
 def square(samples: int, period: float, dt: float, amplitude: float = 1.0) -> FloatArray:
@@ -47,11 +57,12 @@ def square(samples: int, period: float, dt: float, amplitude: float = 1.0) -> Fl
     >>> square(6, period=0.4, dt=0.1)
     array([ 1.,  1., -1., -1.,  1.,  1.])
     """
-    period, dt, amplitude = positive("period", period), positive("dt", dt), finite("amplitude", amplitude)
-    half = round(period / 2 / dt)
+    period, dt, amplitude = duration("period", period), duration("dt", dt), finite("amplitude", amplitude)
+    samples = count("samples", samples, 0, 4)
+    half = min(round(period / 2 / dt), samples + 1)
     if half < 1:
         raise InvalidArgumentError(f"period must be at least 2 dt, got {period:g} s with dt {dt:g} s")
-    return np.where(np.arange(whole("samples", samples, 0)) // half % 2 == 0, amplitude, -amplitude)
+    return np.where(np.arange(samples) // half % 2 == 0, amplitude, -amplitude)
 
 
 def prbs(samples: int, *, bits: int = 10, hold: int = 1, amplitude: float = 1.0, seed: int = 1) -> FloatArray:
@@ -80,7 +91,7 @@ def prbs(samples: int, *, bits: int = 10, hold: int = 1, amplitude: float = 1.0,
     >>> float(prbs(1023, bits=10).sum())          # one value more of one sign than of the other
     1.0
     """
-    samples, bits, hold = whole("samples", samples, 0), whole("bits", bits, 2), whole("hold", hold, 1)
+    samples, bits, hold = count("samples", samples, 0, 4), whole("bits", bits, 2), whole("hold", hold, 1)
     amplitude = finite("amplitude", amplitude)
     if bits not in _TAPS:
         raise InvalidArgumentError(f"bits must be 2 to 18, got {bits}")
@@ -91,7 +102,7 @@ def prbs(samples: int, *, bits: int = 10, hold: int = 1, amplitude: float = 1.0,
     length = -(-samples // hold)
     taps = [bits - tap for tap in _TAPS[bits][1:]]
     sequence, _ = max_len_seq(bits, state, min(length, 2**bits - 1), taps)
-    return amplitude * np.repeat(np.resize(2.0 * sequence - 1.0, length), hold)[:samples]
+    return amplitude * np.repeat(np.resize(2.0 * sequence - 1.0, length), min(hold, samples))[:samples]
 
 
 def random_steps(samples: int, *, shortest: int, longest: int, low: float, high: float, seed: int = 0) -> FloatArray:
@@ -119,15 +130,17 @@ def random_steps(samples: int, *, shortest: int, longest: int, low: float, high:
     >>> u.shape, bool(abs(u).max() <= 1.0)
     ((1000,), True)
     """
-    samples, low, high = whole("samples", samples, 0), finite("low", low), finite("high", high)
+    samples, low, high = count("samples", samples, 0, 4), finite("low", low), finite("high", high)
     shortest, longest = whole("shortest", shortest, 1), whole("longest", longest, 1)
     if shortest > longest:
         raise InvalidArgumentError(f"shortest must not exceed longest, got {shortest} and {longest}")
+    if low > high or not math.isfinite(high - low):
+        raise InvalidArgumentError(f"low must not exceed high, nor be further off than 1e308, got {low:g} and {high:g}")
     generator = np.random.default_rng(whole("seed", seed, 0))
     u = np.empty(samples)
     start = 0
     while start < samples:
-        length = round(math.exp(generator.uniform(math.log(shortest), math.log(longest))))
+        length = round(math.exp(min(generator.uniform(math.log(shortest), math.log(longest)), LONGEST_STEP)))
         u[start : start + length] = generator.uniform(low, high)
         start += length
     return u
@@ -160,15 +173,16 @@ def multisine(samples: int, dt: float, frequencies: FloatArray, amplitude: float
     >>> float(abs(u).max())
     1.0
     """
-    samples, dt, amplitude = whole("samples", samples, 1), positive("dt", dt), finite("amplitude", amplitude)
-    frequencies = vector("frequencies", frequencies)
+    dt, amplitude, frequencies = duration("dt", dt), finite("amplitude", amplitude), vector("frequencies", frequencies)
+    samples = count("samples", samples, 1, 4 * (frequencies.size + 1))
     if frequencies.size == 0 or not ((frequencies > 0.0) & (frequencies < 0.5 / dt)).all():
         raise InvalidArgumentError(f"frequencies must lie between 0 and {0.5 / dt:g} Hz")
     k = np.arange(frequencies.size)
     phases = -np.pi * k * (k + 1) / frequencies.size
     t = np.arange(samples) * dt
     u = np.sin(2 * np.pi * np.outer(t, frequencies) + phases).sum(axis=1)
-    return np.asarray(amplitude * u / np.abs(u).max())
+    peak = float(np.abs(u).max())
+    return np.asarray(amplitude * (u / peak)) if peak > 0.0 else u
 
 
 def chirp(samples: int, dt: float, first: float, last: float, amplitude: float = 1.0) -> FloatArray:
@@ -189,13 +203,17 @@ def chirp(samples: int, dt: float, first: float, last: float, amplitude: float =
     0.0
     """
     # `scipy.signal.chirp` is a cosine; with a phase of -90 degrees it differs in the last digits, and is not 0 at t = 0
-    samples, dt, amplitude = whole("samples", samples, 1), positive("dt", dt), finite("amplitude", amplitude)
+    samples, dt, amplitude = count("samples", samples, 1, 8), duration("dt", dt), finite("amplitude", amplitude)
     first, last = positive("first", first), positive("last", last)
-    ratio, t = last / first, np.arange(samples) * dt
-    duration = samples * dt
-    if ratio == 1.0:
+    t = np.arange(samples) * dt
+    lasts = samples * dt
+    if max(first, last) * lasts > MOST_TURNS:
+        raise InvalidArgumentError(
+            f"first and last must be smaller, got {first:g} and {last:g} Hz: float64 does not tell so many turns apart"
+        )
+    if first == last:
         return np.asarray(amplitude * np.sin(2 * np.pi * first * t))
-    rate = math.log(ratio) / duration
+    rate = (math.log(last) - math.log(first)) / lasts
     return np.asarray(amplitude * np.sin(2 * np.pi * first * (np.exp(rate * t) - 1) / rate))
 
 
@@ -214,5 +232,9 @@ def white_noise(samples: int, rms: float, seed: int = 0) -> FloatArray:
     >>> float(white_noise(1000, rms=2.0).std().round(1))
     2.0
     """
-    samples, rms, seed = whole("samples", samples, 0), not_negative("rms", rms), whole("seed", seed, 0)
+    samples, rms, seed = (
+        count("samples", samples, 0, 4),
+        between("rms", rms, 0.0, LARGEST_RMS, closed="both"),
+        whole("seed", seed, 0),
+    )
     return np.asarray(rms * np.random.default_rng(seed).standard_normal(samples))

@@ -5,21 +5,27 @@ Needs scikit-learn: ``pip install 'replant[sklearn]'``.
 
 from __future__ import annotations
 
+import contextlib
+import warnings
+from collections.abc import Iterator
 from typing import Any, Self
 
 import numpy as np
+from numpy.exceptions import ComplexWarning
 
 from replant.arguments import FloatArray, one_of, whole
 from replant.assessment import fit_percent, simulate
-from replant.errors import InvalidArgumentError, MissingDependencyError
+from replant.errors import ArgumentTypeError, InvalidArgumentError, MissingDependencyError
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.offline.fit import fit
 from replant.online.identifier import Identifier
 from replant.regressor.preprocess import Preprocess
+from replant.statistics.linear_algebra import quiet
 
 try:
     from sklearn.base import BaseEstimator, RegressorMixin
+    from sklearn.metrics import r2_score
     from sklearn.utils.validation import check_is_fitted, validate_data
 except ImportError as cause:
     raise MissingDependencyError("replant.sklearn needs scikit-learn: pip install 'replant[sklearn]'") from cause
@@ -142,6 +148,7 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         self._adopt(ident)
         return self
 
+    @quiet
     def _adopt(self, ident: Identifier) -> None:
         """Use the identifier's model; during its start-up, the model that it would begin with."""
         if ident.settings is None:
@@ -162,7 +169,7 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
             Input, rows in the order of time.
         """
         check_is_fitted(self)
-        u = self._input(validate_data(self, X, dtype=np.float64, reset=False))
+        u = self._input(_validated(self, X, dtype=np.float64, reset=False))
         return self.transfer_function_.simulate(u - self.input_offset_, self.dt) + self.output_offset_
 
     def fit_percent(self, X: Any, y: Any) -> float:
@@ -170,7 +177,28 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
 
         ``score`` is the coefficient of determination, :math:`1 - (1 - fit/100)^2`.
         """
-        return fit_percent(np.asarray(y, np.float64), self.predict(X))
+        return fit_percent(y, self.predict(X))
+
+    def score(self, X: Any, y: Any, sample_weight: Any = None) -> float:
+        """Return the coefficient of determination of the simulated output.
+
+        Parameters
+        ----------
+        X : (K, 1) array
+            Input, rows in the order of time.
+        y : (K,) array
+            Output.
+        sample_weight : (K,) array, optional
+            Weights of the rows.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If ``y`` or the weights cannot be used.
+        """
+        predicted = self.predict(X)
+        with _in_one_line():
+            return float(r2_score(y, predicted, sample_weight=sample_weight))
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
@@ -182,7 +210,7 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
 
     def _checked_record(self, X: Any, y: Any, least: int, *, reset: bool) -> tuple[FloatArray, FloatArray]:
         """Return input and output, checked as scikit-learn checks them."""
-        X, y = validate_data(
+        X, y = _validated(
             self, X, y, reset=reset, dtype=np.float64, y_numeric=True, ensure_min_samples=least
         )  # fmt: skip
         return self._input(X), np.asarray(y, np.float64)
@@ -204,3 +232,25 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
 
     def _set_working_point(self, input_offset: float, output_offset: float) -> None:
         self.input_offset_, self.output_offset_ = input_offset, output_offset
+
+
+@contextlib.contextmanager
+def _in_one_line() -> Iterator[None]:
+    """Raise what scikit-learn finds wrong with an argument as an error of ours: in one line."""
+    try:
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            yield
+    except TypeError as error:
+        raise ArgumentTypeError(f"X or y: {error}") from error
+    except (ValueError, OverflowError) as error:
+        raise InvalidArgumentError(f"X or y: {error}") from error
+
+
+def _validated(estimator: Any, *arrays: Any, **how: Any) -> Any:
+    """Return what scikit-learn's own check makes of X and y."""
+    with _in_one_line(), warnings.catch_warnings():
+        warnings.simplefilter("error", ComplexWarning)
+        try:
+            return validate_data(estimator, *arrays, **how)
+        except ComplexWarning as warning:
+            raise ValueError(f"complex data not supported: {warning}") from warning

@@ -1,4 +1,4 @@
-"""The long run: `make fuzz`; SECONDS= or ARGS="--seconds 600 --first 0 --plainly" say how long and what.
+"""The long run: `make fuzz`; SECONDS= or ARGS="--first 0 --what calls --tries 5000" say how long and what.
 
 Each trial is a number, from which it follows; a worker takes one after the other in a process of its own, so that one
 that crashes or hangs is found and counted, and the next one goes on behind it.
@@ -8,15 +8,19 @@ from __future__ import annotations
 
 import argparse
 import faulthandler
+import math
 import os
 import selectors
 import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 STILL = 120.0  # s without a word from a worker: it hangs
+BY_COUNT = ["calls", "commands"]  # of which a number of trials says more than a time
 PORTION = 500  # trials of a worker: what one leaves behind in memory goes with it
 
 
@@ -25,24 +29,29 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="make fuzz", description=__doc__)
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--first", type=int, default=1_000_000)
-    parser.add_argument("--what", choices=["checkpoints", "plainly", "narrow", "all"], default="all")
+    parser.add_argument("--what", choices=["checkpoints", "plainly", "narrow", *BY_COUNT, "all"], default="all")
+    parser.add_argument("--tries", type=int, help="so many trials, instead of so many seconds")
     parser.add_argument("--worker", type=int, nargs=2, metavar=("FIRST", "LAST"), help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.worker:
         return work(options.what, *options.worker)
-    shares = {"checkpoints": 0.8, "plainly": 0.1, "narrow": 0.1} if options.what == "all" else {options.what: 1.0}
+    shares = {"checkpoints": 0.7, "plainly": 0.1, "narrow": 0.05, "calls": 0.1, "commands": 0.05}
+    shares = shares if options.what == "all" else {options.what: 1.0}
     found = 0
     for what, share in shares.items():
-        found += run(what, options.first, share * options.seconds)
+        seconds, tries = share * options.seconds, sys.maxsize
+        if options.tries is not None:
+            seconds, tries = math.inf, options.tries
+        found += run(what, options.first, seconds, options.first + tries)
     return min(found, 1)
 
 
-def run(what: str, number: int, seconds: float) -> int:
-    """Let workers take trials; print what came of them."""
+def run(what: str, number: int, seconds: float, end: int) -> int:
+    """Let workers take trials from ``number`` to ``end``, for so many seconds; print what came of them."""
     begun, outcomes, findings = time.monotonic(), Counter[str](), {}
-    while time.monotonic() - begun < seconds:
+    while time.monotonic() - begun < seconds and number < end:
         left = seconds - (time.monotonic() - begun)
-        number = _portion(what, number, left, outcomes, findings)
+        number = _portion(what, number, min(number + PORTION, end), left, outcomes, findings)
     elapsed = time.monotonic() - begun
     told = ", ".join(f"{count:,} {outcome}" for outcome, count in sorted(outcomes.items()))
     print(f"{what}: {sum(outcomes.values()):,} tries in {elapsed:,.0f} s: {told}; {len(findings)} kinds of findings")
@@ -51,9 +60,11 @@ def run(what: str, number: int, seconds: float) -> int:
     return len(findings)
 
 
-def _portion(what: str, number: int, seconds: float, outcomes: Counter[str], findings: dict[str, list[int]]) -> int:
-    """Let one worker take trials from ``number`` on; return the number of the next one."""
-    command = [sys.executable, "-m", "fuzz", "--what", what, "--worker", str(number), str(number + PORTION)]
+def _portion(
+    what: str, number: int, end: int, seconds: float, outcomes: Counter[str], findings: dict[str, list[int]]
+) -> int:
+    """Let one worker take trials from ``number`` to ``end``; return the number of the next one."""
+    command = [sys.executable, "-m", "fuzz", "--what", what, "--worker", str(number), str(end)]
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"} if what == "plainly" else None
     begun = time.monotonic()
     with (
@@ -104,11 +115,12 @@ def work(what: str, first: int, last: int) -> int:
         from fuzz.plainly import make_plain
 
         make_plain()
-    from fuzz.trial import FindingError, narrow_trial, trial
+    from fuzz.trial import FindingError
 
+    act = trial_of(what)
     for number in range(first, last):
         try:
-            outcome = narrow_trial(number) if what == "narrow" else trial(number, plainly=what == "plainly")
+            outcome = act(number)
         except FindingError as error:
             cause = error.__cause__
             place = ""
@@ -120,6 +132,21 @@ def work(what: str, first: int, last: int) -> int:
             outcome = f"finding\t{' '.join(str(error).split())[:200]}{place}"
         print(outcome, flush=True)
     return 0
+
+
+def trial_of(what: str) -> Callable[[int], str]:
+    """Return what makes one trial, by its number."""
+    if what == "calls":
+        from fuzz.calls import trial as call
+
+        return call
+    if what == "commands":
+        from fuzz.commands import trial as command
+
+        return command
+    from fuzz.trial import narrow_trial, trial
+
+    return narrow_trial if what == "narrow" else partial(trial, plainly=what == "plainly")
 
 
 if __name__ == "__main__":

@@ -144,6 +144,33 @@ def test_the_rest_of_the_time_to_live_goes_along() -> None:
         assert one.sent == pytest.approx(time.time(), abs=3600.0)
 
 
+@pytest.mark.parametrize("hours", [-1e4, -1.0, 1.0, 1e4])
+def test_a_clock_that_is_set_changes_no_trust(hours: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The system's clock jumps; the time to live goes by one that cannot: trust neither outlives it nor ends sooner."""
+    wall = Clock()
+    monkeypatch.setattr(publisher_module.time, "time", wall)
+    sink, short = FakeSink(), FakeSink()
+    lasting, ending = (
+        Publisher([one], None, ttl, notices=Notices(print), on_reader_gone=lambda: None)
+        for one, ttl in ((sink, 10.0 * PATIENCE), (short, 0.2))
+    )
+    for publisher in (lasting, ending):
+        publisher.start(estimate("converging"))
+        publisher.accepted()
+        publisher.mark()
+        publisher.send(estimate, immediately=True)
+    wall.now += 3600.0 * hours
+    lasting.mark()
+    lasting.send(estimate, immediately=True)
+    assert [one.trusted for one in sink.sent][-2:] == [True, True]
+    assert sink.sent[-1].sent == wall.now
+    assert sink.sent[-1].ttl <= sink.sent[-2].ttl
+    wait_for(lambda: short.sent[-1].status == WAITING)
+    assert not short.sent[-1].trusted
+    for publisher in (lasting, ending):
+        publisher.end()
+
+
 def test_what_is_not_trusted_stays_so_and_is_not_said_again() -> None:
     clock, sink = Clock(), FakeSink()
     publisher = Publisher([sink], None, TTL, notices=Notices(print), on_reader_gone=lambda: None, now=clock)

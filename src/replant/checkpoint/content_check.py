@@ -121,7 +121,8 @@ def check_collected(state: State, request: Request, resolve_at: int, *, referenc
     fresh = State.collecting(request, reference=reference)
     _check_decided(state, fresh, None)
     _check_positions(state)
-    if not state.samples < state.attention_at <= max(len(state.recent), state.samples + 1):
+    due = state.samples + (not state.attention)  # attention: it was interrupted before it could do what was due
+    if not due <= state.attention_at <= max(len(state.recent), state.samples + 1):
         raise DamagedCheckpointError("it does not wait for the sample at which its start-up may end")
     numbers = all(slot.is_sound(state) for slot in (*StateSlots.scalars, *StateSlots.blocks))
     if not (numbers and np.isfinite(state.recent).all() and _raw_samples_are_sound(state)):

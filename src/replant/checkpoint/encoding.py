@@ -31,7 +31,7 @@ from replant.checkpoint.content_check import (
 )
 from replant.checkpoint.settings_json import from_plain, to_plain
 from replant.engine.state import State
-from replant.errors import ArgumentTypeError, DamagedCheckpointError, InvalidArgumentError
+from replant.errors import ArgumentTypeError, DamagedCheckpointError, InvalidArgumentError, shown
 from replant.settings import Request, Settings
 
 Progress = Mapping[str, int | float | str]
@@ -58,6 +58,7 @@ ATTRIBUTES: dict[str, type | tuple[type, ...]] = {
     "_reference": bool,
     "_regular": bool,
     "_hold": int,
+    "_dropped": int,
     "_resolve_at": int,
 }
 STATE = "_state"  # the attribute that is stored as arrays
@@ -149,9 +150,13 @@ def _type(name: str) -> str:
 
 
 def _checked(progress: Progress | None) -> dict[str, int | float | str]:
+    if not isinstance(progress, Mapping | None):
+        raise ArgumentTypeError(f"progress must be a dict, got {type(progress).__name__} {shown(progress)}")
     for name, value in (progress or {}).items():
         if type(name) is not str or type(value) not in (int, float, str):
-            raise InvalidArgumentError(f"progress must map names to int, float or str, got {name!r}: {value!r}")
+            raise InvalidArgumentError(
+                f"progress must map names to int, float or str, got {shown(name)}: {shown(value)}"
+            )
     return dict(progress or {})
 
 

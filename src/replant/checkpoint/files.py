@@ -18,6 +18,7 @@ import stat
 from pathlib import Path
 
 from replant.errors import CheckpointError, MissingCheckpointError
+from replant.limits import file_path
 from replant.operating_system.os_errors import reason_of
 
 AnyPath = str | os.PathLike[str]
@@ -70,6 +71,7 @@ def read(path: AnyPath) -> bytes:
     Traceback (most recent call last):
     replant.errors.MissingCheckpointError: no-such-file: no such file
     """
+    path = file_path("path", path)
     try:
         status = Path(path).stat()
         if stat.S_ISDIR(status.st_mode):
@@ -96,6 +98,7 @@ def previous(path: AnyPath) -> Path:
 
 def _resolve_link(path: AnyPath) -> Path:
     """Return the file that a link points to, so that `write` does not replace the link."""
+    path = file_path("path", path)
     try:
         return Path(path).resolve()
     except (OSError, ValueError, RuntimeError) as error:  # a circle of links, a zero byte

@@ -14,7 +14,7 @@ from replant import __version__
 from replant.cli.encoding import replace_unencodable
 from replant.cli.help_examples import epilog_of
 from replant.cli.nearest_word import did_you_mean
-from replant.errors import ReplantError
+from replant.errors import ReplantError, brief
 from replant.operating_system.os_errors import refusal
 
 # For each command: the module of replant.cli with the click command ``command``, and the command's line of help.
@@ -113,7 +113,7 @@ def _end(message: str, code: int = 2) -> NoReturn:
     with contextlib.suppress(OSError, ValueError):
         sys.stdout.flush()
     with contextlib.suppress(OSError):
-        print(f"replant: {_one_line(message)}", file=sys.stderr)
+        print(f"replant: {brief(message)}", file=sys.stderr)
     sys.exit(code)
 
 
@@ -122,7 +122,3 @@ def _hint(mistake: click.ClickException) -> str:
     unknown = isinstance(mistake, click.MissingParameter | click.NoSuchOption) or "No such command" in mistake.message
     context = mistake.ctx if isinstance(mistake, click.UsageError) else None
     return f" See {context.command_path} --help" if unknown and context else ""
-
-
-def _one_line(message: str) -> str:
-    return " ".join(message.split())

@@ -7,8 +7,7 @@ from typing import Any
 
 import click
 
-MOST_TRIED = 1000
-"""Structures that a search may try [count]."""
+from replant.limits import MOST_TRIED
 
 
 class Range(click.ParamType[tuple[Any, ...]]):

@@ -11,10 +11,11 @@ import math
 
 import numpy as np
 
-from replant.arguments import BoolArray, FloatArray, positive, whole
+from replant.arguments import FloatArray, instance, whole
 from replant.errors import InvalidArgumentError
-from replant.kernels.schema import LARGEST
+from replant.limits import duration
 from replant.log import Log
+from replant.regressor.preprocess import accepted
 
 HALF_LENGTH = 10
 """Half the length of the filter before samples are left out [new sampling times].
@@ -75,10 +76,11 @@ def detrend(log: Log) -> Log:
     408.3 / (s - 0.008126)
     3632 / (s + 2.163)
     """
+    log = instance("log", log, Log)
     since = np.arange(log.input.size) * log.dt if log.stamps is None else log.stamps
 
     def without_line(signal: FloatArray) -> FloatArray:
-        signal, known = _accepted(signal)
+        signal, known = accepted(signal)
         if known.sum() < 2:
             return signal
         t = since - since[known].mean()
@@ -127,6 +129,7 @@ def decimate(log: Log, factor: int) -> Log:
     """
     from scipy import signal as filters  # slow to import
 
+    log = instance("log", log, Log)
     factor = whole("factor", factor, 2)
     if log.stamps is not None:
         raise InvalidArgumentError("the clock is irregular: a log is decimated on a regular clock; resample it before")
@@ -138,7 +141,7 @@ def decimate(log: Log, factor: int) -> Log:
     weights = filters.firwin(2 * half + 1, CUTOFF / factor, window=("kaiser", filters.kaiser_beta(ATTENUATION)))
 
     def thinned(signal: FloatArray) -> FloatArray:
-        signal, known = _accepted(signal)
+        signal, known = accepted(signal)
         level = float(signal[known].mean()) if known.any() else 0.0
         smooth = level + filters.oaconvolve(np.where(known, signal - level, 0.0), weights, mode="valid")
         if not known.all():
@@ -148,7 +151,7 @@ def decimate(log: Log, factor: int) -> Log:
 
     def centred(signal: FloatArray) -> FloatArray:
         """Return a held signal at its stamps as a straight line has it: the mean of the steps that meet there."""
-        signal, _ = _accepted(signal)
+        signal, _ = accepted(signal)
         before = np.concatenate([signal[:1], signal[:-1]])
         return np.asarray((before + signal) / 2 if log.input_hold == "zoh" else signal)
 
@@ -198,7 +201,8 @@ def resample(log: Log, dt: float) -> Log:
     >>> again.input, again.output
     (array([0. , 1. , 1.5, 3. , 3. ]), array([0., 2., 4., 6., 8.]))
     """
-    dt = positive("dt", dt)
+    log = instance("log", log, Log)
+    dt = duration("dt", dt)
     t = np.arange(log.input.size) * log.dt if log.stamps is None else log.stamps
     if t.size < 2:
         raise InvalidArgumentError(f"the log has {t.size} samples: resampling needs two at least")
@@ -232,22 +236,16 @@ def resample(log: Log, dt: float) -> Log:
         return np.asarray(np.interp(edges, t, within) + np.maximum(edges - t[-1], 0.0) * signal[-1])
 
     def averaged(signal: FloatArray) -> FloatArray:
-        signal, known = _accepted(signal)
+        signal, known = accepted(signal)
         means = np.diff(integral(np.where(known, signal, 0.0))) / dt
         unknown = np.diff(integral((~known).astype(float))) > SAME * dt
         return np.asarray(np.where(missing | unknown, np.nan, means))
 
     def interpolated(signal: FloatArray) -> FloatArray:
-        return np.asarray(np.where(missing, np.nan, np.interp(grid, t, _accepted(signal)[0])))
+        return np.asarray(np.where(missing, np.nan, np.interp(grid, t, accepted(signal)[0])))
 
     reference = None if log.reference is None else averaged(log.reference)
     return dataclasses.replace(
         log, input=averaged(log.input), output=interpolated(log.output), reference=reference, dt=dt,
         time=grid, irregular=False, earlier=0,
     )  # fmt: skip
-
-
-def _accepted(signal: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return a signal (K,) with NaN for what no identifier accepts, and which samples it does accept."""
-    known = np.abs(signal) <= LARGEST
-    return np.where(known, signal, np.nan), known

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from replant.arguments import IntArray
 from replant.engine.state import State
 from replant.regressor.preprocess import Preprocess
 
@@ -33,11 +34,12 @@ def step_kernels(state: State, *, regular: bool) -> tuple[Callable[..., Any], Ca
     return gradient.step, gradient.steps
 
 
-def bound_step(state: State, kernel: Callable[..., Any], preprocess: Preprocess) -> Step:
-    """Return a function of (u, y, t, r) that takes one sample of this state as ``kernel`` does.
+def bound_step(state: State, kernel: Callable[..., Any], preprocess: Preprocess) -> tuple[Step, IntArray]:
+    """Return a function of (u, y, t, r) that takes one sample of this state as ``kernel`` does, and its gate (1,).
 
     It takes four floats and nothing else: their types are not checked (see `replant.kernels.step.by_address`).  Where
-    the input map is a Python function, which no kernel can call, it is called first.
+    the input map is a Python function, which no kernel can call, it is called first.  As long as the gate is shut, as
+    it is at first, the function raises Attention and takes nothing.
 
     Parameters
     ----------
@@ -52,6 +54,7 @@ def bound_step(state: State, kernel: Callable[..., Any], preprocess: Preprocess)
     table = by_address.table_of(*state.arrays)
     call = partial(by_address.entry_of(by_address.WITHOUT_ARRAYS[kernel]), int(table.ctypes.data))
     call.keeps = table, state  # type: ignore[attr-defined]  # what is pointed to lives as long as who points there
+    gate = table[by_address.GATE : by_address.GATE + 1]
     if callable(preprocess.input_map):
-        return lambda u, y, t, r: call(float(preprocess.call_map(np.array([u]))[0]), y, t, r)
-    return call
+        return lambda u, y, t, r: call(float(preprocess.call_map(np.array([u]))[0]), y, t, r), gate
+    return call, gate

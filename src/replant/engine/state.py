@@ -90,9 +90,10 @@ class State(StateSlots):
         """Return where in ``reals`` a block begins."""
         return int(self.ints[block.index])
 
-    def copy(self) -> State:
-        """Return a state with arrays of its own."""
-        return State(self.ints.copy(), self.reals.copy(), self.banks.copy(), self.buffer.copy(), self.recent.copy())
+    def copy(self, *, buffer: bool = True) -> State:
+        """Return a state with arrays of its own; without the ``buffer``, which may be large, it shares that."""
+        kept = self.buffer.copy() if buffer else self.buffer
+        return State(self.ints.copy(), self.reals.copy(), self.banks.copy(), kept, self.recent.copy())
 
     def take_over(self, old: State, *slots: Slot) -> None:
         """Take these slots' values from another state."""

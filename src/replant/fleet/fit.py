@@ -20,6 +20,7 @@ from replant.fleet.progress import Progress
 from replant.fleet.results import Fleet
 from replant.fleet.store import Store
 from replant.fleet.work import carry_out, one_thread
+from replant.limits import file_path
 from replant.model.structure import Structure
 from replant.optimizers import Optimizer
 from replant.settings import AUTO
@@ -113,7 +114,8 @@ def fit(
     """
     structure = Structure.wanted(structure, poles, zeros, delay)
     job = Job(input, output, structure, method, reference, time, dt, begin, end, input_map, optimizer)
-    folder = Path(tempfile.mkdtemp(prefix="replant-fleet-") if out is None else out)
+    logs = file_path("logs", logs)
+    folder = Path(tempfile.mkdtemp(prefix="replant-fleet-") if out is None else file_path("out", out))
     rigs = find_rigs(logs, by, leave_out=folder)
     store = Store(folder, job)
     with store.alone():

@@ -8,9 +8,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from replant.arguments import finite, instance, keep, one_of, positive, text, whole
+from replant.arguments import finite, instance, keep, one_of, text, whole
 from replant.data.logs.row_groups import RowGroups
 from replant.errors import InvalidArgumentError
+from replant.limits import duration
 from replant.model.structure import Structure
 from replant.optimizers import Optimizer
 from replant.regressor.preprocess import Preprocess
@@ -75,7 +76,7 @@ class Job:
         keep(self, "method", one_of, METHODS)
         keep(self, "input_map", one_of, ("identity", "square"))
         if self.dt is not None:
-            keep(self, "dt", positive)
+            keep(self, "dt", duration)
             if self.time is not None:
                 raise InvalidArgumentError(
                     "give one of the time column (time, --time) and the sampling time (dt, --dt)"

@@ -12,6 +12,7 @@ from replant.fleet.folder import ABOUT, MODELS, TABLE
 from replant.fleet.job import Job
 from replant.fleet.store import column, read_table
 from replant.identified.model import Model
+from replant.limits import file_path
 from replant.model.structure import Structure
 
 
@@ -98,6 +99,7 @@ def load(folder: str | Path) -> Fleet:
     Traceback (most recent call last):
     replant.errors.LogError: no-such-folder: no results of `replant fleet` there (fleet.json cannot be read)
     """
+    folder = file_path("folder", folder)
     try:
         about = json.loads(Path(folder, ABOUT).read_text(encoding="utf-8"))
         structure = Structure(**about["structure"])

@@ -11,7 +11,7 @@ from functools import partial
 from multiprocessing import parent_process
 from typing import Any, TypeVar, overload
 
-from replant.errors import ArgumentTypeError, InvalidArgumentError, ReplantError
+from replant.errors import ArgumentTypeError, InvalidArgumentError, ReplantError, shown
 from replant.fleet.coordinate import carried_out
 from replant.fleet.executors import workers
 from replant.fleet.work import one_thread
@@ -115,7 +115,7 @@ def sweep(
         call: Callable[[Any], Any] = _tried
     elif callable(function):
         _check_sendable(function, executor)
-        tasks, call = list(records), partial(_called, function)
+        tasks, call = _listed(records), partial(_called, function)
     else:
         raise ArgumentTypeError(f"sweep needs a function or a grid of settings, got {type(function).__name__}")
     results: list[Any] = [None] * len(tasks)
@@ -165,13 +165,21 @@ def _check_sendable(function: Any, executor: Executor | str | None) -> None:
         ) from error
 
 
+def _listed(records: Iterable[T]) -> list[T]:
+    if isinstance(records, str) or not isinstance(records, Iterable):
+        raise ArgumentTypeError(f"records must be a sequence of records, got {type(records).__name__}")
+    return list(records)
+
+
 def _trials(grid: Mapping[str, Sequence[Any]], records: Iterable[Any]) -> list[tuple[dict[str, Any], int, Any]]:
     if not grid:
         raise InvalidArgumentError("the grid is empty: give the values to try by name, such as {'poles': [1, 2]}")
     for name, values in grid.items():
         if isinstance(values, str) or not isinstance(values, Sequence):
-            raise InvalidArgumentError(f"the grid's {name} must be a sequence of the values to try, got {values!r}")
-    held = list(records)
+            raise InvalidArgumentError(
+                f"the grid's {name} must be a sequence of the values to try, got {shown(values)}"
+            )
+    held = _listed(records)
     combined = [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
     return [(settings, number, record) for settings in combined for number, record in enumerate(held)]
 

@@ -16,14 +16,14 @@ from replant.arguments import (
     number,
     one_of,
     owned,
-    positive,
     text,
     vector,
     whole,
 )
 from replant.assessment.verdict import Verdict
-from replant.errors import InvalidArgumentError
+from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.identified.provenance import Provenance
+from replant.limits import duration
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
@@ -59,11 +59,11 @@ class ModelFields:
 
     def __post_init__(self) -> None:
         keep(self, "structure", instance, Structure)
-        keep(self, "dt", positive)
+        keep(self, "dt", duration)
         size = self.structure.size
         keep(self, "parameters", owned, (size,))
         if not np.isfinite(self.parameters).all():
-            raise InvalidArgumentError(f"parameters must be finite, got {self.parameters.tolist()}")
+            raise InvalidArgumentError(f"parameters must be finite, got {shown(self.parameters.tolist())}")
         if self.covariance is not None:
             covariance = owned("covariance", self.covariance, (size, size))
             # one that is not known is none: what is kept can be written down to the bit
@@ -77,8 +77,7 @@ class ModelFields:
             keep(self, name, text)
         for name in ("simulated_fit", "one_step_fit"):
             keep(self, name, _known)
-        counts = tuple((text("rejected", reason), whole("rejected", count, 0)) for reason, count in self.rejected)
-        object.__setattr__(self, "rejected", counts)
+        keep(self, "rejected", _counts)
         keep(self, "verdict", instance, Verdict)
         keep(self, "provenance", instance, Provenance)
 
@@ -161,6 +160,15 @@ def has_rest(model: TransferFunction, span: float) -> bool:
     (True, False)
     """
     return bool((model.poles.real < (-1.0 / span if span > 0.0 else 0.0)).all())
+
+
+def _counts(name: str, value: Any) -> tuple[tuple[str, int], ...]:
+    """Return how many samples were rejected for which reason."""
+    try:
+        pairs = [(reason, count) for reason, count in value]
+    except (TypeError, ValueError) as cause:
+        raise ArgumentTypeError(f"{name} must be pairs (reason, count), got {shown(value)}") from cause
+    return tuple((text(name, reason), whole(name, count, 0)) for reason, count in pairs)
 
 
 def _known(name: str, value: Any) -> float:

@@ -223,11 +223,11 @@ class Model(ModelFields):
         axes : four matplotlib axes, optional
             Drawn into; without them a figure is made.
         """
-        from replant.plotting.palette import blank_figure
+        from replant.plotting.palette import blank_figure, given_axes
 
         if axes is None:
             axes = blank_figure(9.0, 6.4).subplots(2, 2)
-        step, poles, magnitude, phase = np.asarray(axes, dtype=object).ravel()
+        step, poles, magnitude, phase = given_axes("axes", axes, 4)
         self.step().plot(step)
         self.poles().plot(poles)
         self.bode().plot((magnitude, phase))

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from replant.errors import ModelFileError
+from replant.limits import file_path
 from replant.operating_system import whole_file
 from replant.operating_system.os_errors import reason_of
 
@@ -23,6 +24,7 @@ def check_target(path: AnyPath) -> None:
     ModelFileError
         If it may not: a measurement with a name typed in the wrong place would be lost.
     """
+    path = file_path("path", path)
     try:
         file = Path(path).resolve()
         if not file.parent.is_dir():
@@ -65,6 +67,7 @@ def read(path: AnyPath) -> bytes:
     ModelFileError
         If it cannot be read, or is too large for a model.
     """
+    path = file_path("path", path)
     try:
         size = Path(path).stat().st_size if Path(path).is_file() else -1
         if 0 <= size <= LARGEST:

@@ -16,7 +16,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment.verdict import STATUSES, Verdict
-from replant.errors import InvalidArgumentError, ModelFileError, ReplantError
+from replant.errors import ArgumentTypeError, InvalidArgumentError, ModelFileError, ReplantError, shown
 from replant.identified.fields import ModelFields
 from replant.identified.provenance import Provenance
 from replant.model.noise import NoiseModel
@@ -117,6 +117,8 @@ def loads(written: str | bytes) -> dict[str, Any]:
     >>> loads(dumps(ModelFields(Structure(1), [1.0, 2.0], dt=0.1)))["parameters"]
     array([1., 2.])
     """
+    if not isinstance(written, str | bytes | bytearray):
+        raise ArgumentTypeError(f"written must be the text of a model, got {type(written).__name__} {shown(written)}")
     try:
         read = json.loads(written, parse_constant=_refuse, object_pairs_hook=_without_repeats)
     except (ValueError, RecursionError) as error:  # also of bytes that are no text

@@ -16,8 +16,9 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from replant.arguments import FloatArray, array_of_reals, positive
+from replant.arguments import FloatArray, array_of_reals
 from replant.errors import InvalidArgumentError
+from replant.limits import LONGEST, SHORTEST, duration
 from replant.model.mode import Mode
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import UncertainMode, Uncertainty
@@ -138,7 +139,7 @@ class Bode:
     @classmethod
     def of(cls, model: TransferFunction, known: Uncertainty | None, dt: float, frequency: Any = None) -> Self:
         """Return the response of a model; without ``frequency`` (F,) in rad/s, from below its roots to above them."""
-        omega = frequencies(model, dt) if frequency is None else array_of_reals("frequency", frequency).ravel()
+        omega = frequencies(model, dt) if frequency is None else _angular(frequency)
         relative, phase = (None, None) if known is None else known.response(omega)
         return cls(omega, model.response(omega), relative, phase)
 
@@ -231,8 +232,8 @@ class PoleMap:
         return draw_poles(self.values, self.zeros, regions, ax)
 
 
-def time_of(model: TransferFunction, duration: float | None = None) -> FloatArray:
-    """Return times (N,) from 0 to ``duration`` in s, by default until the slowest mode of the model has settled.
+def time_of(model: TransferFunction, given: float | None = None) -> FloatArray:
+    """Return times (N,) from 0 to a duration in s, by default until the slowest mode of the model has settled.
 
     They are close enough to show the oscillation of each mode, not its aliases.
 
@@ -241,15 +242,19 @@ def time_of(model: TransferFunction, duration: float | None = None) -> FloatArra
     >>> time_of(TransferFunction([1.0], [1.0, 0.5]))[[0, -1]]
     array([ 0., 12.])
     """
-    if duration is None:
+    if given is None:
         slowest = np.abs(model.poles.real)
         speeds = np.where(slowest > 1e-6 * np.abs(model.poles), slowest, np.abs(model.poles))
-        speeds = speeds[np.isfinite(speeds) & (speeds > 0.0)]
-        duration = model.delay + (SETTLED / float(speeds.min()) if speeds.size else 1.0)
-    duration = positive("duration", duration)
+        # a mode too slow for any time is one that never settles, as an integrator does not; nor is one too fast seen
+        speeds = speeds[(speeds > SETTLED / (0.1 * LONGEST)) & (speeds < SETTLED / SHORTEST)]
+        lasts = model.delay + (SETTLED / float(speeds.min()) if speeds.size else 1.0)
+        lasts = min(lasts, LONGEST)
+    else:
+        lasts = duration("duration", given)
     turns = np.abs(model.poles.imag[np.abs(model.poles.imag) > np.abs(model.poles.real)])
-    periods = duration * float(np.max(turns[np.isfinite(turns)], initial=0.0)) / math.tau
-    return np.linspace(0.0, duration, int(min(max(PER_PERIOD * periods, POINTS), MOST_POINTS)))
+    fastest = float(np.max(turns[np.isfinite(turns)], initial=0.0))
+    points = PER_PERIOD * min(lasts * min(fastest, 1.0 / SHORTEST), float(MOST_POINTS)) / math.tau
+    return np.linspace(0.0, lasts, int(min(max(points, POINTS), MOST_POINTS)))
 
 
 def frequencies(model: TransferFunction, dt: float, points: int = POINTS) -> FloatArray:
@@ -282,6 +287,14 @@ def frequencies(model: TransferFunction, dt: float, points: int = POINTS) -> Flo
     peaks = [_about(complex(root)) for root in roots if root.imag > 0.0 and abs(root.real) < RESONANT * abs(root)]
     close = np.concatenate([np.zeros(0), *peaks])
     return np.unique(np.concatenate([np.geomspace(low, high, points), close[(close > low) & (close < high)]]))
+
+
+def _angular(frequency: Any) -> FloatArray:
+    """Return angular frequencies (F,) that a user gives, in rad/s."""
+    omega = array_of_reals("frequency", frequency).ravel()
+    if not (np.abs(omega) <= 1.0 / SHORTEST).all():
+        raise InvalidArgumentError(f"frequency must be finite and at most {1.0 / SHORTEST:g} rad/s")
+    return omega
 
 
 def _about(root: complex) -> FloatArray:

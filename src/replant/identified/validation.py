@@ -22,6 +22,7 @@ from replant.assessment.verdict import Verdict
 from replant.engine.record import Record
 from replant.errors import InvalidArgumentError
 from replant.identified.fields import ModelFields
+from replant.regressor.preprocess import screen
 from replant.simulation.model_output import model_output
 from replant.simulation.offset_fit import fit_percent
 from replant.statistics.autoregression import one_step
@@ -172,7 +173,7 @@ def validate(
         If fewer samples than parameters have both input and output.
     """
     v = model.linear_input(u)
-    y = np.where(np.isfinite(v) & np.isfinite(y), y, np.nan)
+    y = np.where(screen(v, y)[0], y, np.nan)
     if r is not None:
         y = np.where(np.isfinite(r), y, np.nan)
     kept, needed = np.isfinite(y), model.structure.size + 1

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray, positive
+from replant.arguments import FloatArray
 from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.interop.units import unit_of, without_unit
+from replant.limits import duration
 
 
 def trace_frame(
@@ -200,7 +201,7 @@ def _along(samples: int, dt: float | None, time: FloatArray | None) -> tuple[str
 
 def _clock(samples: int, dt: float | None) -> Any:
     """Return the time of each sample in s, starting at 0; without ``dt`` the sample's number."""
-    return np.arange(samples) if dt is None else positive("dt", dt) * np.arange(samples)
+    return np.arange(samples) if dt is None else duration("dt", dt) * np.arange(samples)
 
 
 def _index(name: str, values: Any) -> Any:

@@ -392,4 +392,4 @@ def __getattr__(name: str) -> int:
 
 
 class Attention(Exception):  # noqa: N818 - nothing went wrong
-    """Raised after a sample, by kernels that return one number: ATTENTION is set, the error of the sample in ERROR."""
+    """Raised in the place of taking a sample: ATTENTION is set, or another call is under way."""

@@ -7,6 +7,11 @@ WHOLE = 1e-9
 Derivation: some million times the precision of float64: a decimal fraction of a decimal sampling time is hit.
 """
 
+NEVER = 2.0**53
+"""Dead time that is longer than any record [samples].
+Derivation: beyond, float64 does not hold every whole number.
+"""
+
 
 def unknown_outputs(delay: float, dt: float) -> int:
     """Return how many outputs of a record answer to inputs from before it, with a dead time in s.
@@ -28,7 +33,7 @@ def split_delay(delay: float, dt: float) -> tuple[int, float]:
     >>> split_delay(0.3, 0.1), split_delay(0.025, 0.02)
     ((3, 0.0), (1, 0.25))
     """
-    samples = delay / dt
+    samples = min(delay / dt, NEVER)
     nearest = round(samples)
     if abs(samples - nearest) < WHOLE * max(1.0, samples):
         return nearest, 0.0

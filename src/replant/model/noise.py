@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.arguments import FloatArray, array_of_reals, keep, not_negative, positive
+from replant.arguments import FloatArray, array_of_reals, keep, not_negative
 from replant.arguments import coefficients as checked
-from replant.errors import InvalidArgumentError
+from replant.errors import InvalidArgumentError, shown
 from replant.kernels.schema import NoiseSlots
+from replant.limits import duration
 from replant.statistics.linear_algebra import quiet
 
 
@@ -49,9 +50,9 @@ class NoiseModel:
         keep(self, "coefficients", checked)
         keep(self, "variance", not_negative)
         keep(self, "residual_variance", not_negative)
-        keep(self, "dt", positive)
+        keep(self, "dt", duration)
         if self.coefficients[0] != 1.0:
-            raise InvalidArgumentError(f"coefficients must begin with 1, got {self.coefficients.tolist()}")
+            raise InvalidArgumentError(f"coefficients must begin with 1, got {shown(self.coefficients.tolist())}")
 
     @property
     def order(self) -> int:

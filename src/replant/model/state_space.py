@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.limits import LONGEST, SHORTEST
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,8 @@ def _time_scale(denominator: FloatArray) -> float:
     with np.errstate(divide="ignore"):
         suggested = np.exp(np.log(np.abs(denominator[1:])) / powers)
     c = suggested[-1] if suggested[-1] > 0 else suggested.max()
-    return float(c) if c > 0 else 1.0
+    # of a pole slower than any time the scale would leave float64 in its powers: such a plant integrates
+    return float(np.clip(c, 1.0 / LONGEST, 1.0 / SHORTEST)) if c > 0 else 1.0
 
 
 def exact(

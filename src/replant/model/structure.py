@@ -8,12 +8,14 @@ import numpy as np
 
 from replant.arguments import (
     FloatArray,
+    instance,
     keep,
-    not_negative,
+    owned,
     truth,
     whole,
 )
-from replant.errors import ArgumentTypeError, InvalidArgumentError
+from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
+from replant.limits import dead_time
 from replant.model.transfer_function import TransferFunction
 
 
@@ -63,15 +65,15 @@ class Structure:
     def __post_init__(self) -> None:
         keep(self, "poles", whole, 1)
         keep(self, "zeros", whole, 0)
-        keep(self, "delay", not_negative)
+        keep(self, "delay", dead_time)
         keep(self, "bias", truth)
         keep(self, "feedthrough", truth)
         poles, zeros = self.poles, self.zeros
         if poles > self.MOST_POLES:
-            raise InvalidArgumentError(f"poles must be at most {self.MOST_POLES}, got {poles}")
+            raise InvalidArgumentError(f"poles must be at most {self.MOST_POLES}, got {shown(poles)}")
         if zeros > poles or (zeros == poles and not self.feedthrough):
             hint = "; if the input acts on the output at once, set feedthrough=True" if zeros == poles else ""
-            raise InvalidArgumentError(f"zeros must be fewer than poles, got {zeros} zeros and {poles} poles{hint}")
+            raise InvalidArgumentError(f"zeros must be fewer than poles, got {shown(zeros)} and {poles}{hint}")
 
     @classmethod
     def wanted(cls, structure: Structure | None, poles: int | None, zeros: int, delay: float) -> Structure:
@@ -104,7 +106,8 @@ class Structure:
             if poles is None:
                 raise ArgumentTypeError("give the number of poles, poles=2, or structure=Structure(poles=2)")
             return cls(poles, zeros, delay)
-        if poles is not None or zeros or delay:
+        structure = instance("structure", structure, Structure)
+        if poles is not None or whole("zeros", zeros, 0) or dead_time("delay", delay):
             raise InvalidArgumentError("give either a structure, or poles, zeros and delay")
         return structure
 
@@ -128,7 +131,7 @@ class Structure:
         >>> print(Structure(poles=2).transfer_function([4.0, 3.0, 2.0]))
         2 / (s^2 + 4 s + 3)
         """
-        values = np.asarray(parameters, np.float64)
+        values = owned("parameters", parameters, (self.size,))
         return TransferFunction(values[self.numerator], np.concatenate([[1.0], values[self.denominator]]), self.delay)
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,19 +15,23 @@ from replant.arguments import (
     FloatArray,
     array_of_reals,
     coefficients,
-    not_negative,
     one_of,
-    positive,
     vector,
     whole,
 )
-from replant.errors import InvalidArgumentError, MissingDependencyError
+from replant.errors import InvalidArgumentError, MissingDependencyError, shown
 from replant.interop import systems
+from replant.limits import count, dead_time, duration
 from replant.model import state_space
 from replant.model.mode import Mode
 from replant.model.polynomial import polynomial_text
 from replant.model.response import Response
 from replant.statistics.linear_algebra import quiet, roots
+
+MOST_PADE = 100
+"""Highest order of a Pade approximation [count].
+Derivation: beyond, the coefficients of a dead time of 1 s leave float64.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +76,9 @@ class TransferFunction:
             )
         numerator = numerator if numerator.size else np.zeros(1)
         # adding zero turns -0.0 into 0.0: what compares equal must have the same hash
-        object.__setattr__(self, "num", coefficients("num", numerator / denominator[0] + 0.0))
-        object.__setattr__(self, "den", coefficients("den", denominator / denominator[0] + 0.0))
-        object.__setattr__(self, "delay", not_negative("delay", delay))
+        for name, polynomial in (("num", numerator), ("den", denominator)):
+            object.__setattr__(self, name, _monic(name, polynomial, float(denominator[0])))
+        object.__setattr__(self, "delay", dead_time("delay", delay))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, TransferFunction):
@@ -153,7 +158,7 @@ class TransferFunction:
         >>> TransferFunction([1.0], [1.0, 1.0]).simulate([1.0, 1.0, 1.0], dt=1.0).round(4)
         array([0.    , 0.6321, 0.8647])
         """
-        u, dt = vector("u", u), positive("dt", dt)
+        u, dt = vector("u", u), duration("dt", dt)
         return Response(self, dt, one_of("input_hold", input_hold, ("zoh", "foh"))).take(u).output
 
     @quiet
@@ -162,7 +167,7 @@ class TransferFunction:
 
         The states are those of `state_space.companion`.  An initial state w0 (n,) adds ``free_responses @ w0``.
         """
-        dt, samples = positive("dt", dt), whole("samples", samples, 0)
+        dt, samples = duration("dt", dt), count("samples", samples, 0, 4 * self.den.size)
         undelayed = TransferFunction(self.num, self.den)
         free = Response(undelayed, dt, at_rest=False).take(np.zeros(samples)).free
         return np.concatenate([free, np.zeros((samples - len(free), free.shape[1]))])
@@ -246,7 +251,10 @@ class TransferFunction:
             raise InvalidArgumentError(f"SciPy's transfer functions have no dead time, this one has {self.delay:g} s")
         from scipy.signal import TransferFunction as ScipyTransferFunction
 
-        return ScipyTransferFunction(self.num, self.den)
+        system = ScipyTransferFunction([1.0], [1.0])
+        # set afterwards: given at once, leading coefficients of a numerator below 1e-14 are dropped with a warning
+        system.num, system.den = self.num, self.den
+        return system
 
     def to_control(self, pade: int | None = None) -> Any:
         """Return a `control.TransferFunction`, which cannot have a dead time.
@@ -278,10 +286,11 @@ class TransferFunction:
             import control
         except ImportError as cause:
             raise MissingDependencyError("to_control needs python-control: pip install 'replant[control]'") from cause
+        order = 1 if pade is None else whole("pade", pade, 1)
         rational = control.tf(self.num, self.den)
         if not self.delay:
             return rational
-        return rational * control.tf(*control.pade(self.delay, whole("pade", pade, 1)))
+        return rational * control.tf(*_pade(self.delay, order))
 
     def to_sympy(self) -> Any:
         """Return G(s) as an expression of SymPy in the symbol s, the dead time as exp(-delay s).
@@ -306,3 +315,31 @@ class TransferFunction:
             for polynomial in (self.num, self.den)
         )
         return num / den * sympy.exp(-self.delay * s) if self.delay else num / den
+
+
+@quiet
+def _monic(name: str, polynomial: FloatArray, leading: float) -> FloatArray:
+    """Return a polynomial over the leading coefficient of ``den``; adding zero turns -0.0 into 0.0.
+
+    What compares equal must have the same hash.
+    """
+    monic = polynomial / leading + 0.0
+    if not np.isfinite(monic).all():
+        raise InvalidArgumentError(
+            f"{name} leaves float64 where den is made monic: its leading coefficient is {leading:g}"
+        )
+    return coefficients(name, monic)
+
+
+def _pade(delay: float, order: int) -> tuple[FloatArray, FloatArray]:
+    """Return num and den of the Pade approximation of a dead time; its order is at most one that float64 holds."""
+    import control
+
+    if order <= MOST_PADE:
+        with contextlib.suppress(OverflowError, ZeroDivisionError):
+            num, den = (np.array(polynomial, np.float64) for polynomial in control.pade(delay, order))
+            if np.isfinite(num).all() and np.isfinite(den).all():
+                return num, den
+    raise InvalidArgumentError(
+        f"pade must be smaller: with a dead time of {delay:g} s the order {shown(order)} leaves float64"
+    )

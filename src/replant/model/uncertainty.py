@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from replant.arguments import (
     FloatArray,
+    array_of_reals,
     instance,
     keep,
     owned,
@@ -142,7 +143,7 @@ class Uncertainty:
         phase : (F,) array
             In rad.
         """
-        omega = np.atleast_1d(np.asarray(frequency, np.float64))
+        omega = array_of_reals("frequency", frequency).ravel()
         slopes = self._log_response_slopes(omega)
         real = np.einsum("fi,ij,fj->f", slopes.real, self.covariance, slopes.real)
         imag = np.einsum("fi,ij,fj->f", slopes.imag, self.covariance, slopes.imag)

@@ -8,9 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from replant.arguments import FloatArray, IntArray
+from replant.arguments import FloatArray, IntArray, vector
 from replant.assessment import Assessment, Simulation, assess_record
 from replant.engine.record import Record
+from replant.errors import InvalidArgumentError
 from replant.identified.fields import has_rest
 from replant.identified.model import Model
 from replant.identified.provenance import Provenance
@@ -163,7 +164,11 @@ class FitResult:
     def bridged(self, y: FloatArray) -> FloatArray:
         """Return an output (K,) with the model's where it is missing or an outlier: what the model was made from."""
         rows = np.concatenate([self.outliers, self.stuck, self.missing])
-        y = y.copy()
+        y = vector("y", y).copy()
+        if y.size != self.simulation.output.size:
+            raise InvalidArgumentError(
+                f"y must be the output of the record, {self.simulation.output.size} samples long, got {y.size}"
+            )
         y[rows] = self.simulation.output[rows]
         return y
 

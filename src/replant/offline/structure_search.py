@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from replant.arguments import FloatArray, increasing, record, vector, whole
 from replant.assessment import simulate
 from replant.engine.record import SAME, gaps_of, ready_record
 from replant.errors import InvalidArgumentError
+from replant.limits import MOST_TRIED, dead_time, duration, several
 from replant.model.dead_time import unknown_outputs
 from replant.model.structure import Structure
 from replant.offline.fit import fit
@@ -123,9 +125,9 @@ def search(
     y: Any = None,
     dt: float | None = None,
     *,
-    poles: Iterable[int] = range(1, 5),
-    zeros: Iterable[int] | None = None,
-    delays: Iterable[float] = (0.0,),
+    poles: int | Iterable[int] = range(1, 5),
+    zeros: int | Iterable[int] | None = None,
+    delays: float | Iterable[float] = (0.0,),
     bias: bool = False,
     preprocess: Preprocess | None = None,
     reference: Any = None,
@@ -148,11 +150,11 @@ def search(
         Output.
     dt : float
         Sampling time in s.
-    poles : iterable of int
+    poles : int or iterable of int
         Numbers of poles to try.
-    zeros : iterable of int, optional
+    zeros : int or iterable of int, optional
         Numbers of zeros to try; by default all below the number of poles.
-    delays : iterable of float
+    delays : float or iterable of float
         Dead times to try, in s.
     bias : bool
         Whether a bias is identified.
@@ -192,7 +194,7 @@ def search(
     given = Samples.of(u, y, dt, t, reference)
     preprocess = given.preprocess if preprocess is None else preprocess
     u, y = record(given.u, given.y)
-    dt, delays = given.dt, sorted(set(delays))
+    dt, delays = duration("dt", given.dt), sorted(set(several("delays", delays, dead_time)))
     grid = _grid(poles, zeros, delays, bias)
     r = None if given.reference is None else vector("reference", given.reference)
     stamps = None if given.t is None else increasing(given.t, u.size)
@@ -251,11 +253,15 @@ def _variance(fitted: FitResult) -> float:
     return math.inf if noise is None else float(noise.variance)
 
 
-def _grid(poles: Iterable[int], zeros: Iterable[int] | None, delays: Iterable[float], bias: bool) -> list[Structure]:
-    delays, allowed = tuple(delays), None if zeros is None else tuple(zeros)
+def _grid(poles: Any, zeros: Any, delays: Sequence[float], bias: bool) -> list[Structure]:
+    numbers = several("poles", poles, partial(whole, least=1))
+    allowed = None if zeros is None else several("zeros", zeros, partial(whole, least=0))
+    orders = [Structure(n).poles for n in numbers]  # raises for too many
+    if len(orders) * (len(allowed) if allowed else 1) * len(delays) > MOST_TRIED:
+        raise InvalidArgumentError(f"the grid of poles, zeros and delays must have at most {MOST_TRIED} structures")
     grid = [
         Structure(n, m, delay, bias)
-        for n in (whole("poles", n, 1) for n in poles)
+        for n in orders
         for m in (range(n) if allowed is None else allowed)
         if m < n
         for delay in delays

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -20,20 +21,27 @@ from replant.engine.vector_blocks import (
     kind,
     order,
 )
-from replant.errors import ArgumentTypeError, InvalidArgumentError
+from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
+from replant.limits import count
 from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
 from replant.online.trace import Trace
+from replant.online.turns import Shared, Turn, changes, reads
 
 LEAST = 3
 """Members that a block pays for: it takes about the time of three [count]."""
 PORTION = 8192
 """Samples after which a thread may go on with other members: none then waits long for the last one [samples]."""
 
+OBJECT = 2048
+"""What an identifier takes beside its arrays, about [numbers of eight bytes]."""
+MOST_JOBS = 2**31
+"""Processors that may be left free [count]."""
+
 Take = Callable[..., None]  # takes the samples from a row on: (room, row, u, y, errors, parameters)
 
 
-class Ensemble:
+class Ensemble(Shared):
     """Step M identifiers at once: on M streams, or on one stream with M settings.
 
     Each member gives the result of a single identifier up to rounding: it has its own start-up, rejected samples and
@@ -86,21 +94,63 @@ class Ensemble:
     def __init__(
         self, identifiers: Identifier | Iterable[Identifier], members: int | None = None, *, n_jobs: int | None = None
     ) -> None:
+        self._turn = Turn()
         self._members = _copies(identifiers, members)
         self._blocks: list[Block] = []
         self._rooms = _rooms(n_jobs, len(self._members))
+        self._before = [member.taken for member in self._members]  # samples that the members came with
+        self._taken = 0  # samples that all members have taken since
+        self._chunk: _Chunk | None = None  # the samples of a call that was interrupted
 
     def __len__(self) -> int:
         return len(self._members)
 
+    @reads
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy needs: the single members; the copy forms its blocks anew."""
-        return {
-            "_members": [self.member(number) for number in range(len(self))],
+        return vars(self) | {
+            "_turn": None,
+            "_members": [member.clone() for member in self._members],
             "_blocks": [],
             "_rooms": [Room() for _ in self._rooms],
         }
 
+    def __setstate__(self, attributes: dict[str, Any]) -> None:
+        vars(self).update(attributes | {"_turn": Turn()})
+
+    def _enter(self) -> None:
+        """Let all members take as many samples of a chunk that was interrupted as the first of them has."""
+        if self._chunk is None:
+            return
+        self._set_aside()
+        u, y, done = self._chunk.u, self._chunk.y, self._done()
+        room, (rows, size) = self._rooms[0], (len(u), len(self))
+        for block in self._blocks:
+            start = done[block.numbers[0]]
+            block.take(room, start, u, y, np.empty((rows, size)), np.empty((size, rows, 0)))
+        done = self._done()
+        for number in range(size):
+            if done[number] < rows:
+                self._members[number].update_many(
+                    *(part[done[number] :, number * (part.shape[1] > 1)] for part in (u, y))
+                )
+        vars(self).update(_taken=self._taken + rows, _chunk=None)
+
+    def _set_aside(self) -> None:
+        """Keep, of the chunk that was interrupted, what some members have taken and others have not."""
+        assert self._chunk is not None
+        self._chunk.stop()
+        done = self._done()
+        first, end = min(done), max(done)
+        rest = _Chunk(self._chunk.u[first:end].copy(), self._chunk.y[first:end].copy(), 0)
+        vars(self).update(_taken=self._taken + first, _chunk=rest)
+
+    def _done(self) -> list[int]:
+        """Return how many samples of the present chunk each member has taken."""
+        before = zip(self._members, self._before, strict=True)
+        return [member.taken - number - self._taken for member, number in before]
+
+    @changes
     def update(self, u: Any, y: Any) -> FloatArray:
         """Take one sample of each member; return the a-priori output errors (M,), as `Identifier.update` does.
 
@@ -117,6 +167,7 @@ class Ensemble:
         errors, _ = self._run(self._row("u", u), self._row("y", y), 0, self._rooms[:1])
         return errors.reshape(-1)
 
+    @changes
     def update_many(self, u: Any, y: Any) -> FloatArray:
         """Take a chunk of samples of each member; return the a-priori output errors (K, M).
 
@@ -132,6 +183,7 @@ class Ensemble:
         """
         return self._run(self._rows("u", u), self._rows("y", y), 0, self._rooms)[0]
 
+    @changes
     def trace(self, u: Any, y: Any) -> tuple[Trace, ...]:
         """Take a chunk of samples as `update_many` does; return the `Trace` of each member, K (P + 1) numbers each.
 
@@ -150,6 +202,7 @@ class Ensemble:
         each = np.ascontiguousarray(errors.T)
         return tuple(Trace(self.names, *one) for one in zip(start, parameters, each, strict=True))
 
+    @changes
     def freeze(self) -> None:
         """Stop adapting, all members; see `Identifier.freeze`.
 
@@ -158,10 +211,9 @@ class Ensemble:
         InvalidArgumentError
             While a member is still starting.
         """
-        self._must_run()
-        for member in self._members:
-            member.freeze()
+        self._adapt(False)
 
+    @changes
     def resume(self) -> None:
         """Adapt again after `freeze`, all members.
 
@@ -170,18 +222,24 @@ class Ensemble:
         InvalidArgumentError
             While a member is still starting.
         """
-        self._must_run()
-        for member in self._members:
-            member.resume()
+        self._adapt(True)
 
+    @changes
     def reset(self) -> None:
         """Forget every sample and begin again, all members."""
-        self._blocks = []
-        for member in self._members:
-            member.reset()
+        members = [member._draft() for member in self._members]
+        for member in members:
+            member._begin_again()
+        vars(self).update(_members=members, _blocks=[], _before=[0] * len(self), _taken=0)
 
+    @reads
     def member(self, number: int) -> Identifier:
         """Return a copy of one member, an identifier in the same state."""
+        number = whole("number", number, -len(self))
+        if number >= len(self):
+            raise InvalidArgumentError(
+                f"number must be less than {len(self)}, the number of members, got {shown(number)}"
+            )
         return self._members[number].clone()
 
     @property
@@ -190,21 +248,31 @@ class Ensemble:
         return self._members[0].names
 
     @property
+    @reads
     def parameters(self) -> FloatArray:
         """The estimates (M, P) in physical units."""
         return np.array([member.parameters for member in self._members])
 
     @property
+    @reads
     def transfer_functions(self) -> tuple[TransferFunction, ...]:
         """The estimates as G(s), one a member."""
         return tuple(member.transfer_function for member in self._members)
 
     @property
+    @reads
+    def taken(self) -> int:
+        """Samples given to each member so far, rejected ones included: where to go on after an interrupt."""
+        return self._taken
+
+    @property
+    @reads
     def samples(self) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
         """Accepted samples (M,); during start-up those collected."""
         return np.array([member.samples for member in self._members])
 
     @property
+    @reads
     def status(self) -> tuple[str, ...]:
         """`Identifier.status` of each member."""
         return tuple(member.status for member in self._members)
@@ -227,17 +295,33 @@ class Ensemble:
             )
         return array
 
-    def _must_run(self) -> None:
+    def _adapt(self, adapt: bool) -> None:
         if "starting" in self.status:
             raise InvalidArgumentError(
                 "freezing needs a model, and some members still collect the samples for their first: try again later"
             )
+        members = [member._draft() for member in self._members]
+        for member in members:
+            member._adapt(adapt)
+        vars(self).update(_members=members, _blocks=[])
 
     def _run(self, u: FloatArray, y: FloatArray, size: int, rooms: Sequence[Room]) -> tuple[FloatArray, FloatArray]:
         """Take a chunk; return errors (K, M) and the first ``size`` parameters (M, K, size) after each sample."""
         if u.shape[0] != y.shape[0]:
             raise InvalidArgumentError(f"u and y must have the same length, got {u.shape[0]} and {y.shape[0]} samples")
-        chunk = (u, y, np.empty((u.shape[0], len(self))), np.empty((len(self), u.shape[0], size)))
+        results = np.empty((u.shape[0], len(self))), np.empty((len(self), u.shape[0], size))
+        self._chunk = _Chunk(u, y, min(len(rooms), len(self)) - 1)
+        try:
+            self._take(self._chunk, rooms, *results)
+        except BaseException:  # KeyboardInterrupt included; where this is interrupted, too, the next call does it
+            self._set_aside()
+            raise
+        vars(self).update(_taken=self._taken + len(u), _chunk=None)
+        return results
+
+    def _take(self, samples: _Chunk, rooms: Sequence[Room], *results: FloatArray) -> None:
+        """Let all members take the samples, in blocks or by themselves."""
+        chunk = samples.u, samples.y, *results
         tasks: list[tuple[Take, int]] = [(block.take, 0) for block in self._blocks]
         inside = {number for block in self._blocks for number in block.numbers.tolist()}
         reached = {n: self._lead_in(n, *chunk) for n in range(len(self)) if n not in inside}
@@ -245,8 +329,7 @@ class Ensemble:
             tasks.append((block.take, start))
             reached = {n: k for n, k in reached.items() if n not in block.numbers}
         tasks += [(partial(self._take_alone, n), start) for n, start in reached.items()]
-        _carry_out(tasks, rooms, *chunk)
-        return chunk[2], chunk[3]
+        _carry_out(tasks, rooms, samples, *results)
 
     def _lead_in(self, number: int, *chunk: FloatArray) -> int:
         """Take a member's first samples by itself, until it may join a block; return how many."""
@@ -284,11 +367,13 @@ class Ensemble:
             for first in range(0, len(numbers), LANES):
                 some = numbers[first : first + LANES]
                 if len(some) >= LEAST:
-                    block = Block.of_states(some, [states[n] for n in some])
-                    for lane, number in enumerate(some):
-                        self._members[number]._work_on(block.state(lane), regular=True)
-                    formed.append((block, start))
-        self._blocks += [block for block, _ in formed]
+                    formed.append((Block.of_states(some, [states[n] for n in some]), start))
+        members = list(self._members)
+        for block, _ in formed:
+            for lane in range(block.members):
+                number = int(block.numbers[lane])
+                members[number] = members[number]._moved_to(block.state(lane))
+        vars(self).update(_members=members, _blocks=[*self._blocks, *(block for block, _ in formed)])
         return formed
 
 
@@ -310,7 +395,8 @@ def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None)
     """Return the ensemble's own members."""
     if isinstance(identifiers, Identifier):
         _refuse_reference([identifiers])
-        return [identifiers.clone() for _ in range(1 if members is None else whole("members", members, 1))]
+        number = 1 if members is None else count("members", members, 1, _numbers(identifiers))
+        return [identifiers.clone() for _ in range(number)]
     if members is not None:
         raise InvalidArgumentError("members goes with one identifier; a sequence of them is as long as it is")
     if not isinstance(identifiers, Iterable):
@@ -330,6 +416,11 @@ def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None)
     return [one.clone() for one in each]
 
 
+def _numbers(identifier: Identifier) -> int:
+    """Return how many numbers of eight bytes an identifier takes, about."""
+    return sum(array.size for array in identifier._state.arrays) + OBJECT
+
+
 def _refuse_reference(identifiers: Sequence[Identifier]) -> None:
     if any(one.reference for one in identifiers):
         raise InvalidArgumentError("an ensemble knows no reference: give it identifiers whose samples came without r")
@@ -337,23 +428,39 @@ def _refuse_reference(identifiers: Sequence[Identifier]) -> None:
 
 def _rooms(n_jobs: int | None, members: int) -> list[Room]:
     """Return one workspace for each thread by joblib's meaning of ``n_jobs``, at most one for each member."""
-    jobs = 1 if n_jobs is None else whole("n_jobs", n_jobs, -(2**31))
+    jobs = 1 if n_jobs is None else whole("n_jobs", n_jobs, -MOST_JOBS)
     if jobs == 0:
         raise InvalidArgumentError("n_jobs must not be 0: 1 is one thread, -1 all processors")
     threads = jobs if jobs > 0 else max(multiprocessing.cpu_count() + 1 + jobs, 1)
     return [Room() for _ in range(min(threads, members))]
 
 
-def _carry_out(tasks: Iterable[tuple[Take, int]], rooms: Sequence[Room], *chunk: FloatArray) -> None:
+class _Chunk:
+    """The samples of a call, and what stops the threads that take them."""
+
+    def __init__(self, u: FloatArray, y: FloatArray, helpers: int) -> None:
+        self.u, self.y = u, y
+        self.stopped = False
+        self.locks = [threading.Lock() for _ in range(helpers)]  # each is taken while a thread helps
+
+    def stop(self) -> None:
+        """Wait until no other thread takes samples any more; one that has not begun yet will not."""
+        self.stopped = True
+        for lock in self.locks:
+            with lock:
+                pass
+
+
+def _carry_out(tasks: Iterable[tuple[Take, int]], rooms: Sequence[Room], chunk: _Chunk, *results: FloatArray) -> None:
     """Run all tasks over a chunk, each from its start row on, in one thread for each workspace.
 
     A thread that is free takes the next portion of the task that has waited longest.
     """
-    u, y, *results = chunk
+    u, y = chunk.u, chunk.y
     waiting = deque(task for task in tasks if task[1] < len(u))
 
     def work(room: Room) -> None:
-        while True:
+        while not chunk.stopped:
             try:
                 take, start = waiting.popleft()
             except IndexError:  # the other threads work on the last portions
@@ -363,12 +470,19 @@ def _carry_out(tasks: Iterable[tuple[Take, int]], rooms: Sequence[Room], *chunk:
             if end < len(u):
                 waiting.append((take, end))
 
+    def help_with(room: Room, lock: threading.Lock) -> None:
+        with lock:
+            work(room)
+
     mine, *others = rooms[: max(len(waiting), 1)]
     if not others:
         work(mine)
         return
     with ThreadPoolExecutor(len(others)) as pool:
-        helpers = [pool.submit(work, room) for room in others]
-        work(mine)
-        for helper in helpers:
-            helper.result()
+        try:
+            helpers = [pool.submit(help_with, *each) for each in zip(others, chunk.locks, strict=False)]
+            work(mine)
+            for helper in helpers:
+                helper.result()
+        finally:
+            chunk.stopped = True

@@ -17,10 +17,11 @@ from replant.model.uncertainty import Uncertainty
 from replant.offline.refined import Refined
 from replant.online.provisional_model import Solved, provisional
 from replant.online.startup import collected
+from replant.online.turns import Shared, reads
 from replant.settings import Request, Settings
 
 
-class Estimate:
+class Estimate(Shared):
     """The estimate of an `Identifier`, its uncertainty, its settings and its samples."""
 
     _request: Request
@@ -51,6 +52,7 @@ class Estimate:
         return self.structure.names
 
     @property
+    @reads
     def settings(self) -> Settings | None:
         """The definite settings; None while samples are collected for the start-up."""
         return self._settings
@@ -61,11 +63,13 @@ class Estimate:
         return provisional(self._request, collected(self._state), self._solved)
 
     @property
+    @reads
     def has_model(self) -> bool:
         """Whether there is an estimate: during start-up a provisional one, later that of the recursion."""
         return self._settings is not None or self._provisional is not None
 
     @property
+    @reads
     def parameters(self) -> FloatArray:
         """The estimate (P,) in physical units, in the order of `names`.
 
@@ -78,11 +82,13 @@ class Estimate:
         return np.asarray(self._state.theta[:size] * self._state.unit[:size])
 
     @property
+    @reads
     def transfer_function(self) -> TransferFunction:
         """The estimate as G(s)."""
         return self.structure.transfer_function(self.parameters)
 
     @property
+    @reads
     def covariance(self) -> FloatArray:
         """Covariance (P, P) of the estimate in physical units, the residual's colour taken into account.
 
@@ -94,6 +100,7 @@ class Estimate:
         return covariance(self._state, self._settings)
 
     @property
+    @reads
     def noise(self) -> NoiseModel | None:
         """The model of the residual's noise; None during start-up, and where the settings have none.
 
@@ -104,11 +111,13 @@ class Estimate:
         return NoiseModel.of_slots(self._state.noise, self.dt, self._settings.scaling.output)
 
     @property
+    @reads
     def uncertainty(self) -> Uncertainty:
         """Standard deviations of the parameters, poles, gain and frequency response."""
         return Uncertainty(self.structure, self.parameters, self.covariance)
 
     @property
+    @reads
     def input_hold(self) -> str:
         """How the input goes on between two samples: "zoh" or "foh"."""
         return self._request.input_hold if self._settings is None else self._settings.filter.input_hold
@@ -119,21 +128,25 @@ class Estimate:
         return self._reference
 
     @property
+    @reads
     def samples(self) -> int:
         """Accepted samples; during start-up those collected."""
         return self._state.samples
 
     @property
+    @reads
     def rejected(self) -> dict[str, int]:
         """Rejected samples by reason."""
         return {reason: getattr(self._state, slot.name) for reason, slot in REASONS.items()}
 
     @property
+    @reads
     def adapting(self) -> bool:
         """Whether the estimate follows the samples, or is frozen."""
         return self._settings is None or self._state.adapt
 
     @property
+    @reads
     def recent(self) -> FloatArray:
         """The newest accepted samples (K, 3): input behind its map, output, and seconds since the sample before."""
         kept = RecentSamples.of(self._state).values[:, :3]
@@ -143,6 +156,7 @@ class Estimate:
         return np.asarray(kept + np.array([float(rest.input_offset), float(rest.output_offset), 0.0]))
 
     @property
+    @reads
     def recent_reference(self) -> FloatArray | None:
         """The reference (K,) of the samples of `recent`; None where there is none."""
         if not self._reference:
@@ -150,16 +164,19 @@ class Estimate:
         return RecentSamples.of(self._state).reference.copy()
 
     @property
+    @reads
     def judged(self) -> BoolArray:
         """Which samples of `recent` (K,) the verdict uses: those since the last interruption that were not bridged."""
         return judged(self._state, self.dt)
 
     @property
+    @reads
     def bridged(self) -> BoolArray:
         """Which samples of `recent` (K,) were bridged: outliers, missing outputs, outputs of a stuck sensor."""
         return RecentSamples.of(self._state).is_bridged
 
     @property
+    @reads
     def status(self) -> str:
         """One of "starting", "running", or "diverged": an update was undone because it would have left float64."""
         if self._settings is None:
@@ -175,6 +192,13 @@ class Estimate:
         The state stays as it is.  Takes some tens of milliseconds, and some tenths of a second at the end of a long
         record, of which every sample is looked at.  See `replant.assessment.Assessment`.
         """
+        return self._snapshot()._assess()
+
+    def _snapshot(self) -> Estimate:
+        """Return a copy in the present state to look at, so that no other call waits; it takes no sample."""
+        raise NotImplementedError
+
+    def _assess(self) -> Assessment:
         if self._settings is None:
             found = self._provisional
             solved, uncertainty = (0, np.nan) if found is None else (found[0], found[1].uncertainty)

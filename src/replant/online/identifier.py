@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import copy
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import numpy as np
 
 from replant.arguments import (
     FloatArray,
+    IntArray,
     number,
     record,
     stamps_of,
@@ -39,6 +40,7 @@ from replant.online.startup import (
     take_held,
 )
 from replant.online.trace import Trace
+from replant.online.turns import Turn, changes, reads
 from replant.online.whole_record import solve_whole
 from replant.optimizers import Optimizer
 from replant.optimizers.replay import Replay
@@ -49,9 +51,22 @@ from replant.settings import AUTO, LONGEST_STARTUP, NO_USE_OF_REFERENCE, Request
 
 NAN, INFINITE = math.nan, math.inf
 """NaN and infinity, looked up at every sample [number]."""
-DERIVED = {"_kernel", "_mapped", "_solved", "_step", "_steps"}  # attributes that follow from the others
+DERIVED = {"_gate", "_kernel", "_mapped", "_solved", "_step", "_steps", "_turn"}  # attributes that others lead to
+OPEN, SHUT = 0, 1  # the gate of `replant.kernels.step.by_address`
+NO_GATE = np.full(1, SHUT)  # of an identifier whose kernel for single samples is not bound
+PIECE = 8192
+"""Updates of the estimate after which Ctrl-C is answered while a chunk is taken [updates].
+Origin: some 10 ms, beside which a call of the kernel, some 10 us, does not count.
+"""
+
+T = TypeVar("T")
+
+#: The reasons of samples that count as accepted, too.
+COUNTED = {"outlier", "stuck", "no output", "no reference"}
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from replant.checkpoint.encoding import Progress
     from replant.checkpoint.files import AnyPath
 
@@ -133,8 +148,6 @@ class Identifier(Estimate):
     2 / (s + 0.5)
     """
 
-    _step: Step
-
     def __init__(
         self,
         structure: Structure | None = None,
@@ -158,15 +171,27 @@ class Identifier(Estimate):
         self._request = Request(
             structure, dt, filter, scaling, optimizer, replay, instruments, normalize, preprocess, startup
         )
-        self.reset()
+        self._turn = Turn()
+        self._begin_again()
 
+    @changes
     def reset(self) -> None:
         """Forget every sample and begin again; settings left at "auto" are chosen anew."""
+        self._as_one(Identifier._begin_again)
+
+    def _begin_again(self) -> None:
         self._settings: Settings | None = None
         self._solved = {}
+        self._dropped = 0  # samples that the start-up has let go of
         self._resolve_at = 0  # accepted samples at which to solve the record again; 0: not planned
+        self._state: State
+        self._step: Step  # what takes the next sample
+        self._gate: IntArray
+        self._regular = True  # whether no time stamp has come
+        self._mapped: bool  # whether the input map is a function
+        self._kernel: Callable[..., float]
+        self._steps: Callable[..., int]
         self._hold = self._request.first_hold  # measured outputs that the start-up waits for
-        self._regular = True  # whether no time stamp has come yet
         self._collect(reference=False)
         if self._hold == 0:
             self._begin()
@@ -174,6 +199,8 @@ class Identifier(Estimate):
     def clone(self) -> Identifier:
         """Return an independent copy in the same state."""
         return copy.deepcopy(self)
+
+    __copy__ = clone
 
     def save(self, path: AnyPath, progress: Progress | None = None) -> None:
         """Save the whole state to a file, from which `replant.load` continues to the bit.
@@ -197,6 +224,7 @@ class Identifier(Estimate):
 
         write(path, self.to_bytes(progress))
 
+    @reads
     def to_bytes(self, progress: Progress | None = None) -> bytes:
         """Return the whole state as bytes for `from_bytes`; equal states give equal bytes.  See `save`.
 
@@ -237,13 +265,45 @@ class Identifier(Estimate):
         (restored := cls.__new__(cls)).__setstate__(attributes)
         return restored
 
+    @reads
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name not in DERIVED}
+        return {name: value for name, value in vars(self._draft()).items() if name not in DERIVED}
 
     def __setstate__(self, attributes: dict[str, Any]) -> None:
         self.__dict__.update(attributes)
-        self._solved = {}
+        self._turn, self._solved = Turn(), {}
         self._work_on(self._state, regular=self._regular)
+
+    def _draft(self) -> Identifier:
+        """Return a copy with its own arrays, and the same turn."""
+        draft = object.__new__(type(self))
+        draft.__dict__.update(vars(self) | {"_state": self._state.copy(), "_step": _in_turn, "_gate": NO_GATE})
+        return draft
+
+    def _moved_to(self, state: State) -> Identifier:
+        """Return this identifier, gone on with to arrays of the same content."""
+        moved = object.__new__(type(self))
+        moved.__dict__.update(vars(self))
+        moved._work_on(state, regular=True)
+        return moved
+
+    def _as_one(self, work: Callable[..., T], *given: Any) -> T:
+        """Do some work on a draft, and take it over in one bytecode: interrupted, it was not begun.
+
+        Whoever still has the arrays before finds them waiting for attention, or their gate shut, and takes no sample.
+        """
+        draft = self._draft()
+        result = work(draft, *given)
+        vars(self).update(vars(draft))
+        return result
+
+    def _enter(self) -> None:
+        self._gate[0] = SHUT
+        while self._state.attention:
+            self._as_one(Identifier._attend)
+
+    def _leave(self) -> None:
+        self._gate[0] = OPEN
 
     def update(self, u: float, y: float, t: float | None = None, r: float | None = None) -> float:
         """Take one sample; return its a-priori output error y - theta' phi, in the unit of y.
@@ -277,19 +337,51 @@ class Identifier(Estimate):
             u = number("u", u)
         if type(y) is not float:
             y = number("y", y)
+        step = self._step
         if r is None and not self._reference:
             r = NAN
         elif not (type(r) is float and self._reference and -INFINITE < r < INFINITE):
             r = self._referenced(r)
-        t = NAN if t is None else self._stamp(t)
+            step = step if self._reference else _in_turn
+        if t is None:
+            t = NAN
+        else:
+            t = self._stamp(t)
+            step = _in_turn if self._regular else step
         try:
-            return self._step(u, y, t, r)
+            return step(u, y, t, r)
         except Attention:
-            if self._state.held_at != BELIEVED:
-                return self._attend()
-        self._take_held()
-        return self.update(u, y, None if math.isnan(t) else t, None if math.isnan(r) else r)
+            pass
+        return self._take_one(u, y, t, r)
 
+    @changes
+    def _take_one(self, u: float, y: float, t: float, r: float) -> float:
+        """Take one sample where more than its kernel is asked for."""
+        if self._reference == math.isnan(r):  # of the first samples, those of another thread may be
+            self._check_reference(None if math.isnan(r) else r)
+        if self._settings is None or (self._regular and not math.isnan(t)):
+            mapped = self._request.preprocess.call_map(np.array([u])) if self._mapped else np.array([u])
+            stamps = REGULAR if math.isnan(t) else np.array([t])
+            references, errors = NOTHING if math.isnan(r) else np.array([r]), np.empty(1)
+            while not self._take(mapped, np.array([y]), stamps, references, errors, np.empty((1, 0))):
+                pass  # one that was held back was taken
+            self._bind()
+            return float(errors[0])
+        while True:
+            self._bind()
+            self._gate[0] = OPEN
+            try:
+                return self._step(u, y, t, r)
+            except Attention:  # it confirms one that was held back
+                self._enter()
+
+    def _bind(self) -> None:
+        """Bind the kernel for single samples; `update_many` does not need that one compiled."""
+        if self._step is _in_turn:
+            step, gate = bound_step(self._state, self._kernel, self._request.preprocess)
+            vars(self).update(_step=step, _gate=gate)
+
+    @changes
     def update_many(self, u: Any, y: Any, t: Any = None, r: Any = None) -> Trace:
         """Take a chunk of samples in compiled code: equal, to the bit, to a loop of `update`.
 
@@ -317,15 +409,24 @@ class Identifier(Estimate):
         t = self._stamps(t, u.size)
         trace = Trace(self.names, self.parameters, np.empty((u.size, self.structure.size)), np.full(u.size, np.nan),
                       t if t.size else None)  # fmt: skip
+        taken = 0
         if self._mapped and u.size:
             u = self._request.preprocess.call_map(u)
-        if r.size and not self._reference:
-            self._collect(reference=True)
-        taken = 0
         while taken < u.size:
-            rest = slice(taken, None)
-            taken += self._take(u[rest], y[rest], t[rest], r[rest], trace.errors[rest], trace.parameters[rest])
+            some = slice(taken, taken + max(PIECE // self._state.batch_size, 1))
+            taken += self._take(u[some], y[some], t[some], r[some], trace.errors[some], trace.parameters[some])
         return trace
+
+    @property
+    @reads
+    def taken(self) -> int:
+        """Samples given so far, rejected ones included: where to go on after an interrupt.
+
+        Samples are in order from the first to this one: each was taken, with all that was due after it, and none behind
+        it was looked at.
+        """
+        counts = {reason: count for reason, count in self.rejected.items() if reason not in COUNTED}
+        return self.samples + sum(counts.values()) + self._dropped
 
     @property
     def model(self) -> Model:
@@ -338,48 +439,69 @@ class Identifier(Estimate):
         InvalidArgumentError
             While there is no estimate; see `has_model`.
         """
-        if not self.has_model:
-            raise InvalidArgumentError(f"there is no model yet: {self.samples} samples are too few")
-        return model_of(self)
+        now = self._snapshot()
+        if not now.has_model:
+            raise InvalidArgumentError(f"there is no model yet: {now.samples} samples are too few")
+        return model_of(now)
+
+    @reads
+    def _snapshot(self) -> Identifier:
+        now = object.__new__(type(self))
+        own = {"_state": self._state.copy(buffer=False), "_turn": Turn(), "_gate": NO_GATE}
+        now.__dict__.update(vars(self) | own)
+        return now
 
     def _take(
         self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray, errors: FloatArray, parameters: FloatArray
     ) -> int:
-        """Run a chunk up to a sample that needs attention, attend to it, and return the number of samples taken."""
-        state = self._state
-        if self._settings is None:  # the kernel has no estimate to write
-            parameters[:], present = self.parameters, np.empty((u.size, 0))
-        else:
-            present = parameters
-        taken: int = self._steps(*state.arrays, u, y, t, r, errors, present)
-        if state.held_at == BELIEVED:
-            self._take_held()
+        """Take samples up to one that needs attention, attend to it, and return how many were taken.
+
+        ``parameters`` is (K, P), or (K, 0) where nobody asks.
+        """
+        chunk, starting = (u, y, t, r, errors, parameters), self._settings is None
+        other = (t.size and self._regular) or (r.size and not self._reference)
+        taken = self._as_one(Identifier._change_kernels, *chunk) if other else self._run(*chunk)
+        if not self._state.attention:
+            return taken
+        believed = self._state.held_at == BELIEVED
+        self._enter()
+        if believed:
             return taken - 1  # the sample that confirms it is taken after it
-        if state.attention:
-            errors[taken - 1] = self._attend()
+        if parameters.size:
             parameters[taken - 1] = self.parameters
+        if starting and self._settings is not None and not math.isnan(y[taken - 1]):
+            errors[taken - 1] = self._state.error * self._state.output_scale
         return taken
 
-    def _take_held(self) -> None:
-        """Take the sample that was held back, as the next one has confirmed it."""
-        state = self._state
-        take_held(state, self._steps)
-        if state.attention:
-            self._attend()
+    def _run(
+        self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray, errors: FloatArray, parameters: FloatArray
+    ) -> int:
+        """Run the kernel up to a sample that needs attention; return how many samples it has taken."""
+        if self._settings is None:  # the kernel has no estimate to write
+            if parameters.size:
+                parameters[:] = self.parameters
+            parameters = np.empty((u.size, 0))
+        taken: int = self._steps(*self._state.arrays, u, y, t, r, errors, parameters)
+        return taken
 
-    def _attend(self) -> float:
-        """Do what is due, and return the error of the newest sample.
+    def _change_kernels(self, *chunk: FloatArray) -> int:
+        """Run other kernels: the first time stamp of all has come, or the first reference."""
+        _, _, t, r, _, _ = chunk
+        if r.size and not self._reference:
+            self._collect(reference=True)
+        if t.size:
+            self._work_on(self._state, regular=False)
+        return self._run(*chunk)
 
-        The start-up ends, or goes on; later an alarm is looked into, or the record solved again.
-        """
-        error = self._state.error * self._state.output_scale
-        try:
-            if self._settings is None:
-                return self._end_startup()
+    def _attend(self) -> None:
+        """Do what is due: take a sample that was held back, end the start-up, look into an alarm, solve again."""
+        if self._state.held_at == BELIEVED:
+            take_held(self._state, self._steps)
+        elif self._settings is None:
+            self._end_startup()
+        else:
             self._attend_to(self._state.samples)
-        finally:  # also after KeyboardInterrupt
             self._plan()
-        return error
 
     def _attend_to(self, samples: int) -> None:
         state, settings = self._state, self._settings
@@ -410,16 +532,17 @@ class Identifier(Estimate):
         return state
 
     def _plan(self) -> None:
-        """Set the sample at which the kernels next ask for attention: the next one, where a task was interrupted."""
+        """Set the sample at which the kernels next ask for attention."""
         state, now = self._state, self._state.samples
+        state.attention = False
         if self._settings is None:
-            state.attention_at, state.attention = self._next_look(), False
+            state.attention_at = self._next_look()
             return
         dues = [now + 1 if 0 < due <= now else due for due in (self._resolve_at, state.look_at)]
         self._resolve_at, state.look_at = dues
         state.attention_at = min((due for due in dues if due), default=0)
-        state.attention = False
 
+    @changes
     def finish(self) -> None:
         """Solve for the estimate with every sample so far, as `replant.fit` does: for the end of a record.
 
@@ -427,14 +550,17 @@ class Identifier(Estimate):
         where older samples are forgotten or no longer kept (there are more than 30000), after a gap, with a method that
         is not the default, and where the plant has changed meanwhile.  Samples may follow.
         """
+        self._as_one(Identifier._finish)
+
+    def _finish(self) -> None:
         if self._settings is None:
             if self._state.samples:
-                self._begin(at_any_rate=True)
-                self._plan()
+                self._end_startup(at_any_rate=True)
         elif (found := solve_whole(self._state, self._settings)) is not None:
             self._resolve_at = next_renewal(self._go_on_with(found), self._settings)
             self._plan()
 
+    @changes
     def freeze(self) -> None:
         """Stop adapting: the filters still take samples, the estimate stays.
 
@@ -443,8 +569,9 @@ class Identifier(Estimate):
         InvalidArgumentError
             During start-up, when there is no estimate yet.
         """
-        self._adapt(False)
+        self._as_one(Identifier._adapt, False)
 
+    @changes
     def resume(self) -> None:
         """Adapt again after `freeze`.
 
@@ -453,7 +580,7 @@ class Identifier(Estimate):
         InvalidArgumentError
             During start-up, when there is no estimate yet.
         """
-        self._adapt(True)
+        self._as_one(Identifier._adapt, True)
 
     def _adapt(self, adapt: bool) -> None:
         if self._settings is None:
@@ -470,19 +597,20 @@ class Identifier(Estimate):
 
     def _stamp(self, t: Any) -> float:
         """Return a time stamp for the kernel: infinite, which the kernel rejects, where it is not finite."""
+        self._check_clock()
+        t = number("t", t)
+        return t if math.isfinite(t) else math.inf
+
+    def _check_clock(self) -> None:
         chosen = self._request.filter
         if isinstance(chosen, Filter) and chosen.regular_only:
             raise InvalidArgumentError("the gbt filter knows a regular clock only: give no t, or use method='exact'")
-        t = number("t", t)
-        if self._regular:
-            self._work_on(self._state, regular=False)
-        return t if math.isfinite(t) else math.inf
 
     def _stamps(self, t: Any, samples: int) -> FloatArray:
         if t is None:
             return REGULAR
         stamps = stamps_of(t, samples)
-        self._stamp(0.0)
+        self._check_clock()
         return np.where(np.isfinite(stamps), stamps, np.inf)
 
     def _referenced(self, r: Any) -> float:
@@ -525,59 +653,58 @@ class Identifier(Estimate):
         missing = min(self._hold, next_provisional(self._request, there)) - there
         return min(now + max(missing, 1), max(state.recent_size, now + 1))
 
-    def _end_startup(self) -> float:
-        """Begin where enough outputs are collected; return the error of the newest sample, NaN where more must come."""
-        state = self._state
+    def _end_startup(self, *, at_any_rate: bool = False) -> None:
+        """Begin where enough outputs are collected; else plan when to look again."""
+        state, given = self._state, self.taken
         is_full = state.samples >= state.recent_size
-        if measured(state) < self._hold and not is_full:
-            return NAN
-        if drop_misread(state, self._request, stamped=not self._regular):
-            self._solved = {}
-            return NAN
-        return self._begin(is_full=is_full)
+        if at_any_rate:
+            self._begin(at_any_rate=True)
+        elif measured(state) >= self._hold or is_full:
+            if drop_misread(state, self._request, stamped=not self._regular):
+                self._solved = {}
+            else:
+                self._begin(is_full=is_full)
+        self._dropped += given - self.taken
+        self._plan()
 
-    def _begin(self, *, at_any_rate: bool = False, is_full: bool = False) -> float:
-        """Choose the settings, lay out the state and learn the samples collected; return the error of the last one."""
+    def _begin(self, *, at_any_rate: bool = False, is_full: bool = False) -> None:
+        """Choose the settings, lay out the state and learn the samples collected."""
         old, request = self._state, self._request
         kept, solution = collected(old), None
         settings = settled(request, kept)
         if settings.instruments:
             solution = modelled(request, settings.preprocess, kept)
             if solution is None and at_any_rate:  # the samples are kept: others may follow
-                return NAN
+                return
             last = at_any_rate or 2 * self._hold > LONGEST_STARTUP
             if solution is None or not (solution.found.acceptable or last):
                 self._solved[measured(old)] = None if solution is None else solution.found
-                return self._wait_longer(is_full=is_full)
-        state, error = begin(old, settings, kept, solution)
+                self._wait_longer(is_full=is_full)
+                return
+        state = begin(old, settings, kept, solution)
         state.finished_at = state.samples if at_any_rate else 0
         self._settings, self._solved = settings, {}
         self._work_on(state, regular=self._regular)
         if solution is not None:
             self._resolve_at = next_renewal(state, settings)
-        return error
 
     def _work_on(self, state: State, *, regular: bool) -> None:
         """Go on with a state: choose its step kernels; those for a regular clock serve until the first time stamp."""
-        self._state, self._regular = state, regular
-        self._mapped = callable(self._request.preprocess.input_map)
-        self._kernel, self._steps = step_kernels(state, regular=regular)
-        self._step = self._first_step
+        kernel, steps = step_kernels(state, regular=regular)
+        vars(self).update(
+            _state=state, _regular=regular, _kernel=kernel, _steps=steps, _step=_in_turn, _gate=NO_GATE,
+            _mapped=callable(self._request.preprocess.input_map),
+        )  # fmt: skip
 
-    def _first_step(self, u: float, y: float, t: float, r: float) -> float:
-        """Take a sample and bind the kernel for single samples; `update_many` does not need that one compiled."""
-        if not (self._reference or math.isnan(r)):  # the first sample of all
-            self._collect(reference=True)
-        step = bound_step(self._state, self._kernel, self._request.preprocess)
-        error = step(u, y, t, r)
-        self._step = step
-        return error
-
-    def _wait_longer(self, *, is_full: bool) -> float:
+    def _wait_longer(self, *, is_full: bool) -> None:
         """Double the start-up; at its limit drop the older half of the samples, as a rig may idle before it moves."""
         if 2 * self._hold <= LONGEST_STARTUP and not is_full:
             self._hold *= 2
         else:
             keep_newer_half(self._state)
             self._solved = {}
-        return NAN
+
+
+def _in_turn(u: float, y: float, t: float, r: float) -> NoReturn:
+    """Take no sample: the kernel for single samples is not bound."""
+    raise Attention

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from replant.checkpoint.encoding import Progress, encode
+from replant.checkpoint.encoding import Progress
 from replant.checkpoint.files import AnyPath, write
 from replant.checkpoint.newest_sound import newest_sound
 from replant.online.identifier import Identifier
@@ -46,7 +46,7 @@ def save(path: AnyPath, identifier: Identifier, progress: Progress | None = None
     InvalidArgumentError
         If something cannot be saved, as an ``input_map`` that is a function.
     """
-    write(path, encode(vars(identifier), progress))
+    write(path, identifier.to_bytes(progress))
 
 
 def load(path: AnyPath) -> Loaded:

@@ -152,8 +152,8 @@ def settled(request: Request, kept: RecentSamples) -> Settings:
     return replace(settings, preprocess=replace(settings.preprocess, input_map=request.preprocess.input_map))
 
 
-def begin(old: State, settings: Settings, kept: RecentSamples, solution: Solution | None) -> tuple[State, float]:
-    """Return the state that has learned the samples of a start-up, and the error of the last one.
+def begin(old: State, settings: Settings, kept: RecentSamples, solution: Solution | None) -> State:
+    """Return the state that has learned the samples of a start-up.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def begin(old: State, settings: Settings, kept: RecentSamples, solution: Solutio
     solution : Solution or None
         What `modelled` gives; None where no model is made.
     """
-    state, error = State.of_settings(settings, STORED), math.nan
+    state = State.of_settings(settings, STORED)
     if len(kept) > 0:
         if solution is not None:
             initialize(state, settings, solution.found, solution.record)
@@ -176,7 +176,7 @@ def begin(old: State, settings: Settings, kept: RecentSamples, solution: Solutio
             t = np.cumsum(raw.interval)
         learn = solution is None or not settings.optimizer.keeps_covariance
         with state.without_preprocessing():
-            error = float(warm_up(state, u, y, t, raw.reference if settings.reference else None, learn=learn)[-1])
+            warm_up(state, u, y, t, raw.reference if settings.reference else None, learn=learn)
         if solution is not None:
             note_doubts(state, solution, raw.output)
         state.ready_at, state.solved_at = state.elapsed, state.samples
@@ -185,7 +185,7 @@ def begin(old: State, settings: Settings, kept: RecentSamples, solution: Solutio
         *(State.not_finite, State.too_large, State.not_later, State.too_dense, State.time_leaps, State.too_coarse),
         *(State.input_leaps, State.no_output, State.no_reference, State.last_time),
     )
-    return state, error
+    return state
 
 
 def note_doubts(state: State, solution: Solution, output: FloatArray | None = None) -> None:
@@ -201,8 +201,8 @@ def note_doubts(state: State, solution: Solution, output: FloatArray | None = No
 
 def warm_up(
     state: State, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray | None = None, *, learn: bool
-) -> FloatArray:
-    """Run held samples through the kernel and return the a-priori errors (K,).
+) -> None:
+    """Run samples that were collected through the kernel.
 
     No past estimate is kept meanwhile: settings or estimate were chosen with all of these samples, so that none of them
     is unseen.
@@ -220,10 +220,9 @@ def warm_up(
         False where the estimate has been solved for from these samples: only filters, counters and kept samples follow.
     """
     _, steps = step_kernels(state, regular=t.size == 0)
-    errors, unseen = np.empty(u.size), np.empty((u.size, 0))
     rested = state.rested
     state.adapt, state.held_at = learn, BELIEVED  # leaps among the held samples have been judged
-    steps(*state.arrays, u, y, t, NOTHING if r is None else r, errors, unseen)
+    steps(*state.arrays, u, y, t, NOTHING if r is None else r, np.empty(u.size), np.empty((u.size, 0)))
     state.adapt, state.held_at = True, 0
     if state.examines_output:
         state.change_began = state.samples
@@ -231,7 +230,6 @@ def warm_up(
         state.rested = rested
     state.past_kept, state.past_due = 0, state.samples
     state.learned = state.samples
-    return errors
 
 
 def carry_over(old: State, new: State) -> None:

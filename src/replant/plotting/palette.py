@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from replant.errors import MissingDependencyError
+import numpy as np
+
+from replant.errors import ArgumentTypeError, InvalidArgumentError, MissingDependencyError, shown
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#e69f00", "#56b4e9", "#009e73"
 BLUE, VERMILION, PURPLE, GREY = "#0072b2", "#d55e00", "#cc79a7", "#7f8c95"
@@ -40,6 +42,24 @@ def blank_figure(width: float, height: float) -> Any:
     except ImportError as cause:
         raise MissingDependencyError("plots need matplotlib: pip install 'replant[report]'") from cause
     return ShownFigure(figsize=(width, height), layout="constrained")
+
+
+def given_axes(name: str, axes: Any, count: int) -> list[Any]:
+    """Return axes, one or any nesting of several, as a list of ``count``; ``name`` is the argument's in messages.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If they are no axes of matplotlib.
+    InvalidArgumentError
+        If there are not as many.
+    """
+    found = list(np.asarray(axes, dtype=object).ravel())
+    if not all(hasattr(axis, "set_xlim") for axis in found):
+        raise ArgumentTypeError(f"{name} must be axes of matplotlib, got {shown(axes)}")
+    if len(found) != count:
+        raise InvalidArgumentError(f"{name} must be {count} axes, got {len(found)}")
+    return found
 
 
 def font() -> Any:

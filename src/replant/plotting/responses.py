@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from replant.arguments import FloatArray
-from replant.plotting.palette import BLUE, VERMILION, blank_figure, open_frame
+from replant.plotting.palette import BLUE, VERMILION, blank_figure, given_axes, open_frame
 from replant.plotting.poles import draw_roots, mirrored
 
 SIGMAS = 2.0
@@ -31,7 +31,7 @@ def draw_over_time(time: FloatArray, output: FloatArray, std: FloatArray | None,
         Label of the output.
     ax : matplotlib axes, optional
     """
-    axis = blank_figure(6.2, 3.4).subplots() if ax is None else ax
+    axis = blank_figure(6.2, 3.4).subplots() if ax is None else given_axes("ax", ax, 1)[0]
     if std is not None:
         low, high = output - SIGMAS * std, output + SIGMAS * std
         axis.fill_between(time, low, high, color=BLUE, alpha=0.22, lw=0, label="± 2σ")
@@ -66,8 +66,11 @@ def draw_bode(
     -------
     array of two axes
     """
-    axes = blank_figure(6.2, 4.8).subplots(2, 1, sharex=True) if ax is None else ax
+    axes = blank_figure(6.2, 4.8).subplots(2, 1, sharex=True) if ax is None else given_axes("ax", ax, 2)
     top, bottom = np.asarray(axes, dtype=object).ravel()
+    drawn = frequency > 0.0  # no other has a place on a logarithmic axis
+    frequency, magnitude, phase = frequency[drawn], magnitude[drawn], phase[drawn]
+    relative_std, phase_std = (None if std is None else std[drawn] for std in (relative_std, phase_std))
     with np.errstate(divide="ignore"):
         decibels, degrees = 20.0 * np.log10(magnitude), np.degrees(phase)
     for axis, values, std, widest, unit in (
@@ -83,7 +86,8 @@ def draw_bode(
     top.legend(frameon=False)
     bottom.set_ylabel("phase [°]")
     bottom.set_xlabel("frequency [rad/s]")
-    bottom.set_xlim(float(frequency[0]), float(frequency[-1]))
+    if frequency.size and frequency[0] != frequency[-1]:
+        bottom.set_xlim(float(frequency[0]), float(frequency[-1]))
     return np.array([top, bottom], dtype=object)
 
 
@@ -99,7 +103,7 @@ def draw_nyquist(
         Of ln magnitude, and of the phase in rad.
     ax : matplotlib axes, optional
     """
-    axis = blank_figure(5.0, 4.6).subplots() if ax is None else ax
+    axis = blank_figure(5.0, 4.6).subplots() if ax is None else given_axes("ax", ax, 1)[0]
     if relative_std is not None and phase_std is not None:
         angle = np.linspace(0.0, math.tau, 61)
         every = max(1, response.size // 60)
@@ -130,7 +134,7 @@ def draw_poles(
         A pole of the upper half-plane, and the covariance of its real and imaginary part.
     ax : matplotlib axes, optional
     """
-    axis = blank_figure(5.2, 4.6).subplots() if ax is None else ax
+    axis = blank_figure(5.2, 4.6).subplots() if ax is None else given_axes("ax", ax, 1)[0]
     both = [(pole.conjugate(), mirrored(covariance)) for pole, covariance in regions if pole.imag]
     draw_roots(axis, poles, zeros, [*regions, *both])
     axis.set_xlabel("real part [rad/s]")

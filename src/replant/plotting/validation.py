@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.plotting.palette import BLUE, GREY, VERMILION, blank_figure, open_frame
+from replant.plotting.palette import BLUE, GREY, VERMILION, blank_figure, given_axes, open_frame
 from replant.statistics.correlations import BAND_95
 
 
@@ -28,7 +28,7 @@ def draw_validation(validation: Any, axes: Any = None) -> Any:
         figure = blank_figure(9.0, 6.4)
         grid = figure.add_gridspec(2, 3)
         axes = [figure.add_subplot(grid[0, :]), *(figure.add_subplot(grid[1, column]) for column in range(3))]
-    outputs, auto, cross, frequency = np.asarray(axes, dtype=object).ravel()
+    outputs, auto, cross, frequency = given_axes("axes", axes, 4)
     time = validation.time
     outputs.plot(time, validation.output + validation.residual, color=GREY, lw=2.4, alpha=0.7, label="measured")
     outputs.plot(time, validation.output, color=VERMILION, lw=1.2, label=f"model, fit {validation.fit:.1f} %")

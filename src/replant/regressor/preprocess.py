@@ -8,11 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import (
+    BoolArray,
     FloatArray,
     array_of_reals,
     finite,
     keep,
     one_of,
+    record,
+    vector,
 )
 from replant.errors import InvalidArgumentError
 from replant.kernels.schema import LARGEST
@@ -57,6 +60,7 @@ class Preprocess:
 
     def map_input(self, u: FloatArray) -> FloatArray:
         """Return the mapped input (K,)."""
+        u = vector("u", u)
         if self.input_map == "identity":
             return u
         if self.input_map == "square":
@@ -104,7 +108,8 @@ class Preprocess:
         """
         if self.needs == "nothing":
             return self
-        mapped, y = self.map_input(np.asarray(u, np.float64)), np.asarray(y, np.float64)
+        u, y = record(u, y)
+        mapped = self.map_input(u)
         valid = screen(mapped, y)[0]
         if not valid.any():
             raise InvalidArgumentError("the working point needs at least one sample that is finite in input and output")
@@ -128,6 +133,18 @@ def screen(mapped: FloatArray, y: FloatArray) -> tuple[np.ndarray[tuple[int], np
         small = (np.abs(mapped) <= LARGEST) & (np.abs(y) <= LARGEST)
     rejected = {"not finite": int((~finite).sum()), "too large": int((finite & ~small).sum())}
     return finite & small, rejected
+
+
+def accepted(signal: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return a signal (K,) with NaN for what no identifier accepts, and which samples it does accept.
+
+    Examples
+    --------
+    >>> accepted(np.array([1.0, 1e308]))
+    (array([ 1., nan]), array([ True, False]))
+    """
+    known = np.abs(signal) <= LARGEST
+    return np.where(known, signal, np.nan), known
 
 
 def _working_point(name: str, value: WorkingPoint) -> WorkingPoint:

@@ -9,6 +9,7 @@ import numpy as np
 
 from replant.arguments import (
     FloatArray,
+    instance,
     keep,
     numbers,
     positive,
@@ -64,6 +65,7 @@ class Scaling:
         InvalidArgumentError
             If there are not as many as the structure has parameters.
         """
+        structure = instance("structure", structure, Structure)
         sigmas = np.array(self.regressor)
         if sigmas.size != structure.size:
             names = ", ".join(structure.names)
@@ -75,7 +77,7 @@ class Scaling:
     @classmethod
     def none(cls, structure: Structure) -> Scaling:
         """Return the scaling that changes nothing."""
-        return cls(1.0, (1.0,) * structure.size)
+        return cls(1.0, (1.0,) * instance("structure", structure, Structure).size)
 
     @classmethod
     def from_record(cls, y: FloatArray, regressor: FloatArray) -> Scaling:

@@ -68,7 +68,7 @@ def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
     y, model = measured[kept], modelled[kept]
     if y.size == 0 or y.min() == y.max():
         return math.nan
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # the squares of tiny numbers are zero
         return float(100.0 * (1.0 - np.linalg.norm(y - model) / np.linalg.norm(y - y.mean())))
 
 

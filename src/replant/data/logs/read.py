@@ -27,6 +27,7 @@ from replant.data.logs.table import Table, listed
 from replant.data.logs.time_range import check_range, part_of
 from replant.data.logs.time_unit import StampUnit, check_unit, unit_of_stamps
 from replant.errors import InvalidArgumentError, LogError
+from replant.limits import file_path
 from replant.log import Log
 
 _GIVE_TIME = "name the time column (time, --time) or give the sampling time (dt, --dt)"
@@ -95,7 +96,7 @@ def read_log(
     (0.1, array([0.  , 0.5 , 0.75]))
     """
     columns: dict[str, Any] = {"input": input, "output": output, "time": time, "dt": dt, "reference": reference}
-    recording = open_recording(path, **columns, begin=begin, end=end, most_held=sys.maxsize)
+    recording = open_recording(file_path("path", path), **columns, begin=begin, end=end, most_held=sys.maxsize)
     for note in recording.table.notes:
         warnings.warn(note, stacklevel=2)
     assert recording.held is not None

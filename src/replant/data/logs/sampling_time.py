@@ -12,7 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from replant.arguments import number
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
+from replant.limits import duration
 from replant.time_stamps import TOLERANCE, StampResolution, is_regular_interval
 
 CHECKED = 1 << 18
@@ -86,10 +88,10 @@ def check_dt(dt: object) -> float:
     """
     if isinstance(dt, bool) or not isinstance(dt, Real):
         raise ArgumentTypeError(f"the sampling time (dt, --dt) must be a number of seconds, not {type(dt).__name__}")
-    step = float(dt)
+    step = number("dt", dt)
     if not (math.isfinite(step) and step > 0.0):
         raise InvalidArgumentError(f"the sampling time (dt, --dt) must be finite and positive, in seconds; got {step}")
-    return step
+    return duration("the sampling time (dt, --dt)", step)
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,16 @@ from typing import SupportsIndex
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.errors import ArgumentTypeError, LogError
+from replant.errors import ArgumentTypeError, LogError, shown
 from replant.interop.units import without_unit
 
 NAMES_SHOWN = 12
 """Names that the error of a wrong name lists, closest first: one line stays readable [count]."""
 NAME_SHOWN = 60
 """Characters of each of them [characters]."""
+
+LONGEST_NUMBER = 20
+"""Digits of a column's number from which on it is that of no column [characters]."""
 
 NEAR = 0.6
 """Likeness from which on a name is taken for the one that was meant [ratio of difflib]."""
@@ -134,7 +137,7 @@ class Table:
                 return found[0]
             if found:
                 raise LogError(self._ambiguous(key, found))
-        if key.strip().isdecimal():
+        if key.strip().isdecimal() and len(key) < LONGEST_NUMBER:
             return self._number(int(key))
         reason = self.left_out.get(key.strip())
         if reason is not None:
@@ -153,7 +156,7 @@ class Table:
             raise ArgumentTypeError("a column is chosen by name (str) or number (int), not bool")
         if not 0 <= number < len(self.names):
             last = len(self.names) - 1
-            raise LogError(f"{self.path}: no column {number}; columns 0 to {last} are: {listed(self.names)}")
+            raise LogError(f"{self.path}: no column {shown(number)}; columns 0 to {last} are: {listed(self.names)}")
         return number
 
     def _ambiguous(self, key: str, found: list[int]) -> str:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from replant.arguments import number
 from replant.data.logs.table import Table
 from replant.errors import InvalidArgumentError, LogError
 
@@ -29,7 +30,7 @@ def check_range(begin: float | None, end: float | None) -> tuple[float, float]:
     >>> check_range(2, None)
     (2.0, inf)
     """
-    first, last = 0.0 if begin is None else float(begin), math.inf if end is None else float(end)
+    first, last = 0.0 if begin is None else number("begin", begin), math.inf if end is None else number("end", end)
     if not (0.0 <= first < math.inf and first < last):
         raise InvalidArgumentError(
             f"the time range must begin at 0 or later and end after that, in s from the log's first sample: "

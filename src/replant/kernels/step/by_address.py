@@ -14,12 +14,14 @@ from numba.extending import intrinsic
 from replant.kernels import schema as at
 from replant.kernels.step import collecting, covariance, fixed_filter, gradient
 
-INTS, REALS, BANKS, BUFFER, RECENT, SIZE = 0, 2, 4, 7, 10, 13
-"""Places in the table of addresses and shapes: ints, reals, banks, buffer and recent, and its size [index]."""
+INTS, REALS, BANKS, BUFFER, RECENT, GATE, SIZE = 0, 2, 4, 7, 10, 13, 14
+"""Places in the table of addresses and shapes: those of the five arrays, the gate, and its size [index]."""
+OPEN, SHUT = 0, 1
+"""Values of the gate: samples are taken, or refused because another call is under way [number]."""
 
 
 def table_of(ints, reals, banks, buffer, recent):
-    """Return the table (SIZE,) int64 of addresses and shapes.
+    """Return the table (SIZE,) int64 of addresses and shapes, its gate shut.
 
     Parameters
     ----------
@@ -34,7 +36,7 @@ def table_of(ints, reals, banks, buffer, recent):
     for array in (ints, reals, banks, buffer, recent):
         assert array.flags.c_contiguous
         numbers += [array.ctypes.data, *array.shape]
-    return np.array(numbers, np.int64)
+    return np.array([*numbers, SHUT], np.int64)
 
 
 def entry_of(kernel_at):
@@ -67,6 +69,16 @@ direct = njit(cache=True, error_model="numpy")
 
 
 @direct
+def must_wait(address):
+    """Return whether no sample may be taken now: the gate is shut, or the identifier has something to do first.
+
+    The interpreter is not free between the look and the sample, so that no other thread comes between.
+    """
+    table = ints_at(address)
+    return table[GATE] == SHUT or ints_at(table[INTS])[at.ATTENTION] == 1
+
+
+@direct
 def arrays_at(address):
     """Return the arrays of the table at this address."""
     table = carray(ints_at(address), (SIZE,))
@@ -81,40 +93,53 @@ def arrays_at(address):
 
 @direct
 def covariance_step_at(address, u, y, t, r):
-    """Take one sample as `covariance.step` does; raise Attention where the identifier then has work to do.
+    """Take one sample as `covariance.step` does; raise Attention, and take none, where something comes before it.
 
     Python looks for an exception after every call, so that one costs nothing until it comes.
     """
+    if must_wait(address):
+        raise at.Attention
     ints, reals, banks, buffer, recent = arrays_at(address)
     error = covariance.step(ints, reals, banks, buffer, recent, u, y, t, r)
-    if ints[at.ATTENTION] == 1:
+    if ints[at.HELD_AT] == at.BELIEVED:  # one that was held back
         raise at.Attention
     return error
 
 
 @direct
 def gradient_step_at(address, u, y, t, r):
-    """Take one sample as `gradient.step` does; raise Attention where the next one confirms one held back."""
+    """Take one sample as `gradient.step` does; raise Attention, and take none, where something comes before it."""
+    if must_wait(address):
+        raise at.Attention
     ints, reals, banks, buffer, recent = arrays_at(address)
     error = gradient.step(ints, reals, banks, buffer, recent, u, y, t, r)
-    if ints[at.ATTENTION] == 1:
+    if ints[at.HELD_AT] == at.BELIEVED:  # one that was held back
         raise at.Attention
     return error
 
 
 @direct
 def collecting_step_at(address, u, y, t, r):
-    """Take one sample as `collecting.step` does; raise Attention as `covariance_step_at` does."""
+    """Take one sample as `collecting.step` does; raise Attention, and take none, where something comes before it.
+
+    One with which the start-up may end is left as well: its error is known once that has ended.
+    """
+    if must_wait(address):
+        raise at.Attention
     ints, reals, banks, buffer, recent = arrays_at(address)
+    if ints[at.SAMPLES] + 1 == ints[at.ATTENTION_AT]:
+        raise at.Attention
     error = collecting.step(ints, reals, banks, buffer, recent, u, y, t, r)
-    if ints[at.ATTENTION] == 1:
+    if ints[at.HELD_AT] == at.BELIEVED:  # one that was held back
         raise at.Attention
     return error
 
 
 @direct
 def fixed_filter_step_at(address, u, y, t, r):
-    """Take one sample as `fixed_filter.step` does."""
+    """Take one sample as `fixed_filter.step` does; raise Attention, and take none, where something comes before it."""
+    if must_wait(address):
+        raise at.Attention
     ints, reals, banks, buffer, recent = arrays_at(address)
     return fixed_filter.step(ints, reals, banks, buffer, recent, u, y, t, r)
 

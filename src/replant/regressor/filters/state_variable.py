@@ -16,13 +16,13 @@ from replant.arguments import (
     FloatArray,
     between,
     keep,
-    not_negative,
     numbers,
     one_of,
     positive,
     whole,
 )
-from replant.errors import InvalidArgumentError
+from replant.errors import InvalidArgumentError, shown
+from replant.limits import dead_time, duration
 from replant.model import state_space
 from replant.model.dead_time import split_delay
 from replant.model.structure import Structure
@@ -179,6 +179,7 @@ class StateVariableFilter(Filter):
         InvalidArgumentError
             For a denominator of another order, or a cutoff whose power leaves float64.
         """
+        poles = _order(poles)
         if self.denominator is not None:
             if len(self.denominator) != poles + 1:
                 raise InvalidArgumentError(
@@ -208,7 +209,7 @@ class StateVariableFilter(Filter):
         InvalidArgumentError
             For a bilinear filter that is unstable at this sampling time.
         """
-        poles, dt, delay = whole("poles", poles, 1), positive("dt", dt), not_negative("delay", delay)
+        poles, dt, delay = _order(poles), duration("dt", dt), dead_time("delay", delay)
         model = state_space.companion(self.polynomial(poles))
         lag, fraction = split_delay(delay, dt)
         if self.method == "exact":
@@ -234,6 +235,14 @@ class StateVariableFilter(Filter):
                 f"the gbt filter rings at dt = {dt:g} s (cutoff * dt > 2): lower the cutoff or use method='exact'",
                 stacklevel=3,
             )
+
+
+def _order(poles: int) -> int:
+    """Return a number of poles."""
+    poles = whole("poles", poles, 1)
+    if poles > Structure.MOST_POLES:
+        raise InvalidArgumentError(f"poles must be at most {Structure.MOST_POLES}, got {shown(poles)}")
+    return poles
 
 
 def _denominator(name: str, value: Sequence[float]) -> tuple[float, ...]:

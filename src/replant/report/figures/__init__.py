@@ -20,7 +20,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from replant.arguments import FloatArray
+from replant.arguments import FloatArray, instance
+from replant.limits import file_path
 from replant.report.figures.bode import draw_bode
 from replant.report.figures.correlation import draw_correlations
 from replant.report.figures.over_time import draw_excitation, draw_fit, draw_transients
@@ -95,6 +96,8 @@ def save_figures(
     MissingDependencyError
         If matplotlib is not installed.
     """
+    result = instance("result", result, Result)
+    folder = Path(file_path("folder", folder))
     folder.mkdir(parents=True, exist_ok=True)
     labels = {"input_label": input_label, "output_label": output_label}
     drawn = {"fit": draw_fit(result, u, y, dt, **labels)}

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.arguments import FloatArray, instance
 from replant.identified.responses import Bode, frequencies
+from replant.limits import duration
 from replant.model.transfer_function import TransferFunction
-from replant.plotting.palette import TRUE
+from replant.plotting.palette import TRUE, given_axes
 from replant.report.figures import style
 from replant.report.figures.poles import usable_uncertainty
 from replant.runs.result import Result
@@ -46,9 +47,11 @@ def draw_bode(
     -------
     array of two axes
     """
+    result = instance("result", result, Result)
+    dt = duration("dt", dt)
     if axes is None:
         axes = style.new_axes(2, 1, (6.2, 4.8), sharex=True, height_ratios=(3, 2))
-    top, bottom = style.given(axes, 2)
+    top, bottom = given_axes("axes", axes, 2)
     unit = style.gain_unit(style.plant_input(result, input_label), output_label)
     top.set_ylabel(f"magnitude [dB re {unit}]" if unit else "magnitude [dB]")
     bottom.set_ylabel("phase [°]")

@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.arguments import FloatArray, instance
+from replant.limits import duration
+from replant.plotting.palette import given_axes
 from replant.report.figures import style
 from replant.runs.thinning import thin
 from replant.statistics.correlations import BAND_95, BAND_99, Correlations
@@ -36,9 +38,11 @@ def draw_correlations(found: Correlations | None, dt: float, *, axes: Any = None
     -------
     array of two axes
     """
+    found = instance("found", found, Correlations, None)
+    dt = duration("dt", dt)
     if axes is None:
         axes = style.new_axes(1, 2, (9.6, 3.4))
-    left, right = style.given(axes, 2)
+    left, right = given_axes("axes", axes, 2)
     left.set_title("autocorrelation of the residual", loc="left", color=style.INK, fontsize="medium")
     right.set_title("input with later residual", loc="left", color=style.INK, fontsize="medium")
     for axis in (left, right):

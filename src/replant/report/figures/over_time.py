@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.arguments import FloatArray, instance, owned, record
 from replant.assessment import WORST_CONDITION
 from replant.errors import InvalidArgumentError
+from replant.limits import duration
+from replant.plotting.palette import given_axes
+from replant.regressor.preprocess import accepted
 from replant.report.diagnostics import Excitation
 from replant.report.figures import style
 from replant.runs.record_clock import Clock
@@ -50,9 +53,11 @@ def draw_fit(
     InvalidArgumentError
         If ``u`` and ``y`` are not the record of the result.
     """
+    result = instance("result", result, Result)
     if axes is None:
         axes = style.new_axes(3, 1, (9, 6.6), sharex=True, height_ratios=(1, 2, 1))
-    top, middle, bottom = style.given(axes, 3)
+    top, middle, bottom = given_axes("axes", axes, 3)
+    dt, (u, y) = duration("dt", dt), (accepted(signal)[0] for signal in record(u, y))
     model = result.simulation.output
     if not u.size == y.size == model.size:
         raise InvalidArgumentError(
@@ -119,7 +124,9 @@ def draw_transients(
     -------
     array of P axes
     """
-    history, count = result.history, result.structure.size
+    result = instance("result", result, Result)
+    dt, history, count = duration("dt", dt), result.history, result.structure.size
+    true = None if truth is None else owned("truth", truth, (count,))
     if axes is None:
         columns = 2 if count > 1 else 1
         rows = -(-count // columns)
@@ -129,7 +136,7 @@ def draw_transients(
         for axis in grid.flat[:count][-columns:]:
             axis.tick_params(labelbottom=True)
         axes = grid.flat[:count]
-    axes = style.given(axes, count)
+    axes = given_axes("axes", axes, count)
     for i, (axis, label) in enumerate(
         zip(axes, style.symbols(result.structure, style.plant_input(result, input_label), output_label), strict=True)
     ):
@@ -140,7 +147,7 @@ def draw_transients(
             continue
         std = None if history.std is None else history.std[:, i]
         t = result.clock_of(dt).after(history.samples)
-        _transient(axis, t, style.estimates(history)[:, i], std, None if truth is None else float(truth[i]))
+        _transient(axis, t, style.estimates(history)[:, i], std, None if true is None else float(true[i]))
     style.label_time(axes)
     if axes[0].get_legend_handles_labels()[0]:
         style.legend(axes[0], 3)
@@ -186,9 +193,10 @@ def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None, cl
     -------
     array of two axes
     """
+    dt = duration("dt", dt)
     if axes is None:
         axes = style.new_axes(2, 1, (9, 4.2), sharex=True)
-    top, bottom = style.given(axes, 2)
+    top, bottom = given_axes("axes", axes, 2)
     top.set_ylabel("smallest\neigenvalue")
     bottom.set_ylabel("condition\nnumber")
     bottom.set_xlabel("time [s]")

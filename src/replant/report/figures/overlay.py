@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from replant.plotting.palette import given_axes
 from replant.report.figures import style
 from replant.runs.result import Result
 from replant.runs.thinning import thin
@@ -60,7 +61,7 @@ def draw_overlay(
         for axis in grid.flat[: structure.size][-columns:]:
             axis.tick_params(labelbottom=True)
         axes = grid.flat[: structure.size]
-    axes = style.given(axes, structure.size)
+    axes = given_axes("axes", axes, structure.size)
     end = float(chosen.clock_of(dt).at(max(1, max(result.simulation.output.size for result in results.values()) - 1)))
     for i, (axis, label) in enumerate(zip(axes, style.symbols(structure, input_label, output_label), strict=True)):
         axis.set_title(label, loc="left", color=style.INK, fontsize="medium")

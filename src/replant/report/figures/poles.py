@@ -9,7 +9,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
-from replant.plotting.palette import TRUE
+from replant.plotting.palette import TRUE, given_axes
 from replant.plotting.poles import RootColours, draw_roots, mirrored
 from replant.report.figures import style
 from replant.runs.result import Result
@@ -32,7 +32,7 @@ def draw_poles_and_zeros(result: Result, *, truth: TransferFunction | None = Non
     -------
     axes
     """
-    axis = style.new_axes(1, 1, (5.2, 4.8))[0, 0] if ax is None else ax
+    axis = style.new_axes(1, 1, (5.2, 4.8))[0, 0] if ax is None else given_axes("ax", ax, 1)[0]
     model = result.transfer_function
     axis.set_xlabel("real part [rad/s]")
     axis.set_ylabel("imaginary part [rad/s]")

@@ -10,6 +10,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.identified.responses import frequencies
+from replant.plotting.palette import given_axes
 from replant.report.figures import style
 from replant.report.figures.bode import WIDEST_DB, WIDEST_DEGREES, finish_bode
 from replant.report.figures.poles import usable_uncertainty
@@ -47,7 +48,7 @@ def draw_outputs(
     -------
     array of two axes
     """
-    axes = style.given(style.new_axes(2, 1, (9.0, 5.4)) if axes is None else axes, 2)
+    axes = given_axes("axes", style.new_axes(2, 1, (9.0, 5.4)) if axes is None else axes, 2)
     clock = next(iter(results.values())).clock_of(dt)
     models = [result.simulation.output for result in results.values()]
     for axis, begin in zip(axes, (0, y.size - max(y.size // LAST, 2)), strict=True):
@@ -98,7 +99,7 @@ def draw_responses(
     chosen = results[reference] if reference else next(iter(results.values()))
     if axes is None:
         axes = style.new_axes(2, 1, (9.0, 5.4), sharex=True, height_ratios=(3, 2))
-    top, bottom = style.given(axes, 2)
+    top, bottom = given_axes("axes", axes, 2)
     unit = style.gain_unit(input_label, output_label)
     top.set_ylabel(f"magnitude [dB re {unit}]" if unit else "magnitude [dB]")
     bottom.set_ylabel("phase [°]")

@@ -8,7 +8,7 @@ import numpy as np
 
 from replant.identified.responses import StepResponse
 from replant.model.transfer_function import TransferFunction
-from replant.plotting.palette import TRUE
+from replant.plotting.palette import TRUE, given_axes
 from replant.report.figures import style
 from replant.runs.result import Result
 
@@ -37,7 +37,7 @@ def draw_step(
     -------
     axes
     """
-    axis = style.new_axes(1, 1, (6.2, 3.4))[0, 0] if ax is None else ax
+    axis = style.new_axes(1, 1, (6.2, 3.4))[0, 0] if ax is None else given_axes("ax", ax, 1)[0]
     unit = style.gain_unit(style.plant_input(result, input_label), output_label)
     axis.set_ylabel(f"step response [{unit}]" if unit else "step response")
     axis.set_xlabel("time [s]")

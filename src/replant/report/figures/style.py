@@ -56,20 +56,6 @@ def new_axes(rows: int, columns: int, size: tuple[float, float], **options: Any)
     return blank_figure(*size).subplots(rows, columns, squeeze=False, **options)
 
 
-def given(axes: Any, count: int) -> list[Any]:
-    """Return ``axes``, one or any nesting of several, as a list of ``count``.
-
-    Raises
-    ------
-    ValueError
-        If there are not as many.
-    """
-    found = list(np.asarray(axes, dtype=object).ravel())
-    if len(found) != count:
-        raise ValueError(f"axes must be {count} axes, got {len(found)}")
-    return found
-
-
 def tidy(axis: Any, *, grid: bool = True) -> None:
     """Remove the top and right spine of an axis, set its colours and tick labels, and draw a grid."""
     axis.spines[["top", "right"]].set_visible(False)

@@ -1,0 +1,154 @@
+"""Limits of arguments: times, counts that must fit into memory, grids, paths; as `replant.arguments` checks types."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+
+from replant.arguments import not_negative, positive, whole
+from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
+
+MOST_TRIED = 1000
+"""Values of a grid, each of which is tried [count]."""
+
+SHORTEST, LONGEST = 1e-30, 1e30
+"""Shortest and longest time that is one [s].
+Derivation: the coefficients of ten poles as fast as the sampling are as large as dt^-10, which float64 holds; so it
+holds the number of samples within any time.
+"""
+
+
+def duration(name: str, value: Any) -> float:
+    """Return ``value`` as a float, a time in s that is neither as short nor as long as no time of a plant is.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it is not a number.
+    InvalidArgumentError
+        If it does not lie between 1e-30 and 1e30 s.
+
+    Examples
+    --------
+    >>> duration("dt", 1)
+    1.0
+    """
+    result = positive(name, value)
+    if not SHORTEST <= result <= LONGEST:
+        raise InvalidArgumentError(f"{name} must lie between {SHORTEST:g} and {LONGEST:g} s, got {result:g} s")
+    return result
+
+
+def dead_time(name: str, value: Any) -> float:
+    """Return ``value`` as a float, a dead time in s: zero, or as `duration`.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it is not a number.
+    InvalidArgumentError
+        If it is negative, or neither zero nor between 1e-30 and 1e30 s.
+
+    Examples
+    --------
+    >>> dead_time("delay", 0), dead_time("delay", 0.5)
+    (0.0, 0.5)
+    """
+    result = not_negative(name, value)
+    return duration(name, result) if result else 0.0
+
+
+def count(name: str, value: Any, least: int, numbers: int = 1) -> int:
+    """Return ``value`` as an int, a number of things for which the system has memory.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for messages.
+    value : object
+    least : int
+        The smallest value allowed.
+    numbers : int
+        How many numbers of eight bytes each of them needs.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it is not a whole number.
+    InvalidArgumentError
+        If it is less than ``least``, or so large that the system does not grant the memory.
+
+    Examples
+    --------
+    >>> count("samples", 100, 0)
+    100
+    >>> count("samples", 10**18, 0)
+    Traceback (most recent call last):
+    replant.errors.InvalidArgumentError: samples must be smaller: 1000000000000000000 need 7.45e+09 GiB of memory, ...
+    """
+    result = whole(name, value, least)
+    granted(f"{name} must be smaller: {shown(result)} need", result * numbers)
+    return result
+
+
+def granted(what: str, numbers: int) -> None:
+    """Raise InvalidArgumentError where the system does not grant memory for so many ``numbers`` of eight bytes.
+
+    It is asked for the memory and given it back, untouched: so nothing of it is used, and no limit is guessed.
+
+    Examples
+    --------
+    >>> granted("a record of so many samples needs", 1000)
+    """
+    try:
+        if numbers:
+            np.empty(numbers)
+    except (MemoryError, ValueError, OverflowError) as cause:
+        gibibytes = f"{numbers / 2**27:.3g}" if numbers < 10**300 else "1e300"
+        raise InvalidArgumentError(f"{what} {gibibytes} GiB of memory, more than the system grants") from cause
+
+
+def several(name: str, values: Any, check: Callable[[str, Any], Any]) -> tuple[Any, ...]:
+    """Return the values of an iterable, each checked; a single one stands for itself.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it is text, or neither iterable nor one value.
+    InvalidArgumentError
+        If a value is refused, or there are more than a thousand.
+
+    Examples
+    --------
+    >>> several("delays", [0, 0.5], not_negative), several("delays", 1, not_negative)
+    ((0.0, 0.5), (1.0,))
+    """
+    single = isinstance(values, str | bytes) or (isinstance(values, np.ndarray) and values.ndim == 0)
+    if single or not isinstance(values, Iterable):
+        return (check(name, values),)
+    taken = tuple(itertools.islice(values, MOST_TRIED + 1))
+    if len(taken) > MOST_TRIED:
+        raise InvalidArgumentError(f"{name} must be {MOST_TRIED} values at the most: each of them is tried")
+    return tuple(check(name, value) for value in taken)
+
+
+def file_path(name: str, value: Any) -> str:
+    """Return the path of a file or folder as text.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it is neither text nor a path.
+
+    Examples
+    --------
+    >>> file_path("path", "model.json")
+    'model.json'
+    """
+    path = value.__fspath__() if hasattr(type(value), "__fspath__") else value
+    if not isinstance(path, str):
+        raise ArgumentTypeError(f"{name} must be a path, got {type(value).__name__} {shown(value)}")
+    return path
