@@ -69,7 +69,7 @@ bench-live: $(READY)  ## live: throughput over TCP and MQTT, latency over UDP, m
 soak: $(READY)   ## 1,000 hours of rig time with random faults; a day through a session: memory, estimate, checkpoint
 	$(BIN)/python benchmarks/soak $(ARGS)
 
-fuzz: $(READY)   ## mutants of checkpoints, calls and command lines with hostile numbers: ten minutes, or SECONDS=; ARGS="--first 5000"
+fuzz: $(READY)   ## mutants of checkpoints and files, calls and command lines with hostile numbers: half an hour, or SECONDS=; ARGS="--only hdf5"
 	cd tests && ../$(BIN)/python -m fuzz --seconds $(or $(SECONDS),600) $(ARGS)
 
 faults: $(READY)  ## let every call of a live session fail that can, one a session: an hour; needs gcc

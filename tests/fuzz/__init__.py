@@ -1,1 +1,1 @@
-"""Checkpoints and arguments that someone made who means it: see `fuzz.mutation` and `fuzz.trial`."""
+"""Checkpoints, files and arguments that someone made who means it: see `mutation`, `files` and `trial`."""

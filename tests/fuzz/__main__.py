@@ -1,4 +1,6 @@
-"""The long run: `make fuzz`; SECONDS= or ARGS="--first 0 --what calls --tries 5000" say how long and what.
+"""The long run: `make fuzz`; SECONDS= or ARGS="--first 0 --only calls --tries 5000" say how long and what.
+
+SECONDS are those of all but the files, and a tenth of them those of each file format; of what --only names, all.
 
 Each trial is a number, from which it follows; a worker takes one after the other in a process of its own, so that one
 that crashes or hangs is found and counted, and the next one goes on behind it.
@@ -8,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import faulthandler
+import importlib.util
 import math
 import os
 import selectors
@@ -19,6 +22,9 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from fuzz.files import run_file
+from fuzz.seeds_of_files import FORMATS
+
 STILL = 120.0  # s without a word from a worker: it hangs
 BY_COUNT = ["calls", "commands"]  # of which a number of trials says more than a time
 PORTION = 500  # trials of a worker: what one leaves behind in memory goes with it
@@ -29,21 +35,33 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="make fuzz", description=__doc__)
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--first", type=int, default=1_000_000)
-    parser.add_argument("--what", choices=["checkpoints", "plainly", "narrow", *BY_COUNT, "all"], default="all")
+    parser.add_argument(
+        "--what", "--only", choices=["checkpoints", "plainly", "narrow", *BY_COUNT, *FORMATS, "all"], default="all"
+    )
     parser.add_argument("--tries", type=int, help="so many trials, instead of so many seconds")
     parser.add_argument("--worker", type=int, nargs=2, metavar=("FIRST", "LAST"), help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.worker:
         return work(options.what, *options.worker)
     shares = {"checkpoints": 0.7, "plainly": 0.1, "narrow": 0.05, "calls": 0.1, "commands": 0.05}
+    shares |= dict.fromkeys(FORMATS, 0.1)
     shares = shares if options.what == "all" else {options.what: 1.0}
     found = 0
     for what, share in shares.items():
         seconds, tries = share * options.seconds, sys.maxsize
         if options.tries is not None:
             seconds, tries = math.inf, options.tries
-        found += run(what, options.first, seconds, options.first + tries)
+        if what not in FORMATS:
+            found += run(what, options.first, seconds, options.first + tries)
+        elif missing := [package for package in FORMATS[what][2] if not _is_installed(package)]:
+            print(f"{what}: left out, as {missing[0]} is not installed")
+        else:
+            found += run_file(what, options.first, seconds, options.tries)
     return min(found, 1)
+
+
+def _is_installed(package: str) -> bool:
+    return importlib.util.find_spec(package.partition(".")[0]) is not None
 
 
 def run(what: str, number: int, seconds: float, end: int) -> int:

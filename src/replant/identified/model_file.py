@@ -6,14 +6,12 @@ import os
 from pathlib import Path
 
 from replant.errors import ModelFileError
+from replant.identified.model_json import LARGEST
 from replant.limits import file_path
 from replant.operating_system import whole_file
 from replant.operating_system.os_errors import reason_of
 
 AnyPath = str | os.PathLike[str]
-
-LARGEST = 2**24
-"""Largest file that is read as a model [bytes]."""
 
 
 def check_target(path: AnyPath) -> None:

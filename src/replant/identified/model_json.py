@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from importlib.metadata import version
 from typing import Any
 
@@ -29,6 +30,10 @@ Derivation: some thousand million times the precision of float64.
 """
 LONGEST = 2**63
 """Whole number from which on none is read [number]."""
+LARGEST = 1 << 20
+"""Longest text that is read as a model: a hundred times one of ten poles [characters]."""
+LONGEST_REASON = 250
+"""Length of the reason for which a text is no model [characters]."""
 VERSION = 1
 """Version of the layout; raised where an entry changes its meaning or goes away [count]."""
 
@@ -119,10 +124,12 @@ def loads(written: str | bytes) -> dict[str, Any]:
     """
     if not isinstance(written, str | bytes | bytearray):
         raise ArgumentTypeError(f"written must be the text of a model, got {type(written).__name__} {shown(written)}")
+    if len(written) > LARGEST:
+        raise ModelFileError(f"it has {len(written):,} characters, where a model has {LARGEST:,} at most")
     try:
         read = json.loads(written, parse_constant=_refuse, object_pairs_hook=_without_repeats)
     except (ValueError, RecursionError) as error:  # also of bytes that are no text
-        raise ModelFileError(f"it is not JSON: {error}") from error
+        raise ModelFileError(_in_one_line(f"it is not JSON: {error}")) from error
     return fields_of(read)
 
 
@@ -134,6 +141,20 @@ def fields_of(read: Any) -> dict[str, Any]:
     ModelFileError
         If an entry is missing, of the wrong kind, or contradicts another, or the version is newer.
     """
+    try:
+        return _fields_of(read)
+    except ReplantError as error:
+        text = str(error) if isinstance(error, ModelFileError) else f"it holds no valid model: {error}"
+        raise ModelFileError(_in_one_line(text)) from error
+
+
+def _in_one_line(text: str) -> str:
+    """Return a reason as one line of some length: it may quote a text of the file."""
+    flat = " ".join(text.split())
+    return flat if len(flat) <= LONGEST_REASON else flat[:LONGEST_REASON] + "..."
+
+
+def _fields_of(read: Any) -> dict[str, Any]:
     if not isinstance(read, dict) or "den" not in read:
         raise ModelFileError("it holds no model: an object with 'num', 'den' and 'parameters' is expected")
     if "schema_version" not in read:
@@ -148,13 +169,8 @@ def fields_of(read: Any) -> dict[str, Any]:
         )
     if layout < 1:
         raise ModelFileError(f"schema_version must be 1 or more, got {layout}")
-    try:
-        found = _fields(read)
-        model = ModelFields(**found)
-    except ModelFileError:
-        raise
-    except ReplantError as error:
-        raise ModelFileError(f"it holds no valid model: {error}") from error
+    found = _fields(read)
+    model = ModelFields(**found)
     for name, expected in (("num", model.num), ("den", model.den)):
         if not _same(read.get(name), expected):
             raise ModelFileError(f"'{name}' contradicts 'parameters': change both, or neither")
@@ -320,8 +336,8 @@ def _pole(pole: complex) -> dict[str, Any]:
 def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     read = dict(pairs)
     if len(read) < len(pairs):
-        names = [name for name, _ in pairs]
-        raise ValueError(f"the entry {next(name for name in names if names.count(name) > 1)[:40]!r} comes twice")
+        ((name, _),) = Counter(name for name, _ in pairs).most_common(1)
+        raise ValueError(f"the entry {name[:40]!r} comes twice")
     return read
 
 

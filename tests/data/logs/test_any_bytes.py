@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import io
-import subprocess
-import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -17,11 +15,12 @@ import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from replant.data.logs import csv, matlab, read_log
+from fuzz.files import finding
+from replant.data.logs import csv, read_log
 from replant.data.logs.formats import FORMATS
 from replant.errors import LogError
 from support.damage import damaged
-from support.places import ROOT
+from support.forks import Forks
 
 pytestmark = pytest.mark.filterwarnings("ignore:.* cut off .* left out:UserWarning")  # it is read, and that is said
 
@@ -92,38 +91,22 @@ MAKERS = [
 TRIES = 200  # of each
 
 
-@pytest.fixture
-def forks(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
-    """MATLAB files go to a process that forks: a try costs milliseconds."""
-    with subprocess.Popen(
-        [sys.executable, ROOT / "tests" / "support" / "forks.py"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as process:
-
-        def answer(path: Path, _: object) -> bytes:
-            assert process.stdin is not None
-            assert process.stdout is not None
-            process.stdin.write(f"{path}\t{tmp_path / 'answer'}\n")
-            process.stdin.flush()
-            code = int(process.stdout.readline())
-            if code:
-                raise matlab.process_error(path, code)
-            return (tmp_path / "answer").read_bytes()
-
-        monkeypatch.setattr(matlab, "read_in_subprocess", answer)
-        yield
+@pytest.fixture(scope="module")
+def forks() -> Iterator[Forks]:
+    with Forks("scipy.io") as process:
+        yield process
 
 
-@pytest.mark.usefixtures("forks")
 @pytest.mark.parametrize(("make", "suffix"), MAKERS)
-def test_a_damaged_file(make: Callable[[], bytes], suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(csv, "BLOCK_BYTES", 100)
-    content = make()
-    assert read_or_refuse(content, suffix)
+def test_a_damaged_file(make: Callable[[], bytes], suffix: str, tmp_path: Path, forks: Forks) -> None:
+    """In forks, as a parser may crash; the fuzz's mutants of every format are tried in `test_fuzz`."""
+    content, path = make(), tmp_path / f"log{suffix}"
+    path.write_bytes(content)
+    assert forks.read(path).kind == "read"
     for seed in range(TRIES):
-        read_or_refuse(damaged(content, seed), suffix)
+        path.write_bytes(damaged(content, seed))
+        outcome = forks.read(path)
+        assert not finding(path, outcome), (seed, outcome)
 
 
 @settings(derandomize=True, max_examples=300, deadline=None)
@@ -190,8 +173,9 @@ NEEDED = {".parquet": ["pyarrow"], ".pq": ["pyarrow"], ".tdms": ["nptdms"], ".mf
 @pytest.mark.parametrize("suffix", FORMATS)
 @settings(derandomize=True, max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(content=st.binary(max_size=300))
-@pytest.mark.usefixtures("forks")
-def test_any_bytes(suffix: str, content: bytes) -> None:
+def test_any_bytes(suffix: str, content: bytes, tmp_path: Path, forks: Forks) -> None:
     for package in NEEDED.get(suffix, ()):
         pytest.importorskip(package)
-    read_or_refuse(content, suffix)
+    path = tmp_path / f"log{suffix}"
+    path.write_bytes(content)
+    assert not finding(path, forks.read(path))

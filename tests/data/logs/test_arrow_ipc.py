@@ -12,7 +12,6 @@ import pytest
 
 from replant.data.logs import read_columns, read_log
 from replant.errors import LogError, MissingDependencyError
-from support.damage import damaged, is_read_or_refused
 
 pa = pytest.importorskip("pyarrow")
 feather = pytest.importorskip("pyarrow.feather")
@@ -48,17 +47,6 @@ def test_every_form_is_read(tmp_path: Path, form: str) -> None:
     np.testing.assert_array_equal(log.output, [np.nan, *range(29)])
     with pytest.raises(LogError, match="column 's' holds string, not numbers"):
         read_columns(path).column("s")
-
-
-@FORMS
-def test_damaged_bytes(tmp_path: Path, form: str) -> None:
-    """Read or refused, in one line."""
-    path = save(tmp_path, form)
-    whole, read = path.read_bytes(), 0
-    for seed in range(200):
-        path.write_bytes(damaged(whole, seed))
-        read += is_read_or_refused(path, lambda path: read_log(path, input="u", output="y", dt=1.0))
-    assert read < 200
 
 
 @pytest.mark.parametrize("content", [b"x", b"ARROW1", b"t,u,y\n0,1,2\n"])

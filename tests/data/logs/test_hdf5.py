@@ -13,7 +13,6 @@ import scipy.io
 
 from replant.data.logs import read_columns, read_log
 from replant.errors import LogError, MissingDependencyError
-from support.damage import damaged, is_read_or_refused
 
 h5py = pytest.importorskip("h5py")
 K = 50
@@ -124,16 +123,6 @@ def test_objects_say_what_to_do(tmp_path: Path) -> None:
 
 
 # --- what is refused
-
-
-@pytest.mark.parametrize("matlab", [True, False])
-def test_damaged_bytes(tmp_path: Path, matlab: bool) -> None:
-    path = tmp_path / f"log.{'mat' if matlab else 'h5'}"
-    (save_matlab if matlab else save)(path, t=T.reshape(-1, 1), u=U, rig__y=U)
-    whole = path.read_bytes()
-    for seed in range(200):
-        path.write_bytes(damaged(whole, seed) if not matlab else whole[:512] + damaged(whole[512:], seed))
-        is_read_or_refused(path, lambda path: read_log(path, input="u[:,0]", output="u[:,1]", dt=1.0))
 
 
 def test_no_signal(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -12,12 +11,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from replant.data.logs import (
-    matlab,
-    matlab_process,
-    read_columns,
-    read_log,
-)
+from replant.data.logs import read_columns, read_log
 from replant.errors import LogError
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -113,9 +107,6 @@ def test_not_a_matlab_file(write: Callable[..., Path], content: bytes) -> None:
     assert "\n" not in str(caught.value)
 
 
-# --- the process that parses
-
-
 def test_every_kind_of_array_comes_back_to_the_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(0)
     kinds = ["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "?"]
@@ -127,78 +118,6 @@ def test_every_kind_of_array_comes_back_to_the_bit(tmp_path: Path, monkeypatch: 
     np.testing.assert_array_equal(table.columns(list(table.names)), expected)
     monkeypatch.setattr(sys, "frozen", True, raising=False)  # where there is no interpreter to start
     np.testing.assert_array_equal(read_columns(path).columns(list(table.names)), expected)
-
-
-def test_a_script_without_a_guard_may_read_one(tmp_path: Path) -> None:
-    """It is not run again by the process that parses, to which no module beside it hides one of Python's."""
-    path = save(tmp_path, u=T, y=T)
-    (tmp_path / "script.py").write_text(
-        f"import replant as rp\nprint(len(rp.read_log({str(path)!r}, input=0, output=1, dt=1)))"
-    )
-    (tmp_path / "unittest.py").write_text("print('not the one that SciPy imports')")
-    run = subprocess.run(
-        [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=True
-    )
-    assert run.stdout == f"{K}\n"
-
-
-FATES = {
-    "os.abort()": r"the file is damaged: SciPy's reader crashed on it \(SIGABRT\); save it again in MATLAB",
-    "os.kill(os.getpid(), signal.SIGSEGV)": r"the file is damaged: SciPy's reader crashed on it \(SIGSEGV\)",
-    "os.kill(os.getpid(), signal.SIGKILL)": r"the process that reads it was ended \(SIGKILL\); free some memory",
-    "sys.exit(3)": r"the process that reads it was ended \(code 3\)",
-    "pass": "not a readable MATLAB file",
-    "print('{}')": "not a readable MATLAB file",
-    "print('[1'); os.abort()": r"the file is damaged",
-    "print(json.dumps({'arrays': [['u', '<f8', [10**6], 'C']]}))": "not a readable MATLAB file",
-    "print(json.dumps({'arrays': [['u', '|O', [1], 'C']]}) + '\\n12345678')": "not a readable MATLAB file",
-}
-
-
-@pytest.mark.parametrize(("fate", "message"), FATES.items(), ids=FATES)
-def test_however_the_process_ends_it_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fate: str, message: str
-) -> None:
-    script = tmp_path / "process.py"
-    script.write_text(f"import json, os, signal, sys\n{fate}")
-    monkeypatch.setattr(matlab_process, "__file__", str(script))
-    path = save(tmp_path, u=T, y=T)
-    with pytest.raises(LogError, match=message) as caught:
-        read_columns(path)
-    assert str(caught.value).startswith(f"{path}: ")
-    assert "\n" not in str(caught.value)
-
-
-def test_a_process_that_takes_too_long_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "process.py").write_text("import time\ntime.sleep(3600)")
-    monkeypatch.setattr(matlab_process, "__file__", str(tmp_path / "process.py"))
-    monkeypatch.setattr(matlab, "SECONDS", 0.2)
-    with pytest.raises(LogError, match=r"log\.mat: the file is damaged: reading it takes over 0 s; save it again"):
-        read_columns(save(tmp_path, u=T, y=T))
-
-
-def test_an_interpreter_that_does_not_start_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = save(tmp_path, u=T, y=T)
-    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
-    with pytest.raises(
-        LogError, match=r"log\.mat: a MATLAB file is read by a second Python, and .*python did not start"
-    ):
-        read_columns(path)
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows sets no limit to a process")
-def test_a_file_that_claims_more_than_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A cell array of 2^28 cells in a file of 400 bytes: NumPy would fill 2 GB."""
-    monkeypatch.setattr(matlab, "MEMORY", 1 << 30)
-    path = save(tmp_path, u=T, cells=np.array([["a", 1.0]], object))
-    content = path.read_bytes()
-    shape = np.array([1, 2], "<i4").tobytes()
-    assert content.count(shape) == 1
-    path.write_bytes(content.replace(shape, np.array([1, 1 << 28], "<i4").tobytes()))
-    with pytest.raises(
-        LogError, match=r"log\.mat: not a readable MATLAB file \(.*allocate.*\); save it again in MATLAB"
-    ):
-        read_columns(path)
 
 
 # --- what Simulink logs, sampling times, objects

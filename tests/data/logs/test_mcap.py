@@ -14,7 +14,6 @@ import pytest
 
 from replant.data.logs import read_columns, read_log
 from replant.errors import LogError, MissingDependencyError
-from support.damage import damaged, is_read_or_refused
 
 pytest.importorskip("mcap_ros2")
 from mcap.writer import Writer
@@ -123,14 +122,6 @@ def test_a_file_that_was_cut_off_is_to_be_recovered(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(LogError, match=r"not a readable MCAP file .*; repair it with: mcap recover"):
         read_columns(path)
-
-
-def test_damaged_bytes(tmp_path: Path) -> None:
-    path = save_ros(tmp_path / "log.mcap")
-    whole = path.read_bytes()
-    for seed in range(100):
-        path.write_bytes(damaged(whole, seed))
-        is_read_or_refused(path, lambda path: read_log(path, input="/drive.data", output="/joints.position[0]"))
 
 
 def test_without_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from replant.data.logs import mdf_process, read_columns, read_log
+from replant.data.logs import read_columns, read_log
 from replant.errors import LogError, MissingDependencyError
 from support.damage import is_read_or_refused
 
@@ -80,16 +80,6 @@ def test_text_is_no_signal(tmp_path: Path) -> None:
 def test_other_files(tmp_path: Path, content: bytes | slice) -> None:
     path = save(tmp_path, [signal("u", U), signal("y", Y)])
     path.write_bytes(content if isinstance(content, bytes) else path.read_bytes()[content])
-    assert not is_read_or_refused(path, read_columns)
-
-
-@pytest.mark.parametrize("fate", ["os.abort()", "sys.exit(3)", "pass", "print('{}')"])
-def test_however_the_process_ends_it_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fate: str) -> None:
-    script = tmp_path / "process.py"
-    script.write_text(f"import os, sys\n{fate}")
-    monkeypatch.setattr(mdf_process, "__file__", str(script))
-    path = tmp_path / "log.mf4"
-    path.write_bytes(b"MDF     4.10")
     assert not is_read_or_refused(path, read_columns)
 
 

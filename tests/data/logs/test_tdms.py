@@ -12,7 +12,6 @@ import pytest
 
 from replant.data.logs import read_columns, read_log
 from replant.errors import LogError, MissingDependencyError
-from support.damage import damaged, is_read_or_refused
 
 nptdms = pytest.importorskip("nptdms", reason="npTDMS is in no extra")
 K = 40
@@ -71,14 +70,6 @@ def test_without_waveforms_the_time_is_a_column(tmp_path: Path) -> None:
 def test_no_channel_of_numbers(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no channel of numbers in the file; choose another file"):
         read_columns(save(tmp_path, [channel("note", ["a", "b"])]))
-
-
-def test_damaged_bytes(tmp_path: Path) -> None:
-    path = save(tmp_path, [channel("u", U, **wave(0.1)), channel("y", Y, **wave(0.1))])
-    whole = path.read_bytes()
-    for seed in range(100):
-        path.write_bytes(damaged(whole, seed))
-        is_read_or_refused(path, lambda path: read_log(path, input=0, output=1))
 
 
 def test_without_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

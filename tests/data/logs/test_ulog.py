@@ -11,7 +11,6 @@ import pytest
 
 from replant.data.logs import read_columns, read_log
 from replant.errors import LogError, MissingDependencyError
-from support.damage import damaged, is_read_or_refused
 
 pyulog = pytest.importorskip("pyulog")
 START = 10**12 + 7  # microseconds since the start of the system: float32 or differences of float64 would round
@@ -82,15 +81,6 @@ def test_another_file(tmp_path: Path) -> None:
     (tmp_path / "log.ulg").write_bytes(b"t,u,y\n0,1,2\n")
     with pytest.raises(LogError, match="not a readable ULog file"):
         read_columns(tmp_path / "log.ulg")
-
-
-@pytest.mark.filterwarnings("ignore:.*(damaged and left out|lost samples):UserWarning")
-def test_damaged_bytes(tmp_path: Path) -> None:
-    path = save(tmp_path, topic(0, "drive", rows(U, 1000)), topic(1, "motion", rows(Y, 1000)))
-    whole = path.read_bytes()
-    for seed in range(100):
-        path.write_bytes(damaged(whole, seed))
-        is_read_or_refused(path, lambda path: read_log(path, input=0, output=2))
 
 
 def test_without_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

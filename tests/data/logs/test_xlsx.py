@@ -14,7 +14,6 @@ import pytest
 
 from replant.data.logs import read_columns, read_log
 from replant.errors import LogError, MissingDependencyError
-from support.damage import damaged, is_read_or_refused
 
 openpyxl = pytest.importorskip("openpyxl")
 ROWS = [[k / 10, k % 3, k * 1.5] for k in range(20)]
@@ -108,14 +107,6 @@ def test_a_bad_workbook_is_refused_in_one_line(tmp_path: Path, rows: list[list[A
     with pytest.raises(LogError, match=re.escape(message)) as caught:
         read_log(path, input="u", output="y", dt=1.0)
     assert str(caught.value).startswith(f"{path}: ")
-
-
-def test_damaged_bytes(tmp_path: Path) -> None:
-    path = save(tmp_path, [["u", "y"], *([k, k] for k in range(9))])
-    whole = path.read_bytes()
-    for seed in range(100):
-        path.write_bytes(damaged(whole, seed))
-        is_read_or_refused(path, lambda path: read_log(path, input="u", output="y", dt=1.0))
 
 
 def test_without_openpyxl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.errors import LogError
+from replant.errors import LogError, shown
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
@@ -33,7 +33,7 @@ def check_type(path: Path, field: Any) -> None:
     number = types.is_integer(field.type) or types.is_floating(field.type) or types.is_decimal(field.type)
     if not (number or types.is_boolean(field.type) or is_stamp(field.type)):
         raise LogError(
-            f"{path}: column {field.name!r} holds {field.type}, not numbers; choose another or convert it to a number"
+            f"{path}: column {shown(field.name)} holds {field.type}, not numbers; choose another, or convert it"
         )
 
 

@@ -11,10 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from replant.data.logs import limits
 from replant.data.logs.arrow_columns import as_float, check_type, is_stamp
 from replant.data.logs.damage import damage_as_log_error
+from replant.data.logs.parquet import BLOCK_ROWS
 from replant.data.logs.table import Table
 from replant.errors import LogError, MissingDependencyError
+
+_UNPACKED = 4
+"""Size of a batch, which is held as a whole [times the file]."""
 
 _FILE_MAGIC = b"ARROW1"
 _OLD_MAGIC = b"FEA1"
@@ -51,6 +56,7 @@ def _opened(path: Path) -> Iterator[Any]:
             f"{path}: reading Feather and Arrow files needs pyarrow: pip install 'replant[parquet]'"
         ) from error
     with damage_as_log_error(path, "Feather or Arrow file", "write it again"), pyarrow.OSFile(str(path)) as file:
+        limits.allow(held=_UNPACKED * path.stat().st_size)  # a batch is held as a whole
         magic = file.read(len(_FILE_MAGIC))
         if magic.startswith(_OLD_MAGIC):
             raise LogError(f"{path}: a Feather file of version 1; write it again with a newer pyarrow")
@@ -65,7 +71,9 @@ def _blocks(path: Path, columns: Sequence[int]) -> Iterator[list[NDArray[np.floa
         origins: list[list[int]] = [[] for _ in columns]
         for batch in _batches(reader):
             batch.validate(full=True)  # damaged offsets would be read beyond the file's bytes
-            yield [as_float(batch.column(number), origin) for number, origin in zip(columns, origins, strict=True)]
+            for begin in range(0, max(1, batch.num_rows), BLOCK_ROWS):
+                part = batch.slice(begin, BLOCK_ROWS)
+                yield [as_float(part.column(number), origin) for number, origin in zip(columns, origins, strict=True)]
 
 
 def _batches(reader: Any) -> Iterator[Any]:

@@ -35,7 +35,7 @@ from replant.data.logs.text_layout import (
     sniff,
     too_long_error,
 )
-from replant.errors import LogError
+from replant.errors import LogError, shown
 
 BLOCK_BYTES = 1 << 21
 """Text of a log held at a time [bytes]."""
@@ -81,6 +81,17 @@ def read(path: Path) -> Table:
         approximate_rows=_approximate_rows(path),
         notes=tuple(notes),
     )
+
+
+def check_head(path: Path) -> None:
+    """Check that the beginning of a text log has a row of data.
+
+    Raises
+    ------
+    LogError
+        If it has none.
+    """
+    sniff(path)
 
 
 def parse_block(
@@ -173,11 +184,12 @@ def _texts(path: Path, layout: Layout) -> Iterator[tuple[int, bytes]]:
                     raise too_long_error(path, first)
                 continue
             text, rest = rest + block[:end], block[end:]
-            yield first, text
+            if not text.isspace():
+                yield first, text
             first += text.count(b"\n") + _lone_returns(text)
         if layout.is_cut:
             rest = rest[: 1 + max(rest.rfind(b"\n"), rest.rfind(b"\r"))]
-        if rest:
+        if rest and not rest.isspace():
             yield first, rest
 
 
@@ -277,12 +289,12 @@ def _parse_clean(layout: Layout, lines: Sequence[str]) -> NDArray[np.float64] | 
 
 def _split(path: Path, layout: Layout, number: int, line: str) -> list[str]:
     if '"' not in line:
-        return line.split(layout.delimiter)
+        return line.split(layout.delimiter, len(layout.names) + 1)
     try:
         return split_line(line, layout.delimiter)
     except CellError as error:
         name = layout.names[error.column] if error.column < len(layout.names) else str(error.column)
-        raise LogError(f"{path}: line {number}, column {name!r}: {error}; {QUOTES_REMEDY}") from None
+        raise LogError(f"{path}: line {number}, column {shown(name)}: {error}; {QUOTES_REMEDY}") from None
 
 
 def _check_width(path: Path, layout: Layout, number: int, row: list[str]) -> None:

@@ -40,6 +40,9 @@ def damage_as_log_error(path: Path, kind: str, remedy: str) -> Iterator[None]:
         yield
     except ReplantError:
         raise
+    except MemoryError:
+        reason = "reading it takes more memory than its samples justify"
+        raise LogError(f"{path}: not a readable {kind} ({reason}); {remedy}") from None
     except Exception as error:
         if isinstance(error, OSError) and error.errno is not None:
             raise

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import importlib
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from replant.data.logs import mcap, parquet
+from replant.data.logs import mcap, parquet, parser_process
 from replant.data.logs.packed import STANDARD_INPUT, SUFFIXES, read_packed, read_standard_input
 from replant.data.logs.table import Table, unreadable_error
 from replant.errors import LogError
@@ -67,10 +68,11 @@ def read_columns(path: str | os.PathLike[str]) -> Table:
     """
     path = Path(path)
     if path == STANDARD_INPUT:
-        return read_standard_input(_read_file)
+        return read_standard_input(_read_file, _check_head)
     if path.suffix.lower() in SUFFIXES and not path.is_dir():
         with _unreadable_as_log_error(path):
-            return read_packed(path, _read_file)
+            _check_file(path)
+            return read_packed(path, _read_file, _check_head)
     return _read_file(path)
 
 
@@ -81,12 +83,38 @@ def _read_file(path: Path) -> Table:
         raise LogError(
             f"{path}: unknown file type {suffix!r}; a log is one of {known}, perhaps with {' '.join(SUFFIXES)}"
         )
-    module = importlib.import_module(f"replant.data.logs.{FORMATS[suffix]}")
     with _unreadable_as_log_error(path):
-        if not path.is_dir() and path.stat().st_size == 0:
-            raise LogError(f"{path}: the file is empty; record the log again")
+        for part in _parts(path, suffix):
+            _check_file(part)
+        if FORMATS[suffix] in parser_process.PARSERS and parser_process.is_possible():
+            return parser_process.read(path, FORMATS[suffix])
+        module = importlib.import_module(f"replant.data.logs.{FORMATS[suffix]}")
         table: Table = module.read(path)
     return table
+
+
+def _parts(path: Path, suffix: str) -> list[Path]:
+    if not path.is_dir():
+        return [path]
+    return mcap.parts_of(path) if suffix == ".mcap" else parquet.parts_of(path)
+
+
+def _check_file(path: Path) -> None:
+    """Check that a path leads to a file with bytes in it: reading a device or a pipe may not end."""
+    about = path.stat()
+    if not stat.S_ISREG(about.st_mode):
+        raise LogError(
+            f"{path}: a device, pipe or socket; copy the log into a file, or pipe it in and give - as the log"
+        )
+    if about.st_size == 0:
+        raise LogError(f"{path}: the file is empty; record the log again")
+
+
+def _check_head(path: Path) -> None:
+    """Check that the beginning of a text log holds rows; the other formats have their numbers where they say."""
+    reader = FORMATS.get(path.suffix.lower())
+    if reader in ("csv", "jsonl"):
+        importlib.import_module(f"replant.data.logs.{reader}").check_head(path)
 
 
 def _suffix_of_folder(path: Path) -> str:

@@ -6,6 +6,7 @@ as in its older files.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,12 +17,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from replant.data.logs import limits
 from replant.data.logs.arrays import is_sampling_time, no_signal_error, places_of, stated_dt
 from replant.data.logs.damage import damage_as_log_error
 from replant.data.logs.table import Table
 from replant.errors import MissingDependencyError
 
 _MATLAB = "a MATLAB v7.3 (HDF5) file; save it again in MATLAB with save(..., '-v7')"
+BLOCK_ROWS = 1 << 16
+"""Rows read at a time, or one chunk where that has more [rows]."""
+DEEPEST = 64
+"""Groups within each other that are looked into [count]."""
+MOST_UNWRITTEN = 16
+"""Length of a data set, of which a recorder wrote only a part, in lengths of that part [times]."""
+
 _CLASS, _DECODED = "MATLAB_class", "MATLAB_object_decode"
 _INTEGERS = (f"{sign}int{bits}".encode() for sign in ("", "u") for bits in (8, 16, 32, 64))
 _NUMBERS = frozenset({b"double", b"single", b"logical", *_INTEGERS})
@@ -88,9 +97,14 @@ def _table(path: Path, *, matlab: bool) -> Table:
     signals: list[_Signal] = []
     scalars: list[tuple[str, float]] = []
     objects: dict[str, str] = {}
+    left_out: dict[str, str] = {}
     with _opened(path, matlab=matlab) as file:
-        for place, dataset in _datasets(file):
+        for place, dataset in _datasets(path, file):
             name = place.replace("/", ".") if matlab else place
+            reason = _reason_not_to_read(path, name, dataset)
+            if reason:
+                left_out[name] = reason
+                continue
             kind = dataset.attrs.get(_CLASS)
             if matlab and _DECODED in dataset.attrs:
                 objects[name] = bytes(kind or b"").decode(errors="replace")
@@ -98,7 +112,9 @@ def _table(path: Path, *, matlab: bool) -> Table:
                 signals += _signals_in(name, place, dataset, matlab=matlab)
                 if is_sampling_time(name, dataset.shape or (), dataset.dtype.kind):
                     scalars.append((name, float(np.asarray(dataset[()]).reshape(-1)[0])))
-    left_out = reasons(objects)
+            if len(signals) > limits.MOST_COLUMNS:
+                raise limits.too_many_error(path, "columns")
+    left_out |= reasons(objects)
     if not signals:
         raise no_signal_error(path, left_out)
     return Table(
@@ -124,18 +140,42 @@ def _opened(path: Path, *, matlab: bool) -> Iterator[Any]:
         yield file
 
 
-def _datasets(file: Any) -> Iterator[tuple[str, Any]]:
+def _datasets(path: Path, file: Any) -> Iterator[tuple[str, Any]]:
     """Yield the data sets with their paths; what begins with # is MATLAB's own."""
     import h5py
 
     found: list[tuple[str, Any]] = []
+    objects = 0
 
-    def visit(name: str, item: Any) -> None:
+    def visit(name: str, item: Any) -> None:  # links to other files are not followed
+        nonlocal objects
+        objects += 1
+        if objects > limits.MOST_COLUMNS:
+            raise limits.too_many_error(path, "groups and data sets")
+        if name.count("/") >= DEEPEST:
+            raise limits.too_many_error(path, "groups within each other", DEEPEST)
         if isinstance(item, h5py.Dataset) and not name.startswith("#"):
             found.append((name, item))
 
     file.visititems(visit)
     yield from found
+
+
+def _reason_not_to_read(path: Path, name: str, dataset: Any) -> str:
+    """Return why the samples of a data set are not to be had from this file; empty where they are."""
+    if dataset.external or dataset.is_virtual:
+        return f"{name} lies in another file, which is not read; copy its samples into this one, as h5repack does"
+    if dataset.shape is None or dataset.id.get_storage_size() == 0:
+        return f"{name} holds no samples: nothing was written into it" if dataset.size else ""
+    claimed = math.prod(dataset.shape) * dataset.dtype.itemsize
+    if dataset.chunks is None:
+        written = min(dataset.id.get_storage_size(), path.stat().st_size)
+    else:
+        written = dataset.id.get_num_chunks() * math.prod(dataset.chunks) * dataset.dtype.itemsize
+    if claimed > MOST_UNWRITTEN * written + BLOCK_ROWS * 8:
+        part = f"about {written // max(1, claimed // dataset.shape[0]):,} of its {dataset.shape[0]:,} rows"
+        return f"{name} claims samples that it does not hold: {part} were written; write it again"
+    return ""
 
 
 def _signals_in(name: str, place: str, dataset: Any, *, matlab: bool) -> Iterator[_Signal]:
@@ -156,13 +196,31 @@ def _signals_in(name: str, place: str, dataset: Any, *, matlab: bool) -> Iterato
 def _blocks(
     path: Path, signals: Sequence[_Signal], columns: Sequence[int], *, matlab: bool
 ) -> Iterator[list[NDArray[np.float64]]]:
+    chosen = [signals[number] for number in columns]
     with _opened(path, matlab=matlab) as file:
-        yield [_values(file, signals[number], matlab=matlab) for number in columns]
+        rows = {signal.rows for signal in chosen}
+        step = max((_block_rows(file[signal.dataset], signal, matlab=matlab) for signal in chosen), default=1)
+        if len(rows) != 1:  # which the caller says; none can be cut into blocks
+            limits.allow(held=8 * sum(signal.rows for signal in chosen))
+            step = max(rows, default=0)
+        for begin in range(0, max(rows, default=0), max(1, step)):
+            yield [_values(file, signal, slice(begin, begin + step), matlab=matlab) for signal in chosen]
 
 
-def _values(file: Any, signal: _Signal, *, matlab: bool) -> NDArray[np.float64]:
+def _block_rows(dataset: Any, signal: _Signal, *, matlab: bool) -> int:
+    """Return the rows to read at a time: whole chunks, which are unpacked as a whole."""
+    if dataset.chunks is None:
+        return BLOCK_ROWS
     index = signal.index[::-1] if matlab else signal.index
-    values = file[signal.dataset][index]
+    rows = next(length for length, one in zip(dataset.chunks, index, strict=True) if isinstance(one, slice))
+    chunk, whole = math.prod(dataset.chunks), math.prod(dataset.shape)
+    limits.allow(held=8 * (min(chunk, whole) + min(rows, signal.rows)))
+    return int(rows * max(1, BLOCK_ROWS // rows))
+
+
+def _values(file: Any, signal: _Signal, rows: slice, *, matlab: bool) -> NDArray[np.float64]:
+    at = tuple(rows if isinstance(one, slice) else one for one in signal.index)
+    values = file[signal.dataset][at[::-1] if matlab else at]
     if signal.field is not None:
         values = values[signal.field]
     return np.array(values, np.float64).reshape(-1)

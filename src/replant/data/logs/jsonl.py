@@ -14,29 +14,35 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from replant.data.logs.limits import MOST_COLUMNS, too_many_error
 from replant.data.logs.local_clock import LocalClock
 from replant.data.logs.table import Table
 from replant.data.logs.text_cells import quote
 from replant.data.logs.text_end import unended_line
-from replant.data.logs.text_layout import lines_of
+from replant.data.logs.text_layout import MOST_LINES_ABOVE, lines_of
 from replant.data.logs.text_times import StampError, StampFormat, find_format
-from replant.errors import LogError
+from replant.errors import LogError, shown
 
 BLOCK_ROWS = 1 << 14
 """Rows read at a time [rows]."""
+BLOCK_VALUES = 1 << 18
+"""Values in them, from which on there are fewer rows [count]."""
+DEEPEST = 32
+"""Objects within each other that are looked into [count]."""
 
 _SAMPLE_ROWS = 1000
 """Rows whose keys are the columns [rows]."""
 _ENCODING = "utf-8-sig"
 
 _Row = tuple[int, dict[str, Any]]
+_Keys = tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class _Columns:
     """What a file holds: the keys of each column, from the outermost, and which columns are dates or clock times."""
 
-    keys: tuple[tuple[str, ...], ...]
+    keys: tuple[_Keys, ...]
     stamps: Mapping[int, StampFormat] = field(default_factory=dict)
     is_cut: bool = False
 
@@ -67,21 +73,46 @@ def read(path: Path) -> Table:
     ('t', 'rig.u') [1.5 nan]
     """
     cut = _cut_line(path)
-    head = [row for _, row in islice(_rows(path, is_cut=bool(cut)), _SAMPLE_ROWS)]
-    keys = tuple(dict.fromkeys(key for row in head for key in _keys_of(row)))
-    if not keys:
+    given: dict[_Keys, list[Any]] = {}  # of each column the values among the first rows
+    for _, row in _head(path, is_cut=bool(cut)):
+        for keys, value in _items_of(row):
+            given.setdefault(keys, []).append(value)
+            if len(given) > MOST_COLUMNS:
+                raise too_many_error(path, "columns")
+    if not given:
         raise LogError(f"{path}: no object with a key; a log has one object for each sample, each on its own line")
     stamps = {}
-    for number, of_column in enumerate(keys):
-        values = [value for row in head if (value := _value(row, of_column)) is not None]
-        if values and all(isinstance(value, str) for value in values):
-            form = find_format(values)
+    for number, values in enumerate(given.values()):
+        known = [value for value in values if value is not None]
+        if known and all(isinstance(value, str) for value in known):
+            form = find_format(known)
             if form is not None:
                 stamps[number] = form
-    columns = _Columns(keys, stamps, bool(cut))
+    columns = _Columns(tuple(given), stamps, bool(cut))
     blocks, describe_row = partial(_blocks, path, columns), partial(_line_of_row, path, bool(cut))
     notes = (f"{path}: the last line is cut off ({quote(cut)}) and left out",) if cut else ()
     return Table(path, columns.names, blocks, describe_row, in_seconds=frozenset(stamps), notes=notes)
+
+
+def check_head(path: Path) -> None:
+    """Check that the beginning of a file of JSON lines has an object with a key; what is cut off may be more than it.
+
+    Raises
+    ------
+    LogError
+        If it has none.
+    """
+    read(path)
+
+
+def _head(path: Path, *, is_cut: bool) -> Iterator[_Row]:
+    """Yield the first rows: fewer where they are wide."""
+    found = 0
+    for row in islice(_rows(path, is_cut=is_cut), _SAMPLE_ROWS):
+        yield row
+        found += sum(1 for _ in _items_of(row[1]))
+        if found > BLOCK_VALUES:
+            return
 
 
 def _cut_line(path: Path) -> str:
@@ -95,7 +126,10 @@ def _cut_line(path: Path) -> str:
 
 def _rows(path: Path, *, is_cut: bool) -> Iterator[_Row]:
     """Yield the objects with the numbers of their lines."""
+    last = 0
     for number, line in lines_of(path, _ENCODING):
+        if last == 0 and number > MOST_LINES_ABOVE:
+            raise LogError(f"{path}: no object in its first {MOST_LINES_ABOVE:,} lines; remove what is above")
         if not line.strip() or (is_cut and not line.endswith("\n")):
             continue
         try:
@@ -104,15 +138,17 @@ def _rows(path: Path, *, is_cut: bool) -> Iterator[_Row]:
             raise LogError(f"{path}: line {number} is not JSON ({error}); correct or delete it") from None
         if not isinstance(row, dict):
             raise LogError(f'{path}: line {number} is not a JSON object, such as {{"t": 0.1, "u": 1.5}}; correct it')
+        last = number
         yield number, row
 
 
-def _keys_of(row: Mapping[str, Any], above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+def _items_of(row: Mapping[str, Any], above: _Keys = ()) -> Iterator[tuple[_Keys, Any]]:
     for key, value in row.items():
         if isinstance(value, dict):
-            yield from _keys_of(value, (*above, key))
+            if len(above) < DEEPEST:
+                yield from _items_of(value, (*above, key))
         elif not isinstance(value, list):
-            yield (*above, key)
+            yield (*above, key), value
 
 
 def _value(row: Mapping[str, Any], keys: Sequence[str]) -> Any:
@@ -130,7 +166,8 @@ def _blocks(path: Path, columns: _Columns, numbers: Sequence[int]) -> Iterator[l
         if number in columns.stamps and columns.stamps[number].is_local
     }
     rows = _rows(path, is_cut=columns.is_cut)
-    while block := list(islice(rows, BLOCK_ROWS)):
+    most = max(1, min(BLOCK_ROWS, BLOCK_VALUES // len(columns.keys)))
+    while block := list(islice(rows, most)):
         arrays = [_column(path, columns, number, block) for number in numbers]
         for number, array in zip(numbers, arrays, strict=True):
             if number in clocks:
@@ -149,7 +186,7 @@ def _column(path: Path, columns: _Columns, number: int, block: Sequence[_Row]) -
         return form.seconds(["" if value is None else str(value) for value in values])
     except StampError as error:
         line = block[error.index][0]
-        raise LogError(f"{path}: line {line}, column {columns.names[number]!r}: {error}") from None
+        raise LogError(f"{path}: line {line}, column {shown(columns.names[number])}: {error}") from None
 
 
 def _number(path: Path, line: int, name: str, value: Any) -> float:
@@ -161,7 +198,7 @@ def _number(path: Path, line: int, name: str, value: Any) -> float:
         except OverflowError:
             return math.inf if value > 0 else -math.inf
     raise LogError(
-        f"{path}: line {line}, column {name!r}: {quote(json.dumps(value))} is not a number; write numbers, or null"
+        f"{path}: line {line}, column {shown(name)}: {quote(json.dumps(value))} is not a number; write numbers, or null"
     )
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.errors import LogError
+from replant.errors import LogError, shown
 
 _HOUR = 3600.0
 """By how much daylight saving time turns a clock [s]."""
@@ -65,7 +65,7 @@ class LocalClock:
             if found.any() and self._usual < 0.25 * _HOUR:
                 at = int(np.argmax(found))
                 raise LogError(
-                    f"{self._path}: {self._describe_row(row + at + 1)}, column {self._name!r}: the clock goes "
+                    f"{self._path}: {self._describe_row(row + at + 1)}, column {shown(self._name)}: the clock goes "
                     f"{'back' if jump < 0.0 else 'on'} by {abs(steps[at]):.6g} s, {said}"
                 )
         self._rows += stamps.size

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from replant.data.logs import limits
 from replant.data.logs.damage import damage_as_log_error
 from replant.data.logs.merge_rasters import Signal
 from replant.data.logs.rasters import Channel, channel_table
@@ -25,6 +26,11 @@ from replant.errors import LogError, MissingDependencyError
 
 MOST_ITEMS = 64
 """Length up to which the items of a list are columns [items]."""
+
+DEEPEST = 32
+"""Objects within each other in a message that are looked into [count]."""
+_COUNTED = 1 << 14  # messages after which memory is asked for
+_COPIES = 3  # stamps and values while they are read, and as arrays
 
 _Keys = tuple[str | int, ...]
 
@@ -57,12 +63,12 @@ def read(path: Path) -> Table:
         known = f" ({', '.join(sorted(encodings))})" if encodings else ""
         raise LogError(f"{path}: no message of ROS 2 or JSON in the file{known}; choose another file")
     assert origin is not None
+    fields = ((topic, keys) for topic, message in first.items() for keys in _keys_of(message))
     return channel_table(
         path,
         [
             Channel(topic + _written(keys), partial(_signal, parts, topic, keys, origin))
-            for topic, message in first.items()
-            for keys in _keys_of(message)
+            for topic, keys in limits.at_most(path, fields, "columns")
         ],
     )
 
@@ -126,13 +132,14 @@ def _messages(reader: Any, topic: str) -> Iterator[tuple[int, Any]]:
 
 
 def _signal(parts: Sequence[Path], topic: str, keys: _Keys, origin: int) -> Signal:
-    stamps: list[int] = []
-    values: list[float] = []
+    stamps, values = array("q"), array("d")  # compact: a list takes five times the memory
     for part in parts:
         with _opened(part) as reader:
             for stamp, message in _messages(reader, topic):
                 stamps.append(stamp - origin)
                 values.append(_number(_item(message, keys)))
+                if len(stamps) % _COUNTED == 0:
+                    limits.allow(held=_COPIES * 8 * _COUNTED)
     return Signal(np.array(stamps, np.int64) / 1e9, np.array(values, np.float64))
 
 
@@ -148,7 +155,7 @@ def _items(value: Any) -> Iterator[tuple[str | int, Any]] | None:
 
 def _keys_of(value: Any, above: _Keys = ()) -> Iterator[_Keys]:
     items = _items(value)
-    if items is not None:
+    if items is not None and len(above) < DEEPEST:
         for key, item in items:
             yield from _keys_of(item, (*above, key))
     elif isinstance(value, bool | int | float):

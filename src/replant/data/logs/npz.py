@@ -1,18 +1,54 @@
-"""NumPy archives (.npz): vectors by name, the columns of a matrix as ``name[:,0]``."""
+"""NumPy archives (.npz): vectors by name, the columns of a matrix as ``name[:,0]``; read block by block."""
 
 from __future__ import annotations
 
+import math
+import warnings
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from replant.data.logs.arrays import array_table
+from replant.data.logs import archive, limits
+from replant.data.logs.arrays import is_sampling_time, no_signal_error, places_of, stated_dt
 from replant.data.logs.damage import damage_as_log_error
 from replant.data.logs.table import Table
+
+BLOCK_BYTES = 1 << 19
+"""Part of an array that is read at a time [bytes]."""
+
+_SUFFIX = ".npy"
+
+
+@dataclass(frozen=True)
+class _Array:
+    """An array of an archive: where it lies, and what its header says."""
+
+    member: str
+    shape: tuple[int, ...]
+    is_fortran: bool
+    dtype: np.dtype[Any]
+
+    @property
+    def name(self) -> str:
+        return self.member.removesuffix(_SUFFIX)
+
+
+@dataclass(frozen=True)
+class _Signal:
+    """A column: its array, where its first item lies in it, how far apart its items are, and how many there are."""
+
+    array: _Array
+    first: int
+    step: int
+    rows: int
 
 
 def read(path: Path) -> Table:
@@ -23,18 +59,94 @@ def read(path: Path) -> Table:
     LogError
         If it is not an archive that ``numpy.savez`` writes, or holds no signal.
     """
-    with damage_as_log_error(path, ".npz archive", "save it with numpy.savez"):
-        with zipfile.ZipFile(path):
-            pass  # numpy.load would also accept a file with a single array
-        return array_table(path, _arrays(path))
+    signals: dict[str, _Signal] = {}
+    scalars: list[tuple[str, float]] = []
+    with _opened(path) as file:
+        for array in _arrays(file):
+            columns = ((name, _signal(array, index)) for name, index in places_of(array.name, array.shape))
+            signals.update(limits.at_most(path, columns, "columns"))
+            if is_sampling_time(array.name, array.shape, array.dtype.kind):
+                (values,) = _blocks_of(file, _Signal(array, 0, 1, 1))
+                scalars.append((array.name, float(values[0])))
+    if not signals:
+        raise no_signal_error(path, {})
+    return Table(
+        path,
+        tuple(signals),
+        partial(_blocks, path, list(signals.values())),
+        approximate_rows=max(signal.rows for signal in signals.values()),
+        dt=stated_dt(path, scalars),
+    )
 
 
-def _arrays(path: Path) -> Iterator[tuple[str, NDArray[Any]]]:
-    with np.load(path, allow_pickle=False) as archive:
-        for name in archive.files:
-            try:
-                array = archive[name]
-            except ValueError:  # Python objects are no signals, and unsafe to load
-                continue
-            if isinstance(array, np.ndarray):
-                yield name, array
+@contextmanager
+def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
+    with damage_as_log_error(path, ".npz archive", "save it with numpy.savez"), archive.opened(path) as file:
+        yield file
+
+
+def _arrays(file: zipfile.ZipFile) -> Iterator[_Array]:
+    """Yield the arrays of numbers; Python objects are no signals, and unsafe to load."""
+    for member in file.infolist():
+        if not member.filename.endswith(_SUFFIX):
+            continue
+        with file.open(member) as content:
+            shape, is_fortran, dtype = _header(content)
+        if dtype.kind in "biuf" and dtype.itemsize <= 8:
+            claimed = math.prod(shape) * dtype.itemsize
+            if claimed > member.file_size:
+                raise ValueError(f"{member.filename} claims {claimed:,} bytes and holds {member.file_size:,}")
+            yield _Array(member.filename, shape, is_fortran, dtype)
+
+
+def _header(content: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    with warnings.catch_warnings(action="ignore"):  # of types that Python 2 wrote
+        version = npy.read_magic(content)
+        read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+        return read(content)
+
+
+def _signal(array: _Array, index: tuple[int | slice, ...]) -> _Signal:
+    """Return where the items of a column lie in the array as its file has it."""
+    order = range(len(array.shape)) if array.is_fortran else reversed(range(len(array.shape)))
+    first, step, size, rows = 0, 1, 1, 1
+    for axis in order:
+        at = index[axis]
+        if isinstance(at, slice):
+            step, rows = size, array.shape[axis]
+        else:
+            first += at * size
+        size *= array.shape[axis]
+    return _Signal(array, first, step, rows)
+
+
+def _blocks(path: Path, signals: Sequence[_Signal], columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+    chosen = [signals[number] for number in columns]
+    with _opened(path) as file:
+        if len({(signal.rows, signal.step, signal.array.dtype.itemsize) for signal in chosen}) == 1:
+            yield from map(list, zip(*(_blocks_of(file, signal) for signal in chosen), strict=True))
+        else:
+            yield [np.concatenate(list(_blocks_of(file, signal))) for signal in chosen]
+
+
+def _blocks_of(file: zipfile.ZipFile, signal: _Signal) -> Iterator[NDArray[np.float64]]:
+    """Yield the values of a column, block by block."""
+    width = signal.array.dtype.itemsize
+    rows = max(1, BLOCK_BYTES // (signal.step * width))
+    with file.open(signal.array.member) as content:
+        _header(content)
+        content.seek(signal.first * width, 1)
+        for begin in range(0, signal.rows, rows):
+            count = min(rows, signal.rows - begin)
+            length = ((count - 1) * signal.step + 1) * width
+            items = np.frombuffer(_read_exactly(content, length), signal.array.dtype)
+            if begin + count < signal.rows:
+                content.seek((signal.step - 1) * width, 1)
+            yield np.array(items[:: signal.step], np.float64)
+
+
+def _read_exactly(content: IO[bytes], length: int) -> bytes:
+    read = content.read(length)
+    if len(read) != length:
+        raise ValueError(f"it ends {length - len(read):,} bytes before its array")
+    return read

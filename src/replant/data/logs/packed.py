@@ -21,6 +21,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from replant.data.logs import archive
 from replant.data.logs.damage import damage_as_log_error
 from replant.data.logs.table import Table, listed
 from replant.errors import LogError, MissingDependencyError
@@ -32,9 +33,19 @@ _KINDS = {".gz": "gzip file", ".zip": "zip archive", ".zst": "Zstandard file"}
 SUFFIXES = tuple(_KINDS)
 _BLOCK_BYTES = 1 << 20
 """Bytes unpacked at a time [bytes]."""
+_ZSTD_BYTES = 1 << 10
+"""Bytes of a Zstandard file taken at a time; each block of 4 bytes may stand for 128 kB, so that these yield at most
+32 MB [bytes].
+"""
+LARGEST_WINDOW = 1 << 27
+"""Memory that unpacking a Zstandard file may take: what zstd itself takes unless it is told otherwise [bytes]."""
+HEAD_BYTES = 1 << 25
+"""Unpacked bytes after which text is looked at, before the rest is unpacked [bytes]."""
+MOST_OF_DISK = 0.8
+"""Part of the disk's free space that an unpacked file may take [part]."""
 
 
-def read_packed(path: Path, read: Callable[[Path], Table]) -> Table:
+def read_packed(path: Path, read: Callable[[Path], Table], check: Callable[[Path], None]) -> Table:
     r"""Read a compressed log, such as ``log.csv.gz``, or a zip archive with one file in it.
 
     Parameters
@@ -42,6 +53,8 @@ def read_packed(path: Path, read: Callable[[Path], Table]) -> Table:
     path : Path
     read : callable
         Reads the unpacked file.
+    check : callable
+        Raises LogError if the first part of an unpacked file is no log.
 
     Raises
     ------
@@ -56,7 +69,7 @@ def read_packed(path: Path, read: Callable[[Path], Table]) -> Table:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "log.csv.gz")
     ...     _ = file.write_bytes(gzip.compress(b"t,u,y\n0,1,2\n1,2,3\n"))
-    ...     table = read_packed(file, read)
+    ...     table = read_packed(file, read, check=lambda head: None)
     >>> table.path.name, table.column("u")
     ('log.csv.gz', array([1., 2.]))
     """
@@ -68,17 +81,19 @@ def read_packed(path: Path, read: Callable[[Path], Table]) -> Table:
         inner = PurePosixPath(name.replace("\\", "/")).name
         if PurePosixPath(inner).suffix.lower() in SUFFIXES:
             raise LogError(f"{path}: holds another compressed file, {inner}; unpack it first")
-        copy = _Copy(inner, parts)
+        copy = _Copy(path, inner, parts, check)
     return _table_of(path, copy, read)
 
 
-def read_standard_input(read: Callable[[Path], Table]) -> Table:
+def read_standard_input(read: Callable[[Path], Table], check: Callable[[Path], None]) -> Table:
     """Read a log from standard input: text, or JSON lines if it begins with a brace.
 
     Parameters
     ----------
     read : callable
         Reads the file that standard input was copied to; its suffix tells the format.
+    check : callable
+        Raises LogError if the first part of it is no log.
 
     Raises
     ------
@@ -92,7 +107,7 @@ def read_standard_input(read: Callable[[Path], Table]) -> Table:
         raise LogError("standard input: not open for reading bytes; give the log's path")
     head = file.read(_BLOCK_BYTES)
     name = "log.jsonl" if head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{") else "log.csv"
-    copy = _Copy(name, chain([head], _parts_of(file)))
+    copy = _Copy(STANDARD_INPUT, name, chain([head], _parts_of(file)), check)
     return _table_of(STANDARD_INPUT, copy, read)
 
 
@@ -101,17 +116,33 @@ class _Copy:
 
     Parameters
     ----------
+    path : Path
+        The packed file, for messages.
     name : str
     parts : iterable of bytes
         The file's content.
+    check : callable
+        Called with the path of the copy when `HEAD_BYTES` of it are there; it raises LogError if they are no log.
     """
 
-    def __init__(self, name: str, parts: Iterable[bytes]) -> None:
+    def __init__(self, path: Path, name: str, parts: Iterable[bytes], check: Callable[[Path], None]) -> None:
         folder = tempfile.mkdtemp(prefix="replant-")
         weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
         self.path = Path(folder, name)
+        room, size, is_checked = MOST_OF_DISK * shutil.disk_usage(folder).free, 0, False
         with self.path.open("wb") as file:
-            file.writelines(parts)
+            for part in parts:
+                size += file.write(part)
+                if size > room:
+                    raise LogError(
+                        f"{path}: unpacked it is over {size / 1e9:.1f} GB, more than {tempfile.gettempdir()} has room "
+                        "for; unpack it where there is room"
+                    )
+                if size >= HEAD_BYTES and not is_checked:
+                    is_checked = True
+                    file.flush()
+                    with _named(self, path):
+                        check(self.path)
 
 
 def _table_of(path: Path, copy: _Copy, read: Callable[[Path], Table]) -> Table:
@@ -151,9 +182,9 @@ def _opened(path: Path, suffix: str) -> Iterator[tuple[str, Iterator[bytes]]]:
         with path.open("rb") as packed:
             yield path.stem, _zstd_parts(path, packed)
     else:
-        with zipfile.ZipFile(path) as archive:
-            member = _only_member(path, archive)
-            with archive.open(member) as file:
+        with archive.opened(path) as found:
+            member = _only_member(path, found)
+            with found.open(member) as file:
                 yield member.filename, _parts_of(file)
 
 
@@ -168,20 +199,20 @@ def _zstd_parts(path: Path, packed: BinaryIO) -> Iterator[bytes]:
         raise MissingDependencyError(
             f"{path}: reading a .zst file needs zstandard: pip install 'replant[zstd]'"
         ) from error
-    frame = zstandard.ZstdDecompressor().decompressobj()
-    for part in _parts_of(packed):
+    frame = None
+    for part in iter(lambda: packed.read(_ZSTD_BYTES), b""):
         rest = part
         while rest:
-            if frame.eof:
-                frame = zstandard.ZstdDecompressor().decompressobj()
+            if frame is None or frame.eof:
+                frame = zstandard.ZstdDecompressor(max_window_size=LARGEST_WINDOW).decompressobj()
             yield frame.decompress(rest)
             rest = frame.unused_data if frame.eof else b""
-    if not frame.eof:  # which its library does not say
+    if frame is None or not frame.eof:  # which its library does not say
         raise ValueError("it ends in the middle of a frame")
 
 
-def _only_member(path: Path, archive: zipfile.ZipFile) -> zipfile.ZipInfo:
-    members = [member for member in archive.infolist() if not member.is_dir() and not _is_of_macos(member.filename)]
+def _only_member(path: Path, found: zipfile.ZipFile) -> zipfile.ZipInfo:
+    members = [member for member in found.infolist() if not member.is_dir() and not _is_of_macos(member.filename)]
     if not members:
         raise LogError(f"{path}: the archive has no file in it; pack the log again")
     if len(members) > 1:

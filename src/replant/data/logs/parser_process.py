@@ -1,7 +1,7 @@
-"""A separate Python process for a parser: compiled ones may crash on damaged bytes, and would take all with them.
+"""A separate Python process for a parser: on damaged bytes it may crash, hang, or take memory without end.
 
-The script is started by its path, so that it imports neither replant nor the user's script.  Its answer on standard
-output is a line of JSON, and perhaps bytes after it.
+The script is started by its path, so that it does not run the user's script again.  It serves one table: `parser_child`
+says how.  The process ends with the table, or with a pass over it that is not finished.
 """
 
 from __future__ import annotations
@@ -11,19 +11,36 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+import threading
+import weakref
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from replant import errors
+from replant.data.logs import parser_child
+from replant.data.logs.table import Table
 from replant.errors import LogError
 
-MEMORY_PER_BYTE = 32
-"""Memory that the process may take for each byte of the file, beside that for any file [bytes]."""
-SECONDS_PER_BYTE = 1e-6
-"""Time that the process may take for each byte of the file, beside that for any file [s]."""
+STILL = 120.0
+"""Time that the process may take to answer, beside what each byte gives [s].
+It bounds what the limit of its processor time does not: a parser that waits, and Windows.
+"""
+STILL_PER_BYTE = 1e-5
+"""Further time for each byte of the file [s]."""
 
+ENVIRONMENT = {  # each thread takes memory, and Arrow's own allocators reserve a gigabyte
+    "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "ARROW_IO_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system",
+}  # fmt: skip
+
+_ENDING = 10.0  # s, within which a process ends that has ended its output
 _CRASHES = {"SIGSEGV", "SIGBUS", "SIGABRT", "SIGFPE", "SIGILL"}
+_AGAIN = "write it again, or export the log as CSV"
 
 
 @dataclass(frozen=True)
@@ -35,20 +52,31 @@ class Parser:
     kind : str
         The kind, for messages, as ``a MATLAB file``.
     library : str
-        The library that parses it.
+        The library that parses it, for messages.
+    imports : tuple of str
+        The modules that the process imports first.
     remedy : str
         What to do about a damaged file.
-    seconds : float
-        Time that it may take for any file [s].
-    memory : int
-        Memory that it may take for any file [bytes].
     """
 
     kind: str
     library: str
-    remedy: str
-    seconds: float
-    memory: int
+    imports: tuple[str, ...]
+    remedy: str = _AGAIN
+
+
+# For each module of a reader that is not run here; those of text and .npz files parse with Python and NumPy alone
+PARSERS = {
+    "matlab": Parser("a MATLAB file", "SciPy", ("scipy.io",), "save it again in MATLAB with save(..., '-v7')"),
+    "hdf5": Parser("an HDF5 file", "h5py", ("h5py",)),
+    "parquet": Parser("a Parquet file", "pyarrow", ("pyarrow.parquet", "pyarrow.compute")),
+    "arrow_ipc": Parser("an Arrow file", "pyarrow", ("pyarrow.ipc", "pyarrow.compute")),
+    "xlsx": Parser("an Excel workbook", "openpyxl", ("openpyxl",)),
+    "tdms": Parser("a TDMS file", "npTDMS", ("nptdms",)),
+    "mdf": Parser("a measurement data file", "asammdf", ("asammdf",)),
+    "ulog": Parser("a ULog file", "pyulog", ("pyulog",)),
+    "mcap": Parser("an MCAP file", "mcap", ("mcap.reader", "mcap_ros2.decoder")),
+}
 
 
 def is_possible() -> bool:
@@ -56,35 +84,178 @@ def is_possible() -> bool:
     return bool(sys.executable) and not getattr(sys, "frozen", False)
 
 
-def run(parser: Parser, path: Path, script: str, arguments: Sequence[str] = (), stdin: BinaryIO | None = None) -> bytes:
-    """Return what a script writes to standard output, called with the largest memory, the arguments, and ``sys.path``.
+def read(path: Path, module: str) -> Table:
+    """Open a file by the reader of a module, in a process of its own.
 
     Raises
     ------
     LogError
-        If the process does not start, crashes or takes too long.
+        If the file cannot be read, or its parser crashes, hangs, or takes too much memory.
     """
-    size = path.stat().st_size if stdin is None else os.fstat(stdin.fileno()).st_size
-    seconds = parser.seconds + SECONDS_PER_BYTE * size
-    folders = [entry for entry in sys.path if isinstance(entry, str)]
-    command = [sys.executable, "-P", script, str(parser.memory + MEMORY_PER_BYTE * size), *arguments, *folders]
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-    try:
-        done = subprocess.run(
-            command, stdin=stdin or subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-            env=environment, timeout=seconds, check=False,
-        )  # fmt: skip
-    except subprocess.TimeoutExpired:
-        raise LogError(f"{path}: the file is damaged: reading it takes over {seconds:.0f} s; {parser.remedy}") from None
-    except OSError as error:
-        reason = error.strerror or error
-        raise LogError(
-            f"{path}: {parser.kind} is read by a second Python, and {sys.executable} did not start ({reason}); "
-            "save the signals as CSV"
-        ) from error
-    if done.returncode != 0:
-        raise process_error(parser, path, done.returncode)
-    return done.stdout
+    process = _Process(path, module)
+    file = _File(path, module, process, process.about)
+    about = process.about
+    stamps = file.stamps if about["stamped"] else None
+    return Table(
+        path, tuple(about["names"]), file.blocks, file.describe_row, in_seconds=frozenset(about["in_seconds"]),
+        origins=dict(about["origins"]), approximate_rows=about["approximate_rows"], notes=tuple(about["notes"]),
+        dt=about["dt"], left_out=about["left_out"], stamps=stamps,
+    )  # fmt: skip
+
+
+class _File:
+    """A file, and the process that has it open while no pass over it is under way."""
+
+    def __init__(self, path: Path, module: str, process: _Process, about: dict[str, Any]) -> None:
+        self._path, self._module, self._about = path, module, about
+        self._idle: list[_Process] = [process]
+
+    def blocks(self, columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+        with self._process() as process:
+            yield from process.arrays({"columns": list(columns)})
+
+    def stamps(self, number: int) -> NDArray[np.float64]:
+        with self._process() as process:
+            ((found,),) = process.arrays({"stamps": number})
+        return found
+
+    def describe_row(self, row: int) -> str:
+        with self._process() as process:
+            return str(process.ask({"row": row})["row"])
+
+    @contextmanager
+    def _process(self) -> Iterator[_Process]:
+        try:
+            process = self._idle.pop()
+        except IndexError:  # two passes at once
+            process = _Process(self._path, self._module)
+            if process.about != self._about:
+                raise LogError(f"{self._path}: the file has changed since it was opened; start again") from None
+        try:
+            yield process
+        except BaseException:
+            process.end()
+            raise
+        self._idle[:] = [process]
+
+
+class _Process:
+    def __init__(self, path: Path, module: str) -> None:
+        self._path, self._parser = path, PARSERS[module]
+        size = path.stat().st_size if path.is_file() else 0
+        self._seconds = STILL + STILL_PER_BYTE * size
+        absent = [name for name, found in sys.modules.items() if found is None]
+        folders = [entry for entry in sys.path if isinstance(entry, str)]
+        command = [
+            sys.executable, "-P", "-W", "ignore", parser_child.__file__, module, str(path),
+            ",".join(self._parser.imports), ",".join(absent), *folders,
+        ]  # fmt: skip
+        try:
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                env=os.environ | ENVIRONMENT,
+            )  # fmt: skip
+        except OSError as error:
+            reason = error.strerror or error
+            raise LogError(
+                f"{path}: {self._parser.kind} is read by a second Python, and {sys.executable} did not start "
+                f"({reason}); save the signals as CSV"
+            ) from error
+        self.end = weakref.finalize(self, _end, self._process, os.getpid())
+        try:
+            self.about = self._answer()
+        except BaseException:
+            self.end()
+            raise
+
+    def ask(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Return the answer to a request."""
+        self._send(request)
+        return self._answer()
+
+    def arrays(self, request: dict[str, Any]) -> Iterator[list[NDArray[np.float64]]]:
+        """Yield the blocks of arrays that answer a request."""
+        self._send(request)
+        while "lengths" in (message := self._answer()):
+            yield [self._array(length) for length in message["lengths"]]
+
+    def _send(self, request: dict[str, Any]) -> None:
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps(request).encode() + b"\n")
+            self._process.stdin.flush()
+        except OSError:  # it has ended, which the answer says
+            return
+
+    def _answer(self) -> dict[str, Any]:
+        assert self._process.stdout is not None
+        with self._in_time():
+            line = self._process.stdout.readline()
+        try:
+            message: dict[str, Any] = json.loads(line)
+        except ValueError:
+            raise self._ended() from None
+        if "error" not in message:
+            return message
+        kind, text = message["error"], message["text"]
+        if kind == "OSError":
+            raise OSError(message["code"], text)
+        if not kind:
+            raise LogError(f"{self._path}: not readable as {self._parser.kind} ({text}); {self._parser.remedy}")
+        raise getattr(errors, kind)(text)
+
+    def _array(self, length: int) -> NDArray[np.float64]:
+        assert self._process.stdout is not None
+        array = np.empty(length)
+        left = array.data.cast("B") if length else memoryview(b"")
+        with self._in_time():
+            while left:
+                got = self._process.stdout.readinto(left)  # type: ignore[attr-defined]
+                if not got:
+                    raise self._ended()
+                left = left[got:]
+        return array
+
+    @contextmanager
+    def _in_time(self) -> Iterator[None]:
+        late, process = threading.Event(), self._process
+
+        def stop() -> None:  # holds the process alone, as its thread may outlive this object
+            late.set()
+            process.kill()
+
+        timer = threading.Timer(self._seconds, stop)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+        if late.is_set():
+            raise LogError(
+                f"{self._path}: the file is damaged: reading it takes over {self._seconds:.0f} s; {self._parser.remedy}"
+            )
+
+    def _ended(self) -> LogError:
+        try:
+            code = self._process.wait(_ENDING)
+        except subprocess.TimeoutExpired:  # it has closed its output alone, or written something else
+            self._process.kill()
+            code = self._process.wait()
+        return process_error(self._parser, self._path, code)
+
+
+def _end(process: subprocess.Popen[bytes], owner: int) -> None:
+    if os.getpid() != owner:  # a fork has no part in it
+        return
+    process.kill()
+    for pipe in (process.stdin, process.stdout):
+        assert pipe is not None
+        try:
+            pipe.close()
+        except OSError:  # a request that was not sent
+            continue
+    process.wait()
 
 
 def process_error(parser: Parser, path: Path, code: int) -> LogError:
@@ -92,33 +263,17 @@ def process_error(parser: Parser, path: Path, code: int) -> LogError:
 
     Examples
     --------
-    >>> parser = Parser("a MATLAB file", "SciPy", "save it again", seconds=120.0, memory=1 << 32)
-    >>> str(process_error(parser, Path("log.mat"), 3))
-    'log.mat: the process that reads it was ended (code 3); free some memory, and try again'
+    >>> str(process_error(PARSERS["xlsx"], Path("log.xlsx"), 3))
+    'log.xlsx: the process that reads it was ended (code 3); free some memory, and try again'
     """
     name = signal.Signals(-code).name if -code in set(signal.Signals) else f"code {code}"
+    if name == "SIGXCPU":
+        return LogError(
+            f"{path}: reading it takes more processor time than its samples justify: {parser.kind} that is damaged, or "
+            f"holds much else; {parser.remedy}"
+        )
     if name in _CRASHES or os.name == "nt":
         return LogError(
             f"{path}: the file is damaged: {parser.library}'s reader crashed on it ({name}); {parser.remedy}"
         )
     return LogError(f"{path}: the process that reads it was ended ({name}); free some memory, and try again")
-
-
-def message_of(answer: bytes) -> tuple[dict[str, Any], int]:
-    r"""Return the line of JSON that an answer begins with, and where its bytes begin.
-
-    Raises
-    ------
-    ValueError
-        If it is no such line, or an error.
-
-    Examples
-    --------
-    >>> message_of(b'{"names": ["u"]}\n12345678')
-    ({'names': ['u']}, 17)
-    """
-    end = answer.find(b"\n") + 1
-    message: dict[str, Any] = json.loads(answer[:end])
-    if "error" in message:
-        raise ValueError(message["error"])
-    return message, end

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from replant.data.logs.merge_rasters import Signal, merge
 from replant.data.logs.table import Table, listed
-from replant.errors import LogError
+from replant.errors import LogError, shown
 
 MOST_MISSING = 0.2
 """Share of merged rows without an output beyond which they are refused: estimators then lose inputs with the missing
@@ -97,7 +97,7 @@ def on_one_clock(table: Table, roles: dict[str, int], *, is_timed: bool) -> tupl
         return merged(table, roles), {**{role: number for number, role in enumerate(roles, 1)}, "time": 0}
     first, *others = (table.stamps(number) for number in roles.values())
     if not all(np.array_equal(first, other) for other in others):
-        names = listed([repr(table.names[number]) for number in roles.values()])
+        names = listed([shown(table.names[number]) for number in roles.values()])
         raise LogError(
             f"{table.path}: columns {names} have different time stamps; leave the time (time, --time) and the sampling "
             "time (dt, --dt) out, and they are merged"
@@ -129,7 +129,7 @@ def merged(table: Table, roles: Mapping[str, int]) -> Table:
     held = [role for role in roles if role != "output"]
     found = merge(signals["output"], [signals[role] for role in held])
     if found.t.size == 0:
-        names = " and ".join(repr(table.names[roles[role]]) for role in roles)
+        names = " and ".join(shown(table.names[roles[role]]) for role in roles)
         raise LogError(f"{table.path}: columns {names} have no time in common; choose others")
     _check_measured(table, roles, found.t.size, float(np.isin(found.t, signals["output"].t).mean()))
     arrays = {"output": found.output, **dict(zip(held, found.held, strict=True))}
@@ -199,14 +199,14 @@ def _check_measured(table: Table, roles: Mapping[str, int], rows: int, measured:
     if measured < 1.0 - MOST_MISSING:
         of_input, of_output = (table.names[roles[role]] for role in ("input", "output"))
         raise LogError(
-            f"{table.path}: column {of_input!r} changes between the samples of {of_output!r}: merged, "
+            f"{table.path}: column {shown(of_input)} changes between the samples of {shown(of_output)}: merged, "
             f"{100.0 * (1.0 - measured):.0f} % of {rows:,} rows have no output, from which no model is right; log the "
             "output as often as the input, or choose an input and an output of one raster"
         )
 
 
 def _checked(table: Table, number: int, t: NDArray[np.float64]) -> NDArray[np.float64]:
-    place = f"{table.path}: column {table.names[number]!r}"
+    place = f"{table.path}: column {shown(table.names[number])}"
     if t.size == 0:
         raise LogError(f"{place} has no sample; choose another column")
     if not np.isfinite(t).all():

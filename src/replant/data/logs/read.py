@@ -26,7 +26,7 @@ from replant.data.logs.sampling_time import (
 from replant.data.logs.table import Table, listed
 from replant.data.logs.time_range import check_range, part_of
 from replant.data.logs.time_unit import StampUnit, check_unit, unit_of_stamps
-from replant.errors import InvalidArgumentError, LogError
+from replant.errors import InvalidArgumentError, LogError, shown
 from replant.limits import file_path
 from replant.log import Log
 
@@ -302,14 +302,14 @@ def _check_distinct(table: Table, roles: dict[str, int]) -> None:
     for role, number in roles.items():
         if number in chosen:
             raise LogError(
-                f"{table.path}: {chosen[number]} and {role} are the same column {table.names[number]!r}; "
+                f"{table.path}: {chosen[number]} and {role} are the same column {shown(table.names[number])}; "
                 "choose two different columns"
             )
         chosen[number] = role
         if role != "time" and number in table.in_seconds:
             raise LogError(
-                f"{table.path}: column {table.names[number]!r} holds dates or times, no samples; choose another column "
-                f"as the {role}"
+                f"{table.path}: column {shown(table.names[number])} holds dates or times, no samples; choose "
+                f"another column as the {role}"
             )
 
 
@@ -323,7 +323,7 @@ def _find_time(table: Table, roles: dict[str, int]) -> int:
     if not candidates:
         other = "no other column" if time_columns(table) else "no column"
         raise LogError(f"{table.path}: {other} is called t, time or timestamp; {_GIVE_TIME}")
-    names = listed([repr(table.names[number]) for number in candidates])
+    names = listed([shown(table.names[number]) for number in candidates])
     raise LogError(f"{table.path}: several columns could be the time: {names}; {_GIVE_TIME}")
 
 
@@ -340,6 +340,6 @@ def _check_lengths(table: Table, roles: dict[str, int], block: Sequence[NDArray[
     for name, other in named[1:]:
         if other != length:
             raise LogError(
-                f"{table.path}: column {first!r} has {length} samples but {name!r} has {other}; "
+                f"{table.path}: column {shown(first)} has {length} samples but {shown(name)} has {other}; "
                 "choose columns of one length"
             )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.arguments import number
-from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
+from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, shown
 from replant.limits import duration
 from replant.time_stamps import TOLERANCE, StampResolution, is_regular_interval
 
@@ -181,8 +181,8 @@ class SamplingTime:
         if clock.irregular_row is None:
             return ""
         return (
-            f"{self._path}: {self._describe_row(clock.irregular_row)}, column {self._name!r}: irregular time stamps, "
-            f"{clock.irregular_interval:.6g} after the one before where {clock.interval:.6g} is usual"
+            f"{self._path}: {self._describe_row(clock.irregular_row)}, column {shown(self._name)}: irregular time "
+            f"stamps, {clock.irregular_interval:.6g} after the one before where {clock.interval:.6g} is usual"
         )
 
     def _check(self) -> None:
@@ -233,12 +233,12 @@ def _check_increasing(path: Path, name: str, stamps: NDArray[np.float64], descri
     finite = np.abs(stamps) < _ENDLESS
     if not np.all(finite):
         row = int(np.argmin(finite))
-        raise LogError(f"{path}: {describe(row)}, column {name!r}: the time stamp is {stamps[row]}; {_REMEDY}")
+        raise LogError(f"{path}: {describe(row)}, column {shown(name)}: the time stamp is {stamps[row]}; {_REMEDY}")
     steps = np.diff(stamps)
     if not np.all(steps > 0.0):
         row = int(np.argmin(steps > 0.0)) + 1
         what = "repeats" if steps[row - 1] == 0.0 else "goes back from"
         raise LogError(
-            f"{path}: {describe(row)}, column {name!r}: the time stamp {stamps[row]:.12g} {what} the one before "
+            f"{path}: {describe(row)}, column {shown(name)}: the time stamp {stamps[row]:.12g} {what} the one before "
             f"({stamps[row - 1]:.12g}); {_REMEDY}"
         )

@@ -13,13 +13,14 @@ from typing import SupportsIndex
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.errors import ArgumentTypeError, LogError, shown
+from replant.data.logs.limits import LONGEST_NAME, MOST_COLUMNS, MOST_EMPTY, too_many_error
+from replant.errors import SHOWN, ArgumentTypeError, LogError, shown
 from replant.interop.units import without_unit
 
 NAMES_SHOWN = 12
-"""Names that the error of a wrong name lists, closest first: one line stays readable [count]."""
-NAME_SHOWN = 60
-"""Characters of each of them [characters]."""
+"""Names that the error of a wrong name lists, closest first [count]."""
+LIST_SHOWN = 160
+"""Characters of all of them: one line stays readable [characters]."""
 
 LONGEST_NUMBER = 20
 """Digits of a column's number from which on it is that of no column [characters]."""
@@ -92,6 +93,16 @@ class Table:
     left_out: Mapping[str, str] = field(default_factory=dict)
     stamps: Callable[[int], NDArray[np.float64]] | None = None
 
+    def __post_init__(self) -> None:
+        if len(self.names) > MOST_COLUMNS:
+            raise too_many_error(self.path, "columns")
+        long = next((name for name in self.names if len(name) > LONGEST_NAME), None)
+        if long is not None:
+            raise LogError(
+                f"{self.path}: {shown(long)} is the name of a column, of {len(long):,} characters; shorten "
+                f"it to {LONGEST_NAME:,} or fewer"
+            )
+
     def column(self, key: str | int) -> NDArray[np.float64]:
         """Return one column as float64, by name or 0-based number."""
         return self.columns([key])[0]
@@ -116,8 +127,17 @@ class Table:
             If a column does not exist or has a cell that is not a number.
         """
         numbers = [self.find(key) for key in keys]
+        values = found = 0
         try:
-            yield from self.blocks(numbers)
+            for block in self.blocks(numbers):
+                values += sum(array.size for array in block)
+                found += sum(int(np.count_nonzero(~np.isnan(array))) for array in block)
+                if values - found > MOST_EMPTY + 2 * found:
+                    raise LogError(
+                        f"{self.path}: {values - found:,} of its first {values:,} values are missing; leave out the "
+                        "rows without samples, or the columns"
+                    )
+                yield block
         except OSError as error:
             raise unreadable_error(self.path, error) from error
 
@@ -143,8 +163,8 @@ class Table:
         if reason is not None:
             raise LogError(f"{self.path}: {reason}")
         near = self._by_likeness(key)
-        meant = f" (did you mean {near[0]!r}?)" if self._likeness(key, near[0]) >= NEAR else ""
-        raise LogError(f"{self.path}: no column {key!r}{meant}; there are: {listed(near)}")
+        meant = f" (did you mean {shown(near[0])}?)" if self._likeness(key, near[0]) >= NEAR else ""
+        raise LogError(f"{self.path}: no column {shown(key)}{meant}; there are: {listed(near)}")
 
     def _number(self, key: SupportsIndex) -> int:
         try:
@@ -160,8 +180,8 @@ class Table:
         return number
 
     def _ambiguous(self, key: str, found: list[int]) -> str:
-        names = listed([f"{number} ({self.names[number]!r})" for number in found])
-        return f"{self.path}: column {key!r} could be any of {names}; choose it by its number"
+        names = listed([f"{number} ({shown(self.names[number])})" for number in found])
+        return f"{self.path}: column {shown(key)} could be any of {names}; choose it by its number"
 
     def _by_likeness(self, key: str) -> list[str]:
         return sorted(self.names, key=lambda name: -self._likeness(key, name))
@@ -206,7 +226,11 @@ def listed(names: Sequence[str]) -> str:
     >>> listed(["u [V]", "y"])
     'u [V], y'
     """
-    more = len(names) - NAMES_SHOWN
-    shown = (" ".join(name[: 2 * NAME_SHOWN].split()) for name in names[:NAMES_SHOWN])
-    cut = ", ".join(name if len(name) <= NAME_SHOWN else name[:NAME_SHOWN] + "..." for name in shown)
-    return cut + (f", ... ({more} more)" if more > 0 else "")
+    parts: list[str] = []
+    for name in names[:NAMES_SHOWN]:
+        flat = " ".join(name[: 2 * SHOWN].split())
+        parts.append(flat if len(flat) <= SHOWN else flat[:SHOWN] + "...")
+        if sum(map(len, parts)) > LIST_SHOWN:
+            break
+    more = len(names) - len(parts)
+    return ", ".join(parts) + (f", ... ({more} more)" if more > 0 else "")

@@ -15,12 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from replant.data.logs import limits
 from replant.data.logs.damage import damage_as_log_error
 from replant.data.logs.merge_rasters import Signal
 from replant.data.logs.rasters import Channel, channel_table
 from replant.data.logs.table import Table
 from replant.data.logs.text_units import with_units
 from replant.errors import LogError, MissingDependencyError
+
+_COPIES = 3  # npTDMS's values, ours and the stamps: each beside a column as float64
 
 _Place = tuple[str, str]
 
@@ -36,9 +39,8 @@ def read(path: Path) -> Table:
         If it is damaged or holds no channel of numbers.
     """
     with _opened(path) as file:
-        channels = [
-            one for group in file.groups() for one in group.channels() if one.dtype.kind in "biufM" and len(one)
-        ]
+        listed = limits.at_most(path, (one for group in file.groups() for one in group.channels()), "channels")
+        channels = [one for one in listed if one.dtype.kind in "biufM" and len(one)]
         places: list[_Place] = [(one.group_name, one.name) for one in channels]
         names = with_units(
             [f"{group}/{name}" for group, name in places],
@@ -89,19 +91,21 @@ def _nanoseconds(start: Any) -> int:
 def _signal(path: Path, place: _Place, clock: tuple[Any, float, float], origin: int | None) -> Signal:
     start, offset, increment = clock
     with _opened(path) as file:
-        values = _values(file, place)
+        values = _values(file, place, path.stat().st_size)
     begin = offset + (0.0 if origin is None else (_nanoseconds(start) - origin) / 1e9)
     return Signal(np.asarray(begin + increment * np.arange(values.size), np.float64), values)
 
 
 def _blocks(path: Path, places: Sequence[_Place], numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
     with _opened(path) as file:
-        yield [_values(file, places[number]) for number in numbers]
+        yield [_values(file, places[number], path.stat().st_size) for number in numbers]
 
 
-def _values(file: Any, place: _Place) -> NDArray[np.float64]:
+def _values(file: Any, place: _Place, size: int) -> NDArray[np.float64]:
     group, name = place
-    values = np.asarray(file[group][name][:])
+    channel = file[group][name]
+    limits.allow(held=_COPIES * 8 * min(len(channel), size))
+    values = np.asarray(channel[:])
     if values.dtype.kind == "M":
         counts = values.astype("datetime64[ns]").astype(np.int64)
         return np.asarray((counts - counts[:1]) / 1e9, np.float64)

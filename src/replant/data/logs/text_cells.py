@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from functools import lru_cache
 
+from replant.data.logs.limits import MOST_COLUMNS
+
 MISSING = frozenset({"", "na", "n/a", "null"})  # NaN, as nan, inf and infinity are numbers that float() knows
 
 _SHOWN = 40
@@ -24,6 +26,8 @@ class CellError(ValueError):
 
 def split_line(line: str, delimiter: str | None) -> list[str]:
     """Split a line into stripped cells, with quotes removed; without a delimiter at runs of blanks.
+
+    Of a line with more than `MOST_COLUMNS` cells, one more is returned.
 
     A quotation mark begins a quoted cell only as the first character of the cell; elsewhere it is ordinary text.
 
@@ -45,7 +49,7 @@ def split_line(line: str, delimiter: str | None) -> list[str]:
     if delimiter is None:
         return _split_words(line)
     if '"' not in line:
-        return [cell.strip() for cell in line.split(delimiter)]
+        return [cell.strip() for cell in line.split(delimiter, MOST_COLUMNS)]
     pattern, text = _cell_pattern(delimiter), line.rstrip("\r\n")
     cells: list[str] = []
     at = 0
@@ -55,7 +59,7 @@ def split_line(line: str, delimiter: str | None) -> list[str]:
             raise _broken(len(cells), text[at:], delimiter)
         quoted, plain, end = found.groups()
         cells.append((plain if quoted is None else quoted.replace('""', '"')).strip())
-        if not end:
+        if not end or len(cells) > MOST_COLUMNS:
             return cells
         at = found.end()
 
@@ -74,7 +78,7 @@ def _split_words(line: str) -> list[str]:
         if found is None:
             raise _broken(len(cells), line[at:], None)
         quoted, plain = found.groups()
-        if quoted is None and plain is None:
+        if (quoted is None and plain is None) or len(cells) > MOST_COLUMNS:
             return cells
         cells.append(quoted.replace('""', '"') if plain is None else plain)
         at = found.end()

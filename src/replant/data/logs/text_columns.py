@@ -14,7 +14,7 @@ from replant.data.logs.text_content import joined_cell
 from replant.data.logs.text_layout import Layout
 from replant.data.logs.text_numbers import DecimalMark, NumberError, TwoMarksError, common_mark, mark_of, parse_numbers
 from replant.data.logs.text_times import READ, StampError
-from replant.errors import LogError
+from replant.errors import LogError, shown
 
 _CELL_REMEDY = "correct it, leave the cell empty, or put # before the line"
 _DATE = re.compile(r"\s*\d+[-/.:]\d+[-/.:]\d+")
@@ -69,13 +69,13 @@ def parse_column(
             raise LogError(_two_marks(path, name, str(error), line, mark)) from None
         remedy = _DATE_REMEDY if _DATE.match(cells[error.index]) else _CELL_REMEDY
         end = f"; {remedy}" if isinstance(error, NumberError) else ""
-        raise LogError(f"{path}: line {line}, column {name!r}: {error}{end}") from None
+        raise LogError(f"{path}: line {line}, column {shown(name)}: {error}{end}") from None
 
 
 def _two_marks(path: Path, name: str, cell: str, line: int, mark: DecimalMark) -> str:
     """Return the message for 1.234 beside 0,5: the point may be a decimal point or a thousands separator."""
     return (
-        f"{path}: column {name!r} has a {_WORDS[mark.other]} in line {line} ({quote(cell)}) and the log a "
+        f"{path}: column {shown(name)} has a {_WORDS[mark.other]} in line {line} ({quote(cell)}) and the log a "
         f"{_WORDS[mark.mark]} in line {mark.line} ({quote(mark.cell)}); write all numbers one way, without thousands "
         "separators"
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 
+from replant.data.logs.limits import LONGEST_NAME, MOST_COLUMNS, too_many_error
 from replant.data.logs.sampling_time import time_candidates
 from replant.data.logs.text_cells import (
     CellError,
@@ -24,10 +25,10 @@ from replant.errors import LogError
 COMMENT_MARKS = ("#", "%")
 DELIMITERS = (";", "\t", "|", ",", None)  # None: runs of blanks.  Of two with equal score the first one is taken
 QUOTES_REMEDY = "correct it, or write a quotation mark within a quoted cell twice"
-LONGEST_LINE = 1 << 26
-"""Longest line that is read: a million columns and more [characters]."""
-LONGEST_NAME = 1000
-"""Longest name of a column [characters]."""
+LONGEST_LINE = 1 << 22
+"""Longest line that is read: 131,072 columns of full precision [characters]."""
+MOST_LINES_ABOVE = 100_000
+"""Lines without data above the first row, or between two of the first ones [lines]."""
 
 _SAMPLE_ROWS = 100
 """Rows that the layout is detected from [rows]."""
@@ -109,6 +110,9 @@ def sniff(path: Path) -> Layout:
     encoding = _encoding(path)
     comment, rows = _sample(path, encoding)
     if not rows:
+        with path.open("rb") as file:
+            if file.seek(0, 2) > _HEAD_BYTES:
+                raise LogError(f"{path}: no row of data in its first {MOST_LINES_ABOVE:,} lines; remove what is above")
         raise LogError(f"{path}: the file is empty; a log has a row of names and one row of numbers per sample")
     delimiter = _delimiter([line for _, line in rows])
     above, rows = rows[0][0], _below_title(rows, delimiter)
@@ -117,6 +121,8 @@ def sniff(path: Path) -> Layout:
         first = split_line(line, delimiter)
     except CellError as error:
         raise LogError(f"{path}: line {number}, column {error.column}: {error}; {QUOTES_REMEDY}") from None
+    if len(first) > MOST_COLUMNS:
+        raise too_many_error(path, "columns")
     below = [(at, cells) for at, line in rows[1:] if (cells := _split_or_none(line, delimiter)) is not None]
     units = units_in(below[0][1]) if len(below) > 1 and len(below[0][1]) <= len(first) + 1 else None
     others = [cells for _, cells in below[units is not None :]]
@@ -162,7 +168,7 @@ def lines_of(path: Path, encoding: str) -> Iterator[tuple[int, str]]:
 def too_long_error(path: Path, number: int) -> LogError:
     """Return the error for a line that is longer than `LONGEST_LINE`."""
     return LogError(
-        f"{path}: line {number} is longer than {LONGEST_LINE >> 20} million characters; "
+        f"{path}: line {number} is longer than {LONGEST_LINE:,} characters; "
         "write one line for each sample, and end it with a line feed"
     )
 
@@ -186,13 +192,17 @@ def _sample(path: Path, encoding: str) -> tuple[str | None, list[tuple[int, str]
 def _significant(lines: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
     """Yield the rows; before each row, also the last of the comments that precede it."""
     comment: tuple[int, str] | None = None
+    last = 0
     for number, line in lines:
+        if number > last + MOST_LINES_ABOVE:
+            return
         if _EXCEL_HINT.fullmatch(line.strip()):
             continue
         if is_data(line):
             if comment:
                 yield comment
                 comment = None
+            last = number
             yield number, line
         elif line.strip():
             comment = number, line

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from replant.arguments import number
 from replant.data.logs.table import Table
-from replant.errors import InvalidArgumentError, LogError
+from replant.errors import InvalidArgumentError, LogError, shown
 
 ROUND_OFF = 1e-6
 """Distance beyond an end up to which a stamp still belongs to it, besides round-off [part of an interval]."""
@@ -76,8 +76,8 @@ def part_of(table: Table, begin: float, end: float, *, dt: float | None, time: i
         if stop <= first:
             until = f"to {end:g} s" if math.isfinite(end) else "on"
             raise LogError(
-                f"{table.path}: column {table.names[time]!r} has no row from {begin:g} s {until} after its first one; "
-                "choose another time range (begin, end, --from, --to)"
+                f"{table.path}: column {shown(table.names[time])} has no row from {begin:g} s {until} after its first "
+                "one; choose another time range (begin, end, --from, --to)"
             )
     rows = min(float(table.approximate_rows), stop) - first
     return replace(

@@ -9,7 +9,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.data.logs.sampling_time import has_unit, unit_in_seconds
-from replant.errors import LogError
+from replant.errors import LogError, shown
 from replant.interop.units import unit_of
 
 LATEST = 1e11
@@ -58,7 +58,7 @@ def unit_of_stamps(name: str, stamps: FloatArray) -> StampUnit:
     unit, known = unit_in_seconds(name), has_unit(name)
     stated = unit_of(name)
     if stated and not known:
-        doubt = f"the unit {stated!r} in its name is not one of s, ms, us, ns, min, h"
+        doubt = f"the unit {shown(stated)} in its name is not one of s, ms, us, ns, min, h"
         return StampUnit(unit, doubt, True, f"write one of these, {_REMEDY}")
     finite = stamps[np.isfinite(stamps)]
     farthest = float(np.abs(finite).max()) if finite.size else 0.0
@@ -87,7 +87,7 @@ def check_unit(path: Path, name: str, stamps: FloatArray) -> None:
     """
     unit = unit_of_stamps(name, stamps)
     if unit.refused:
-        raise LogError(f"{path}: column {name!r}: {unit.doubt}; {unit.remedy}")
+        raise LogError(f"{path}: column {shown(name)}: {unit.doubt}; {unit.remedy}")
 
 
 def _usual_step(stamps: FloatArray) -> float:

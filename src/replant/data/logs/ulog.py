@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from replant.data.logs import limits
 from replant.data.logs.damage import damage_as_log_error
 from replant.data.logs.merge_rasters import Signal
 from replant.data.logs.rasters import Channel, channel_table
@@ -15,6 +16,8 @@ from replant.data.logs.table import Table
 from replant.errors import MissingDependencyError
 
 _STAMP = "timestamp"
+_COPIES = 2
+"""Size of what pyulog holds: the messages, and their fields as arrays [times the file]."""
 _PER_SECOND = 1_000_000
 """Unit of the stamps [1/s]."""
 
@@ -34,6 +37,7 @@ def read(path: Path) -> Table:
     except ImportError as error:
         raise MissingDependencyError(f"{path}: reading ULog needs pyulog: pip install 'replant[ulog]'") from error
     with damage_as_log_error(path, "ULog file", "copy it again"), path.open("rb") as file:
+        limits.allow(held=_COPIES * path.stat().st_size)  # pyulog holds all that is in it
         log = ULog(file)
         topics = [topic for topic in log.data_list if len(topic.data.get(_STAMP, ()))]
         instances = Counter(topic.name for topic in topics)
@@ -54,7 +58,7 @@ def _name(topic: Any, instances: Counter[str]) -> str:
 
 def _channel(name: str, stamps: Any, values: Any, start: int) -> Channel:
     def read_channel() -> Signal:
-        elapsed = np.asarray(stamps).astype(np.int64) - int(start)
+        elapsed = (np.asarray(stamps, np.uint64) - np.uint64(start % 2**64)).astype(np.int64)  # modulo 2**64
         return Signal(np.asarray(elapsed / _PER_SECOND, np.float64), np.array(values, np.float64))
 
     return Channel(name, read_channel)

@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from array import array
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import date, datetime, time, timedelta
+from itertools import chain, islice, repeat
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from replant.data.logs import archive, limits
 from replant.data.logs.damage import damage_as_log_error
 from replant.data.logs.local_clock import LocalClock
 from replant.data.logs.table import Table
 from replant.data.logs.text_cells import quote
 from replant.data.logs.text_times import StampFormat, find_format, is_missing
 from replant.data.logs.text_units import units_in, with_units
-from replant.errors import LogError, MissingDependencyError
+from replant.errors import LogError, MissingDependencyError, shown
 
 _HEADER_ROWS = 100
 """First rows of a sheet among which the names are looked for [rows]."""
@@ -29,6 +32,43 @@ _SAMPLE_ROWS = 100
 _EPOCH = datetime(1970, 1, 1)
 
 _Row = Sequence[Any]
+MOST_ROWS = 1 << 20
+"""Rows of a sheet: as many as Excel has [rows]."""
+MOST_SHEETS = 1000
+"""Sheets that are looked into [count]."""
+_COUNTED = 1 << 10
+"""Rows after which memory is asked for [rows]."""
+
+
+class _Cells(Sequence[Any]):
+    """The cells of a column: numbers as they would be in an array, the few others apart."""
+
+    def __init__(self) -> None:
+        self.numbers = array("d")
+        self.others: dict[int, Any] = {}
+
+    def append(self, cell: Any) -> None:
+        if not isinstance(cell, float | int) or isinstance(cell, bool):
+            if cell is not None:
+                self.others[len(self.numbers)] = cell
+            cell = math.nan
+        self.numbers.append(_as_float(cell))
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def __getitem__(self, row: Any) -> Any:
+        if isinstance(row, slice):
+            return [self[at] for at in range(*row.indices(len(self)))]
+        found = self.numbers[row]
+        return self.others.get(row) if math.isnan(found) else found
+
+
+def _as_float(number: float) -> float:
+    try:
+        return float(number)
+    except OverflowError:
+        return math.inf if number > 0 else -math.inf
 
 
 @dataclass(frozen=True)
@@ -39,26 +79,19 @@ class _Sheet:
     ----------
     title : str
     names : tuple of str
-    columns : tuple of int
-        Where the named columns lie in a row.
     first : int
         1-based row of the sheet that the data begin with.
-    rows : sequence of rows
-        The rows of data.
+    columns : sequence of cells
+        The cells of the named columns.
     """
 
     title: str
     names: tuple[str, ...]
-    columns: tuple[int, ...]
     first: int
-    rows: Sequence[_Row]
+    columns: Sequence[_Cells]
 
     def describe_row(self, row: int) -> str:
-        return f"sheet {self.title!r}, row {self.first + row}"
-
-    def cells(self, number: int) -> list[Any]:
-        at = self.columns[number]
-        return [row[at] if at < len(row) else None for row in self.rows]
+        return f"sheet {shown(self.title)}, row {self.first + row}"
 
 
 def read(path: Path) -> Table:
@@ -81,41 +114,69 @@ def read(path: Path) -> Table:
             f"{path}: reading Excel files needs openpyxl: pip install 'replant[xlsx]'"
         ) from error
     with damage_as_log_error(path, "Excel workbook", "save it again as .xlsx, or as CSV"):
+        with archive.opened(path):
+            pass
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
         try:
-            found = next((sheet for each in book.worksheets if (sheet := _table_in(each)) is not None), None)
+            sheets = limits.at_most(path, book.worksheets, "sheets", MOST_SHEETS)
+            found = next((sheet for each in sheets if (sheet := _table_in(path, each)) is not None), None)
         finally:
             book.close()
     if found is None:
         raise LogError(f"{path}: no sheet has a row of names above columns of numbers; put the log's signals into one")
-    stamps = {number for number in range(len(found.names)) if _is_time(found.cells(number)[:_SAMPLE_ROWS])}
+    stamps = {number for number, cells in enumerate(found.columns) if _is_time(cells[:_SAMPLE_ROWS])}
     return Table(
         path,
         found.names,
         lambda numbers: iter([[_values(path, found, number, is_stamp=number in stamps) for number in numbers]]),
         found.describe_row,
         in_seconds=frozenset(stamps),
-        approximate_rows=len(found.rows),
+        approximate_rows=len(found.columns[0]),
     )
 
 
-def _table_in(sheet: Any) -> _Sheet | None:
+def _table_in(path: Path, sheet: Any) -> _Sheet | None:
     if not hasattr(sheet, "iter_rows"):  # a sheet that is a chart
         return None
-    rows = [tuple(row) for row in sheet.iter_rows(values_only=True)]
-    for number, row in enumerate(rows[:_HEADER_ROWS]):
+    rows = _rows_of(path, sheet)
+    head = list(islice(rows, _HEADER_ROWS + _NEXT_ROWS))
+    for number, row in enumerate(head[:_HEADER_ROWS]):
         columns = tuple(at for at, cell in enumerate(row) if isinstance(cell, str) and cell.strip())
         if not columns or any(map(_is_value, row)):
             continue
         names = tuple(" ".join(row[at].split()) for at in columns)
         first = number + 1
-        units = units_in(["" if cell is None else str(cell) for cell in _cells_at(rows, first, columns)])
+        units = units_in(["" if cell is None else str(cell) for cell in _cells_at(head, first, columns)])
         if units is not None:
             names, first = with_units(names, units), first + 1
-        numbers = sum(map(_begins_with_value, zip(*_next_rows(rows, first, columns), strict=True)))
+        numbers = sum(map(_begins_with_value, zip(*_next_rows(head, first, columns), strict=True)))
         if numbers > 1 or numbers == len(columns):
-            return _Sheet(str(sheet.title), names, columns, first + 1, _without_empty_end(rows[first:], columns))
+            return _Sheet(str(sheet.title), names, first + 1, _columns(chain(head[first:], rows), columns))
     return None
+
+
+def _rows_of(path: Path, sheet: Any) -> Iterator[_Row]:
+    """Yield the rows; those that a number in the file leaves out are empty."""
+    return limits.at_most(path, (tuple(row) for row in sheet.iter_rows(values_only=True)), "rows in a sheet", MOST_ROWS)
+
+
+def _columns(rows: Iterator[_Row], chosen: Sequence[int]) -> list[_Cells]:
+    """Return the cells of some columns, without the empty rows at the end."""
+    columns = [_Cells() for _ in chosen]
+    empty = given = 0  # rows that wait for one that is not empty; cells that are not
+    for row in rows:
+        cells = _cells_at([row], 0, chosen)
+        if all(cell is None for cell in cells):
+            empty += 1
+            continue
+        for column, cell in zip(columns, cells, strict=True):
+            column.numbers.extend(repeat(math.nan, empty))
+            column.append(cell)
+        given, empty = given + sum(cell is not None for cell in cells), 0
+        if given >= _COUNTED:
+            limits.allow(held=8 * given, found=given)
+            given = 0
+    return columns
 
 
 def _cells_at(rows: Sequence[_Row], number: int, columns: Sequence[int]) -> list[Any]:
@@ -151,16 +212,14 @@ def _is_time(cells: Sequence[Any]) -> bool:
 
 
 def _values(path: Path, sheet: _Sheet, number: int, *, is_stamp: bool) -> NDArray[np.float64]:
-    cells = sheet.cells(number)
+    cells = sheet.columns[number]
     if is_stamp:
         return _seconds(path, sheet, number, cells)
-    values = np.empty(len(cells))
-    for row, cell in enumerate(cells):
-        if cell is None or (isinstance(cell, str) and (is_missing(cell) or cell == "#N/A")):
-            values[row] = math.nan
-        elif isinstance(cell, int | float):
+    values = np.array(cells.numbers)
+    for row, cell in cells.others.items():
+        if isinstance(cell, bool):
             values[row] = cell
-        else:
+        elif not isinstance(cell, str) or not (is_missing(cell) or cell == "#N/A"):
             raise _error(path, sheet, number, row, f"{quote(str(cell))} is not a number; correct it, or empty the cell")
     return values
 
@@ -204,4 +263,4 @@ def _of_cells(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any]) -> N
 
 
 def _error(path: Path, sheet: _Sheet, number: int, row: int, problem: str) -> LogError:
-    return LogError(f"{path}: {sheet.describe_row(row)}, column {sheet.names[number]!r}: {problem}")
+    return LogError(f"{path}: {sheet.describe_row(row)}, column {shown(sheet.names[number])}: {problem}")

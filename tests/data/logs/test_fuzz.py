@@ -1,0 +1,20 @@
+"""A short, seeded slice of `make fuzz` over each file format: mutants are read or refused in one line."""
+
+from __future__ import annotations
+
+import importlib.util
+
+import pytest
+
+from fuzz.files import run_file
+from fuzz.seeds_of_files import FORMATS
+
+TRIES = 40
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_mutants_of_a_format(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for package in FORMATS[name][2]:
+        if importlib.util.find_spec(package.partition(".")[0]) is None:
+            pytest.skip(f"{package} is not installed")
+    assert run_file(name, 0, 0.0, TRIES) == 0, capsys.readouterr().out
