@@ -14,7 +14,7 @@ CHOSEN = "chosen"
 
 
 def rows_of(found: SearchResult) -> list[tuple[str, ...]]:
-    """Return a row of cells for each structure, its evidence less that of the best of the grid; the chosen is marked."""
+    """Return a row of cells for each structure, its evidence beside the most of the grid; the chosen one is marked."""
     rows: list[tuple[str, ...]] = []
     least = min(candidate.criterion for candidate in found.candidates)
     for candidate in found.candidates:
