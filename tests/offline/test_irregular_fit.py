@@ -94,7 +94,7 @@ def test_the_search_uses_the_stamps_also_where_it_scores() -> None:
     u, y, t = with_gaps(4, samples=4000)
     found = search(u, y, DT, poles=(1, 2), zeros=(0, 1), t=t)
     assert (found.best.structure.poles, found.best.structure.zeros) == (2, 1)
-    assert found.chosen.held_out == pytest.approx(100.0 * (1.0 - NOISE / np.std(y)), abs=1.5)
+    assert found.chosen.fit == pytest.approx(100.0 * (1.0 - NOISE / np.std(y)), abs=1.5)
 
 
 def test_the_search_finds_a_dead_time_on_an_irregular_clock() -> None:

@@ -36,11 +36,9 @@ def command(as_json: bool, out: Path | None, method: str, **options: Any) -> Non
 
     The method is refined instrumental variables, or least squares.
 
-    With a range of poles, zeros or dead times, every structure of the grid is fitted to the first 70 % of the record
-    and judged by its simulated fit on the rest; the same again with the last 70 %.  Those with a coefficient that is
-    not known are left out.  Of the structures that predict no worse than the best one, by a standard error or by half
-    a point of fit, the one with the fewest parameters is chosen; among equals the one with the smallest criterion
-    (BIC).  Its dead time is then found between the points of the grid.
+    With a range of poles, zeros or dead times, the structure with the most evidence is chosen: the log-likelihood of
+    all samples, less ln(K) / 2 for every number that is fitted to K samples (BIC).  Structures that cannot win are left
+    early.  The dead time is found between the points of the grid.
     """
     from rich.console import Console
 

@@ -53,6 +53,11 @@ class Solution:
         return np.asarray(self.doubt != Doubt.NONE)
 
 
+def at_first(record: Record) -> Record:
+    """Return a record without the outputs that may be bad by themselves."""
+    return leaving_out(record, suspicious(np.where(record.is_measured, record.y, np.nan)))
+
+
 def solve(
     structure: Structure, record: Record, given: Sequence[FloatArray] = (), *, afresh: bool = False
 ) -> Solution | None:
@@ -72,7 +77,7 @@ def solve(
     doubt = suspicious(y)
     found, solution = None, None
     for _ in range(ROUNDS):
-        used = _used(record, doubt)
+        used = leaving_out(record, doubt)
         if found is None:
             found = _solved(structure, used, given, afresh=afresh)
         else:
@@ -87,7 +92,7 @@ def solve(
             return solution
     missing = np.where(record.is_measured, Doubt.NONE, Doubt.MISSING)
     if solution is None and (suspicious(y) != missing).any():  # as they came
-        used = _used(record, missing)
+        used = leaving_out(record, missing)
         found = _solved(structure, used, given, afresh=afresh)
         if found is not None:
             solution = Solution(found, used, missing, used.y)
@@ -98,7 +103,7 @@ def _solved(structure: Structure, record: Record, given: Sequence[FloatArray], *
     return refine(structure, record, given, afresh=afresh) if given else first_model(structure, record)
 
 
-def _used(record: Record, doubt: IntArray) -> Record:
+def leaving_out(record: Record, doubt: IntArray) -> Record:
     """Return a record without the outputs that are in doubt."""
     measured = np.asarray(doubt == Doubt.NONE)
     if measured.all():

@@ -1,4 +1,4 @@
-"""Search for the structure: poles, zeros and dead time of a grid, compared on samples that were not fitted."""
+"""Search for the structure: poles, zeros and dead time of a grid, judged by their evidence on all samples."""
 
 from __future__ import annotations
 
@@ -10,50 +10,23 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray, increasing, record, vector, whole
-from replant.assessment import simulate
-from replant.engine.record import SAME, gaps_of, ready_record
+from replant.arguments import increasing, record, vector, whole
+from replant.engine.record import Record, ready_record
 from replant.errors import InvalidArgumentError
 from replant.limits import MOST_TRIED, dead_time, duration, several
-from replant.model.dead_time import unknown_outputs
 from replant.model.structure import Structure
 from replant.offline.fit import fit
 from replant.offline.fit_result import FitResult
 from replant.offline.samples import Samples
+from replant.offline.solve import at_first
+from replant.offline.structure_evidence import Evidence, Trial
 from replant.regressor.filters import RefinedFilter
-from replant.regressor.preprocess import Preprocess, screen
-from replant.simulation.prediction import prediction_error, runs_away
-from replant.statistics.linear_algebra import quiet, real_coefficients
-from replant.statistics.robust import without_spikes
+from replant.regressor.preprocess import Preprocess
+from replant.statistics.chi2 import chi2_quantile
 
-TRAINED = 0.7
-"""Part of the record that models are fitted to; the rest is held out [share].
-Origin: a rule of thumb of cross validation.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-STRETCHES = 3
-"""Stretches into which the part held out is cut, at each end of the record [count].
-Derivation: each is then a tenth of the record; of six a standard error is known to a third.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-ENOUGH = 0.5
-"""Held-out fit that more parameters must bring to be worth having [%].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-LEAST_SHARED = 0.5
-"""Share of the stretches that two structures must share to be compared [share].
-Derivation: fewer than three differences have no standard error.
-"""
-
-MAY_BE_ABSENT = 1.0
-"""Standard deviation of a coefficient beyond which it may as well be absent, so that poles or zeros are too many [part
-of its size].
-Derivation: its 68 % interval then holds zero.
-Sensitivity: halved or doubled, nothing changes on these records.
+ALPHA = 1e-2
+"""Chance that a better likelihood is no more than chance [probability].
+Level: 1 %.
 """
 
 PRECISION = 0.01
@@ -62,44 +35,42 @@ Derivation: finer than data tell: a hundredth of a sample moves the output by a 
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
+BETWEEN = 8
+"""Dead times tried between two points of the grid, at the most [count].
+Derivation: the golden section alone makes the interval 50 times shorter; near its top the likelihood is a parabola.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One structure that was tried.
+    """One structure of the grid.
 
     Attributes
     ----------
     structure : Structure
-    held_out : float
-        Simulated fit in percent over the first and the last 30 % of the record, each by a model of the rest, with
-        offset and initial state estimated; of an unstable model, which would run away, the fit of the output predicted
-        one step ahead.  Minus infinity where there is no model.
-    stretches : (S,) array
-        Logarithm of the residual's power over each stretch held out.
-    uncertainty : float
-        Largest standard deviation of a coefficient of the models, as a part of its size.
+    fit : float
+        Fit in percent of the simulated output over all samples, with offset and initial state estimated; of an unstable
+        model, which would run away, of the output predicted one step ahead.  Minus infinity where there is no model,
+        or where the structure was left early: beside a smaller one, or a dead time next to it, it could not win.
+    likelihood : float
+        Logarithm of the likelihood of all samples.
     criterion : float
-        Bayesian information criterion of the first 70 %, K ln(variance) + P ln(K): smaller is better.
+        Bayesian information criterion: N ln(K) less twice the log-likelihood, N numbers fitted to K samples.  Smaller
+        is better.
+    uncertainty : float
+        Largest standard deviation of a coefficient, as a part of its size.
     """
 
     structure: Structure
-    held_out: float
-    stretches: FloatArray
-    uncertainty: float
-    criterion: float
+    fit: float = -math.inf
+    likelihood: float = -math.inf
+    criterion: float = math.inf
+    uncertainty: float = math.inf
 
     @property
-    def is_known(self) -> bool:
-        """Whether no coefficient may as well be absent."""
-        return self.uncertainty < MAY_BE_ABSENT
-
-    def is_behind(self, best: Candidate) -> bool:
-        """Return whether it predicts worse than the best one, by more than a standard error of the difference."""
-        shared = np.isfinite(self.stretches) & np.isfinite(best.stretches)
-        if shared.sum() < LEAST_SHARED * shared.size:
-            return True
-        worse = (self.stretches - best.stretches)[shared]
-        return bool(worse.mean() > worse.std(ddof=1) / math.sqrt(worse.size))
+    def was_tried(self) -> bool:
+        """Whether there is a model of this structure."""
+        return math.isfinite(self.fit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +83,7 @@ class SearchResult:
         The fit of the chosen structure to the whole record, its dead time found between the points of the grid.
     chosen : Candidate
     candidates : tuple of Candidate
-        All that were tried, in the order of the grid.
+        All of the grid, in its order.
     """
 
     best: FitResult
@@ -134,13 +105,12 @@ def search(
     t: Any = None,
     progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> SearchResult:
-    """Fit every structure of a grid by refined instrumental variables, and choose one.
+    """Fit the structures of a grid by refined instrumental variables, and choose one.
 
-    Each structure is fitted to the first 70 % of the record and simulated over the rest, and to the last 70 %.  Those
-    with a coefficient that is not known are left out, unless all are.  Of the structures that predict no worse than the
-    best one, by a standard error over six stretches or by half a point of fit, the one with the fewest parameters is
-    chosen; of several, the one with the least information criterion.  Its dead time is then found between the points of
-    the grid, where that lowers the criterion.
+    A structure is judged by its evidence: the log-likelihood of all samples, one step ahead, less ln(K) / 2 for every
+    number that was fitted, see `replant.offline.structure_evidence`.  The numbers of poles and zeros are compared with
+    the dead time found between the points of the grid.  The grid's own dead time stays unless another brings more than
+    ln(K) / 2.  Structures that cannot win are left early.
 
     Parameters
     ----------
@@ -170,7 +140,7 @@ def search(
     Returns
     -------
     SearchResult
-        Every structure tried, and the one chosen.
+        Every structure of the grid, and the one chosen.
 
     Raises
     ------
@@ -179,8 +149,8 @@ def search(
 
     References
     ----------
-    Ljung (1999), "System Identification: Theory for the User", section 16.4; Hastie, Tibshirani and Friedman (2009),
-    "The Elements of Statistical Learning", section 7.10 (the rule of one standard error).
+    Schwarz (1978), "Estimating the dimension of a model", Annals of Statistics 6; Ljung (1999), "System Identification:
+    Theory for the User", section 16.4.
 
     Examples
     --------
@@ -194,63 +164,172 @@ def search(
     given = Samples.of(u, y, dt, t, reference)
     preprocess = given.preprocess if preprocess is None else preprocess
     u, y = record(given.u, given.y)
-    dt, delays = duration("dt", given.dt), sorted(set(several("delays", delays, dead_time)))
-    grid = _grid(poles, zeros, delays, bias)
+    dt, times = duration("dt", given.dt), sorted(set(several("delays", delays, dead_time)))
+    grid = _grid(poles, zeros, times, bias)
     r = None if given.reference is None else vector("reference", given.reference)
     stamps = None if given.t is None else increasing(given.t, u.size)
-    tried, held = [], RefinedFilter(given.input_hold)
-    for done, structure in enumerate(grid):
-        progress(done, len(grid))
-        tried.append(_try(structure, u, y, r, stamps, dt, preprocess, held))
+    hold = RefinedFilter(given.input_hold)
+    told = y if r is None or r.size != y.size else np.where(np.isfinite(r), y, np.nan)
+    ready = ready_record(grid[0], dt, preprocess.resolve(u, told), u, told, stamps, given.input_hold, r)
+    used = at_first(ready)
+    for _ in range(2):
+        sweep = _Sweep(used, grid, times, progress)
+        chosen = sweep.chosen
+        best = fit(
+            u, y, dt, chosen.structure, method="srivc", preprocess=preprocess, filter=hold, t=stamps, reference=r
+        )
+        made = best.record
+        if made is None or made.u.size != used.u.size or (made.is_measured == used.is_measured).all():
+            break
+        used = replace(used, y=made.y, measured=made.measured)  # and again, without what this model finds bad
     progress(len(grid), len(grid))
-    usable = [candidate for candidate in tried if math.isfinite(candidate.held_out)]
-    if not usable:
-        raise InvalidArgumentError("no structure of the grid explains this record: does the input move the output?")
-    usable = [candidate for candidate in usable if candidate.is_known] or usable
-    best = max(usable, key=lambda candidate: candidate.held_out)
-    near = [each for each in usable if each.held_out >= best.held_out - ENOUGH or not each.is_behind(best)]
-    chosen = min(near, key=lambda candidate: (_parameters(candidate.structure), candidate.criterion))
-
-    def fitted(delay: float) -> FitResult:
-        structure = replace(chosen.structure, delay=delay)
-        return fit(u, y, dt, structure, method="srivc", preprocess=preprocess, filter=held, t=stamps, reference=r)
-
-    best_fit = given.named(_between_points(fitted, chosen.structure.delay, delays, dt))
-    return SearchResult(best_fit, chosen, tuple(tried))
+    candidates = tuple(sweep.candidate(structure) for structure in grid)
+    nearest = min(
+        (each for each in candidates if _size(each.structure) == _size(chosen.structure)),
+        key=lambda each: abs(each.structure.delay - chosen.structure.delay),
+    )
+    return SearchResult(given.named(best), nearest, candidates)
 
 
-def _between_points(fitted: Callable[[float], FitResult], delay: float, delays: list[float], dt: float) -> FitResult:
-    """Return the fit with the dead time, between the neighbours of one of the grid, that leaves least.
+class _Sweep:
+    """Walks over the grid, from small structures to large ones and from the most likely dead time to its neighbours."""
 
-    The grid's own one stays unless another lowers the information criterion: unless K ln(variance) is less by ln(K).
-    """
-    from scipy import optimize  # slow to import
+    def __init__(
+        self, ready: Record, grid: list[Structure], delays: list[float], progress: Callable[[int, int], None]
+    ) -> None:
+        self._evidence, self._grid, self._delays = Evidence(ready, at_rest=True), grid, delays
+        self._progress, self._seen = progress, 0
+        self._tried: dict[Structure, Trial | None] = {}
+        self._between: dict[tuple[int, int], Trial] = {}
+        # a trial behind by more than chance makes of all its parameters cannot win
+        self._reach = chi2_quantile(1.0 - ALPHA, max(structure.size for structure in grid) + 1)
+        if ready.u.size and float(np.ptp(ready.u)) > 0.0:
+            self._walk()
 
-    at_point = fitted(delay)
-    k = delays.index(delay)
-    low, high = delays[max(k - 1, 0)], delays[min(k + 1, len(delays) - 1)]
-    if not high > low:
-        return at_point
-    fits: dict[float, FitResult] = {}
+    @property
+    def chosen(self) -> Trial:
+        """The trial with the most evidence; its dead time that of the grid, unless another is paid for."""
+        top = self._top
+        if top is None:
+            raise InvalidArgumentError("no structure of the grid explains this record: does the input move the output?")
+        on_grid = max(self._of(_size(top.structure)), key=lambda trial: trial.evidence)
+        paid = top.likelihood - on_grid.likelihood > 0.5 * math.log(self._evidence.record.u.size)
+        return top if paid else on_grid
 
-    def left(tried: float) -> float:
-        try:
-            fits[tried] = fitted(tried)
-        except InvalidArgumentError:  # no model with this one
-            return math.inf
-        return _variance(fits[tried])
+    def candidate(self, structure: Structure) -> Candidate:
+        """Return what came of a structure of the grid."""
+        trial = self._tried.get(structure)
+        if trial is None:
+            return Candidate(structure)
+        uncertainty = trial.uncertainty(self._evidence.record.span)
+        return Candidate(structure, trial.fit, trial.likelihood, -2.0 * trial.evidence, uncertainty)
 
-    found = float(optimize.minimize_scalar(left, bounds=(low, high), options={"xatol": PRECISION * dt}).x)
-    if found not in fits:
-        return at_point
-    gain = math.log(max(_variance(at_point), 1e-300) / max(_variance(fits[found]), 1e-300))
-    return fits[found] if at_point.samples * gain > math.log(at_point.samples) else at_point
+    @property
+    def _top(self) -> Trial | None:
+        trials = [*(trial for trial in self._tried.values() if trial is not None), *self._between.values()]
+        return max(trials, key=lambda trial: trial.evidence, default=None)
+
+    def _of(self, size: tuple[int, int]) -> list[Trial]:
+        return [trial for trial in self._tried.values() if trial is not None and _size(trial.structure) == size]
+
+    def _walk(self) -> None:
+        """Try what can win."""
+        for size in sorted({_size(structure) for structure in self._grid}):
+            self._along_delays(size)
+            if self._begins_in_motion():
+                self._evidence = Evidence(self._evidence.record, at_rest=False)
+                self._tried, self._between = {}, {}
+                return self._walk()
+            trials = self._of(size)
+            if trials:
+                self._refine_delay(max(trials, key=lambda trial: trial.evidence))
+        return None
+
+    def _begins_in_motion(self) -> bool:
+        """Return whether unknown inputs before the record make it likelier, by more than chance makes of so many."""
+        top, record = self._top, self._evidence.record
+        if top is None or not self._evidence.at_rest or not top.structure.delay:
+            return False
+        moving = Evidence(record, at_rest=False).of(top.structure, [top.found.theta])
+        unknown = record.unknown(top.structure.delay) * len(record.parts)
+        return moving is not None and moving.evidence - top.evidence > 0.5 * chi2_quantile(1.0 - ALPHA, unknown)
+
+    def _along_delays(self, size: tuple[int, int]) -> None:
+        """Try one number of poles and zeros with the dead times around the best one so far; at first with all."""
+        top = self._top
+        best = self._delays[0] if top is None else top.structure.delay
+        begin = int(np.argmin(np.abs(np.array(self._delays) - best)))
+        start = self._try(size, begin, None)
+        for steps in (range(begin - 1, -1, -1), range(begin + 1, len(self._delays))):
+            last = start
+            for k in steps:
+                # more poles delay the answer further: no larger structure makes up for too long a dead time
+                if k > begin and any(self._is_out(trial) for trial in self._smaller(size, k)):
+                    break
+                trial = self._try(size, k, last)
+                falls = trial is None or last is None or trial.evidence < last.evidence
+                if top is not None and falls and self._is_out(trial):
+                    break
+                last = trial or last
+
+    def _is_out(self, trial: Trial | None) -> bool:
+        top = self._top
+        return trial is None or (top is not None and trial.evidence < top.evidence - self._reach)
+
+    def _smaller(self, size: tuple[int, int], k: int) -> list[Trial | None]:
+        """Return the trials with this dead time, and no more poles and zeros."""
+        return [
+            trial
+            for structure, trial in self._tried.items()
+            if structure.delay == self._delays[k] and structure.poles <= size[0] and structure.zeros <= size[1]
+        ]
+
+    def _try(self, size: tuple[int, int], k: int, beside: Trial | None) -> Trial | None:
+        """Try a structure, from the dead time beside it, or from a smaller structure and fast poles, or afresh."""
+        self._seen = max(self._seen, len(self._tried))
+        self._progress(self._seen, len(self._grid))
+        structure, dt = Structure(*size, self._delays[k], self._grid[0].bias), self._evidence.record.dt
+        inner = max(filter(None, self._smaller(size, k)), key=lambda trial: trial.likelihood, default=None)
+        if beside is not None:
+            trial = self._evidence.of(structure, [beside.found.theta])
+            worse = inner is not None and (trial is None or trial.likelihood < inner.likelihood)
+            if inner is not None and worse and not self._is_out(inner):  # it has not converged
+                again = self._evidence.of(structure, [inner.grown(structure, dt)])
+                trial = max(filter(None, (trial, again)), key=lambda each: each.likelihood, default=None)
+        else:
+            known = [] if inner is None else [inner.grown(structure, dt)]
+            afresh = inner is None or inner.structure.poles < structure.poles
+            trial = self._evidence.of(structure, known, afresh=afresh)
+        self._tried[structure] = trial
+        return trial
+
+    def _refine_delay(self, best: Trial) -> None:
+        """Find the likeliest dead time between the neighbours of the best one of the grid."""
+        from scipy import optimize  # slow to import
+
+        k, top, dt = self._delays.index(best.structure.delay), self._top, self._evidence.record.dt
+        low, high = self._delays[max(k - 1, 0)], self._delays[min(k + 1, len(self._delays) - 1)]
+        if not high > low or (top is not None and best.evidence < top.evidence - 3.0 * self._reach):
+            return
+        found = [best]
+
+        def less_likely(delay: float) -> float:
+            beside = min(found, key=lambda trial: abs(trial.structure.delay - delay))
+            trial = self._evidence.of(replace(best.structure, delay=float(delay)), [beside.found.theta])
+            if trial is None:
+                return math.inf
+            found.append(trial)
+            return -trial.likelihood
+
+        optimize.minimize_scalar(
+            less_likely, bounds=(low, high), method="bounded", options={"xatol": PRECISION * dt, "maxiter": BETWEEN}
+        )
+        self._between[_size(best.structure)] = max(found, key=lambda trial: trial.evidence)
 
 
-def _variance(fitted: FitResult) -> float:
-    """Return the variance of the noise of a fit: of the innovation, where the noise model tells it."""
-    noise = fitted.noise
-    return math.inf if noise is None else float(noise.variance)
+def _size(structure: Structure) -> tuple[int, int]:
+    """Return the numbers of poles and zeros."""
+    return structure.poles, structure.zeros
 
 
 def _grid(poles: Any, zeros: Any, delays: Sequence[float], bias: bool) -> list[Structure]:
@@ -269,111 +348,3 @@ def _grid(poles: Any, zeros: Any, delays: Sequence[float], bias: bool) -> list[S
     if not grid:
         raise InvalidArgumentError("the grid holds no possible structure: zeros must be fewer than poles")
     return grid
-
-
-@quiet
-def _try(
-    structure: Structure,
-    u: FloatArray,
-    y: FloatArray,
-    r: FloatArray | None,
-    t: FloatArray | None,
-    dt: float,
-    preprocess: Preprocess,
-    held: RefinedFilter,
-) -> Candidate:
-    """Fit a structure to either end's 70 % of a record, and hold the rest out."""
-    trained, scored = int(TRAINED * u.size), _without_gross_outliers(y)
-    errors, spreads, uncertainties, criteria = [], [], [], []
-    for seen in (slice(0, trained), slice(u.size - trained, u.size)):
-        more: dict[str, Any] = {
-            name: None if signal is None else signal[seen] for name, signal in (("reference", r), ("t", t))
-        }
-        try:
-            fitted = fit(u[seen], y[seen], dt, structure, method="srivc", preprocess=preprocess, filter=held, **more)
-        except InvalidArgumentError:  # the record is too short for this structure, or the fit found no model
-            return Candidate(structure, -math.inf, np.full(2 * STRETCHES, np.inf), math.inf, math.inf)
-        unseen = slice(trained, u.size) if seen.start == 0 else slice(0, u.size - trained)
-        error = _error_held_out(fitted, u, scored, t, unseen)
-        errors.append(error)
-        measured = scored[unseen][np.isfinite(error)]
-        spreads.append(float(np.sum((measured - measured.mean()) ** 2)) if measured.size else 0.0)
-        uncertainties.append(_uncertainty(fitted))
-        residual = scored[seen] - fitted.simulation.output
-        residual = residual[np.isfinite(residual)]
-        variance = float(np.mean(residual**2)) if residual.size else 0.0
-        tiny = np.finfo(float).tiny
-        criteria.append(residual.size * math.log(max(variance, tiny)) + _parameters(structure) * math.log(trained))
-    left = sum(float(np.nansum(error**2)) for error in errors)
-    usable = all(np.isfinite(error).any() for error in errors) and sum(spreads) > 0.0
-    held_out = 100.0 * (1.0 - math.sqrt(left / sum(spreads))) if usable and math.isfinite(left) else -math.inf
-    parts = [part[np.isfinite(part)] for error in errors for part in np.array_split(error, STRETCHES)]
-    powers = np.array([float(np.mean(part**2)) if part.size else math.inf for part in parts])
-    stretches = np.log(np.maximum(powers, np.finfo(float).tiny))
-    return Candidate(structure, held_out, stretches, max(uncertainties), criteria[0])
-
-
-def _without_gross_outliers(y: FloatArray) -> FloatArray:
-    """Return outputs (K,) with NaN for what no plant does: of all structures they would make the same bad fit."""
-    known = np.isfinite(y)
-    cleaned = y.copy()
-    cleaned[known] = without_spikes(y[known])
-    return np.where(cleaned == y, y, np.nan)
-
-
-def _error_held_out(fitted: FitResult, u: FloatArray, y: FloatArray, t: FloatArray | None, unseen: slice) -> FloatArray:
-    """Return measured minus modelled output over a stretch that was not fitted; NaN where there is no output."""
-    dt = fitted.dt
-    # inputs from before the stretch act on it through the dead time: they are simulated, their outputs left out
-    delay = fitted.structure.delay
-    unknown = unknown_outputs(delay, dt)
-    start = max(unseen.start - unknown, 0)
-    if t is not None:
-        start = max(int(np.searchsorted(t, t[unseen.start] - delay + SAME * dt, "right")) - 1, 0)
-        unknown = int(np.count_nonzero(t[start : unseen.stop] - t[start] < delay - SAME * dt))
-    skipped, whole_part = unseen.start - start, slice(start, unseen.stop)
-    mapped = fitted.preprocess.map_input(u[whole_part])
-    stamps = None if t is None else t[whole_part]
-    span = dt * (unseen.stop - unseen.start) if t is None else float(t[unseen.stop - 1] - t[unseen.start])
-    if runs_away(fitted.transfer_function.den, span):
-        error = _predicted(fitted, u[whole_part], y[whole_part], stamps)
-    else:
-        measured = np.where(np.arange(start, unseen.stop) < unseen.start, np.nan, y[whole_part])
-        hold = fitted.filter.input_hold
-        error = measured - simulate(fitted.transfer_function, mapped, measured, dt, input_hold=hold, t=stamps).output
-    error[:unknown] = np.nan  # answers to inputs that are not known
-    if stamps is not None:
-        for begin in stamps[gaps_of(np.diff(stamps, prepend=stamps[0] - dt), dt)]:
-            error[(stamps >= begin) & (stamps - begin < delay - SAME * dt)] = np.nan
-    return error[skipped:]
-
-
-def _uncertainty(fitted: FitResult) -> float:
-    """Return the largest standard deviation of a coefficient as a part of its size.
-
-    Of a_i the size is that of the coefficient of prod(s + abs(pole)), as it would be if all poles were real; of b_j it
-    is its own.
-    """
-    uncertainty, structure = fitted.uncertainty, fitted.structure
-    if uncertainty is None or not np.isfinite(uncertainty.std).all():
-        return math.inf
-    denominator = real_coefficients(fitted.parameters[structure.denominator], 1.0 / (fitted.dt * fitted.samples))
-    sizes = np.concatenate([denominator, np.abs(fitted.parameters[structure.numerator])])
-    return float((uncertainty.std[: sizes.size] / np.maximum(sizes, np.finfo(float).tiny)).max())
-
-
-def _predicted(fitted: FitResult, u: FloatArray, y: FloatArray, t: FloatArray | None) -> FloatArray:
-    """Return the error (K,) of the output predicted one step ahead; NaN where there is no output, or no prediction."""
-    hold = fitted.filter.input_hold
-    ready = ready_record(fitted.structure, fitted.dt, fitted.preprocess, u, y, t, hold)
-    error = prediction_error(fitted.structure, fitted.parameters, ready, fitted.dt)
-    found = np.full(y.size, np.nan)
-    if error is not None:
-        accepted, _ = screen(fitted.preprocess.map_input(u), y)
-        found[accepted] = error
-    return found
-
-
-def _parameters(structure: Structure) -> int:
-    """Return the number of parameters, a dead time counted as one."""
-    return structure.size + bool(structure.delay)

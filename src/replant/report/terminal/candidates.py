@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from replant.assessment.verdict import percent as share
@@ -10,21 +9,22 @@ from replant.identified.model_json import finite
 from replant.offline.structure_search import Candidate, SearchResult
 from replant.report.number_format import percent
 
-HEADINGS = ("poles", "zeros", "dead time", "held-out fit", "least known coefficient", "criterion", "")
+HEADINGS = ("poles", "zeros", "dead time", "fit", "least known coefficient", "evidence", "")
 CHOSEN = "chosen"
 
 
 def rows_of(found: SearchResult) -> list[tuple[str, ...]]:
-    """Return a row of cells for each structure; the chosen one is marked."""
+    """Return a row of cells for each structure, its evidence beside the most of the grid; the chosen one is marked."""
     rows: list[tuple[str, ...]] = []
+    least = min(candidate.criterion for candidate in found.candidates)
     for candidate in found.candidates:
-        structure, failed = candidate.structure, math.isinf(candidate.held_out)
+        structure = candidate.structure
         size = (str(structure.poles), str(structure.zeros), f"{structure.delay:g} s")
-        figures = ("no model", "", "")
-        if not failed:
-            known = f"± {share(candidate.uncertainty)}"
-            figures = (percent(candidate.held_out), known, f"{candidate.criterion:.0f}")
-        mark = CHOSEN if candidate is found.chosen else "" if failed or candidate.is_known else "not known"
+        figures = ("", "", "")
+        if candidate.was_tried:
+            evidence = 0.5 * (least - candidate.criterion)
+            figures = (percent(candidate.fit), f"± {share(candidate.uncertainty)}", f"{evidence:.1f}")
+        mark = CHOSEN if candidate is found.chosen else "" if candidate.was_tried else "left early"
         rows.append((*size, *figures, mark))
     return rows
 
@@ -40,8 +40,9 @@ def _object(candidate: Candidate, *, chosen: bool) -> dict[str, Any]:
         "poles": structure.poles,
         "zeros": structure.zeros,
         "delay": structure.delay,
-        "held_out": finite(candidate.held_out),
+        "fit": finite(candidate.fit),
         "uncertainty": finite(candidate.uncertainty),
+        "likelihood": finite(candidate.likelihood),
         "criterion": finite(candidate.criterion),
         "chosen": chosen,
     }
