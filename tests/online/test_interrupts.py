@@ -113,8 +113,8 @@ def test_an_interrupted_ensemble_goes_on_as_if_it_had_not_been_at_many_instants(
 
 
 def test_what_is_interrupted_can_be_done_again() -> None:
-    for what in ("finish", "freeze", "reset"):
-        done_again(what, 30)
+    for what in ("finish", "freeze"):
+        done_again(what, 500)
 
 
 @pytest.mark.slow
