@@ -79,25 +79,27 @@ Origin: as the square root of HARM of the recursion.
 """
 
 
-def suspicious(y: FloatArray) -> IntArray:
+def suspicious(u: FloatArray, y: FloatArray) -> IntArray:
     """Return the `Doubt` in each output (K,) without a model: missing (NaN), gross, or equal too often to be chance.
 
-    Where the last would leave too little, none of them is suspicious.
+    Gross outputs at steps of the input may be answers to it.  Where equal ones are most of all, none of them is
+    suspicious.
 
     Examples
     --------
     >>> y = np.sin(np.arange(200.0))
     >>> y[20], y[50], y[100:160] = np.nan, 1e9, 0.3
-    >>> np.flatnonzero(np.diff(suspicious(y)) != 0).tolist()
+    >>> np.flatnonzero(np.diff(suspicious(np.cos(np.arange(200.0)), y)) != 0).tolist()
     [19, 20, 49, 50, 99, 159]
     """
     doubt = np.where(np.isfinite(y), Doubt.NONE, Doubt.MISSING)
-    known = np.flatnonzero(np.isfinite(y))
-    doubt[known[without_spikes(y[known]) != y[known]]] = Doubt.OUTLIER
+    known, gross = np.isfinite(y), _gross(y)
+    if not _follow(u, gross):
+        doubt[gross] = Doubt.OUTLIER
     still = doubt.copy()
     for rows in _runs(y):
         still[rows] = Doubt.STUCK
-    return still if 2 * int((still == Doubt.NONE).sum()) > known.size else doubt
+    return still if 2 * int((still == Doubt.NONE).sum()) > int(known.sum()) else doubt
 
 
 def doubts(u: FloatArray, y: FloatArray, modelled: FloatArray, noise: FloatArray) -> IntArray:
@@ -196,10 +198,24 @@ def _outliers(u: FloatArray, y: FloatArray, error: FloatArray, noise: FloatArray
             break
         found |= new
         left[new] -= away[new]
+    if _follow(u, found):  # but what no plant does, and the model explains none of
+        found &= _gross(y) & (np.abs(error) > 0.5 * np.abs(y - np.median(y[known])))
+    return nothing if not 0 < int(found.sum()) <= MOST * error.size else found
+
+
+def _gross(y: FloatArray) -> BoolArray:
+    """Return which outputs (K,) lie further from their neighbours than any plant's."""
+    known = np.flatnonzero(np.isfinite(y))
+    gross = np.zeros(y.size, bool)
+    gross[known[without_spikes(y[known]) != y[known]]] = True
+    return gross
+
+
+def _follow(u: FloatArray, found: BoolArray) -> bool:
+    """Return whether samples (K,) are at steps of the input (K,) more often than by chance."""
     steps = np.abs(np.diff(u, prepend=u[:1])) > JUMP * float(np.ptp(u))
     steps |= np.roll(steps, 1)
-    follow = _more_than_chance(int((found & steps).sum()), int(found.sum()), float(steps.mean()))
-    return nothing if follow or not 0 < int(found.sum()) <= MOST * error.size else found
+    return _more_than_chance(int((found & steps).sum()), int(found.sum()), float(steps.mean()))
 
 
 def _more_than_chance(at_steps: int, outliers: int, share: float) -> bool:

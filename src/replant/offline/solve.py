@@ -55,7 +55,7 @@ class Solution:
 
 def at_first(record: Record) -> Record:
     """Return a record without the outputs that may be bad by themselves."""
-    return leaving_out(record, suspicious(np.where(record.is_measured, record.y, np.nan)))
+    return leaving_out(record, suspicious(record.u, np.where(record.is_measured, record.y, np.nan)))
 
 
 def solve(
@@ -74,7 +74,7 @@ def solve(
         Start from the usual ones as well.
     """
     y = np.where(record.is_measured, record.y, np.nan)
-    doubt = suspicious(y)
+    doubt = suspicious(record.u, y)
     found, solution = None, None
     for _ in range(ROUNDS):
         used = leaving_out(record, doubt)
@@ -91,7 +91,7 @@ def solve(
         if (doubt == before).all():
             return solution
     missing = np.where(record.is_measured, Doubt.NONE, Doubt.MISSING)
-    if solution is None and (suspicious(y) != missing).any():  # as they came
+    if solution is None and (suspicious(record.u, y) != missing).any():  # as they came
         used = leaving_out(record, missing)
         found = _solved(structure, used, given, afresh=afresh)
         if found is not None:

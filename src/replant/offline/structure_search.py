@@ -263,9 +263,6 @@ class _Sweep:
         for steps in (range(begin - 1, -1, -1), range(begin + 1, len(self._delays))):
             last = start
             for k in steps:
-                # more poles delay the answer further: no larger structure makes up for too long a dead time
-                if k > begin and any(self._is_out(trial) for trial in self._smaller(size, k)):
-                    break
                 trial = self._try(size, k, last)
                 falls = trial is None or last is None or trial.evidence < last.evidence
                 if top is not None and falls and self._is_out(trial):
