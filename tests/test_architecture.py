@@ -72,6 +72,7 @@ ADAPTERS = {
     "live.dashboard.connections": {"starlette", "uvicorn"},
     "live.dashboard.security": {"starlette"},
 }
+FORKS = {"online.turns": {"os"}}  # says what a forked process does first; it touches no file
 TERMINAL = {"click", "rich"}
 FILES = {"pathlib", "os", "io", "shutil", "tempfile", "glob", "socket", "select", "subprocess", "sys", "logging"}
 
@@ -169,7 +170,7 @@ def test_the_middle_does_not_touch_the_outside(module: str) -> None:
     """Below the logs: no files but for checkpoints, in one module; no terminal, nothing printed."""
     if {module, module.partition(".")[0]} & OUTSIDE:
         return
-    assert not outside(module) & (TERMINAL | FILES)
+    assert not outside(module) & (TERMINAL | FILES - FORKS.get(module, set()))
     called = {
         node.func.id
         for node in ast.walk(TREES[module])

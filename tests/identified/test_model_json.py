@@ -38,7 +38,9 @@ def product(root: np.ndarray) -> np.ndarray:
 @st.composite
 def models(draw: Any) -> rp.Model:
     poles = draw(st.integers(1, 4))
-    structure = rp.Structure(poles, draw(st.integers(0, poles - 1)), draw(st.floats(0.0, 1e3)), draw(st.booleans()))
+    structure = rp.Structure(
+        poles, draw(st.integers(0, poles - 1)), draw(st.just(0.0) | st.floats(1e-30, 1e3)), draw(st.booleans())
+    )
     size = structure.size
     parameters = draw(st.lists(st.floats(-1e100, 1e100), min_size=size, max_size=size))
     covariance = draw(st.none() | st.lists(st.floats(-1e100, 1e100), min_size=size * size, max_size=size * size))

@@ -105,7 +105,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 ROUNDING = 1e-6
-"""Residual below which it is no noise [part of the output's spread].
+"""Residual below which it is no noise, and movement below which it is none [part of the output's spread].
 Origin: not recorded; kept, see sensitivity.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
@@ -204,7 +204,10 @@ def stuck_finding(
     """
     begins = np.flatnonzero(np.concatenate([[True], y[1:] != y[:-1]]))
     ends = np.append(begins[1:], y.size)
-    least = max((MOVED_AT_ALL if resolved else STUCK_MOVED) * noise, STUCK_STEPS * smallest_step(np.unique(y)))
+    rounding = ROUNDING * float(y.std())
+    least = max(
+        (MOVED_AT_ALL if resolved else STUCK_MOVED) * noise, STUCK_STEPS * smallest_step(np.unique(y)), rounding
+    )
     for run in np.flatnonzero(ends - begins >= STUCK_SAMPLES)[::-1]:
         begin, end = int(begins[run]), int(ends[run])
         moved = float(np.ptp(modelled[begin:end]))

@@ -46,7 +46,7 @@ from replant.engine.record import Record
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
 from replant.offline.refined import Refined, Root, conclude
-from replant.offline.specification_test import disagreement, is_right
+from replant.offline.specification_test import disagreement, is_answered, is_right
 from replant.offline.srivc_steps import STALLS, Problem, is_long_enough
 from replant.simulation.offset_fit import simulate
 from replant.statistics.autoregression import Autoregression
@@ -180,7 +180,7 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
     if not distinct:
         return None
     plain = _plain(problem, distinct)
-    if not problem.is_stable(plain.model):
+    if not (problem.is_stable(plain.model) or is_answered(problem.record, plain.noise, plain.done.error)):
         stable = _promising(problem, [problem.stabilized(start) for start in starts], stable=True)
         simulated = _plain(problem, stable, stable=True) if stable else plain
         # the error of a prediction is no measure beside that of a simulation
