@@ -204,7 +204,8 @@ class RecentSamples:
             gaps = gaps_of(intervals, usual)
             intervals[gaps] = np.minimum(intervals[gaps], LONGEST_GAP * float(np.median(intervals[1:])))
         measured = self.is_measured & np.isfinite(y)
+        seen = np.nan_to_num(self.bridged) if self.are_examined else 0.0  # by the filters
         return Record(
-            u, np.where(measured, y, 0.0), np.array([dt]) if regular else intervals, input_hold, r,
+            u, np.where(measured, y, seen), np.array([dt]) if regular else intervals, input_hold, r,
             usual=usual, measured=None if measured.all() else measured,
         )  # fmt: skip

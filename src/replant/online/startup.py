@@ -18,7 +18,7 @@ from replant.engine.dimensions import STORED
 from replant.engine.dispatch import step_kernels
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import NOTHING, REGULAR, State
-from replant.kernels.schema import BELIEVED
+from replant.kernels.schema import BELIEVED, Doubt
 from replant.offline.solve import Solution, solve
 from replant.online.begin_recursion import initialize
 from replant.online.defaults import settle
@@ -195,8 +195,8 @@ def note_doubts(state: State, solution: Solution, output: FloatArray | None = No
     count = solution.doubt.size
     rows, recent = (state.samples - count + np.arange(count)) % len(state.recent), RecentSamples(state.recent)
     recent.bridged[rows], recent.doubt[rows] = solution.bridged, solution.doubt
-    if output is not None:
-        recent.output[rows] = output
+    measured = recent.output[rows] if output is None else output
+    recent.output[rows] = np.where(solution.doubt == Doubt.MISSING, solution.bridged, measured)
 
 
 def warm_up(
