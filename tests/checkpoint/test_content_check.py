@@ -10,7 +10,7 @@ import pytest
 
 import replant as rp
 from fuzz.seeds import KINDS, LENGTHS, seed
-from replant.checkpoint.content_check import check_state, layout_of_state, shapes_of
+from replant.checkpoint.content_check import check_state, layout_of_state, sizes_of
 from replant.kernels import schema as at
 from replant.kernels.filters import bank
 from replant.kernels.schema import ROOM
@@ -55,7 +55,7 @@ def test_shapes_are_known_from_the_settings_alone(kind: str) -> None:
     for samples in LENGTHS:
         ident = rp.Identifier.from_bytes(seed(kind, samples, False))
         if ident.settings is not None:
-            assert shapes_of(ident.settings) == {
+            assert sizes_of(ident.settings, ident._request, reference=False).shapes == {
                 field.name: getattr(engine_state(ident), field.name).shape
                 for field in dataclasses.fields(engine_state(ident))
             }
