@@ -71,11 +71,13 @@ SECTIONS = 8
 """Parts of the record of which one at least tells how often neighbours are equal by chance: the sensor may fail in
 others [count].
 Origin: as in the test of the sensor's faults.
+Sensitivity: not measured.
 """
 
 HARM = 0.02
 """What a model must move while the sensor is stuck, so that it does harm [part of the output's standard deviation].
 Origin: as the square root of HARM of the recursion.
+Sensitivity: not measured.
 """
 
 

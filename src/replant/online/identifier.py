@@ -52,11 +52,12 @@ from replant.settings import AUTO, LONGEST_STARTUP, NO_USE_OF_REFERENCE, Request
 NAN, INFINITE = math.nan, math.inf
 """NaN and infinity, looked up at every sample [number]."""
 DERIVED = {"_gate", "_kernel", "_mapped", "_solved", "_step", "_steps", "_turn"}  # attributes that others lead to
-OPEN, SHUT = 0, 1  # the gate of `replant.kernels.step.by_address`
+OPEN, SHUT = 0, 1
+"""The gate of `replant.kernels.step.by_address` [code]."""
 NO_GATE = np.full(1, SHUT)  # of an identifier whose kernel for single samples is not bound
 PIECE = 8192
 """Updates of the estimate after which Ctrl-C is answered while a chunk is taken [updates].
-Origin: some 10 ms, beside which a call of the kernel, some 10 us, does not count.
+Derivation: some 10 ms, beside which a call of the kernel, some 10 us, does not count.
 """
 
 T = TypeVar("T")

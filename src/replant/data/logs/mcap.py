@@ -29,8 +29,10 @@ MOST_ITEMS = 64
 
 DEEPEST = 32
 """Objects within each other in a message that are looked into [count]."""
-_COUNTED = 1 << 14  # messages after which memory is asked for
-_COPIES = 3  # stamps and values while they are read, and as arrays
+_COUNTED = 1 << 14
+"""Messages after which memory is asked for [messages]."""
+_COPIES = 3
+"""Numbers held at once for each value: stamps and values while they are read, and as arrays [count]."""
 
 _Keys = tuple[str | int, ...]
 

@@ -25,7 +25,8 @@ TIME = 1
 
 _MAGIC = (b"MDF     ", b"UnFinMF ")
 _REMEDY = "copy it again, or export it as CSV"
-_COPIES = 4  # asammdf's bytes, stamps and values, and ours: each beside a column as float64
+_COPIES = 4
+"""Arrays held at once, each beside a column as float64: asammdf's bytes, stamps and values, and ours [count]."""
 
 
 def read(path: Path) -> Table:

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
     from replant.data.logs.table import Table
 
-_TO_ANSWER = 1 << 20  # bytes
+_TO_ANSWER = 1 << 20
+"""Memory kept for the answer [bytes]."""
 Answer = tuple[dict[str, Any], "list[np.ndarray[Any, Any]]"]
 
 

@@ -28,9 +28,8 @@ from replant.data.logs.table import Table
 from replant.errors import LogError
 
 STILL = 120.0
-"""Time that the process may take to answer, beside what each byte gives [s].
-It bounds what the limit of its processor time does not: a parser that waits, and Windows.
-"""
+"""Time that the process may take to answer, beside what each byte gives: it bounds what the limit of its processor time
+does not, a parser that waits, and Windows [s]."""
 STILL_PER_BYTE = 1e-5
 """Further time for each byte of the file [s]."""
 
@@ -38,7 +37,8 @@ ENVIRONMENT = {  # each thread takes memory, and Arrow's own allocators reserve 
     "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "ARROW_IO_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system",
 }  # fmt: skip
 
-_ENDING = 10.0  # s, within which a process ends that has ended its output
+_ENDING = 10.0
+"""Time within which a process ends that has ended its output [s]."""
 _CRASHES = {"SIGSEGV", "SIGBUS", "SIGABRT", "SIGFPE", "SIGILL"}
 _AGAIN = "write it again, or export the log as CSV"
 

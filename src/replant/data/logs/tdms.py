@@ -23,7 +23,8 @@ from replant.data.logs.table import Table
 from replant.data.logs.text_units import with_units
 from replant.errors import LogError, MissingDependencyError
 
-_COPIES = 3  # npTDMS's values, ours and the stamps: each beside a column as float64
+_COPIES = 3
+"""Arrays held at once, each beside a column as float64: npTDMS's values, ours and the stamps [count]."""
 
 _Place = tuple[str, str]
 
