@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import reprlib
 
-LONGEST = 300
+LONGEST = 400
 """Longest message of an error, whatever names and values it repeats [characters]."""
 SHOWN = 60
 """Longest text of one value within a message [characters]."""
@@ -14,7 +14,7 @@ SHOWN = 60
 class ReplantError(Exception):
     """Base of all errors of this package; the command line prints its message and exits with code 2.
 
-    The message is one line of at most 300 characters: of a longer one the middle is left out.
+    The message is one line of at most 400 characters: of a longer one the middle is left out.
     """
 
     def __init__(self, message: object = "", *more: object) -> None:

@@ -118,8 +118,9 @@ def doubts(u: FloatArray, y: FloatArray, modelled: FloatArray, noise: FloatArray
     """
     error = y - modelled
     doubt = np.where(np.isfinite(y), Doubt.NONE, Doubt.MISSING)
-    doubt[_outliers(u, y, error, noise)] = Doubt.OUTLIER
-    doubt[_stuck(y, modelled, robust_std(error[np.isfinite(error)]) if np.isfinite(error).any() else 0.0)] = Doubt.STUCK
+    stuck = _stuck(y, modelled, robust_std(error[np.isfinite(error)]) if np.isfinite(error).any() else 0.0)
+    doubt[_outliers(u, np.where(stuck, np.nan, y), np.where(stuck, np.nan, error), noise)] = Doubt.OUTLIER
+    doubt[stuck] = Doubt.STUCK
     return doubt
 
 
@@ -136,7 +137,9 @@ def _runs(y: FloatArray) -> list[slice]:
     if y.size < 2 * SECTIONS:
         return []
     equal = y[1:] == y[:-1]
-    share = min(float(part.mean()) for part in np.array_split(equal, SECTIONS))
+    low, high = np.nanmin(y), np.nanmax(y)
+    inside = equal & (y[1:] != low) & (y[1:] != high)  # at its limit a sensor repeats itself everywhere
+    share = min(float(part.mean()) for part in np.array_split(inside, SECTIONS))
     share = max(share, SECTIONS / y.size)  # fewer were not looked at
     if not share < 1.0:
         return []
@@ -158,13 +161,13 @@ def _stuck(y: FloatArray, modelled: FloatArray, noise: float) -> BoolArray:
     steps = np.abs(np.diff(known))
     step = STEPS * float(steps[steps > 0.0].min(initial=math.inf))
     least, low, high = max(noise, step, HARM * float(known.std())), known.min(), known.max()
+    moved = [rows for rows in _runs(y) if float(np.ptp(modelled[rows])) > least]
+    levels = [float(y[rows.start]) for rows in moved]
     limits = set()
-    for rows in _runs(y):
-        level, model = float(y[rows.start]), modelled[rows]
-        if not float(np.ptp(model)) > least:
-            continue
-        away = float(model.mean()) - level
-        if (level == high and away > 0.0) or (level == low and away < 0.0):
+    for rows, level in zip(moved, levels, strict=True):
+        away = float(modelled[rows].mean()) - level
+        again = levels.count(level) > 1 and abs(away) > least
+        if again or (level == high and away > 0.0) or (level == low and away < 0.0):
             limits.add(level)
         elif rows.stop == y.size or not abs(float(y[rows.stop]) - level) <= max(noise, step):
             found[rows] = True

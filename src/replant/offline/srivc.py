@@ -169,9 +169,7 @@ def refine(
         # a strong load leads every start by instruments astray; least squares is biased, but less led by chance
         found = (problem.from_cutoff(float(cutoff), by_reference=False) for cutoff in cutoffs)
         root = _best([root, _by_reference(problem, [start for start in found if start is not None])], referenced=True)
-    referenced = None if root is None else _concluded(problem, root)
-    alone = refine(structure, replace(record, r=None), given, afresh=afresh, filtered=filtered)
-    return _efficient(problem, referenced, alone)
+    return None if root is None else _concluded(problem, root)
 
 
 def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered: bool) -> Refined | None:
@@ -201,25 +199,6 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
     if is_right(problem.structure, problem.whole, estimate, other):
         return other
     return replace(estimate, disagreement=disagreement(problem.structure, problem.whole, estimate, other))
-
-
-def _efficient(problem: Problem, referenced: Refined | None, alone: Refined | None) -> Refined | None:
-    """Return the estimate without the reference where that explains nothing of its residual: it is more precise.
-
-    It goes on with the reference's instruments.
-    """
-    if referenced is None or alone is None or not alone.converged:
-        return referenced
-    if not (problem.is_stable(alone.theta) and problem.is_stable(referenced.theta)):
-        return referenced  # an integrator adds up its load: no autoregression tells the noise
-    problem.noise = alone.noise_model
-    done = problem.run(alone.theta)
-    misfit = problem.misfit(done) / alone.innovation
-    if not misfit <= chi2_quantile(LIKELY, LAGUERRE):
-        return referenced
-    root = Root(alone.theta, done, problem.noise, alone.innovation, misfit * alone.innovation, True, True)
-    found = _concluded(problem, root)
-    return None if found is None else replace(found, covariance=alone.covariance, uncertainty=alone.uncertainty)
 
 
 def _promising(problem: Problem, starts: Sequence[FloatArray], *, stable: bool = False) -> list[FloatArray]:

@@ -48,6 +48,8 @@ def test_the_bridge_is_its_naive_twin() -> None:
     ident, u, y = learned()
     y[[50, 90, 91, 92, 150, 151, 152, 153, 154]] += 1e3
     modelled, before = np.empty(u.size), ident.samples
+    ident._resolve_at = 0  # a solution in between would note its own outputs
+    ident._plan()
     for k in range(u.size):
         ident.update(u[k], y[k])
         state = ident._state

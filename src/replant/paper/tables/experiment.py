@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.model import state_space
 from replant.model.structure import Structure
 from replant.online.ensemble import Ensemble
 from replant.online.identifier import Identifier
@@ -66,11 +67,19 @@ class Plant:
         return dict(zip(names, self.den[1:] + self.num, strict=True))
 
     def record(self) -> tuple[FloatArray, FloatArray]:
-        """Return input and output (K,), simulated from rest by Tustin's rule: the article's alpha of 0.5."""
-        from scipy import signal
+        """Return input and output (K,), simulated from rest by Tustin's rule: the article's alpha of 0.5.
 
+        The output is C (x[k] + x[k+1]) / 2, by the mean of the state over the interval that begins at t_k.
+        """
         u = square(self.samples, self.period, self.dt, self.amplitude)
-        y = signal.lfilter(*signal.bilinear(self.num, self.den, 1.0 / self.dt), u)
+        model = state_space.companion(np.asarray(self.den))
+        transition, column = state_space.bilinear(model.matrix, model.column, self.dt, 0.5)
+        row = np.zeros(column.size)
+        row[column.size - len(self.num) :] = self.num
+        states = np.zeros((u.size + 1, column.size))
+        for k in range(u.size):
+            states[k + 1] = transition @ states[k] + column * u[k]
+        y = 0.5 * (states[:-1] + states[1:]) @ (row / model.scale)
         return u, y + self.drift * self.dt * np.arange(u.size)
 
 
