@@ -73,7 +73,7 @@ def detrend(log: Log) -> Log:
     >>> for each in log, drifting, rp.detrend(drifting):
     ...     print(rp.fit(each, poles=1).transfer_function)
     3623 / (s + 2.127)
-    408.3 / (s - 0.008126)
+    408.4 / (s - 0.008127)
     3632 / (s + 2.163)
     """
     log = instance("log", log, Log)
