@@ -30,6 +30,7 @@ from fuzz.trial import FindingError
 from replant import signals
 from replant.checkpoint.settings_json import KINDS
 from replant.engine.dimensions import Dimensions
+from replant.errors import LONGEST
 from replant.fleet.job import Job
 from replant.identified.fields import ModelFields
 from replant.identified.provenance import Provenance
@@ -292,8 +293,8 @@ def test_calls_with_hostile_arguments() -> None:
 def test_what_must_not_happen_is_found() -> None:
     with pytest.raises(FindingError, match="not one line"):
         check_message(ValueError("two\nlines"))
-    with pytest.raises(FindingError, match="301 characters"):
-        check_message(ValueError(301 * "x"))
+    with pytest.raises(FindingError, match=f"{LONGEST + 1} characters"):
+        check_message(ValueError((LONGEST + 1) * "x"))
     with pytest.raises(FindingError, match="does not name dt"):
         check_message(rp.ArgumentTypeError("must be a number"), ["dt"])
     with pytest.raises(UserWarning, match="stray"), watched():
@@ -321,7 +322,7 @@ def test_an_error_is_one_short_line_whatever_it_repeats() -> None:
     kinds = [kind for kind in vars(rp.errors).values() if inspect.isclass(kind) and issubclass(kind, rp.ReplantError)]
     for kind in kinds:
         error = kind(f"{name}: {columns}: choose another one")
-        assert len(str(error)) <= 300
+        assert len(str(error)) <= LONGEST
         assert "\n" not in str(error)
         assert str(error).endswith("choose another one")
         assert str(pickle.loads(pickle.dumps(error))) == str(error), "workers send it"

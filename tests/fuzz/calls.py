@@ -25,12 +25,12 @@ from fuzz.hostile import hostile
 from fuzz.looks import looked_at
 from fuzz.public import FUNCTIONS, classes, folder
 from fuzz.trial import FindingError
+from replant.errors import LONGEST
 
 mpl.use("Agg")
 MOST_MEMORY = 2**31  # bytes more than before that one call may ask for
 #: What else an argument is called.
 ALSO = {"log": ["u "], "input": ["column"], "output": ["column"], "time": ["column"]}
-LONGEST = 300  # characters of a message
 DEFECT = (AssertionError, MemoryError, KeyboardInterrupt)
 
 

@@ -12,10 +12,11 @@ import shlex
 import sys
 from typing import Any
 
-from fuzz.calls import LONGEST, MOST_MEMORY, limited, place, watched
+from fuzz.calls import MOST_MEMORY, limited, place, watched
 from fuzz.public import folder
 from fuzz.trial import FindingError
 from replant.cli import main
+from replant.errors import LONGEST
 
 NUMBERS = [
     "1e308", "1e309", "-1e308", "1e-320", "1e-300", "5e-324", "0", "-0", "-1", "1", "2", "0.1", "0.05", "nan", "inf",

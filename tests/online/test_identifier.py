@@ -176,7 +176,6 @@ def test_an_empty_chunk_changes_nothing() -> None:
 # --- start-up
 
 
-@pytest.mark.xfail(reason="of a method without instruments the sample that ends the start-up gives the error 0")
 @pytest.mark.parametrize("preprocess", [rp.Preprocess(), rp.Preprocess("square", "mean", "mean")])
 def test_start_up_loses_no_sample(preprocess: rp.Preprocess) -> None:
     """Afterwards the estimate is that of an identifier which knew the chosen settings from the first sample on."""

@@ -51,7 +51,8 @@ from replant.settings import AUTO, LONGEST_STARTUP, NO_USE_OF_REFERENCE, Request
 
 NAN, INFINITE = math.nan, math.inf
 """NaN and infinity, looked up at every sample [number]."""
-DERIVED = {"_gate", "_kernel", "_mapped", "_solved", "_step", "_steps", "_turn"}  # attributes that others lead to
+# attributes that others lead to
+DERIVED = {"_begun_with", "_gate", "_kernel", "_mapped", "_solved", "_step", "_steps", "_turn"}
 OPEN, SHUT = 0, 1
 """The gate of `replant.kernels.step.by_address` [code]."""
 NO_GATE = np.full(1, SHUT)  # of an identifier whose kernel for single samples is not bound
@@ -182,7 +183,7 @@ class Identifier(Estimate):
 
     def _begin_again(self) -> None:
         self._settings: Settings | None = None
-        self._solved = {}
+        self._solved, self._begun_with = {}, NAN
         self._dropped = 0  # samples that the start-up has let go of
         self._resolve_at = 0  # accepted samples at which to solve the record again; 0: not planned
         self._state: State
@@ -272,7 +273,7 @@ class Identifier(Estimate):
 
     def __setstate__(self, attributes: dict[str, Any]) -> None:
         self.__dict__.update(attributes)
-        self._turn, self._solved = Turn(), {}
+        self._turn, self._solved, self._begun_with = Turn(), {}, NAN
         self._work_on(self._state, regular=self._regular)
 
     def _draft(self) -> Identifier:
@@ -471,7 +472,7 @@ class Identifier(Estimate):
         if parameters.size:
             parameters[taken - 1] = self.parameters
         if starting and self._settings is not None and not math.isnan(y[taken - 1]):
-            errors[taken - 1] = self._state.error * self._state.output_scale
+            errors[taken - 1] = self._begun_with
         return taken
 
     def _run(
@@ -682,7 +683,7 @@ class Identifier(Estimate):
                 self._solved[measured(old)] = None if solution is None else solution.found
                 self._wait_longer(is_full=is_full)
                 return
-        state = begin(old, settings, kept, solution)
+        state, self._begun_with = begin(old, settings, kept, solution)
         state.finished_at = state.samples if at_any_rate else 0
         self._settings, self._solved = settings, {}
         self._work_on(state, regular=self._regular)

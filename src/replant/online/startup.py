@@ -152,8 +152,8 @@ def settled(request: Request, kept: RecentSamples) -> Settings:
     return replace(settings, preprocess=replace(settings.preprocess, input_map=request.preprocess.input_map))
 
 
-def begin(old: State, settings: Settings, kept: RecentSamples, solution: Solution | None) -> State:
-    """Return the state that has learned the samples of a start-up.
+def begin(old: State, settings: Settings, kept: RecentSamples, solution: Solution | None) -> tuple[State, float]:
+    """Return the state that has learned the samples of a start-up, and the error of the last one.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def begin(old: State, settings: Settings, kept: RecentSamples, solution: Solutio
     solution : Solution or None
         What `modelled` gives; None where no model is made.
     """
-    state = State.of_settings(settings, STORED)
+    state, error = State.of_settings(settings, STORED), math.nan
     if len(kept) > 0:
         if solution is not None:
             initialize(state, settings, solution.found, solution.record)
@@ -176,7 +176,7 @@ def begin(old: State, settings: Settings, kept: RecentSamples, solution: Solutio
             t = np.cumsum(raw.interval)
         learn = solution is None or not settings.optimizer.keeps_covariance
         with state.without_preprocessing():
-            warm_up(state, u, y, t, raw.reference if settings.reference else None, learn=learn)
+            error = warm_up(state, u, y, t, raw.reference if settings.reference else None, learn=learn)
         if solution is not None:
             note_doubts(state, solution, raw.output)
         state.ready_at, state.solved_at = state.elapsed, state.samples
@@ -185,7 +185,7 @@ def begin(old: State, settings: Settings, kept: RecentSamples, solution: Solutio
         *(State.not_finite, State.too_large, State.not_later, State.too_dense, State.time_leaps, State.too_coarse),
         *(State.input_leaps, State.no_output, State.no_reference, State.last_time),
     )
-    return state
+    return state, error
 
 
 def note_doubts(state: State, solution: Solution, output: FloatArray | None = None) -> None:
@@ -201,8 +201,8 @@ def note_doubts(state: State, solution: Solution, output: FloatArray | None = No
 
 def warm_up(
     state: State, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray | None = None, *, learn: bool
-) -> None:
-    """Run samples that were collected through the kernel.
+) -> float:
+    """Run samples that were collected through the kernel; return the error of the last one.
 
     No past estimate is kept meanwhile: settings or estimate were chosen with all of these samples, so that none of them
     is unseen.
@@ -222,7 +222,8 @@ def warm_up(
     _, steps = step_kernels(state, regular=t.size == 0)
     rested = state.rested
     state.adapt, state.held_at = learn, BELIEVED  # leaps among the held samples have been judged
-    steps(*state.arrays, u, y, t, NOTHING if r is None else r, np.empty(u.size), np.empty((u.size, 0)))
+    errors = np.full(u.size, math.nan)
+    steps(*state.arrays, u, y, t, NOTHING if r is None else r, errors, np.empty((u.size, 0)))
     state.adapt, state.held_at = True, 0
     if state.examines_output:
         state.change_began = state.samples
@@ -230,6 +231,7 @@ def warm_up(
         state.rested = rested
     state.past_kept, state.past_due = 0, state.samples
     state.learned = state.samples
+    return float(errors[-1])
 
 
 def carry_over(old: State, new: State) -> None:
