@@ -7,7 +7,7 @@ import pytest
 
 import replant as rp
 from replant.engine.record import Record
-from replant.offline.srivc import first_model
+from replant.offline.srivc import refine
 from support.loops import DT, coloured, controlled, steps
 
 INTEGRATOR = rp.TransferFunction([1.0], [1.0, 1.0, 0.0])
@@ -16,7 +16,7 @@ INTEGRATOR = rp.TransferFunction([1.0], [1.0, 1.0, 0.0])
 @pytest.mark.parametrize("seed", range(6))
 def test_an_integrator_under_a_controller_starts_a_recursion(seed: int) -> None:
     loop = controlled(INTEGRATOR, steps(seed, 3000, hold=40), 0.1 * coloured(seed, 3000, 0.95), gain=0.5)
-    found = first_model(rp.Structure(2), Record(loop.u, loop.y, np.array([DT])))
+    found = refine(rp.Structure(2), Record(loop.u, loop.y, np.array([DT])))
     assert found is not None
     assert found.ends
     assert found.acceptable

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -79,6 +80,8 @@ class Record:
     measured : (K,) array of bool, optional
         Which outputs were measured; None where all were.  Of the others ``y`` holds a guess: the input drives the
         model, the model's own output takes their place, and nothing is learned from them.
+    begins : tuple of int
+        Samples at which another record begins, see `join`: its offset and initial state are its own.
     """
 
     u: FloatArray
@@ -89,6 +92,7 @@ class Record:
     before: Record | None = None
     usual: float = math.inf
     measured: BoolArray | None = None
+    begins: tuple[int, ...] = ()
 
     @property
     def count(self) -> int:
@@ -106,7 +110,7 @@ class Record:
         from replant.kernels.filters.whitening import IRREGULAR
 
         index = np.arange(self.u.size)
-        broken = index == 0
+        broken = np.isin(index, [0, *self.begins])
         if self.intervals.size > 1:
             nominal = float(np.median(self.intervals[1:]))
             broken |= np.abs(self.intervals - nominal) > IRREGULAR * nominal
@@ -117,9 +121,23 @@ class Record:
 
     @property
     def parts(self) -> list[slice]:
-        """The stretches between gaps; after each gap the state is unknown."""
-        begins = gaps_of(self.intervals, self.usual).tolist() if math.isfinite(self.usual) else []
-        return [slice(begin, end) for begin, end in zip([0, *begins], [*begins, self.u.size], strict=True)]
+        """The stretches between gaps and records; at the beginning of each the state is unknown."""
+        gaps = gaps_of(self.intervals, self.usual).tolist() if math.isfinite(self.usual) else []
+        return _slices(sorted({*gaps, *self.begins}), self.u.size)
+
+    def answers(self, delay: float) -> BoolArray:
+        """Return which outputs (K,) answer to inputs of their own part, with a dead time in s."""
+        answers = np.ones(self.u.size, bool)
+        parts = self.parts
+        for rows in parts:
+            part = self if len(parts) == 1 else self.part(rows)
+            answers[rows.start : rows.start + part.unknown(delay)] = False
+        return answers
+
+    @property
+    def records(self) -> list[slice]:
+        """The records that were joined."""
+        return _slices(self.begins, self.u.size)
 
     def part(self, rows: slice) -> Record:
         """Return a stretch of a record on an irregular clock."""
@@ -137,9 +155,9 @@ class Record:
         intervals = self.intervals if self.intervals.size == 1 else self.intervals[rows]
         r = None if self.r is None else self.r[rows]
         measured = None if self.measured is None else self.measured[rows]
-        return Record(
-            self.u[rows], self.y[rows], intervals, self.input_hold, r, usual=usual, measured=measured
-        )  # fmt: skip
+        first, end, _ = rows.indices(self.u.size)
+        begins = tuple(begin - first for begin in self.begins if first < begin < end)
+        return Record(self.u[rows], self.y[rows], intervals, self.input_hold, r, None, usual, measured, begins)
 
     def answering(self, delay: float) -> Record:
         """Return the samples that answer to inputs of the record, those before them as `before`; at least the newest.
@@ -167,7 +185,8 @@ class Record:
         measured = None
         if self.measured is not None or self.before.measured is not None:
             measured = np.concatenate([part.is_measured for part in parts])
-        return Record(u, y, intervals, self.input_hold, r, usual=self.usual, measured=measured)
+        begins = (*self.before.begins, *(self.before.u.size + begin for begin in self.begins))
+        return Record(u, y, intervals, self.input_hold, r, None, self.usual, measured, begins)
 
     def unknown(self, delay: float) -> int:
         """Return how many samples at the beginning answer to inputs before the record, with a dead time in s.
@@ -183,6 +202,12 @@ class Record:
         since = np.cumsum(self.intervals) - self.intervals[0]
         return int(np.count_nonzero(delay - since > SAME * self.intervals))
 
+    def clock(self, rows: slice) -> tuple[float, FloatArray | None]:
+        """Return the usual interval in s of a stretch, and its time stamps in s; None for a regular clock."""
+        if self.intervals.size == 1:
+            return float(self.intervals[0]), None
+        return self.usual if math.isfinite(self.usual) else self.dt, np.cumsum(self.intervals[rows])
+
     @property
     def span(self) -> float:
         """Time from first to last sample, in s."""
@@ -194,6 +219,39 @@ class Record:
     def dt(self) -> float:
         """Mean interval in s."""
         return self.span / (self.u.size - 1)
+
+
+def _slices(begins: Sequence[int], end: int) -> list[slice]:
+    return [slice(*rows) for rows in zip([0, *begins], [*begins, end], strict=True)]
+
+
+def join(records: Sequence[Record]) -> Record:
+    """Return records of one plant as one record: of each the offset and the initial state are its own.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        At least one; all with the same input hold, and all with a reference or none.
+
+    Examples
+    --------
+    >>> join([Record(np.zeros(9), np.zeros(9), np.array([0.1])), Record(np.ones(4), np.ones(4), np.array([0.1]))]).parts
+    [slice(0, 9, None), slice(9, 13, None)]
+    """
+    first, *others = records
+    if not others:
+        return first
+    ends = np.cumsum([each.u.size for each in records]).tolist()
+    u, y, measured = (np.concatenate([getattr(each, name) for each in records]) for name in ("u", "y", "is_measured"))
+    clocks = [each.intervals for each in records]
+    regular = all(clock.size == 1 and clock == clocks[0] for clock in clocks)
+    intervals = np.concatenate([np.broadcast_to(each.intervals, each.u.size) for each in records])
+    r = None if first.r is None else np.concatenate([each.r for each in records if each.r is not None])
+    begins = [begin + last for last, each in zip([0, *ends], records, strict=False) for begin in (0, *each.begins)]
+    return Record(
+        u, y, clocks[0] if regular else intervals, first.input_hold, r, None,
+        min(each.usual for each in records), None if measured.all() else measured, tuple(begins[1:]),
+    )  # fmt: skip
 
 
 @quiet

@@ -21,8 +21,7 @@ Source: MacKay (1992), "Bayesian interpolation", Neural Computation 4.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -30,8 +29,9 @@ import numpy.typing as npt
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
-from replant.offline.refined import PriorInformation, Refined, Root, conclude
-from replant.offline.srivc_steps import HALVINGS, NEARLY_DONE, POLISH, Problem, is_long_enough
+from replant.offline.prior import Prior
+from replant.offline.refined import Refined, Root, conclude
+from replant.offline.srivc_steps import Problem, is_long_enough
 from replant.simulation.auxiliary_model import Pass
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import quiet, roots, solve
@@ -60,51 +60,8 @@ Origin: not recorded; kept, see sensitivity.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-CONVERGED = 1e-3
-"""Gain of a Gauss-Newton step below which the fit is done [variances of the residual].
-Derivation: a thirtieth of a standard deviation.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
 ALL, NONE = 0, 1
 """Places among the suppositions [index]."""
-
-
-@dataclass(frozen=True, eq=False)
-class Prior:
-    """What is known of a model before a record.
-
-    Attributes
-    ----------
-    mean : (T,) array
-    spread : (T,) array
-        Standard deviations; infinite for nuisances, of which nothing is known.
-    variance : float
-        Of the residual.
-    """
-
-    mean: FloatArray
-    spread: FloatArray
-    variance: float
-
-    @property
-    def weight(self) -> FloatArray:
-        """What the prior adds to the diagonal of sum zeta zeta', (T,)."""
-        return self.variance / self.spread**2
-
-    def cost(self, model: FloatArray, done: Pass) -> float:
-        """Return sigma^2 J of a model; infinite where its output leaves float64."""
-        return done.error.size * done.cost + float(self.weight @ (model - self.mean) ** 2)
-
-    def evidence(self, model: FloatArray, done: Pass) -> float:
-        """Return -2 ln p of a record under this prior, up to a constant that all suppositions share."""
-        if not math.isfinite(done.cost):
-            return math.inf
-        information = done.zeta.T @ done.zeta / self.variance + np.diag(self.spread**-2.0)
-        scale = np.sqrt(np.diag(information))
-        logarithm = float(np.linalg.slogdet(information / np.outer(scale, scale))[1] + 2.0 * np.log(scale).sum())
-        known = np.isfinite(self.spread)
-        return self.cost(model, done) / self.variance + logarithm + 2.0 * float(np.log(self.spread[known]).sum())
 
 
 @quiet
@@ -139,27 +96,33 @@ def revise(
     if not (np.isfinite(std[known]).all() and (sizes[known] > 0.0).all()):
         return None
     suppositions = list(_suppositions(structure))
-    priors = [Prior(mean, np.hypot(np.where(moves, MOVES, STAYS) * sizes, std), variance) for moves in suppositions]
+    spreads = [np.hypot(np.where(moves, MOVES, STAYS) * sizes, std) for moves in suppositions]
+    priors = [Prior.of_spread(mean, spread, variance) for spread in spreads]
     start = _iterated(problem, priors[ALL])
-    fits = [_most_likely(problem, start, priors[ALL])]
+    fits = [problem.polish(start, prior=priors[ALL])]
     for moves, prior in zip(suppositions[1:], priors[1:], strict=True):
-        fits.append(_most_likely(problem, np.where(moves | ~known, fits[ALL][0], mean), prior))
-    evidence = np.array([prior.evidence(model, done) for prior, (model, done, _) in zip(priors, fits, strict=True)])
+        fits.append(problem.polish(np.where(moves | ~known, fits[ALL][0], mean), prior=prior))
+    evidence = np.array([_evidence(prior, model, done) for prior, (model, done, _) in zip(priors, fits, strict=True)])
     if not np.isfinite(evidence.min()):
         return None
     likelihood = np.exp(0.5 * (evidence.min() - evidence))
-    squares = np.array([prior.spread[known] ** 2 for prior in priors])
+    squares = np.array([each[known] ** 2 for each in spreads])
     spread = np.full(old.size, np.inf)
     spread[known] = np.sqrt(likelihood @ squares / likelihood.sum())
-    mixed = Prior(mean, spread, variance)
-    model, done, converged = _most_likely(problem, fits[int(evidence.argmin())][0], mixed)
-    if not converged:
+    mixed = Prior.of_spread(mean, spread, variance)
+    revised = most_likely(problem, [fits[int(evidence.argmin())][0]], mixed)
+    if revised is None or not revised.converged:
         return None
-    information = PriorInformation(mixed.weight, mixed.weight * (mean - model))
+    return revised, float(likelihood[NONE] / likelihood.sum())
+
+
+def most_likely(problem: Problem, starts: Sequence[FloatArray], prior: Prior) -> Refined | None:
+    """Return the estimate of the least J that steps from some starts lead to; None if it is not finite."""
+    ends = [problem.polish(start, prior=prior) for start in starts]
+    model, done, converged = min(ends, key=lambda end: end[1].power + prior.cost(end[0]))
     noise = Autoregression.white(float(done.error @ done.error), done.error.size)
-    root = Root(model, done, noise, done.cost, done.error.size * done.cost, True, True)
-    revised = conclude(structure, problem.record, problem.known, root, problem.projection, information)
-    return None if revised is None else (revised, float(likelihood[NONE] / likelihood.sum()))
+    root = Root(model, done, noise, done.cost, done.power, converged, converged)
+    return conclude(problem.structure, problem.record, problem.known, root, problem.projection, prior)
 
 
 def _suppositions(structure: Structure) -> Iterator[npt.NDArray[np.bool_]]:
@@ -198,35 +161,24 @@ def _iterated(problem: Problem, prior: Prior) -> FloatArray:
     best, least, model = prior.mean, math.inf, prior.mean
     for iteration in range(ITERATIONS + 1):
         done = problem.run(model)
-        if prior.cost(model, done) < least:
-            best, least = model, prior.cost(model, done)
+        cost = done.power + prior.cost(model)
+        if cost < least:
+            best, least = model, cost
         zeta = done.phi if iteration == 0 else done.zeta
-        found = solve(zeta.T @ done.phi + np.diag(prior.weight), zeta.T @ done.target + prior.weight * prior.mean)
+        found = solve(zeta.T @ done.phi + prior.weight, zeta.T @ done.target + prior.weight @ prior.mean)
         if found is None:
             break
         model = problem.bounded(found)
     return best
 
 
-def _most_likely(problem: Problem, model: FloatArray, prior: Prior) -> tuple[FloatArray, Pass, bool]:
-    """Take damped Gauss-Newton steps to the least J; return the model, its pass, whether it converged."""
-    done = problem.run(model)
-    for _ in range(POLISH):
-        gradient = done.zeta.T @ done.error + prior.weight * (prior.mean - model)
-        direction = solve(done.zeta.T @ done.zeta + np.diag(prior.weight), gradient)
-        if direction is None:
-            return model, done, False
-        gain, cost = float(direction @ gradient), prior.cost(model, done)
-        for halvings in range(HALVINGS):
-            tried = model + direction * 0.5**halvings
-            if not problem.is_usable(tried):
-                continue
-            after = problem.run(tried)
-            if prior.cost(tried, after) < cost:
-                model, done = tried, after
-                break
-        else:
-            return model, done, gain <= NEARLY_DONE * prior.variance
-        if gain <= CONVERGED * prior.variance:
-            return model, done, True
-    return model, done, False
+def _evidence(prior: Prior, model: FloatArray, done: Pass) -> float:
+    """Return -2 ln p of a record under a prior, up to a constant that all suppositions share."""
+    if not math.isfinite(done.cost):
+        return math.inf
+    information = done.zeta.T @ done.zeta / prior.variance + prior.information
+    scale = np.sqrt(np.diag(information))
+    logarithm = float(np.linalg.slogdet(information / np.outer(scale, scale))[1] + 2.0 * np.log(scale).sum())
+    known = np.diag(prior.information) > 0.0
+    cost = (done.power + prior.cost(model)) / prior.variance
+    return cost + logarithm - float(np.log(np.diag(prior.information)[known]).sum())

@@ -11,6 +11,7 @@ from replant.arguments import FloatArray, IntArray
 from replant.engine.record import Record
 from replant.kernels.schema import FIXED, LAGS, ColourSlots, NoiseSlots, PathSlots, ReferenceSlots
 from replant.model.structure import Structure
+from replant.offline.prior import Prior
 from replant.offline.reference_projection import Projection
 from replant.simulation.auxiliary_model import Pass
 from replant.statistics.autoregression import Autoregression
@@ -175,27 +176,6 @@ class Refined:
         return self.settled and self.uncertainty < ACCEPTABLE
 
 
-@dataclass(frozen=True, eq=False)
-class PriorInformation:
-    """Information about the parameters from before the record.
-
-    Attributes
-    ----------
-    weight : (T,) array
-        What it adds to the diagonal of sum zeta zeta'.
-    pull : (T,) array
-        ``weight`` times the distance from the estimate to the prior's mean.
-    """
-
-    weight: FloatArray
-    pull: FloatArray
-
-    @classmethod
-    def none(cls, size: int) -> PriorInformation:
-        """Return the absence of prior information about ``size`` entries."""
-        return cls(np.zeros(size), np.zeros(size))
-
-
 @quiet
 def conclude(
     structure: Structure,
@@ -203,7 +183,7 @@ def conclude(
     known: IntArray,
     root: Root,
     projection: Projection | None = None,
-    prior: PriorInformation | None = None,
+    prior: Prior | None = None,
 ) -> Refined | None:
     """Return the estimate that an iteration comes to, with its covariance; None if not finite.
 
@@ -217,17 +197,17 @@ def conclude(
         Where the iteration ended.
     projection : Projection, optional
         What the record's reference explains.
-    prior : PriorInformation, optional
+    prior : Prior, optional
         Of a fit with a prior.
     """
     model, done, noise = root.model, root.done, root.noise
     samples, size = record.count, model.size
     applied = noise if root.filters else Autoregression.white(1.0, samples)
     zeta, white = applied.whiten_known(done.zeta, known), applied.whiten_known(done.error, known)
-    prior = PriorInformation.none(size) if prior is None else prior
+    prior = Prior.none(size) if prior is None else prior
     variance = float(done.error @ done.error) / max(samples - size, 1)
     innovation = float(white @ white) / max(samples - size, 1)
-    before = np.diag(prior.weight)
+    before = prior.weight
     upper, diagonal = factor_information(zeta.T @ zeta + before)
     inverse = compose(upper, diagonal)
     if projection is not None:  # the instruments are not the regressor without its noise: M^-1 (sum zeta zeta') M^-T
@@ -239,7 +219,7 @@ def conclude(
     covariance = larger(power / max(samples - size, 1) * inverse @ colour.squares @ inverse.T, plain)
     # before the scatter along the path is added: a start-up has few blocks, and their chance must not decide its length
     uncertainty = relative_uncertainty(structure, model, covariance, done.phi, record)
-    path = path_of_record(zeta, white, model, before, prior.pull)
+    path = path_of_record(zeta, white, model, before, prior.pull(model))
     covariance = no_less_than_scattered(covariance, *rows_of(path, model, np.diag(compose(upper, diagonal))))
     slots = _noise(noise, size, filters=root.filters)
     misfit, share, reference = (root.misfit / innovation if innovation > 0.0 else 0.0, math.nan, None)

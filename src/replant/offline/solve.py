@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from replant.arguments import BoolArray, FloatArray, IntArray
-from replant.engine.record import Record
+from replant.engine.record import Record, join
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.offline.bad_samples import doubts, filled, suspicious
+from replant.offline.prior import Prior
 from replant.offline.refined import Refined
-from replant.offline.srivc import first_model, refine
+from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem
 
 ROUNDS = 5
@@ -56,52 +57,77 @@ class Solution:
 
 def at_first(record: Record) -> Record:
     """Return a record without the outputs that may be bad by themselves."""
-    return leaving_out(record, suspicious(record.u, np.where(record.is_measured, record.y, np.nan)))
+    return leaving_out(record, _suspicious(record))
 
 
 def solve(
-    structure: Structure, record: Record, given: Sequence[FloatArray] = (), *, afresh: bool = False
+    structure: Structure,
+    records: Record | Sequence[Record],
+    given: Sequence[FloatArray] = (),
+    *,
+    prior: Prior | None = None,
+    afresh: bool = False,
 ) -> Solution | None:
-    """Solve a record; None where no start leads to a model.
+    """Solve a record, or records of one plant; None where no start leads to a model.
 
     Parameters
     ----------
     structure : Structure
-    record : Record
-        As it was measured.
+    records : Record or sequence of Record
+        As they were measured.  Several are solved as one: the offset and the initial state of each are its own.
     given : sequence of (T,) arrays
         Estimates to start from; without any, the usual starts.
+    prior : Prior, optional
+        What is known of the model; the records are then weighed against it, and its mean is a start.
     afresh : bool
         Start from the usual ones as well.
     """
-    y = np.where(record.is_measured, record.y, np.nan)
-    doubt = suspicious(record.u, y)
-    found, solution = None, None
+    record = records if isinstance(records, Record) else join(records)
+    answers, doubt = record.answers(structure.delay), _suspicious(record)
+    found = _first(structure, leaving_out(record, doubt), given, prior, afresh=afresh)
+    if found is None and (doubt > Doubt.MISSING).any():  # as they came
+        doubt = np.where(record.is_measured, Doubt.NONE, Doubt.MISSING)
+        found = _first(structure, leaving_out(record, doubt), given, prior, afresh=afresh)
+    solution = None
     for _ in range(ROUNDS):
-        used = leaving_out(record, doubt)
-        if found is None:
-            found = _solved(structure, used, given, afresh=afresh)
-        else:
-            found = refine(structure, used, [found.theta])
         if found is None:
             break
+        used = leaving_out(record, doubt)
         modelled = _output(structure, used, found)
         bridged = np.where(used.is_measured, used.y, modelled)
         solution = Solution(found, replace(used, y=bridged), doubt, bridged)
-        before, doubt = doubt, doubts(record.u, y, modelled, found.noise_model.coefficients)
+        before, doubt = doubt, _doubts(record, np.where(answers, modelled, np.nan), found)
         if (doubt == before).all():
-            return solution
-    missing = np.where(record.is_measured, Doubt.NONE, Doubt.MISSING)
-    if solution is None and (suspicious(record.u, y) != missing).any():  # as they came
-        used = leaving_out(record, missing)
-        found = _solved(structure, used, given, afresh=afresh)
-        if found is not None:
-            solution = Solution(found, used, missing, used.y)
+            break
+        found = refine(structure, leaving_out(record, doubt), [found.theta], prior=prior)
     return solution
 
 
-def _solved(structure: Structure, record: Record, given: Sequence[FloatArray], *, afresh: bool) -> Refined | None:
-    return refine(structure, record, given, afresh=afresh) if given else first_model(structure, record)
+def _first(
+    structure: Structure, record: Record, given: Sequence[FloatArray], prior: Prior | None, *, afresh: bool
+) -> Refined | None:
+    """Return the estimate of a record; None where it has no samples, or input or reference is constant."""
+    if not given and prior is None and not _moves(record):
+        return None
+    return refine(structure, record, given, prior=prior, afresh=afresh)
+
+
+def _moves(record: Record) -> bool:
+    """Return whether input and reference move."""
+    signals = (record.u,) if record.r is None else (record.u, record.r)
+    return record.u.size > 0 and all(float(np.ptp(signal)) > 0.0 for signal in signals)
+
+
+def _suspicious(record: Record) -> IntArray:
+    """Return the `Doubt` in each output (K,) without a model."""
+    y = np.where(record.is_measured, record.y, np.nan)
+    return np.concatenate([suspicious(record.u[rows], y[rows]) for rows in record.records])
+
+
+def _doubts(record: Record, modelled: FloatArray, found: Refined) -> IntArray:
+    """Return the `Doubt` in each output (K,) by a model's (K,), NaN where that is not known."""
+    y, noise = np.where(record.is_measured, record.y, np.nan), found.noise_model.coefficients
+    return np.concatenate([doubts(record.u[rows], y[rows], modelled[rows], noise) for rows in record.records])
 
 
 def leaving_out(record: Record, doubt: IntArray) -> Record:

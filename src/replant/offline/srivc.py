@@ -45,6 +45,8 @@ from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
+from replant.offline.map_srivc import most_likely
+from replant.offline.prior import Prior
 from replant.offline.refined import Refined, Root, conclude
 from replant.offline.specification_test import disagreement, is_answered, is_right
 from replant.offline.srivc_steps import STALLS, Problem, is_long_enough
@@ -127,6 +129,7 @@ def refine(
     record: Record,
     given: Sequence[FloatArray] = (),
     *,
+    prior: Prior | None = None,
     afresh: bool = False,
     filtered: bool = True,
 ) -> Refined | None:
@@ -142,6 +145,8 @@ def refine(
         Usable samples.
     given : sequence of (T,) arrays
         Estimates to start from; without any, estimates behind `CUTOFFS` state-variable filters.
+    prior : Prior, optional
+        What is known of the model: its mean is a start, and the noise model filters nothing.
     afresh : bool
         Start from these filters as well.
     filtered : bool
@@ -159,6 +164,8 @@ def refine(
         return None
     problem = Problem(structure, record)
     starts = [problem.bounded(np.asarray(theta, np.float64)) for theta in given]
+    if prior is not None:
+        return most_likely(problem, [*starts, prior.mean], prior)
     cutoffs = np.geomspace(SLOWEST_CUTOFF / record.span, 1.0 / record.dt, CUTOFFS) if not starts or afresh else ()
     found = (problem.from_cutoff(float(cutoff)) for cutoff in cutoffs)
     starts += [start for start in found if start is not None]
@@ -226,9 +233,10 @@ def _simulated(problem: Problem, model: FloatArray) -> float:
     if float(roots(plant.den).real.max()) * record.span > MOST_GROWN:
         return math.inf
     y = np.where(record.is_measured, record.y, np.nan)
-    t = None if record.intervals.size == 1 else np.cumsum(record.intervals)
-    dt = float(record.intervals[0]) if t is None else record.usual if math.isfinite(record.usual) else record.dt
-    error = y - simulate(plant, record.u, y, dt, input_hold=record.input_hold, t=t).output
+    error = y.copy()
+    for rows in record.records:
+        dt, t = record.clock(rows)
+        error[rows] -= simulate(plant, record.u[rows], y[rows], dt, input_hold=record.input_hold, t=t).output
     square = float(np.nanmean(error**2))
     return square if math.isfinite(square) else math.inf
 
@@ -291,12 +299,3 @@ def _best(ends: Sequence[Root | None], *, referenced: bool = False) -> Root | No
     least = min(end.innovation for end in found)
     alike = [end for end in found if end.innovation <= (1.0 + AGREE) * least]
     return min(alike, key=lambda end: (not end.converged, end.innovation))
-
-
-def first_model(structure: Structure, record: Record) -> Refined | None:
-    """Return the refined estimate of a record; None where it is too short, or input or reference constant."""
-    if record.u.size == 0 or float(np.ptp(record.u)) == 0.0:
-        return None
-    if record.r is not None and float(np.ptp(record.r)) == 0.0:
-        return None
-    return refine(structure, record)

@@ -6,7 +6,7 @@ r"""The steps of refined instrumental variables: a structure, a record, passes o
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
+from replant.offline.prior import Prior
 from replant.offline.reference_projection import Projection
 from replant.offline.refined import Root
 from replant.simulation.auxiliary_model import AuxiliaryModel, Pass, stability_margin
@@ -74,12 +75,6 @@ STALLS = 6
 """Steps that may gain nothing to speak of before an iteration counts as ended [count].
 Origin: not recorded; kept, see sensitivity.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
-
-SHORTENED = 7
-"""Times that a whitened step is tried, each time half as long [count].
-Origin: as HALVINGS.
-Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 SLACK = {False: 1e-3, True: 0.02}
@@ -269,7 +264,9 @@ class Problem:
                 break
         return best, best_model, current
 
-    def polish(self, model: FloatArray, *, stable: bool = False) -> tuple[FloatArray, Pass, bool]:
+    def polish(
+        self, model: FloatArray, *, stable: bool = False, prior: Prior | None = None
+    ) -> tuple[FloatArray, Pass, bool]:
         """Take damped Gauss-Newton steps on the output error; return the model, its pass, whether it converged.
 
         Parameters
@@ -277,24 +274,46 @@ class Problem:
         model : (T,) array
         stable : bool
             Whether no step may leave the stable models.
+        prior : Prior, optional
+            Of which the model is drawn: what is least is then the output error and the distance from its mean.
         """
+        known = Prior.none(model.size) if prior is None else prior
+
+        def accepts(tried: FloatArray) -> Pass | None:
+            if stable and not self.is_stable(tried):
+                return None
+            found = self.run(tried)
+            return found if found.power + known.cost(tried) < cost else None
+
         done, exact = self.run(model), False
         for _ in range(POLISH):
-            slopes = self._slopes(model, done) if exact else done.zeta
-            gradient = slopes.T @ done.error
-            direction = solve(slopes.T @ slopes, gradient)
+            slopes, cost = self._slopes(model, done) if exact else done.zeta, done.power + known.cost(model)
+            gradient = slopes.T @ done.error + known.pull(model)
+            direction = solve(slopes.T @ slopes + known.weight, gradient)
             if direction is None:
                 return model, done, False
+            variance = done.cost if prior is None else prior.variance
             # converged: the step is a thousandth of a standard deviation, or the error is rounding
-            if float(direction @ gradient) <= DONE * done.cost or self.is_rounding(done):
+            if float(direction @ gradient) <= DONE * variance or self.is_rounding(done):
                 return model, done, True
-            better = self._line_search(model, direction, done.cost, stable=stable)
+            better = self._damped(model, direction, accepts)
             if better is not None:
                 model, done = better
             elif exact:
-                return model, done, float(direction @ gradient) <= NEARLY_DONE * done.cost
+                return model, done, float(direction @ gradient) <= NEARLY_DONE * variance
             exact = exact or better is None
         return model, done, False
+
+    def _damped(
+        self, model: FloatArray, direction: FloatArray, accepts: Callable[[FloatArray], Pass | None]
+    ) -> tuple[FloatArray, Pass] | None:
+        """Return the model after the longest step, halved up to `HALVINGS` times, that is accepted, and its pass."""
+        for halvings in range(HALVINGS):
+            tried = model + direction * 0.5**halvings
+            done = accepts(tried) if self.is_usable(tried) else None
+            if done is not None:
+                return tried, done
+        return None
 
     def _slopes(self, model: FloatArray, done: Pass) -> FloatArray:
         """Return the derivatives (K, T) of the output, those along the denominator by differences.
@@ -309,18 +328,6 @@ class Problem:
             step[i] = DIFFERENCE * size
             slopes[:, i] = (self.run(model - step).ahead - self.run(model + step).ahead) / (2.0 * step[i])
         return slopes
-
-    def _line_search(
-        self, model: FloatArray, direction: FloatArray, cost: float, *, stable: bool
-    ) -> tuple[FloatArray, Pass] | None:
-        """Return the model after the longest of `HALVINGS` halved steps that lowers the cost; None if none does."""
-        for halvings in range(HALVINGS):
-            tried = model + direction * 0.5**halvings
-            if self.is_usable(tried) and not (stable and not self.is_stable(tried)):
-                done = self.run(tried)
-                if done.cost < cost:
-                    return tried, done
-        return None
 
     def stabilized(self, model: FloatArray) -> FloatArray:
         """Return ``model`` (T,) with the poles reflected that are not stable."""
@@ -347,6 +354,11 @@ class Problem:
         slack, settled, moved = 1.0 + SLACK[self.projection is not None], max(renewals, default=0), math.inf
         costs: list[float] = []  # of the steps since the noise model was last renewed
         stuck = False  # whether no step lowers the last of them
+
+        def accepts(tried: FloatArray) -> Pass | None:
+            found = self.run(tried)
+            return found if math.isfinite(found.cost) and self.misfit(found) <= limit else None
+
         for step in range(steps):
             if self.is_rounding(done):
                 moved = 0.0
@@ -366,7 +378,7 @@ class Problem:
                 if direction is None:
                     continue
                 moved = float(np.sum((zeta @ direction) ** 2)) / variance
-                better = self._shortened(model, direction, limit)
+                better = self._damped(model, direction, accepts)
                 if better is not None:
                     break
             if better is None:
@@ -383,16 +395,6 @@ class Problem:
         # without a reference the cost has a bend where a pole crosses the axis, and steps go to and fro about it
         ends = converged or (self.projection is None and (stuck or _stalls(costs, NEARLY_DONE * variance)))
         return Root(model, done, self.noise, variance, self.misfit(done), converged, ends)
-
-    def _shortened(self, model: FloatArray, direction: FloatArray, limit: float) -> tuple[FloatArray, Pass] | None:
-        """Return the model after the longest of `SHORTENED` halved steps whose cost is within the limit, or None."""
-        for halvings in range(SHORTENED):
-            tried = model + direction * 0.5**halvings
-            if self.is_usable(tried):
-                done = self.run(tried)
-                if math.isfinite(done.cost) and self.misfit(done) <= limit:
-                    return tried, done
-        return None
 
 
 def is_long_enough(structure: Structure, record: Record) -> bool:

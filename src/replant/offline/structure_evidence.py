@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from replant.arguments import BoolArray, FloatArray, IntArray
+from replant.arguments import BoolArray, FloatArray
 from replant.engine.record import Record
 from replant.kernels.schema import LAGS
 from replant.model.dead_time import unknown_outputs
@@ -163,16 +163,11 @@ class Evidence:
 
     def _explained(self, delay: float) -> BoolArray:
         """Return which outputs (K,) answer to inputs that are known."""
-        explained = self._known.copy()
-        parts = [] if self.at_rest else self.record.parts
-        for rows in parts:
-            part = self.record if len(parts) == 1 else self.record.part(rows)
-            explained[rows.start : rows.start + part.unknown(delay)] = False
-        return explained
+        return self._known if self.at_rest else self._known & self.record.answers(delay)
 
     def _densities(self, error: FloatArray, explained: BoolArray) -> tuple[FloatArray, int]:
         """Return the log-densities (K,) of an error (K,) under an autoregression of its own, and its order."""
-        known = self._predecessors(explained)
+        known = replace(self.record, measured=explained).predecessors
         sums, count = sums_of(error, known)
         power = float(error[explained] @ error[explained])
         noise = Autoregression.white(power, error.size)
@@ -184,15 +179,3 @@ class Evidence:
         power = max(float(noise.powers[noise.order]), np.finfo(float).tiny)
         wider = np.maximum(noise.powers[np.minimum(known, noise.order)] / power, 1.0)
         return -0.5 * (white**2 / variance + np.log(2.0 * math.pi * variance * wider)), noise.order
-
-    def _predecessors(self, explained: BoolArray) -> IntArray:
-        """Return how many errors before each are known and one sampling time apart, up to LAGS."""
-        from replant.kernels.filters.whitening import IRREGULAR
-
-        index, broken = np.arange(explained.size), ~explained
-        broken[1:] |= ~explained[:-1]
-        broken[0] = True
-        if self.record.intervals.size > 1:
-            nominal = float(np.median(self.record.intervals[1:]))
-            broken |= np.abs(self.record.intervals - nominal) > IRREGULAR * nominal
-        return np.minimum(index - np.maximum.accumulate(np.where(broken, index, 0)), LAGS)

@@ -89,6 +89,11 @@ class Pass:
         """All of them, in their order."""
         return self.phi, self.zeta, self.target, self.output, self.error, self.ahead
 
+    @property
+    def power(self) -> float:
+        """Sum of squares of measured minus predicted output."""
+        return self.ahead.size * self.cost
+
     @cached_property
     def cost(self) -> float:
         """Mean square of measured minus predicted output; infinite where that leaves float64."""
@@ -125,7 +130,7 @@ class AuxiliaryModel:
     ) -> None:
         self._state = State.for_model(structure, dt, input_hold, reference=reference)
         self._state.stability_margin = margin
-        self._delay, self._order = structure.delay, structure.poles
+        self._delay, self._order, self._bias = structure.delay, structure.poles, structure.bias
 
     @property
     def entries(self) -> int:
@@ -150,7 +155,10 @@ class AuxiliaryModel:
         if len(parts) > 1:
             explained = [None if by_reference is None else by_reference[rows] for rows in parts]
             runs = [self.run(theta, record.part(rows), of_it) for rows, of_it in zip(parts, explained, strict=True)]
-            return _of_parts(runs, self._order)
+            # an offset of its own takes the constant's column, too, where that is no parameter
+            own = self._order + (not self._bias)
+            nuisances = [own if rows.start in record.begins else self._order for rows in parts]
+            return _of_parts(runs, nuisances)
         if by_reference is None:
             by_reference = NOTHING
         if record.measured is not None and not record.measured.all():
@@ -192,19 +200,20 @@ class AuxiliaryModel:
         return Pass(phi, zeta, target, output, error, ahead)
 
 
-def _of_parts(runs: list[Pass], order: int) -> Pass:
+def _of_parts(runs: list[Pass], nuisances: list[int]) -> Pass:
     """Return the passes over the parts of a record as one.
 
-    Behind a gap the initial state is unknown once more.  It is not among the entries of the model: what it explains,
-    the last ``order`` columns of ``phi``, is taken off all signals, which is what estimating it beside them comes to.
+    Behind a gap the initial state is unknown once more, in another record the offset is, too.  They are not among the
+    entries of the model: what they explain, the last columns of ``phi``, ``nuisances`` of each part, is taken off all
+    signals, which is what estimating them beside the entries comes to.
     """
-    joined = [runs[0], *(_without_initial_state(run, order) for run in runs[1:])]
+    joined = [runs[0], *(_without_last(run, count) for run, count in zip(runs[1:], nuisances[1:], strict=True))]
     return Pass(*(np.concatenate(signals) for signals in zip(*(run.signals for run in joined), strict=True)))
 
 
-def _without_initial_state(run: Pass, order: int) -> Pass:
-    """Return a pass less what its initial state explains."""
-    columns, states = run.phi.shape[1] - order, run.phi[:, -order:]
+def _without_last(run: Pass, count: int) -> Pass:
+    """Return a pass less what the last ``count`` columns of its regressors explain."""
+    columns, states = run.phi.shape[1] - count, run.phi[:, -count:]
     signals = np.column_stack([run.phi[:, :columns], run.zeta[:, :columns], run.target, run.error, run.ahead])
     left = without(signals, states) if np.isfinite(signals).all() and np.isfinite(states).all() else signals
     none = np.zeros_like(states)
