@@ -183,7 +183,8 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
         findings.append(Finding("not excited", "the input is constant: move it"))
         return findings
     if evidence.samples < evidence.enough:
-        reason = f"{evidence.samples} samples (since the last interruption) are too few for a verdict"
+        since = "" if evidence.in_sample else " (since the last interruption)"
+        reason = f"{evidence.samples} samples{since} are too few for a verdict"
         findings.append(Finding("converging", reason))
         return findings
     if np.var(u[evidence.newest]) < LEAST_POWER * evidence.largest_power:
