@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -51,6 +52,11 @@ class Scaling:
         keep(self, "regressor", numbers, called="scaling regressor")
         if min(self.regressor) <= 0.0:
             raise InvalidArgumentError(f"scaling regressor must be greater than 0, got {min(self.regressor):g}")
+        if not self.output / min(self.regressor) <= sys.float_info.max:
+            raise InvalidArgumentError(
+                f"scaling regressor must be larger: {min(self.regressor):g} is too small beside the output's "
+                f"{self.output:g}"
+            )
 
     def sigmas(self, structure: Structure) -> FloatArray:
         """Return the regressor's sigmas (P,) for ``structure``.
