@@ -11,8 +11,9 @@ from scipy.stats import binom
 import replant as rp
 from replant.engine.record import Record
 from replant.offline.refined import Refined
-from replant.offline.specification_test import FALSE_ALARM, answering, is_right
+from replant.offline.specification_test import FALSE_ALARM, answering, is_answered, is_right
 from replant.offline.srivc import refine
+from replant.simulation.model_run import run_model
 from support.loops import DT, coloured, controlled, steps
 
 LAG = rp.TransferFunction([1.0], [1.0, 1.0])
@@ -85,7 +86,7 @@ def test_an_input_in_feedback_answers_and_a_reference_does_not() -> None:
     w, r = np.random.default_rng(3).standard_normal((2, SAMPLES))
     slow = np.convolve(r, 0.95 ** np.arange(200))[:SAMPLES]
     for free in (r, slow):
-        answer, chance = answering(free - 0.5 * np.roll(w, 2), w)
+        answer, chance, _ = answering(free - 0.5 * np.roll(w, 2), w)
         assert chance < 1e-6
         assert np.corrcoef(answer, -np.roll(w, 2))[0, 1] > 0.9
         assert answering(free, w)[1] > 1e-3
@@ -93,5 +94,22 @@ def test_an_input_in_feedback_answers_and_a_reference_does_not() -> None:
 
 def test_an_input_that_its_past_tells_answers_nothing() -> None:
     index = np.arange(SAMPLES)
-    answer, chance = answering(np.sin(0.1 * index), np.random.default_rng(4).standard_normal(SAMPLES))
+    answer, chance, _ = answering(np.sin(0.1 * index), np.random.default_rng(4).standard_normal(SAMPLES))
     assert (chance, float(np.abs(answer).max())) == (1.0, 0.0)
+
+
+def test_what_a_plant_does_at_once_is_not_taken_for_a_controllers_answer() -> None:
+    """A direct path that the structure lacks ties the input to the residual of the same sample, as a loop does."""
+    found = []
+    for seed in range(5):
+        random = np.random.default_rng(seed)
+        u = np.cumsum(random.standard_normal(SAMPLES)) * 0.3
+        u -= np.linspace(u[0], u[-1], SAMPLES)
+        y = rp.TransferFunction([0.3], [1.0, 0.05]).simulate(u, DT) + 3.0 * u + coloured(seed + 1, SAMPLES, 0.98)
+        record = record_of(u, y)
+        plain, filtered = estimates(record)
+        run = run_model(STRUCTURE, filtered.theta[:2], record, DT)
+        assert run is not None
+        assert is_answered(record, filtered.noise_model, run.error), "so it seems"
+        found.append(is_right(STRUCTURE, record, plain, filtered))
+    assert not any(found)

@@ -20,7 +20,9 @@ With :math:`\Lambda = G^{-1/2} \mathrm{cov}(s) G^{-1/2}`
 Feedback makes s large as well.  The input is split into what answers the whitened residual and :math:`u_r`, which does
 not.  With :math:`\delta = (G_p - G_f) u` and :math:`\delta_r` of :math:`u_r`,
 :math:`\varphi = \delta_r^T e_f / \delta^T e_f` is 0 round a right model in feedback and 1 in open loop, and q counts by
-:math:`\varphi^2`.  With a reference :math:`u_r` is what that explains of the input.
+:math:`\varphi^2`.  With a reference :math:`u_r` is what that explains of the input.  A controller opposes a
+disturbance: where input and residual of the same sample move as the plant's output follows its input, the plant does
+something faster than the model, and :math:`\varphi = 1`.
 
 Sources: Hausman (1978), "Specification tests in econometrics", Econometrica 46; Robinson (1998), "Inference without
 smoothing in the presence of nonparametric autocorrelation", Econometrica 66; MacKinnon and White (1985), "Some
@@ -191,8 +193,8 @@ def _share_of_feedback(
 ) -> float:
     """Return the share of the difference between two estimates that feedback does not explain, phi."""
     u = record.u - record.u.mean()
-    answer, chance = _answer(record, estimates[1].noise_model, runs[1].error, whole)
-    if chance >= ANSWERED:
+    answer, chance, at_once = _answer(record, estimates[1].noise_model, runs[1].error, whole)
+    if chance >= ANSWERED or _is_direct(structure, estimates[1].theta, at_once):
         return 1.0
     rest = dataclasses.replace(record, u=u - answer)
     purged = [run_model(structure, one.theta[: structure.size], rest, record.dt) for one in estimates]
@@ -204,22 +206,38 @@ def _share_of_feedback(
     return share if share > MOST else 0.0
 
 
+def _is_direct(structure: Structure, model: FloatArray, at_once: float) -> bool:
+    """Return whether input and residual of the same sample move together as the plant's output follows its input.
+
+    A controller opposes a disturbance.  What the plant does faster than the model moves the residual along with the
+    input; its sign is that of the model's first and last answer to a step, where these agree.
+    """
+    from scipy import special  # slow to import
+
+    first, last = model[structure.poles], model[structure.coefficients - 1] * model[structure.poles - 1]
+    return bool(first * last > 0.0) and float(special.ndtr(-at_once * np.sign(first))) < ANSWERED
+
+
 def is_answered(record: Record, noise: Autoregression, error: FloatArray) -> bool:
     """Return whether a record's input answers a residual (K,), as under a controller."""
     return _answer(record, noise, error, _whole(record, noise.order))[1] < ANSWERED
 
 
-def _answer(record: Record, noise: Autoregression, error: FloatArray, whole: FloatArray) -> tuple[FloatArray, float]:
-    """Return the part (K,) of a record's input that answers a residual (K,), and its chance in open loop."""
+def _answer(
+    record: Record, noise: Autoregression, error: FloatArray, whole: FloatArray
+) -> tuple[FloatArray, float, float]:
+    """Return `answering` of a record's input and a residual (K,); with a reference what that does not explain."""
     u = record.u - record.u.mean()
     if record.r is not None:
-        return u - _explained(u, record.r), 0.0
+        return u - _explained(u, record.r), 0.0, 0.0
     return answering(u, _ahead(noise, error) * whole)
 
 
 @quiet
-def answering(u: FloatArray, w: FloatArray) -> tuple[FloatArray, float]:
-    """Return the part (K,) of an input that answers a whitened residual, and its chance in open loop.
+def answering(u: FloatArray, w: FloatArray) -> tuple[FloatArray, float, float]:
+    """Return the part (K,) of an input that answers a whitened residual, its chance in open loop, and how it begins.
+
+    The last is the correlation of input and residual of the same sample, past inputs known, in standard deviations.
 
     The input is told by its own past, as far as Akaike's criterion asks, and by the residuals now and before.  The
     chance is that of a score test which noise of any distribution keeps.
@@ -232,15 +250,17 @@ def answering(u: FloatArray, w: FloatArray) -> tuple[FloatArray, float]:
     Examples
     --------
     >>> w, r = np.random.default_rng(0).standard_normal((2, 1000))
-    >>> answer, chance = answering(r - 0.5 * w, w)
-    >>> bool(chance < 1e-6), bool(np.corrcoef(answer, w)[0, 1] < -0.9), bool(answering(r, w)[1] > 1e-3)
+    >>> answer, chance, at_once = answering(r - 0.5 * w, w)
+    >>> bool(chance < 1e-6), bool(np.corrcoef(answer, w)[0, 1] < -0.9), bool(at_once < -5.0)
     (True, True, True)
+    >>> bool(answering(r, w)[1] > 1e-3)
+    True
     """
     from scipy.stats import chi2  # slow to import
 
     most = min(LONGEST, u.size // PER_COLUMN)
     rows = np.arange(max(most, ANSWERS), u.size)[-NEWEST:]
-    nothing = np.zeros(u.size), 1.0
+    nothing = np.zeros(u.size), 1.0, 0.0
     if rows.size < PER_COLUMN * (ANSWERS + 2):
         return nothing
     past = np.column_stack([np.ones(rows.size), *(u[rows - lag] for lag in range(1, most + 1))])
@@ -259,7 +279,9 @@ def answering(u: FloatArray, w: FloatArray) -> tuple[FloatArray, float]:
     chance = float(chi2.sf(total @ pseudo_inverse(moments.T @ moments, 1e-12) @ total, ANSWERS + 1))
     gains = np.linalg.lstsq(told, now, rcond=1e-12)[0]
     own = np.linalg.lstsq(upper, along - basis.T @ (lagged @ gains), rcond=1e-12)[0]
-    return _carried(np.convolve(w, gains)[: u.size], own[1:], u), chance
+    sizes = float(np.linalg.norm(now) * np.linalg.norm(told[:, 0]))
+    at_once = math.sqrt(rows.size) * float(total[0]) / sizes if sizes > 0.0 else 0.0
+    return _carried(np.convolve(w, gains)[: u.size], own[1:], u), chance, at_once
 
 
 def _carried(push: FloatArray, own: FloatArray, u: FloatArray) -> FloatArray:
