@@ -124,7 +124,7 @@ def is_right(structure: Structure, record: Record, plain: Refined, filtered: Ref
     whole = _whole(record, noise.order)
     if away[1]:  # a plant that is not stable is in feedback; there is no simulated error to compare
         gain = likelihood_ratio(run_f.error, run_p.error) / record.count
-        return is_answered(record, noise, run_f.error) or math.exp(-2.0 * gain) < INNOVATION_LEFT
+        return is_answered(record, noise, run_f.error) or -2.0 * gain < math.log(INNOVATION_LEFT)
     statistic, degrees, ordinates = hausman(run_p, run_f, noise, whole)
     if _chance(statistic, degrees, ordinates) >= FALSE_ALARM:
         return True
