@@ -48,7 +48,12 @@ def test_a_chunk_shows_what_single_samples_show(stamped: bool) -> None:
         rows.append(ident.parameters)
     trace = started().update_many(u, y, t)
     np.testing.assert_array_equal(trace.parameters, rows)
-    assert len(np.unique(trace.parameters[:499], axis=0)) == 5  # none, then of 31, 62, 125 and 250 samples
+    sizes = [next_provisional(ident.request, 0)]
+    while sizes[-1] < 499:
+        sizes.append(next_provisional(ident.request, sizes[-1]))
+    renewed = 1 + np.flatnonzero(np.diff(trace.parameters[:499], axis=0).any(axis=1))
+    assert renewed.size > len(sizes) / 2
+    assert set(renewed) <= {size - 1 for size in sizes}
 
 
 def test_nothing_later_depends_on_it() -> None:
@@ -120,11 +125,11 @@ def test_an_input_at_rest_gives_none() -> None:
 
 
 @pytest.mark.parametrize("startup", [1, 24, 60, 500, 20_000])
-def test_each_is_solved_for_at_twice_the_samples_of_the_one_before(startup: int) -> None:
+def test_each_is_solved_for_with_a_quarter_more_samples_at_most(startup: int) -> None:
     request = rp.Identifier(rp.Structure(poles=2), DT, startup=startup).request
     sizes = [next_provisional(request, 0)]
     while sizes[-1] < 20_000:
         sizes.append(next_provisional(request, sizes[-1]))
     assert request.least_startup <= sizes[0] < 2 * request.least_startup
-    assert all(later // 2 == earlier for earlier, later in itertools.pairwise(sizes))
+    assert all(1.1 < later / earlier < 1.3 for earlier, later in itertools.pairwise(sizes))
     assert request.first_hold in sizes

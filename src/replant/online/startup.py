@@ -7,7 +7,7 @@ where a state keeps its raw samples.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -111,7 +111,9 @@ def _replace(state: State, kept: RecentSamples) -> None:
 
 
 @quiet
-def modelled(request: Request, preprocess: Preprocess, kept: RecentSamples) -> Solution | None:
+def modelled(
+    request: Request, preprocess: Preprocess, kept: RecentSamples, given: Sequence[FloatArray] = ()
+) -> Solution | None:
     """Return the solution of the samples of a start-up, in the unit of ``preprocess``'s working point.
 
     Parameters
@@ -120,12 +122,15 @@ def modelled(request: Request, preprocess: Preprocess, kept: RecentSamples) -> S
     preprocess : Preprocess
         With numbers for the working point, whose input map is not used.
     kept : RecentSamples
+    given : sequence of (T,) arrays
+        Estimates to start from; without any, the usual starts.
     """
     level = replace(preprocess, input_map="identity")
     if not request.structure.bias:
         level = centre(level, kept.input.copy(), kept.output.copy())
     at = float(level.input_offset), float(level.output_offset)
-    solution = solve(request.structure, kept.less(*at).record(request.dt, request.input_hold, parted=True))
+    record = kept.less(*at).record(request.dt, request.input_hold, parted=True)
+    solution = solve(request.structure, record, given)
     if solution is None:
         return None
     moved = float(level.output_offset) - float(preprocess.output_offset)
