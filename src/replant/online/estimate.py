@@ -8,6 +8,7 @@ from replant.arguments import BoolArray, FloatArray
 from replant.assessment import Assessment, assess_running, assess_starting
 from replant.assessment.assess_online import judged
 from replant.engine.covariance import covariance
+from replant.engine.dimensions import STORED
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import REASONS, State
 from replant.model.noise import NoiseModel
@@ -174,6 +175,14 @@ class Estimate(Shared):
     def bridged(self) -> BoolArray:
         """Which samples of `recent` (K,) were bridged: outliers, missing outputs, outputs of a stuck sensor."""
         return RecentSamples.of(self._state).is_bridged
+
+    @property
+    @reads
+    def left_out(self) -> BoolArray:
+        """Which samples of the whole record (K,) its solution left out, see `Identifier.finish`; (0,) without one."""
+        state = self._state
+        solved = state.finished_at == state.samples
+        return RecentSamples.of(state, STORED).is_bridged if solved else np.zeros(0, bool)
 
     @property
     @reads

@@ -11,7 +11,7 @@ from replant.engine.dimensions import STORED
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
 from replant.engine.state import GAP, State
-from replant.kernels.schema import Alarm
+from replant.kernels.schema import Alarm, Doubt
 from replant.offline.solve import solve
 from replant.online.restart import SURE, restart_at
 from replant.online.solve_again import remembers_all
@@ -50,6 +50,7 @@ def solve_whole(old: State, settings: Settings) -> State | None:
     new = restart_at(old, settings, solution, 0)
     new.alarm, new.change_began, new.finished_at = Alarm.NONE, new.samples, new.samples
     new.gap_at = 0  # it was where an alarm ended: the record has no gap
+    new.outliers, new.stuck = (int((solution.doubt == each).sum()) for each in (Doubt.OUTLIER, Doubt.STUCK))
     return new
 
 

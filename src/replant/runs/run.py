@@ -10,6 +10,7 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray, IntArray
 from replant.assessment import Simulation
+from replant.engine.dimensions import STORED
 from replant.online.defaults import settle
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of
@@ -139,6 +140,7 @@ def run_source(
         if history is not None:
             history.end(identifier.parameters, identifier.uncertainty.std)
     bridged.note()
+    bridged.note_again()
     kept = None if history is None else history.history
     return _result(
         identifier, request, kept, source, begun, progress, newest, bridged.stretches, finished,
@@ -207,10 +209,16 @@ class _Bridged:
         self._samples = 0  # samples of the record noted so far
         self._accepted: list[BoolArray] = []  # of those since then, which an identifier that is starting holds back
         self._found = [NONE]
+        self._all: list[BoolArray] = []  # accepted ones of the whole record, while it is short enough to be solved
+        self._seen = 0
 
     def take(self, u: FloatArray, y: FloatArray) -> None:
         """Take the samples (K,) that the identifier has just been given."""
-        self._accepted.append(screen(self._identifier.request.preprocess.map_input(u), y)[0])
+        # a sample without an output is kept as well
+        mapped = self._identifier.request.preprocess.map_input(u)
+        self._accepted.append(screen(mapped, np.where(np.isfinite(y), y, 0.0))[0])
+        self._seen += u.size
+        self._all = [*self._all, self._accepted[-1]] if self._seen <= 2 * STORED else []
         if self._identifier.settings is not None:
             self.note()
 
@@ -224,6 +232,15 @@ class _Bridged:
         self._found.append(stretches_of(flags, self._samples))
         self._samples += accepted.size
         self._accepted = []
+
+    def note_again(self) -> None:
+        """Note what the solution of the whole record has left out, in place of what was bridged on the way."""
+        left_out = self._identifier.left_out
+        if left_out.size and self._all:
+            accepted = np.concatenate(self._all)
+            places, flags = np.flatnonzero(accepted), np.zeros(accepted.size, bool)
+            flags[places[places.size - left_out.size :]] = left_out
+            self._found = [stretches_of(flags)]
 
     @property
     def stretches(self) -> IntArray:
