@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -52,7 +51,7 @@ class Scaling:
         keep(self, "regressor", numbers, called="scaling regressor")
         if min(self.regressor) <= 0.0:
             raise InvalidArgumentError(f"scaling regressor must be greater than 0, got {min(self.regressor):g}")
-        if not self.output / min(self.regressor) <= sys.float_info.max:
+        if not self.output / min(self.regressor) <= np.finfo(np.float64).max:
             raise InvalidArgumentError(
                 f"scaling regressor must be larger: {min(self.regressor):g} is too small beside the output's "
                 f"{self.output:g}"
