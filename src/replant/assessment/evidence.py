@@ -227,9 +227,9 @@ class Evidence:
         return max(FEWEST, PER_COEFFICIENT * self.coefficients)
 
     @property
-    def is_too_short(self) -> bool:
-        """Whether the record has too few samples for a verdict; those that wait for a dead time to pass count."""
-        return self.record.joined.u.size < self.enough
+    def counted(self) -> int:
+        """Samples that count for whether there are enough: of a whole record those that wait for a dead time, too."""
+        return self.record.joined.u.size if self.in_sample else self.samples
 
     @property
     def is_young(self) -> bool:

@@ -139,7 +139,7 @@ def _judged(evidence: Evidence) -> Assessment:
     """Return the verdict by the samples held out, or by all where none is."""
     figures: Figures = {"samples": evidence.samples, "held_out": evidence.held_out}
     findings, in_favour = _of_samples(evidence), ""
-    stop = any(finding.status != "converging" for finding in findings) or evidence.is_too_short
+    stop = any(finding.status != "converging" for finding in findings) or evidence.counted < evidence.enough
     reference, doubts = (None, []) if stop else Reference.of(evidence)
     runs = None if stop else Runs.of(evidence, None if reference is None else reference.explained)
     if not stop and runs is None:
@@ -182,9 +182,9 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
     if _input_is_constant(evidence):
         findings.append(Finding("not excited", "the input is constant: move it"))
         return findings
-    if evidence.is_too_short:
+    if evidence.counted < evidence.enough:
         since = "" if evidence.in_sample else " (since the last interruption)"
-        reason = f"{evidence.record.joined.u.size} samples{since} are too few for a verdict"
+        reason = f"{evidence.counted} samples{since} are too few for a verdict"
         findings.append(Finding("converging", reason))
         return findings
     if np.var(u[evidence.newest]) < LEAST_POWER * evidence.largest_power:
