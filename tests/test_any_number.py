@@ -5,6 +5,7 @@ The calls are those of `fuzz.public`; `python -m fuzz --what calls --tries 5000`
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import importlib
 import inspect
@@ -23,9 +24,10 @@ import numpy as np
 import pytest
 
 import replant as rp
-from fuzz.calls import check_message, limited, trial, watched
+from fuzz.calls import MOST_MEMORY, check_message, limited, trial, watched
 from fuzz.hostile import SAME, Rambling
-from fuzz.public import missing
+from fuzz.public import FUNCTIONS as FUNCTIONS_OF_ALL
+from fuzz.public import classes, folder, missing
 from fuzz.trial import FindingError
 from replant import signals
 from replant.checkpoint.settings_json import KINDS
@@ -37,6 +39,7 @@ from replant.identified.provenance import Provenance
 from replant.model.response import Response
 from replant.rigs import Rig
 from replant.settings import Request, Settings
+from replant.sklearn import TransferFunctionRegressor
 from support.builders import engine_state, identifier, record, state
 
 WHOLE = [np.int8, np.uint8, np.int16, np.uint16, np.int32, np.uint32, np.int64, np.uint64]
@@ -288,6 +291,48 @@ def test_every_public_call_is_tried() -> None:
 def test_calls_with_hostile_arguments() -> None:
     outcomes = Counter(trial(number) for number in range(CALLS))  # raises FindingError with what happened
     assert min(outcomes["result"], outcomes["refused"]) > CALLS / 6, "what refuses all, or accepts all, tries nothing"
+
+
+def test_every_argument_of_every_call_in_its_worst_form() -> None:
+    """A number of more digits than Python prints, also within a list; an array that is none; floats at their ends."""
+    for name, make in [*classes(), *FUNCTIONS_OF_ALL.items()]:
+        with watched():
+            function, ordinary = make()
+        for argument, value in ordinary.items():
+            for given in worst(value):
+                case = f"{name}({argument}: {type(value).__name__} as {type(given).__name__})"
+                try:
+                    with contextlib.chdir(folder()), watched(), limited(MOST_MEMORY):
+                        function(**{**ordinary, argument: given})
+                except rp.ReplantError as error:
+                    check_message(error)
+                except Exception as error:
+                    raise AssertionError(case) from error
+
+
+def worst(value: Any) -> Iterator[Any]:
+    """What is the worst in the place of an ordinary argument."""
+    yield 10**5000
+    if not isinstance(value, int | float):
+        yield from (np.array(1.0), [1.0, 10**5000])
+    if isinstance(value, np.ndarray | list | tuple) and np.asarray(value).dtype.kind == "f":
+        largest = np.finfo(float).max
+        for ends in ([largest, -largest], [5e-324, 1.0]):
+            yield np.resize(ends, np.shape(value))
+
+
+def test_the_regressor_takes_a_number_of_any_type() -> None:
+    """It keeps its arguments as they were given, as scikit-learn has it, and uses plain ones."""
+    u, y = record(rp.TransferFunction([2.0], [1.0, 0.5]), 1, 50, 1.0)
+    expected = TransferFunctionRegressor().partial_fit(u[:, None], y).predict(u[:, None]).tolist()
+    for name, value in (("poles", 1), ("zeros", 0), ("delay", 0.0), ("dt", 1.0)):
+        for kind, convert in TYPES.items():
+            model = TransferFunctionRegressor(**{name: convert(value)})
+
+            def predicted(model: TransferFunctionRegressor = model) -> Any:
+                return model.partial_fit(u[:, None], y).predict(u[:, None]).tolist()
+
+            assert of(predicted, name) in (None, expected), f"{name} as {kind}"
 
 
 def test_what_must_not_happen_is_found() -> None:

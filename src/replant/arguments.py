@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -181,7 +181,7 @@ def between(name: str, value: Any, low: float, high: float, *, closed: str = "le
     return result
 
 
-def whole(name: str, value: Any, least: int) -> int:
+def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
     """Return ``value`` as an int; neither 2.0 nor True is accepted.
 
     Parameters
@@ -191,13 +191,15 @@ def whole(name: str, value: Any, least: int) -> int:
     value : object
     least : int
         The smallest value allowed.
+    most : int, optional
+        The largest one.
 
     Raises
     ------
     ArgumentTypeError
         If it is not a whole number.
     InvalidArgumentError
-        If it is less than ``least``.
+        If it is less than ``least`` or more than ``most``.
 
     Examples
     --------
@@ -212,6 +214,8 @@ def whole(name: str, value: Any, least: int) -> int:
         raise ArgumentTypeError(f"{name} must be a whole number, got {_describe(value)}") from cause
     if result < least:
         raise InvalidArgumentError(f"{name} must be at least {least}, got {shown(result)}")
+    if most is not None and result > most:
+        raise InvalidArgumentError(f"{name} must be at most {most}, got {shown(result)}")
     return result
 
 
@@ -382,50 +386,6 @@ def record(u: Any, y: Any) -> tuple[FloatArray, FloatArray]:
     return u_vector, y_vector
 
 
-def stamps_of(t: Any, samples: int) -> FloatArray:
-    """Return time stamps as a vector (K,), one for each of K ``samples``.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If they are not real numbers.
-    InvalidArgumentError
-        If there are more or fewer.
-
-    Examples
-    --------
-    >>> stamps_of([0.0, 0.1], samples=2)
-    array([0. , 0.1])
-    """
-    stamps = vector("t", t)
-    if stamps.size != samples:
-        raise InvalidArgumentError(f"t must have one stamp for each of {samples} samples, got {stamps.size}")
-    return stamps
-
-
-def increasing(t: Any, samples: int) -> FloatArray:
-    """Return time stamps as a vector (K,), finite and strictly increasing, one for each of K ``samples``.
-
-    Raises
-    ------
-    ArgumentTypeError, InvalidArgumentError
-        See `stamps_of`; also if one is not finite, repeats or goes back: the message names the first such sample.
-
-    Examples
-    --------
-    >>> increasing([0.0, 0.1], samples=2)
-    array([0. , 0.1])
-    """
-    stamps = stamps_of(t, samples)
-    wrong = ~np.isfinite(stamps)
-    with np.errstate(invalid="ignore"):
-        wrong[1:] |= ~(np.diff(stamps) > 0.0)
-    if wrong.any():
-        k = int(np.argmax(wrong))
-        raise InvalidArgumentError(f"t must be finite and strictly increasing; t[{k}] = {stamps[k]:.12g} is not")
-    return stamps
-
-
 def coefficients(name: str, value: Any) -> FloatArray:
     """Return polynomial coefficients, in descending powers, as a finite read-only vector of at least one entry.
 
@@ -489,6 +449,17 @@ def owned(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
         raise InvalidArgumentError(f"{name} must have shape {shape}, got {array.shape}")
     array.flags.writeable = False
     return array
+
+
+def iterable(value: Any) -> bool:
+    """Return whether a value stands for several: text and a 0-d array have the method, but stand for themselves.
+
+    Examples
+    --------
+    >>> iterable([1.0]), iterable("words"), iterable(np.array(1.0))
+    (True, False, False)
+    """
+    return isinstance(value, Iterable) and not isinstance(value, str | bytes) and getattr(value, "ndim", 1) != 0
 
 
 def _one(name: str) -> str:

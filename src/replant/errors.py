@@ -44,12 +44,19 @@ def shown(value: object) -> str:
     >>> shown("volt"), shown(10**5000), shown([1.0] * 1000)
     ("'volt'", 'a whole number of 5001 digits', '[1.0, 1.0, 1.0, 1.0, 1.0, 1.0, ...]')
     """
-    if isinstance(value, int) and abs(value) >= 10**SHOWN:  # of more than 4300 digits Python itself prints none
-        return f"a whole number of {int(value.bit_length() * math.log10(2)) + 1} digits"
-    return brief(_SHORT.repr(value), SHOWN)
+    return brief(_SHORT.repr_int(value, 0) if isinstance(value, int) else _SHORT.repr(value), SHOWN)
 
 
-_SHORT = reprlib.Repr()
+class _Short(reprlib.Repr):
+    """A short text of any value, whole numbers of any size among them."""
+
+    def repr_int(self, x: int, level: int) -> str:
+        if abs(x) >= 10**SHOWN:  # of more than 4300 digits Python itself prints none
+            return f"a whole number of {int(x.bit_length() * math.log10(2)) + 1} digits"
+        return super().repr_int(x, level)
+
+
+_SHORT = _Short()
 _SHORT.maxstring = _SHORT.maxother = SHOWN
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from replant.arguments import not_negative, positive, whole
+from replant.arguments import FloatArray, iterable, not_negative, positive, vector, whole
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 
 MOST_TRIED = 1000
@@ -59,6 +59,52 @@ def dead_time(name: str, value: Any) -> float:
     """
     result = not_negative(name, value)
     return duration(name, result) if result else 0.0
+
+
+def stamps_of(t: Any, samples: int) -> FloatArray:
+    """Return time stamps as a vector (K,), one for each of K ``samples``.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If they are not real numbers.
+    InvalidArgumentError
+        If there are more or fewer.
+
+    Examples
+    --------
+    >>> stamps_of([0.0, 0.1], samples=2)
+    array([0. , 0.1])
+    """
+    stamps = vector("t", t)
+    if stamps.size != samples:
+        raise InvalidArgumentError(f"t must have one stamp for each of {samples} samples, got {stamps.size}")
+    return stamps
+
+
+def increasing(t: Any, samples: int) -> FloatArray:
+    """Return time stamps as a vector (K,), finite and strictly increasing, one for each of K ``samples``.
+
+    Raises
+    ------
+    ArgumentTypeError, InvalidArgumentError
+        See `stamps_of`; also if one is not finite, repeats or goes back: the message names the first such
+        sample; or if one lies beyond 1e30 s.
+
+    Examples
+    --------
+    >>> increasing([0.0, 0.1], samples=2)
+    array([0. , 0.1])
+    """
+    stamps = stamps_of(t, samples)
+    wrong = ~np.isfinite(stamps)
+    wrong[1:] |= ~(stamps[1:] > stamps[:-1])
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise InvalidArgumentError(f"t must be finite and strictly increasing; t[{k}] = {stamps[k]:.12g} is not")
+    if np.abs(stamps).max(initial=0.0) > LONGEST:
+        raise InvalidArgumentError(f"t must lie between {-LONGEST:g} and {LONGEST:g} s")
+    return stamps
 
 
 def count(name: str, value: Any, least: int, numbers: int = 1) -> int:
@@ -126,8 +172,7 @@ def several(name: str, values: Any, check: Callable[[str, Any], Any]) -> tuple[A
     >>> several("delays", [0, 0.5], not_negative), several("delays", 1, not_negative)
     ((0.0, 0.5), (1.0,))
     """
-    single = isinstance(values, str | bytes) or (isinstance(values, np.ndarray) and values.ndim == 0)
-    if single or not isinstance(values, Iterable):
+    if not iterable(values):
         return (check(name, values),)
     taken = tuple(itertools.islice(values, MOST_TRIED + 1))
     if len(taken) > MOST_TRIED:

@@ -100,7 +100,7 @@ class Log:
             if getattr(self, name) is not None:
                 keep(self, name, finite)
         object.__setattr__(self, "path", Path(file_path("path", self.path)))
-        keep(self, "earlier", whole, 0)
+        keep(self, "earlier", whole, 0, 2**62)
         if self.irregular is not None:
             keep(self, "irregular", truth)
         keep(self, "input_hold", one_of, ("zoh", "foh"))

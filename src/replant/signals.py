@@ -14,7 +14,7 @@ from replant.arguments import (
     vector,
     whole,
 )
-from replant.errors import InvalidArgumentError
+from replant.errors import InvalidArgumentError, shown
 from replant.limits import count, duration
 
 # Feedback taps (stages counted from 1) with which a shift register runs through all 2^n - 1 states.  SciPy's own taps
@@ -91,10 +91,8 @@ def prbs(samples: int, *, bits: int = 10, hold: int = 1, amplitude: float = 1.0,
     >>> float(prbs(1023, bits=10).sum())          # one value more of one sign than of the other
     1.0
     """
-    samples, bits, hold = count("samples", samples, 0, 4), whole("bits", bits, 2), whole("hold", hold, 1)
+    samples, bits, hold = count("samples", samples, 0, 4), whole("bits", bits, 2, max(_TAPS)), whole("hold", hold, 1)
     amplitude = finite("amplitude", amplitude)
-    if bits not in _TAPS:
-        raise InvalidArgumentError(f"bits must be 2 to 18, got {bits}")
     from scipy.signal import max_len_seq
 
     number = whole("seed", seed, 1) % (2**bits - 1) or 1
@@ -133,7 +131,7 @@ def random_steps(samples: int, *, shortest: int, longest: int, low: float, high:
     samples, low, high = count("samples", samples, 0, 4), finite("low", low), finite("high", high)
     shortest, longest = whole("shortest", shortest, 1), whole("longest", longest, 1)
     if shortest > longest:
-        raise InvalidArgumentError(f"shortest must not exceed longest, got {shortest} and {longest}")
+        raise InvalidArgumentError(f"shortest must not exceed longest, got {shown(shortest)} and {shown(longest)}")
     if low > high or not math.isfinite(high - low):
         raise InvalidArgumentError(f"low must not exceed high, nor be further off than 1e308, got {low:g} and {high:g}")
     generator = np.random.default_rng(whole("seed", seed, 0))

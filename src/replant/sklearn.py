@@ -15,7 +15,8 @@ from numpy.exceptions import ComplexWarning
 
 from replant.arguments import FloatArray, one_of, whole
 from replant.assessment import fit_percent, simulate
-from replant.errors import ArgumentTypeError, InvalidArgumentError, MissingDependencyError
+from replant.errors import ArgumentTypeError, InvalidArgumentError, MissingDependencyError, shown
+from replant.limits import duration
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.offline.fit import fit
@@ -113,9 +114,9 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         InvalidArgumentError
             If the record is too short, or a parameter of the constructor cannot be used.
         """
-        structure, method = self._structure_and_method()
+        structure, dt, method = self._settings()
         u, y = self._checked_record(X, y, structure.size + 1, reset=True)
-        found = fit(u, y, self.dt, structure, method=method, preprocess=Preprocess("identity", "mean", "mean"))
+        found = fit(u, y, dt, structure, method=method, preprocess=Preprocess("identity", "mean", "mean"))
         std = np.full(structure.size, np.nan) if found.uncertainty is None else found.uncertainty.std
         self._set_model(found.transfer_function, found.parameters, std)
         self._set_working_point(float(found.preprocess.input_offset), found.simulation.offset)
@@ -135,11 +136,11 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         y : (K,) array
             Output.
         """
-        structure, _ = self._structure_and_method()
+        structure, dt, _ = self._settings()
         ident: Identifier | None = getattr(self, "_identifier", None)
-        if ident is None or (ident.structure, ident.dt) != (structure, self.dt):
+        if ident is None or (ident.structure, ident.dt) != (structure, dt):
             u, y = self._checked_record(X, y, 1, reset=True)
-            ident = Identifier(structure, self.dt, preprocess=Preprocess("identity", "mean", "mean"))
+            ident = Identifier(structure, dt, preprocess=Preprocess("identity", "mean", "mean"))
             self._identifier, self._recent = ident, np.empty((0, 2))
         else:
             u, y = self._checked_record(X, y, 1, reset=False)
@@ -157,7 +158,7 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         self._set_model(ident.transfer_function, ident.parameters, ident.uncertainty.std)
         u, y = self._recent.T
         input_offset = float(ident.settings.preprocess.input_offset) if ident.settings else float(u.mean())
-        run = simulate(ident.transfer_function, u - input_offset, y, self.dt)
+        run = simulate(ident.transfer_function, u - input_offset, y, ident.dt)
         self._set_working_point(input_offset, run.offset if np.isfinite(run.output).all() else float(y.mean()))
 
     def predict(self, X: Any) -> FloatArray:
@@ -205,8 +206,10 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         tags.regressor_tags.poor_score = True  # on scikit-learn's test data, which are no record of a dynamic system
         return tags
 
-    def _structure_and_method(self) -> tuple[Structure, str]:
-        return Structure(self.poles, self.zeros, self.delay), one_of("method", self.method, METHODS)
+    def _settings(self) -> tuple[Structure, float, str]:
+        """Return the constructor's arguments, which scikit-learn wants kept as they were given, checked and plain."""
+        structure, method = Structure(self.poles, self.zeros, self.delay), one_of("method", self.method, METHODS)
+        return structure, duration("dt", self.dt), method
 
     def _checked_record(self, X: Any, y: Any, least: int, *, reset: bool) -> tuple[FloatArray, FloatArray]:
         """Return input and output, checked as scikit-learn checks them."""
@@ -224,7 +227,7 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
             return np.ascontiguousarray(X[:, 0])
         column = whole("column", self.column, 0)
         if column >= X.shape[1]:
-            raise InvalidArgumentError(f"X has {X.shape[1]} columns, numbered from 0, and no column {column}")
+            raise InvalidArgumentError(f"X has {X.shape[1]} columns, numbered from 0, and no column {shown(column)}")
         return np.ascontiguousarray(X[:, column])
 
     def _set_model(self, model: TransferFunction, parameters: FloatArray, std: FloatArray) -> None:

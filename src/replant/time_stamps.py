@@ -26,8 +26,9 @@ def is_regular(stamps: NDArray[np.float64]) -> bool:
     """
     if stamps.size < 2:
         return True
-    steps = np.diff(stamps)
-    if not (np.isfinite(stamps).all() and (steps > 0.0).all()):
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps = np.diff(stamps)
+    if not (np.isfinite(steps).all() and (steps > 0.0).all()):
         return False
     median, resolution = float(np.median(steps)), StampResolution()
     resolution.add(stamps)

@@ -12,8 +12,8 @@ import math
 import numpy as np
 
 from replant.arguments import FloatArray, instance, whole
-from replant.errors import InvalidArgumentError
-from replant.limits import duration
+from replant.errors import InvalidArgumentError, shown
+from replant.limits import duration, increasing
 from replant.log import Log
 from replant.regressor.preprocess import accepted
 
@@ -77,13 +77,14 @@ def detrend(log: Log) -> Log:
     3632 / (s + 2.163)
     """
     log = instance("log", log, Log)
-    since = np.arange(log.input.size) * log.dt if log.stamps is None else log.stamps
+    since = _clock(log)
 
     def without_line(signal: FloatArray) -> FloatArray:
         signal, known = accepted(signal)
         if known.sum() < 2:
             return signal
         t = since - since[known].mean()
+        t /= np.abs(t[known]).max()  # so that no square leaves float64
         slope = float(t[known] @ signal[known]) / float(t[known] @ t[known])
         return np.asarray(signal - slope * t)
 
@@ -136,7 +137,7 @@ def decimate(log: Log, factor: int) -> Log:
     half = HALF_LENGTH * factor
     if log.input.size <= 2 * half:
         raise InvalidArgumentError(
-            f"the log has {log.input.size} samples: decimation by {factor} needs more than {2 * half}"
+            f"the log has {log.input.size} samples: decimation by {shown(factor)} needs more than {shown(2 * half)}"
         )
     weights = filters.firwin(2 * half + 1, CUTOFF / factor, window=("kaiser", filters.kaiser_beta(ATTENUATION)))
 
@@ -203,7 +204,7 @@ def resample(log: Log, dt: float) -> Log:
     """
     log = instance("log", log, Log)
     dt = duration("dt", dt)
-    t = np.arange(log.input.size) * log.dt if log.stamps is None else log.stamps
+    t = _clock(log)
     if t.size < 2:
         raise InvalidArgumentError(f"the log has {t.size} samples: resampling needs two at least")
     usual = float(np.median(np.diff(t)))
@@ -249,3 +250,9 @@ def resample(log: Log, dt: float) -> Log:
         log, input=averaged(log.input), output=interpolated(log.output), reference=reference, dt=dt,
         time=grid, irregular=False, earlier=0,
     )  # fmt: skip
+
+
+def _clock(log: Log) -> FloatArray:
+    """Return the time of each sample of a log in s, checked where it comes from stamps."""
+    samples = log.input.size
+    return np.arange(samples, dtype=np.float64) * log.dt if log.stamps is None else increasing(log.stamps, samples)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from multiprocessing import active_children, get_context, parent_process
 from typing import Any
 
-from replant.errors import InvalidArgumentError, MissingDependencyError, SystemRefusedError
+from replant.errors import InvalidArgumentError, MissingDependencyError, SystemRefusedError, shown
 from replant.operating_system.os_errors import refusal
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -95,7 +95,7 @@ def workers(on: Executor | str | None) -> Iterator[Workers]:
         return
     if not isinstance(on, str):
         if not callable(getattr(on, "submit", None)):
-            raise InvalidArgumentError(f"executor must be {_FORMS}, or a concurrent.futures.Executor, got {on!r}")
+            raise InvalidArgumentError(f"executor must be {_FORMS}, or a concurrent.futures.Executor, got {shown(on)}")
         yield Workers(on)
         return
     kind, rest = parsed(on)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -178,7 +179,7 @@ def _column(name: str, value: Any) -> str | int:
     ArgumentTypeError, InvalidArgumentError
         If it is neither.
     """
-    return text(name, value) if isinstance(value, str) else whole(name, value, 0)
+    return text(name, value) if isinstance(value, str) else whole(name, value, 0, sys.maxsize)
 
 
 def digest(*told: object) -> str:

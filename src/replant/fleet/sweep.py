@@ -11,6 +11,7 @@ from functools import partial
 from multiprocessing import parent_process
 from typing import Any, TypeVar, overload
 
+from replant.arguments import iterable
 from replant.errors import ArgumentTypeError, InvalidArgumentError, ReplantError, shown
 from replant.fleet.coordinate import carried_out
 from replant.fleet.executors import workers
@@ -166,7 +167,7 @@ def _check_sendable(function: Any, executor: Executor | str | None) -> None:
 
 
 def _listed(records: Iterable[T]) -> list[T]:
-    if isinstance(records, str) or not isinstance(records, Iterable):
+    if not iterable(records):
         raise ArgumentTypeError(f"records must be a sequence of records, got {type(records).__name__}")
     return list(records)
 

@@ -168,7 +168,7 @@ def _counts(name: str, value: Any) -> tuple[tuple[str, int], ...]:
         pairs = [(reason, count) for reason, count in value]
     except (TypeError, ValueError) as cause:
         raise ArgumentTypeError(f"{name} must be pairs (reason, count), got {shown(value)}") from cause
-    return tuple((text(name, reason), whole(name, count, 0)) for reason, count in pairs)
+    return tuple((text(name, reason), whole(name, count, 0, 2**63 - 1)) for reason, count in pairs)
 
 
 def _known(name: str, value: Any) -> float:

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray, increasing, record, vector, whole
-from replant.errors import InvalidArgumentError, ModelFileError
+from replant.arguments import FloatArray, record, vector, whole
+from replant.errors import InvalidArgumentError, ModelFileError, shown
 from replant.identified import model_file, model_json, notation
 from replant.identified.fields import ModelFields
 from replant.identified.model_file import AnyPath
 from replant.identified.responses import Bode, ImpulseResponse, Nyquist, PoleMap, StepResponse, time_of
 from replant.identified.validation import Validation, validate
+from replant.limits import increasing
 from replant.log import Log
 from replant.model.response import Response
 from replant.simulation.fitted_run import bridged
@@ -142,7 +143,7 @@ class Model(ModelFields):
         found = model_output(self.transfer_function, self.linear_input(u), y, dt, input_hold=self.input_hold, t=stamps)
         if found.is_prediction and horizon > 1:
             raise InvalidArgumentError(
-                f"horizon must be 1 for an unstable model, got {horizon}: what it predicts runs away"
+                f"horizon must be 1 for an unstable model, got {shown(horizon)}: what it predicts runs away"
             )
         if found.is_prediction or self.noise is None:
             return found.output
@@ -376,7 +377,8 @@ def _signals(
     if isinstance(log, Log):
         if y is not None or t is not None or reference is not None:
             raise InvalidArgumentError("a log has its own output, time and reference: leave out y, t and reference")
-        return log.input, log.output, log.stamps, log.reference, log.dt
+        stamps = None if log.stamps is None else increasing(log.stamps, log.input.size)
+        return log.input, log.output, stamps, log.reference, log.dt
     if y is None:
         raise InvalidArgumentError("give a Log, or the input and the output: model.validate(u, y)")
     u, y = record(log, y)

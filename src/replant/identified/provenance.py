@@ -48,4 +48,4 @@ class Provenance:
     def __post_init__(self) -> None:
         for name in ("method", "source", "sha256", "version", "date"):
             keep(self, name, text)
-        keep(self, "samples", whole, 0)
+        keep(self, "samples", whole, 0, 2**63 - 1)

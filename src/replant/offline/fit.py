@@ -13,7 +13,6 @@ import numpy as np
 from replant.arguments import (
     BoolArray,
     FloatArray,
-    increasing,
     one_of,
     record,
     vector,
@@ -23,6 +22,7 @@ from replant.engine.record import Record, ready_record
 from replant.engine.record_regressors import regressors
 from replant.errors import InvalidArgumentError
 from replant.kernels.schema import Doubt
+from replant.limits import increasing
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
@@ -135,12 +135,8 @@ def fit(
     if r is not None:
         y = np.where(np.isfinite(r), y, np.nan)
     accepted, rejected = screen(preprocess.map_input(u), y)
-    _check_length(int(accepted.sum()), structure)
-    lasts = dt * (u.size - 1) if stamps is None else float(stamps[-1] - stamps[0])
-    if not structure.delay < lasts:
-        raise InvalidArgumentError(
-            f"the dead time of {structure.delay:g} s is no shorter than the record, which lasts {lasts:.6g} s"
-        )
+    check_length(int(accepted.sum()), structure)
+    check_delay(structure.delay, dt, u.size, stamps)
     preprocess = preprocess.resolve(u, y)
     use = None
     if method != "least_squares":
@@ -179,11 +175,21 @@ def _with_record(result: FitResult, raw: RawRecord, given: Samples, record: Reco
     return given.named(dataclasses.replace(result, record=record, means=means, usual_interval=usual))
 
 
-def _check_length(samples: int, structure: Structure) -> None:
+def check_length(samples: int, structure: Structure) -> None:
+    """Raise InvalidArgumentError where the usable samples are fewer than the parameters need."""
     if samples < structure.size + 1:
         raise InvalidArgumentError(
             f"the record has {samples} usable samples, fewer than the {structure.size + 1} that "
             f"{structure.size} parameters need: record more, or ask for fewer poles and zeros"
+        )
+
+
+def check_delay(delay: float, dt: float, samples: int, stamps: FloatArray | None) -> None:
+    """Raise InvalidArgumentError where a dead time is no shorter than the record."""
+    lasts = dt * (samples - 1) if stamps is None else float(stamps[-1] - stamps[0])
+    if not delay < lasts:
+        raise InvalidArgumentError(
+            f"the dead time of {delay:g} s is no shorter than the record, which lasts {lasts:.6g} s"
         )
 
 

@@ -163,13 +163,15 @@ def hausman(run_p: ModelRun, run_f: ModelRun, noise: Autoregression, whole: Floa
     w = (z - _back(noise, filtered) @ weights) @ orthogonal(products(z, z))
     spectra = np.fft.rfft(w, _length(w), axis=0)
     power = _noise_power(run_p)
+    level = math.ldexp(1.0, math.frexp(float(power.max()))[1] - 1)  # no square leaves float64, and nothing is rounded
+    power = power / level
     covariance = ((spectra.conj() * power[:, None]).T @ spectra).real
     trace = max(float(np.trace(covariance)), np.finfo(float).tiny)
     each = (np.abs(spectra) ** 2).sum(axis=1) * power
     each = each[: each.size // 2 * 2].reshape(-1, 2).sum(axis=1)  # padded to twice the length: neighbours are one
     ordinates = 4.0 * float(each.sum()) ** 2 / max(float((each**2).sum()), np.finfo(float).tiny)
     q = float(run_f.error @ run_f.error - run_p.error @ run_p.error)
-    return max(q, 0.0) / trace, trace**2 / max(float(np.sum(covariance**2)), np.finfo(float).tiny), ordinates
+    return max(q, 0.0) / level / trace, trace**2 / max(float(np.sum(covariance**2)), np.finfo(float).tiny), ordinates
 
 
 def _noise_power(run: ModelRun) -> FloatArray:

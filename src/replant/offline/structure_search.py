@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import increasing, record, vector, whole
+from replant.arguments import record, vector, whole
 from replant.engine.record import Record, ready_record
 from replant.errors import InvalidArgumentError
-from replant.limits import MOST_TRIED, dead_time, duration, several
+from replant.limits import MOST_TRIED, dead_time, duration, increasing, several
 from replant.model.structure import Structure
-from replant.offline.fit import fit
+from replant.offline.fit import check_delay, check_length, fit
 from replant.offline.fit_result import FitResult
 from replant.offline.samples import Samples
 from replant.offline.solve import at_first
 from replant.offline.structure_evidence import Evidence, Trial
 from replant.regressor.filters import RefinedFilter
-from replant.regressor.preprocess import Preprocess
+from replant.regressor.preprocess import Preprocess, screen
 from replant.statistics.chi2 import chi2_quantile
 
 ALPHA = 1e-2
@@ -170,6 +170,8 @@ def search(
     stamps = None if given.t is None else increasing(given.t, u.size)
     hold = RefinedFilter(given.input_hold)
     told = y if r is None or r.size != y.size else np.where(np.isfinite(r), y, np.nan)
+    check_length(int(screen(preprocess.map_input(u), told)[0].sum()), grid[0])
+    check_delay(times[-1], dt, u.size, stamps)
     ready = ready_record(grid[0], dt, preprocess.resolve(u, told), u, told, stamps, given.input_hold, r)
     used = at_first(ready)
     for _ in range(2):

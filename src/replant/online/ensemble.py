@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray, array_of_reals, whole
+from replant.arguments import FloatArray, array_of_reals, iterable, whole
 from replant.engine.vector_blocks import (
     Block,
     Room,
@@ -399,7 +399,7 @@ def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None)
         return [identifiers.clone() for _ in range(number)]
     if members is not None:
         raise InvalidArgumentError("members goes with one identifier; a sequence of them is as long as it is")
-    if not isinstance(identifiers, Iterable):
+    if not iterable(identifiers):
         raise ArgumentTypeError(
             f"identifiers must be an Identifier or a sequence of them, got {type(identifiers).__name__}"
         )

@@ -13,7 +13,6 @@ from replant.arguments import (
     IntArray,
     number,
     record,
-    stamps_of,
     vector,
 )
 from replant.assessment.assess_online import assess_running
@@ -22,6 +21,7 @@ from replant.engine.state import NOTHING, REGULAR, State
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.identified.model import Model
 from replant.kernels.schema import BELIEVED, Alarm, Attention
+from replant.limits import stamps_of
 from replant.model.structure import Structure
 from replant.online.change_response import first_look, look
 from replant.online.estimate import Estimate

@@ -74,7 +74,8 @@ class Trace:
             raise InvalidArgumentError(
                 f"true must have shape ({len(self.names)},) or {self.parameters.shape}, got {reference.shape}"
             )
-        return np.asarray(((self.before() - reference) ** 2).sum(axis=0))
+        with np.errstate(over="ignore", invalid="ignore"):  # what leaves float64 is infinite
+            return np.asarray(((self.before() - reference) ** 2).sum(axis=0))
 
     def to_pandas(self, dt: float | None = None) -> Any:
         """Return a `pandas.DataFrame`: a column for each parameter, then ``error``; a row for each sample.

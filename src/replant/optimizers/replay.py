@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from replant.arguments import keep, whole
-from replant.errors import InvalidArgumentError
 
 LARGEST_BATCH = 100_000
 """Updates a sample at the most: they take some milliseconds, which nothing interrupts [count]."""
@@ -51,13 +50,7 @@ class Replay:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        keep(self, "capacity", whole, 1)
-        keep(self, "batch_size", whole, 1)
-        keep(self, "warmup", whole, 0)
-        keep(self, "seed", whole, 0)
-        if self.capacity >= 2**31:
-            raise InvalidArgumentError(f"capacity must be below 2^31, got {self.capacity}")
-        if self.batch_size > LARGEST_BATCH:
-            raise InvalidArgumentError(f"batch_size must be at most {LARGEST_BATCH}, got {self.batch_size}")
-        if self.seed >= 2**63:
-            raise InvalidArgumentError(f"seed must be below 2^63, got {self.seed}")
+        keep(self, "capacity", whole, 1, 2**31 - 1)
+        keep(self, "batch_size", whole, 1, LARGEST_BATCH)
+        keep(self, "warmup", whole, 0, 2**63 - 1)
+        keep(self, "seed", whole, 0, 2**63 - 1)

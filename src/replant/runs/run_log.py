@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from replant.arguments import increasing, record, vector
+from replant.arguments import record, vector
 from replant.errors import InvalidArgumentError
+from replant.limits import increasing
 from replant.model.structure import Structure
 from replant.offline.samples import Samples
 from replant.optimizers import Optimizer

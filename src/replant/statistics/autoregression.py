@@ -286,7 +286,7 @@ def ahead(coefficients: FloatArray, residual: FloatArray, horizon: int) -> Float
     array([0., 0., 2.])
     """
     order = coefficients.size - 1
-    if order == 0:
+    if order == 0 or horizon >= residual.size:
         return np.zeros(residual.size)
     companion = np.eye(order, k=-1)
     companion[0] = -coefficients[1:]

@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 from urllib.parse import quote
 
-from replant.errors import InvalidArgumentError, MissingDependencyError, ReplantError
+from replant.errors import InvalidArgumentError, MissingDependencyError, ReplantError, shown
 from replant.live.dashboard.hub import Hub
 from replant.operating_system.worker import Worker
 
@@ -143,7 +143,7 @@ def serve(hub: Hub, host: str = "127.0.0.1", port: int = 0, token: str | None = 
 
 def _check(host: str, port: int, token: str | None) -> None:
     if not 0 <= port <= 65535:
-        raise InvalidArgumentError(f"port must be from 0 to 65535, got {port}")
+        raise InvalidArgumentError(f"port must be from 0 to 65535, got {shown(port)}")
     if token is not None and not (token and token.isascii() and token.isprintable() and " " not in token):
         raise InvalidArgumentError("token must be printable ASCII without spaces, and not empty")
     if token is None and not _is_loopback(host):

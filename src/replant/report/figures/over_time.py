@@ -162,6 +162,8 @@ def _transient(axis: Any, t: FloatArray, values: FloatArray, std: FloatArray | N
     if not np.isfinite(values).any():
         style.say(axis, "no estimate")
         return
+    axis.set_ylim(*style.settled_limits(values, style.near_the_end(values, std, true)))  # before a curve sets others
+    values = np.clip(values, -style.FARTHEST, style.FARTHEST)
     drawn = thin(values, style.SHOWN_SMALL)
     if (half := style.band(std)) is not None:
         low, high = (thin(values + sign * half, style.SHOWN_SMALL // 2) for sign in (-1.0, 1.0))
@@ -169,8 +171,8 @@ def _transient(axis: Any, t: FloatArray, values: FloatArray, std: FloatArray | N
         axis.fill_between(low.among(t), low.values, high.values, **look)
     axis.plot(drawn.among(t), drawn.values, color=style.MODEL, lw=1.4, label="estimate")
     if true is not None:
+        true = min(max(true, -style.FARTHEST), style.FARTHEST)
         axis.axhline(true, color=style.TRUTH, lw=1.1, ls=(0, (5, 3)), label="true")
-    axis.set_ylim(*style.settled_limits(values, style.near_the_end(values, std, true)))
 
 
 def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None, clock: Clock | None = None) -> Any:

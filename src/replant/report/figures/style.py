@@ -214,7 +214,7 @@ def band(std: FloatArray | None) -> FloatArray | None:
     """Return the half-width of a band, NaN where the standard deviation is unknown; None where it is so everywhere."""
     if std is None or not np.isfinite(std).any():
         return None
-    return np.where(np.isfinite(std), SIGMAS * std, np.nan)
+    return np.where(np.isfinite(std), SIGMAS * np.minimum(std, FARTHEST), np.nan)
 
 
 def settled_limits(values: FloatArray, extra: Sequence[float] = ()) -> tuple[float, float]:
@@ -241,7 +241,8 @@ def near_the_end(values: FloatArray, std: FloatArray | None, true: float | None)
     """
     shown = [] if true is None else [true]
     if std is not None and values.size and math.isfinite(std[-1]):
-        shown += [float(values[-1] - SIGMAS * std[-1]), float(values[-1] + SIGMAS * std[-1])]
+        last, half = float(values[-1]), SIGMAS * min(float(std[-1]), FARTHEST)
+        shown += [last - half, last + half]
     return shown
 
 
