@@ -106,6 +106,7 @@ class Evidence:
         Whether the input was held before the record, and before each part behind a gap, for as long as a dead time.
     """
 
+    @quiet
     def __init__(self, record: Record, *, at_rest: bool) -> None:
         self.record, self.at_rest = record, at_rest
         self._least = (FINEST * float(np.std(record.y))) ** 2

@@ -11,6 +11,7 @@ import numpy as np
 from replant.arguments import (
     FloatArray,
     finite,
+    iterable,
     keep,
     numbers,
     positive,
@@ -88,7 +89,7 @@ class KalmanTracking(Optimizer):
 
 
 def _process_noise(name: str, value: float | Sequence[float]) -> float | tuple[float, ...]:
-    noise = finite(name, value) if np.ndim(value) == 0 else numbers(name, value)
+    noise = numbers(name, value) if iterable(value) else finite(name, value)
     least = noise if isinstance(noise, float) else min(noise)
     if least < 0.0:
         raise InvalidArgumentError(f"{name} must be at least 0, got {least:g}")
