@@ -112,9 +112,8 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         missing=_missing(in_use),
         stuck=state.stuck_outputs > 0 and samples - state.stuck_last < outliers.CALM,
         usual_interval=float(np.median(in_use.interval[1:])) if len(in_use) > 1 else 0.0,
-        measured=None
-        if finished
-        else newest.output.copy(),  # the solution has left out what the sensor did not measure
+        # a solution of the whole record has left out what the sensor did not measure
+        measured=None if finished else newest.output.copy(),
         bridged=None if finished else newest.is_stuck,
     )
 

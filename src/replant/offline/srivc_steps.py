@@ -279,15 +279,12 @@ class Problem:
         """
         known = Prior.none(model.size) if prior is None else prior
 
-        def accepts(tried: FloatArray) -> Pass | None:
-            if stable and not self.is_stable(tried):
-                return None
-            found = self.run(tried)
-            return found if found.power + known.cost(tried) < cost else None
+        def cost(tried: FloatArray, done: Pass) -> float:
+            return math.inf if stable and not self.is_stable(tried) else done.power + known.cost(tried)
 
         done, exact = self.run(model), False
         for _ in range(POLISH):
-            slopes, cost = self._slopes(model, done) if exact else done.zeta, done.power + known.cost(model)
+            slopes = self._slopes(model, done) if exact else done.zeta
             gradient = slopes.T @ done.error + known.pull(model)
             direction = solve(slopes.T @ slopes + known.weight, gradient)
             if direction is None:
@@ -296,7 +293,7 @@ class Problem:
             # converged: the step is a thousandth of a standard deviation, or the error is rounding
             if float(direction @ gradient) <= DONE * variance or self.is_rounding(done):
                 return model, done, True
-            better = self._damped(model, direction, accepts)
+            better = self._damped(model, direction, cost, done.power + known.cost(model))
             if better is not None:
                 model, done = better
             elif exact:
@@ -305,14 +302,15 @@ class Problem:
         return model, done, False
 
     def _damped(
-        self, model: FloatArray, direction: FloatArray, accepts: Callable[[FloatArray], Pass | None]
+        self, model: FloatArray, direction: FloatArray, cost: Callable[[FloatArray, Pass], float], limit: float
     ) -> tuple[FloatArray, Pass] | None:
-        """Return the model after the longest step, halved up to `HALVINGS` times, that is accepted, and its pass."""
+        """Return the model after the longest step, halved up to `HALVINGS` times, that costs less, and its pass."""
         for halvings in range(HALVINGS):
             tried = model + direction * 0.5**halvings
-            done = accepts(tried) if self.is_usable(tried) else None
-            if done is not None:
-                return tried, done
+            if self.is_usable(tried):
+                done = self.run(tried)
+                if cost(tried, done) < limit:
+                    return tried, done
         return None
 
     def _slopes(self, model: FloatArray, done: Pass) -> FloatArray:
@@ -355,9 +353,8 @@ class Problem:
         costs: list[float] = []  # of the steps since the noise model was last renewed
         stuck = False  # whether no step lowers the last of them
 
-        def accepts(tried: FloatArray) -> Pass | None:
-            found = self.run(tried)
-            return found if math.isfinite(found.cost) and self.misfit(found) <= limit else None
+        def cost(_: FloatArray, done: Pass) -> float:
+            return self.misfit(done) if math.isfinite(done.cost) else math.inf
 
         for step in range(steps):
             if self.is_rounding(done):
@@ -378,7 +375,7 @@ class Problem:
                 if direction is None:
                     continue
                 moved = float(np.sum((zeta @ direction) ** 2)) / variance
-                better = self._damped(model, direction, accepts)
+                better = self._damped(model, direction, cost, limit)
                 if better is not None:
                     break
             if better is None:

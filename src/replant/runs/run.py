@@ -218,18 +218,17 @@ class _Bridged:
         mapped = self._identifier.request.preprocess.map_input(u)
         self._accepted.append(screen(mapped, np.where(np.isfinite(y), y, 0.0))[0])
         self._seen += u.size
-        self._all = [*self._all, self._accepted[-1]] if self._seen <= 2 * STORED else []
+        if self._seen <= 2 * STORED:
+            self._all.append(self._accepted[-1])
+        else:
+            self._all = []
         if self._identifier.settings is not None:
             self.note()
 
     def note(self) -> None:
         """Note which samples since the last note were bridged; of a long start-up only the newest are kept."""
         accepted = np.concatenate([np.empty(0, bool), *self._accepted])
-        places, doubted = np.flatnonzero(accepted), self._identifier.bridged
-        count = min(places.size, doubted.size)
-        flags = np.zeros(accepted.size, bool)
-        flags[places[places.size - count :]] = doubted[doubted.size - count :]
-        self._found.append(stretches_of(flags, self._samples))
+        self._found.append(_stretches_among(accepted, self._identifier.bridged, self._samples))
         self._samples += accepted.size
         self._accepted = []
 
@@ -237,15 +236,20 @@ class _Bridged:
         """Note what the solution of the whole record has left out, in place of what was bridged on the way."""
         left_out = self._identifier.left_out
         if left_out.size and self._all:
-            accepted = np.concatenate(self._all)
-            places, flags = np.flatnonzero(accepted), np.zeros(accepted.size, bool)
-            flags[places[places.size - left_out.size :]] = left_out
-            self._found = [stretches_of(flags)]
+            self._found = [_stretches_among(np.concatenate(self._all), left_out)]
 
     @property
     def stretches(self) -> IntArray:
         """Of the whole record, (R, 2)."""
         return np.concatenate(self._found)
+
+
+def _stretches_among(accepted: BoolArray, doubted: BoolArray, first: int = 0) -> IntArray:
+    """Return where the newest accepted samples (K,) are doubted, which says so of the newest of them alone, (R, 2)."""
+    places, flags = np.flatnonzero(accepted), np.zeros(accepted.size, bool)
+    count = min(places.size, doubted.size)
+    flags[places[places.size - count :]] = doubted[doubted.size - count :]
+    return stretches_of(flags, first)
 
 
 @quiet
