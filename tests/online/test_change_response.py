@@ -190,3 +190,29 @@ def test_what_the_user_interrupts_is_made_up_for_before_the_next_sample(
         each.update_many(u[done:], y[done:])
     assert calls[1] == done
     assert ident.to_bytes() == again.to_bytes() == twin.to_bytes()
+
+
+@pytest.mark.parametrize("many", [False, True], ids=["one by one", "at once"])
+def test_a_start_up_that_the_user_interrupts_is_ended_before_anything_is_read(
+    many: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    u = binary(1, 1000, 8)
+    y = PLANT.simulate(u, DT) + 0.03 * np.random.default_rng(0).standard_normal(1000)
+    ident, twin = (rp.Identifier(rp.Structure(2), DT, startup=200) for _ in range(2))
+
+    def interrupted(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(identifier, "begin", interrupted)
+        ident.update_many(u[:199], y[:199])
+        last = slice(199, 300) if many else 199
+        with pytest.raises(KeyboardInterrupt):
+            (ident.update_many if many else ident.update)(u[last], y[last])
+    assert ident.samples == 200
+    assert ident.status == "running"
+    again = rp.Identifier.from_bytes(ident.to_bytes())
+    twin.update_many(u[:200], y[:200])
+    for each in (ident, again, twin):
+        each.update_many(u[200:], y[200:])
+    assert ident.parameters.tolist() == again.parameters.tolist() == twin.parameters.tolist()
