@@ -45,6 +45,11 @@ Origin: as MOST_DOUBTED of the recursion.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
+UNEXPLAINED = 0.5
+"""Residual of a gross output beyond which the model does not explain it [part of its distance from the median].
+Derivation: half-way between an output that the model gives whole, and one of which it gives nothing.
+"""
+
 FEWEST = 5
 """Residuals that tell how large one usually is, at the least [samples]."""
 
@@ -203,8 +208,8 @@ def _outliers(u: FloatArray, y: FloatArray, error: FloatArray, noise: FloatArray
             break
         found |= new
         left[new] -= away[new]
-    if _follow(u, found):  # but what no plant does, and the model explains none of
-        found &= _gross(y) & (np.abs(error) > 0.5 * np.abs(y - np.median(y[known])))
+    if _follow(u, found):  # but for what no plant does and the model does not explain
+        found &= _gross(y) & (np.abs(error) > UNEXPLAINED * np.abs(y - np.median(y[known])))
     return nothing if not 0 < int(found.sum()) <= MOST * error.size else found
 
 
