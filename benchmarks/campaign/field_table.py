@@ -22,6 +22,7 @@ LOSSES: dict[str, Callable[[FieldOutcome], bool]] = {
     "online with finish behind `fit`": lambda one: one.offline.fit - one.finished.fit > BEHIND,
     "online without behind `fit`": lambda one: one.offline.fit - one.running.fit > BEHIND,
 }
+BETWEEN = ", dead time between two samples"
 
 
 @dataclass(frozen=True)
@@ -39,17 +40,11 @@ class FieldTable:
         """Yield the lines of the table."""
         whole, half = ([one for one in self.outcomes if one.half is which] for which in (False, True))
         for loss, is_one in LOSSES.items():
-            for group, name in ((whole, ""), (half, ", dead time between two samples")):
+            for group, name in ((whole, ""), (half, BETWEEN)):
                 yield Line(f"{loss} by more than {BEHIND:.0f} points{name}", share(sum(map(is_one, group)), len(group)))
         for name, of in WAYS.items():
-            found = [of(one) for one in self.outcomes]
-            good, bad = [one for one in found if one.is_good], [one for one in found if not one.is_good]
-            trusted, fooled = sum(one.is_trusted for one in good), sum(one.is_trusted for one in bad)
-            refused = sum(one.status == "inconsistent" for one in good)
-            yield Line(f"{name}: good, of all", share(len(good), len(found)))
-            yield Line(f"{name}: trusted, of the good", share(trusted, len(good)))
-            yield Line(f"{name}: bad and trusted, of the bad", share(fooled, len(bad)))
-            yield Line(f"{name}: right and refused (inconsistent), of the good", share(refused, len(good)))
+            for group, where in ((whole, ""), (half, BETWEEN)):
+                yield from verdicts([of(one) for one in group], name, where)
         yield Line("anchor: good, of all", share(sum(one.anchor >= GOOD for one in self.outcomes), len(self.outcomes)))
         for name, of in WAYS.items():
             found = [of(one) for one in self.outcomes]
@@ -85,6 +80,17 @@ class FieldTable:
         for name, of in WAYS.items():
             fooled = [one for one in self.outcomes if of(one).is_trusted and not of(one).is_good]
             yield f"{name}, bad and trusted: " + ", ".join(f"{one.number} ({of(one).fit:.1f} %)" for one in fooled)
+
+
+def verdicts(found: Sequence[Estimate], name: str, where: str) -> Iterator[Line]:
+    """Yield how many estimates of one way are good, and what is said of the good ones and of the bad ones."""
+    good, bad = [one for one in found if one.is_good], [one for one in found if not one.is_good]
+    trusted, fooled = sum(one.is_trusted for one in good), sum(one.is_trusted for one in bad)
+    refused = sum(one.status == "inconsistent" for one in good)
+    yield Line(f"{name}: good, of all{where}", share(len(good), len(found)))
+    yield Line(f"{name}: trusted, of the good{where}", share(trusted, len(good)))
+    yield Line(f"{name}: bad and trusted, of all{where}", share(fooled, len(found)))
+    yield Line(f"{name}: right and refused (inconsistent), of the good{where}", share(refused, len(good)))
 
 
 def share(count: int, of: int) -> str:
