@@ -41,3 +41,17 @@ def test_a_held_input_is_right_as_it_is(seed: int) -> None:
         found = verdict(u, 0.1, "zoh", seed)
         assert found.status == "trusted", found.reasons
         assert not any("straight" in reason for reason in found.reasons)
+
+
+def test_rows_that_a_logger_lost_do_not_make_a_held_input_straight() -> None:
+    """What the input did in a gap is not known; a straight line is nearer to it than the last value."""
+    u = np.sin(0.9 * np.arange(1500) * 0.1) + np.sin(0.4 * np.arange(1500) * 0.1)
+    kept = np.ones(u.size, bool)
+    for begin in (100, 400, 900):
+        kept[begin : begin + 15] = False
+    t, y = 0.1 * np.arange(u.size)[kept], PLANT.simulate(u, 0.1)
+    y += 0.2 * y.std() * np.random.default_rng(1).standard_normal(u.size)
+    ident = rp.Identifier(STRUCTURE, 0.1)
+    ident.update_many(u[kept], y[kept], t)
+    reasons = ident.assess().reasons
+    assert not any("seems to run straight" in reason for reason in reasons), reasons

@@ -104,6 +104,17 @@ def test_the_search_finds_a_dead_time_on_an_irregular_clock() -> None:
     assert found.best.structure.delay == pytest.approx(0.3, abs=0.02)
 
 
+@pytest.mark.parametrize(("poles", "first"), [(1, 2), (2, 5)])
+def test_too_few_samples_before_a_gap_are_no_hindrance(poles: int, first: int) -> None:
+    """They answer to inputs before the record, or do not tell the initial state of their own part."""
+    plant = rp.TransferFunction([4.0], [1.0, 4.0] if poles == 1 else [1.0, 0.8, 4.0], delay=4 * DT)
+    u = binary(3, 1000, 10)
+    y = plant.simulate(u, DT) + 0.01 * np.random.default_rng(3).standard_normal(u.size)
+    kept = (np.arange(u.size) < first) | (np.arange(u.size) >= first + 30)
+    fitted = rp.fit(u[kept], y[kept], DT, poles=poles, delay=plant.delay, t=DT * np.arange(u.size)[kept])
+    assert fitted.parameters == pytest.approx(true_parameters(plant, 0), rel=0.02)
+
+
 def test_least_squares_says_what_to_do() -> None:
     u, y, t = jittering(1)
     with pytest.raises(

@@ -81,7 +81,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
     finished = state.finished_at == samples
     in_use = _in_use(RecentSamples.of(state, STORED if finished else RECENT).cleaned(), state)
     kept = in_use.since_last_gap(dt)
-    record = kept.without_stuck().record(dt, settings.filter.input_hold)
+    record = kept.without_stuck().record(dt, settings.filter.input_hold, parted=True)
     record = record if record.intervals.size == 1 else record.last(MOST_IRREGULAR)
     record = record.answering(settings.structure.delay)
     newest = kept[len(kept) - record.u.size :]

@@ -203,11 +203,15 @@ class AuxiliaryModel:
 def _of_parts(runs: list[Pass], nuisances: list[int]) -> Pass:
     """Return the passes over the parts of a record as one.
 
-    Behind a gap the initial state is unknown once more, in another record the offset is, too.  They are not among the
-    entries of the model: what they explain, the last columns of ``phi``, ``nuisances`` of each part, is taken off all
-    signals, which is what estimating them beside the entries comes to.
+    Behind a gap the initial state is unknown once more, in another record the offset is, too.  Those of one part are
+    among the entries of the model: of the first one with more samples that tell them than they are.  What the others
+    explain, the last columns of ``phi``, ``nuisances`` of each part, is taken off all signals, which is what estimating
+    them beside the entries comes to.
     """
-    joined = [runs[0], *(_without_last(run, count) for run, count in zip(runs[1:], nuisances[1:], strict=True))]
+    telling = [int(run.phi[:, -count:].any(axis=1).sum()) for run, count in zip(runs, nuisances, strict=True)]
+    own = next((i for i, rows in enumerate(telling) if rows > max(nuisances)), 0)
+    parts = enumerate(zip(runs, nuisances, strict=True))
+    joined = [run if i == own else _without_last(run, count) for i, (run, count) in parts]
     return Pass(*(np.concatenate(signals) for signals in zip(*(run.signals for run in joined), strict=True)))
 
 
