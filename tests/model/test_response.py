@@ -138,11 +138,11 @@ def test_until_inputs_of_the_record_act_all_stands_still() -> None:
 
 
 def test_a_held_input_may_have_moved_where_samples_are_lost() -> None:
-    """Known for the usual interval, a third of the way for the rest, unless the clock was as slow before."""
+    """Known for the usual interval, half the way for the rest, unless the clock was as slow before."""
     slow = TransferFunction([1.0], [1.0, 0.0])
     u, intervals = np.array([0.0, 0.0, 0.0, 1.0, 1.0]), np.array([1.0, 1.0, 1.0, 4.0, 1.0])
     moved = Response(slow, 1.0).take(u, intervals).output
-    np.testing.assert_allclose(moved, [0.0, 0.0, 0.0, 1.0, 2.0])  # 4 s of a third of three quarters
+    np.testing.assert_allclose(moved, [0.0, 0.0, 0.0, 1.5, 2.5])  # 4 s of a half of three quarters
     stood = Response(slow, 1.0).take(u, np.full(5, 4.0)).output
     np.testing.assert_allclose(stood[:3], 0.0)
     assert stood[4] - stood[3] == pytest.approx(4.0)

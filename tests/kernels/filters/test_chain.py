@@ -123,11 +123,11 @@ def test_nuisances_are_an_offset_and_an_initial_state(order: int) -> None:
 
 
 def test_a_missing_held_input_counts_with_what_is_known_of_it() -> None:
-    """Over three sampling times the input stood for the first, and is taken to be a third of the way for the others."""
+    """Over three sampling times the input stood for the first, and is taken to be half of the way for the others."""
     state = State.build(rp.Structure(1), DT, state_filter=rp.StateVariableFilter(1.0))
     u, y = np.array([0.0, 1.0, 4.0]), np.zeros(3)
     phi, *_ = run(state, u, y, np.array([0.0, DT, 4 * DT]))
-    level = (1.0 + 2 * 2.0) / 3
+    level = (1.0 + 2 * 2.5) / 3
     expected = (1 - np.exp(-3 * DT)) * level  # the first value was zero
     assert phi[2, 1] == pytest.approx(expected, rel=1e-12)
 

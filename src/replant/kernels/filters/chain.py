@@ -23,10 +23,9 @@ Derivation: half-way between none and one.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
-MOVED = 1.0 / 3.0
+MOVED = 0.5
 """How far a held input is taken to have moved, on the mean, while samples were missing [part of the way].
-Derivation: a half is right if it moved on the way, nought if it stood: a third errs least in the worse of both.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
+Derivation: rows are lost whatever the input does: it may have moved at any time on the way.
 """
 
 ROUNDING = 1e-12
@@ -78,10 +77,9 @@ def begin(ints, reals, banks, u, y):
 def moved_share(interval, before, earlier, dt):
     """Return how far a held input moves from one sample to the next, on the mean over the interval, as a part of it.
 
-    Where samples are missing, a held input may have moved on the way, or stood until the newest sample.  For the first
-    sampling time ``dt`` it stood in any case.  For the rest the mean of the last and the newest value would be right in
-    the former case, the last value in the latter: a third of the way errs least in the worse of both.  No sample is
-    missing where the two intervals ``before`` and ``earlier`` were as long: the device samples more slowly.
+    For the first sampling time ``dt`` it stood.  For the rest, where samples are missing, it is half the way between
+    the last value and the newest.  No sample is missing where the two intervals ``before`` and ``earlier`` were as
+    long: the device samples more slowly.
     """
     usual = max(dt, min(before, earlier))
     known = usual / interval if interval > MISSING * usual else 1.0
