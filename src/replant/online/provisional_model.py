@@ -1,8 +1,8 @@
 """Provisional model: what the samples of the start-up give, until they suffice for a model to go on from.
 
 It is solved for with the first outputs measured: at half, a quarter, an eighth ... of the start-up, and each time that
-a start-up which does not suffice has doubled, from the usual starts; at three sizes in between from the model before.
-Nothing that comes later depends on it.
+a start-up which does not suffice has doubled, from the usual starts; from half of the start-up on at three sizes in
+between, from the model before.  Nothing that comes later depends on it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def next_provisional(request: Request, held: int) -> int:
     --------
     >>> from replant.model.structure import Structure
     >>> [next_provisional(Request(Structure(1), 0.1), held) for held in (0, 31, 100, 500)]
-    [31, 38, 108, 625]
+    [31, 62, 125, 625]
     """
     later = request.first_hold
     while later <= held:
@@ -77,7 +77,7 @@ def _sizes(request: Request, held: int) -> Iterator[tuple[int, int]]:
     while 2 * size <= held:
         size *= 2
     while size >= request.least_startup:
-        for quarters in (7, 6, 5, 4):
+        for quarters in (7, 6, 5, 4) if 2 * size >= request.startup else (4,):
             if size * quarters // 4 <= held:
                 yield size * quarters // 4, size
         size //= 2
