@@ -77,6 +77,11 @@ Origin: not recorded; kept, see sensitivity.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
+SLOW = 0.01
+"""Gain of the last `STALLS` whitened steps below which they end [variances of the innovation].
+Derivation: a tenth of a standard deviation.
+"""
+
 SLACK = {False: 1e-3, True: 0.02}
 """Growth of the cost that a whitened step may bring, without and with a reference [part of the cost].
 Derivation: the root of the instruments' equations lies beside the least cost, and J is chi-squared at it.
@@ -386,6 +391,8 @@ class Problem:
                 break
             if step > settled:
                 costs.append(self.misfit(done))
+            if self.projection is None and _stalls(costs, SLOW * variance):
+                break
         white = self.whiten(done.error if self.projection is not None else done.ahead)
         variance = float(white @ white) / self.record.count
         converged = moved <= NEARLY_DONE
