@@ -54,3 +54,17 @@ def test_fit_run_and_fleet_leave_out_the_same_samples(how: str, tmp_path: Path) 
     assert (run.verdict.status, run.simulation.fit) == (fitted.verdict.status, pytest.approx(fitted.simulation.fit))
     for reason in ("outlier", "stuck"):
         assert run.rejected[reason] == fitted.rejected[reason]
+
+
+@pytest.mark.parametrize("samples", [400, SAMPLES])  # in the start-up, and behind it
+def test_a_long_gap_parts_a_finished_run_as_it_parts_a_fit(samples: int) -> None:
+    u, y = damaged("outliers")[0].T
+    kept = (np.arange(SAMPLES) < 30) | (np.arange(SAMPLES) >= 150)
+    kept &= np.arange(SAMPLES) < samples
+    u, y, t = u[kept], y[kept], DT * np.arange(SAMPLES)[kept]
+    fitted = rp.fit(u, y, DT, poles=2, t=t)
+    ident = rp.Identifier(rp.Structure(2), DT)
+    ident.update_many(u, y, t)
+    ident.finish()
+    np.testing.assert_allclose(ident.parameters, fitted.parameters, rtol=1e-9)
+    assert (ident.assess().status, ident.assess().samples) == (fitted.verdict.status, fitted.verdict.samples)

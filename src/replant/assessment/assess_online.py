@@ -80,7 +80,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
     dt, size, origin, samples = settings.dt, settings.structure.size, state.record_began, state.samples
     finished = state.finished_at == samples
     in_use = _in_use(RecentSamples.of(state, STORED if finished else RECENT).cleaned(), state)
-    kept = in_use.since_last_gap(dt)
+    kept = in_use if finished else in_use.since_last_gap(dt)
     record = kept.without_stuck().record(dt, settings.filter.input_hold, parted=True)
     record = record if record.intervals.size == 1 else record.last(MOST_IRREGULAR)
     record = record.answering(settings.structure.delay)

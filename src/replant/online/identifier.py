@@ -549,8 +549,8 @@ class Identifier(Estimate):
         """Solve for the estimate with every sample so far, as `replant.fit` does: for the end of a record.
 
         Ends the start-up where it is not over and the samples give a model.  The estimate stays where it is frozen,
-        where older samples are forgotten or no longer kept (there are more than 30000), after a gap, with a method that
-        is not the default, and where the plant has changed meanwhile.  Samples may follow.
+        where older samples are forgotten or no longer kept (there are more than 30000), with a method that is not the
+        default, and where the plant has changed meanwhile.  Samples may follow.
         """
         self._as_one(Identifier._finish)
 
@@ -684,7 +684,8 @@ class Identifier(Estimate):
                 self._wait_longer(is_full=is_full)
                 return
         state, self._begun_with = begin(old, settings, kept, solution)
-        state.finished_at = state.samples if at_any_rate else 0
+        if at_any_rate:
+            state.finished_at, state.gap_at = state.samples, 0
         self._settings, self._solved = settings, {}
         self._work_on(state, regular=self._regular)
         if solution is not None:

@@ -10,7 +10,7 @@ from replant.arguments import FloatArray
 from replant.engine.dimensions import STORED
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
-from replant.engine.state import GAP, State
+from replant.engine.state import State
 from replant.kernels.schema import Alarm, Doubt
 from replant.offline.solve import solve
 from replant.online.restart import SURE, restart_at
@@ -33,8 +33,7 @@ def solve_whole(old: State, settings: Settings) -> State | None:
     settings : Settings
     """
     kept = RecentSamples.of(old, STORED)
-    is_whole = old.finished_at < old.samples == len(kept) and bool((kept.interval[1:] <= GAP * settings.dt).all())
-    if not (old.adapt and remembers_all(old, settings) and is_whole):
+    if not (old.adapt and remembers_all(old, settings) and old.finished_at < old.samples == len(kept)):
         return None
     solution = solve(settings.structure, kept.record(settings.dt, settings.filter.input_hold, parted=True))
     if solution is None:
