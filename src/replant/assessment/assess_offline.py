@@ -71,6 +71,7 @@ def assess_record(
         learned=record.u.size,
         in_sample=not unseen,
         adapts=not unseen,
+        finished=not unseen,
         instruments=instruments,
         disagreement=disagreement,
         usual_interval=usual_interval or (float(np.median(record.intervals[1:])) if irregular else 0.0),

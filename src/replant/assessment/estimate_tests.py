@@ -11,11 +11,13 @@ from replant.arguments import FloatArray
 from replant.assessment.cross_test import FALSE_ALARM
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.gain_error import gain_findings, output_frequency
+from replant.assessment.newton_step import RANK_TOLERANCE, Distance
 from replant.assessment.newton_step import distance as distance_of
 from replant.assessment.verdict import Finding, figure, percent
 from replant.model.shared_root import cancelled_pole
 from replant.statistics.autoregression import one_step
-from replant.statistics.linear_algebra import roots
+from replant.statistics.chi2 import chi2_quantile
+from replant.statistics.linear_algebra import pseudo_inverse, roots
 
 MOST_UNCERTAIN = 0.15
 """Standard deviation of a coefficient of the denominator beyond which it is not known yet: the 95 % interval is then
@@ -160,7 +162,7 @@ class Certainty:
             *_of_uncertainty(uncertainty, most, math.inf if closed else scatter, cancelled, slow),
             *_of_scatter(scatter),
             *(_of_movement(evidence, moved, sigmas, improves) if cancelled is None or _shows(runs) else []),
-            *(_of_distance(evidence, distance, away.statistic) if cancelled is None else []),
+            *(_of_distance(evidence, distance, _surprise(evidence, away, known)) if cancelled is None else []),
             *gain_findings(evidence, runs, known, away.covariance),
         ]
         return cls(figures, improves, findings)
@@ -294,6 +296,18 @@ def _of_movement(evidence: Evidence, moved: float, sigmas: float, improves: bool
     return [Finding("converging", reason)]
 
 
+def _surprise(evidence: Evidence, away: Distance, known: FloatArray) -> float:
+    """Return the statistic of a distance over its limit.
+
+    Of two estimates of the same samples, the one without the noise model and the one with it, the difference scatters
+    no more than the first.
+    """
+    if not (evidence.in_sample and evidence.instruments):
+        return away.statistic
+    square = float(away.step @ pseudo_inverse(known, RANK_TOLERANCE) @ away.step)
+    return min(away.statistic, square / chi2_quantile(1.0 - FALSE_ALARM, away.step.size))
+
+
 def _of_distance(evidence: Evidence, distance: float, statistic: float) -> list[Finding]:
     if not (statistic > 1.0 and distance > FARTHEST):
         return []
@@ -302,4 +316,7 @@ def _of_distance(evidence: Evidence, distance: float, statistic: float) -> list[
         return [Finding("inconsistent", f"{reason}: the plant has changed since, or is another one")]
     if not evidence.instruments:
         return [Finding("inconsistent", f"{reason}: noise biases an estimate without instruments")]
+    if evidence.finished and evidence.in_sample:
+        causes = "too few poles or zeros, a wrong dead time, or a plant that changes or is not linear"
+        return [Finding("inconsistent", f"weighted by the noise model {reason}: {causes}")]
     return [Finding("converging", f"{reason}: the estimate has not converged to them yet")]
