@@ -40,9 +40,11 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     """Say where an input that is taken as held ran straight between its samples, or may have, and what that changes."""
-    record, rows = evidence.record, evidence.known
-    if record.input_hold != "zoh" or not _is_smooth(record.u):
+    if evidence.record.input_hold != "zoh" or not _is_smooth(evidence.record.u):
         return []
+    # where rows are lost a straight line is nearer to what the input did than one step, whatever its hold is
+    record, places = evidence.record.restored
+    rows = slice(int(places[evidence.known.start]), record.u.size)
     held, straight = (_improved(evidence, replace(record, input_hold=hold), rows) for hold in ("zoh", "foh"))
     if held is None or straight is None:
         return []

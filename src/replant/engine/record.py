@@ -173,6 +173,37 @@ class Record:
         return replace(self.last(self.u.size - unknown), before=self.first(unknown))
 
     @property
+    def restored(self) -> tuple[Record, IntArray]:
+        """The record with the rows that were lost, and where its samples (K,) are in that.
+
+        The input of a lost row lies on the straight line between its neighbours, its output was not measured.  What
+        lies in a gap stays lost.
+
+        Examples
+        --------
+        >>> record = Record(np.array([0.0, 1.0, 4.0, 4.0]), np.zeros(4), np.array([1.0, 1.0, 3.0, 1.0]))
+        >>> restored, places = record.restored
+        >>> restored.u.tolist(), restored.measured.tolist(), places.tolist()
+        ([0.0, 1.0, 2.0, 3.0, 4.0, 4.0], [True, True, False, False, True, True], [0, 1, 4, 5])
+        """
+        if self.intervals.size == 1:
+            return self, np.arange(self.u.size)
+        steps = self.intervals.copy()
+        steps[[0, *(rows.start for rows in self.parts)]] = 0.0
+        lost = np.maximum(np.rint(steps / float(np.median(self.intervals[1:]))).astype(int) - 1, 0)
+        places = np.arange(self.u.size) + np.cumsum(lost)
+        each, along = np.arange(places[-1] + 1), np.cumsum(self.intervals)
+        at = np.interp(each, places, along)
+        u, y = np.interp(at, along, self.u), np.interp(at, along, self.y)
+        r = None if self.r is None else np.interp(at, along, self.r)
+        measured = np.zeros(each.size, bool)
+        measured[places] = self.is_measured
+        intervals = np.repeat(self.intervals / (lost + 1.0), lost + 1)
+        begins = tuple(int(places[begin]) for begin in self.begins)
+        before = None if self.before is None else self.before.restored[0]
+        return Record(u, y, intervals, self.input_hold, r, before, self.usual, measured, begins), places
+
+    @property
     def joined(self) -> Record:
         """The record with the samples before it."""
         if self.before is None:
