@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.engine.record import MOST_GAPS, gaps_of
+from replant.engine.record import MOST_GAPS, Record, gaps_of
 from replant.model.response import Response
 from replant.offline.structure_search import search
 from support.builders import DT, binary, irregular_record, record, true_parameters, two_modes
@@ -148,3 +148,17 @@ def test_of_very_many_gaps_the_longest_count() -> None:
     found = gaps_of(steps, 1.0)
     assert found.size == MOST_GAPS
     assert set(range(101, steps.size, 200)) <= set(found.tolist())
+
+
+def test_of_what_is_lost_only_a_few_rows_between_two_others_are_restored() -> None:
+    """Not a gap, nor what a slower rate leaves out: either may be of any length."""
+    intervals = np.ones(60)
+    intervals[[10, 20, 30]] = 2.0, 3.2, 1e9
+    intervals[40:50] = 1e6
+    u = np.cumsum(intervals)
+    restored, places = Record(u, np.zeros(60), intervals, usual=1.0).restored
+    assert restored.u.size == 63
+    assert np.flatnonzero(np.diff(places) > 1).tolist() == [9, 19]
+    np.testing.assert_array_equal(restored.u[places], u)
+    np.testing.assert_allclose(restored.u[10:12], [11.0, 12.0])
+    assert restored.count == 60

@@ -177,7 +177,7 @@ class Record:
         """The record with the rows that were lost, and where its samples (K,) are in that.
 
         The input of a lost row lies on the straight line between its neighbours, its output was not measured.  What
-        lies in a gap stays lost.
+        lies in a gap stays lost, and where samples come more slowly for a while none is missing.
 
         Examples
         --------
@@ -188,9 +188,9 @@ class Record:
         """
         if self.intervals.size == 1:
             return self, np.arange(self.u.size)
-        steps = self.intervals.copy()
+        steps = self.intervals / float(np.median(self.intervals[1:]))
         steps[[0, *(rows.start for rows in self.parts)]] = 0.0
-        lost = np.maximum(np.rint(steps / float(np.median(self.intervals[1:]))).astype(int) - 1, 0)
+        lost = np.where(steps <= GAP, np.maximum(np.rint(steps) - 1.0, 0.0), 0.0).astype(int)
         places = np.arange(self.u.size) + np.cumsum(lost)
         each, along = np.arange(places[-1] + 1), np.cumsum(self.intervals)
         at = np.interp(each, places, along)
