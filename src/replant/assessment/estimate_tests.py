@@ -112,11 +112,15 @@ class Certainty:
     improves : bool
         Whether the estimate moved, and explains the newest samples better than the earlier estimate.
     findings : list of Finding
+    disagreement : float
+        By how much the output of the estimate that the noise model gives differs, of the samples that this one was
+        solved for, where that is no chance; as a part of the output's amplitude.
     """
 
     figures: dict[str, float]
     improves: bool
     findings: list[Finding]
+    disagreement: float = 0.0
 
     @classmethod
     def of(
@@ -156,16 +160,17 @@ class Certainty:
         most = MOST_UNCERTAIN_IN_LOOP if closed else MOST_UNCERTAIN
         scatter = _scatter(evidence, runs, known, speeds, by_reference)
         cancelled = cancelled_pole(evidence.structure, evidence.estimate, known)
-        slow = slow_noise(evidence, uncertainty)
+        slow, surprise = slow_noise(evidence, uncertainty), _surprise(evidence, away, known)
+        is_apart = evidence.is_solved and cancelled is None and surprise > 1.0
         figures["uncertainty"] = uncertainty if cancelled is None else math.inf
         findings = [
             *_of_uncertainty(uncertainty, most, math.inf if closed else scatter, cancelled, slow),
             *_of_scatter(scatter),
             *(_of_movement(evidence, moved, sigmas, improves) if cancelled is None or _shows(runs) else []),
-            *(_of_distance(evidence, distance, _surprise(evidence, away, known)) if cancelled is None else []),
+            *(_of_distance(evidence, distance, surprise) if cancelled is None else []),
             *gain_findings(evidence, runs, known, away.covariance),
         ]
-        return cls(figures, improves, findings)
+        return cls(figures, improves, findings, _apart(runs, away.step) if is_apart else 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,15 +313,18 @@ def _surprise(evidence: Evidence, away: Distance, known: FloatArray) -> float:
     return min(away.statistic, square / chi2_quantile(1.0 - FALSE_ALARM, away.step.size))
 
 
+def _apart(runs: Runs, step: FloatArray) -> float:
+    """Return by how much a step of the coefficients changes the modelled output, as a part of its amplitude."""
+    output = float(runs.now.forced.std())
+    return float(np.std(runs.now.zeta @ step)) / output if output > 0.0 else math.inf
+
+
 def _of_distance(evidence: Evidence, distance: float, statistic: float) -> list[Finding]:
-    if not (statistic > 1.0 and distance > FARTHEST):
+    if not (statistic > 1.0 and distance > FARTHEST) or evidence.is_solved:
         return []
     reason = f"the samples give a coefficient that differs by {percent(distance)}"
     if not evidence.adapts:
         return [Finding("inconsistent", f"{reason}: the plant has changed since, or is another one")]
     if not evidence.instruments:
         return [Finding("inconsistent", f"{reason}: noise biases an estimate without instruments")]
-    if evidence.finished and evidence.in_sample:
-        causes = "too few poles or zeros, a wrong dead time, or a plant that changes or is not linear"
-        return [Finding("inconsistent", f"weighted by the noise model {reason}: {causes}")]
     return [Finding("converging", f"{reason}: the estimate has not converged to them yet")]

@@ -179,6 +179,11 @@ class Evidence:
         return dataclasses.replace(self, earlier=self.estimate, unseen=0, learned=learned, in_sample=True)
 
     @property
+    def is_solved(self) -> bool:
+        """Whether the estimate is the solution of just these samples."""
+        return self.finished and self.in_sample and self.instruments
+
+    @property
     def raw(self) -> FloatArray:
         """The output (W,) as the sensor gave it."""
         return self.record.y if self.measured is None else self.measured

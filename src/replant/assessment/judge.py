@@ -245,7 +245,7 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
         *_unexplained(evidence, runs, loop, figures),
         *growth_finding(evidence, runs, figures, referenced=loop.reference is not None),
         *burst_finding(evidence, runs, referenced=loop.reference is not None),
-        *_disagreement(evidence),
+        *_disagreement(max(evidence.disagreement, certainty.disagreement)),
     ]
     if certainty.improves:  # the present estimate may explain what the earlier one does not
         model = [Finding(max(found.status, "converging", key=_gravity), found.reason) for found in model]
@@ -254,12 +254,12 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
     return (held or loop.findings) + model + certainty.findings
 
 
-def _disagreement(evidence: Evidence) -> list[Finding]:
-    if evidence.disagreement <= DISAGREES:
+def _disagreement(size: float) -> list[Finding]:
+    if size <= DISAGREES:
         return []
     reason = (
         f"filtered by its noise model the same record gives another model, whose output differs by "
-        f"{percent(evidence.disagreement)}: too few poles or zeros, a wrong dead time, or a plant that is not linear"
+        f"{percent(size)}: too few poles or zeros, a wrong dead time, or a plant that is not linear"
     )
     return [Finding("inconsistent", reason)]
 
