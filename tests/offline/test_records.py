@@ -34,6 +34,13 @@ def test_each_has_an_offset_and_an_initial_state_of_its_own(delay: float) -> Non
     assert not found.is_bad.any()
 
 
+def test_a_scrap_in_front_does_not_bring_its_offset() -> None:
+    scrap, whole = record(1, 1e3), record(2, 5.0)
+    found = solve(STRUCTURE, [scrap.first(3), whole])
+    assert found is not None
+    np.testing.assert_allclose(found.found.theta[:3], TRUE, rtol=1e-7)
+
+
 def test_the_sampling_time_may_differ() -> None:
     first, second = record(1, 0.0), record(2, 5.0)
     u = np.repeat(second.u[::4], 4)[:600]

@@ -316,7 +316,7 @@ def _surprise(evidence: Evidence, away: Distance, known: FloatArray) -> float:
 def _apart(runs: Runs, step: FloatArray) -> float:
     """Return by how much a step of the coefficients changes the modelled output, as a part of its amplitude."""
     output = float(runs.now.forced.std())
-    return float(np.std(runs.now.zeta @ step)) / output if output > 0.0 else math.inf
+    return float(np.std(runs.now.zeta @ step)) / output if output > 0.0 else 0.0  # nothing explained: said elsewhere
 
 
 def _of_distance(evidence: Evidence, distance: float, statistic: float) -> list[Finding]:

@@ -156,9 +156,8 @@ class AuxiliaryModel:
             explained = [None if by_reference is None else by_reference[rows] for rows in parts]
             runs = [self.run(theta, record.part(rows), of_it) for rows, of_it in zip(parts, explained, strict=True)]
             # an offset of its own takes the constant's column, too, where that is no parameter
-            own = self._order + (not self._bias)
-            nuisances = [own if rows.start in record.begins else self._order for rows in parts]
-            return _of_parts(runs, nuisances)
+            most = self._order + (not self._bias)
+            return _of_parts(runs, [most if rows.start in record.begins else self._order for rows in parts], most)
         if by_reference is None:
             by_reference = NOTHING
         if record.measured is not None and not record.measured.all():
@@ -200,7 +199,7 @@ class AuxiliaryModel:
         return Pass(phi, zeta, target, output, error, ahead)
 
 
-def _of_parts(runs: list[Pass], nuisances: list[int]) -> Pass:
+def _of_parts(runs: list[Pass], nuisances: list[int], most: int) -> Pass:
     """Return the passes over the parts of a record as one.
 
     Behind a gap the initial state is unknown once more, in another record the offset is, too.  Those of one part are
@@ -208,10 +207,11 @@ def _of_parts(runs: list[Pass], nuisances: list[int]) -> Pass:
     explain, the last columns of ``phi``, ``nuisances`` of each part, is taken off all signals, which is what estimating
     them beside the entries comes to.
     """
-    telling = [int(run.phi[:, -count:].any(axis=1).sum()) for run, count in zip(runs, nuisances, strict=True)]
-    own = next((i for i, rows in enumerate(telling) if rows > max(nuisances)), 0)
+    telling = [int(run.phi[:, -most:].any(axis=1).sum()) for run in runs]
+    own = next((i for i, rows in enumerate(telling) if rows > most), 0)
+    # what comes before may be of another record
     parts = enumerate(zip(runs, nuisances, strict=True))
-    joined = [run if i == own else _without_last(run, count) for i, (run, count) in parts]
+    joined = [run if i == own else _without_last(run, most if i < own else count) for i, (run, count) in parts]
     return Pass(*(np.concatenate(signals) for signals in zip(*(run.signals for run in joined), strict=True)))
 
 
