@@ -43,15 +43,32 @@ def test_a_held_input_is_right_as_it_is(seed: int) -> None:
         assert not any("straight" in reason for reason in found.reasons)
 
 
-def test_rows_that_a_logger_lost_do_not_make_a_held_input_straight() -> None:
-    """What the input did in a gap is not known; a straight line is nearer to it than the last value."""
-    u = np.sin(0.9 * np.arange(1500) * 0.1) + np.sin(0.4 * np.arange(1500) * 0.1)
-    kept = np.ones(u.size, bool)
-    for begin in (100, 400, 900):
-        kept[begin : begin + 15] = False
-    t, y = 0.1 * np.arange(u.size)[kept], PLANT.simulate(u, 0.1)
-    y += 0.2 * y.std() * np.random.default_rng(1).standard_normal(u.size)
+def with_lost_rows(input_hold: str, seed: int, noise: float, begins: list[int], most: int) -> tuple[np.ndarray, ...]:
+    """A smooth record of which up to ``most`` rows in a row were lost."""
+    random = np.random.default_rng([seed, 3])
+    t = 0.1 * np.arange(1500)
+    u, kept = np.sin(0.9 * t) + np.sin(0.4 * t + 1.0), np.ones(t.size, bool)
+    for begin in begins:
+        kept[begin : begin + int(random.integers(1, most + 1))] = False
+    y = PLANT.simulate(u, 0.1, input_hold=input_hold)
+    y += noise * y.std() * random.standard_normal(t.size)
+    return u[kept], y[kept], t[kept]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_lost_rows_do_not_make_a_held_input_straight(seed: int) -> None:
+    """Through them a straight line is nearer to what the input did than one step, whatever its hold is."""
+    lost = np.random.default_rng(seed).choice(np.arange(20, 1480), 25, replace=False).tolist()
+    said = []
+    for hold in ("zoh", "foh"):
+        u, y, t = with_lost_rows(hold, seed, 0.003, lost, most=3)
+        said.append("seems to run straight" in " ".join(rp.fit(u, y, 0.1, STRUCTURE, t=t).verdict.reasons))
+    assert said == [False, True]
+
+
+def test_gaps_do_not_make_a_held_input_straight() -> None:
+    u, y, t = with_lost_rows("zoh", 1, 0.2, [100, 400, 900], most=15)
     ident = rp.Identifier(STRUCTURE, 0.1)
-    ident.update_many(u[kept], y[kept], t)
+    ident.update_many(u, y, t)
     reasons = ident.assess().reasons
     assert not any("seems to run straight" in reason for reason in reasons), reasons

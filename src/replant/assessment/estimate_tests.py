@@ -11,13 +11,13 @@ from replant.arguments import FloatArray
 from replant.assessment.cross_test import FALSE_ALARM
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.gain_error import gain_findings, output_frequency
-from replant.assessment.newton_step import RANK_TOLERANCE, Distance
+from replant.assessment.newton_step import Distance
 from replant.assessment.newton_step import distance as distance_of
 from replant.assessment.verdict import Finding, figure, percent
 from replant.model.shared_root import cancelled_pole
 from replant.statistics.autoregression import one_step
 from replant.statistics.chi2 import chi2_quantile
-from replant.statistics.linear_algebra import pseudo_inverse, roots
+from replant.statistics.linear_algebra import inverse_of, roots
 
 MOST_UNCERTAIN = 0.15
 """Standard deviation of a coefficient of the denominator beyond which it is not known yet: the 95 % interval is then
@@ -309,7 +309,7 @@ def _surprise(evidence: Evidence, away: Distance, known: FloatArray) -> float:
     """
     if not (evidence.in_sample and evidence.instruments):
         return away.statistic
-    square = float(away.step @ pseudo_inverse(known, RANK_TOLERANCE) @ away.step)
+    square = float(away.step @ inverse_of(known) @ away.step)  # NaN where that is singular
     return min(away.statistic, square / chi2_quantile(1.0 - FALSE_ALARM, away.step.size))
 
 

@@ -36,7 +36,8 @@ Derivation: a dead time that lies a seventh of its standard deviation from the l
 
 BETWEEN = 8
 """Dead times tried between two points of the grid, at the most [count].
-Derivation: near its top the likelihood is a parabola: each top found is some ten times as near as the one before.
+Derivation: halves would find it to a 256th of a sample; near its top the likelihood is a parabola, and its tops are
+nearer.
 """
 
 
@@ -336,11 +337,11 @@ def _top_of_parabola(values: Mapping[float, float], low: float, high: float) -> 
     near = sorted((place for place in values if place != best), key=lambda place: abs(place - best))
     if len(near) < 2:
         return (0.5 * (best + (near[0] if near else low + high - best)), math.inf)
-    across = [place for place in near if (place < best) != (near[0] < best)]
+    across = [place for place in near if (place < best) != (near[0] < best)]  # on the other side
     others = near[0], across[0] if across else near[1]
     slopes = [(values[place] - values[best]) / (place - best) for place in others]
     bend = (slopes[1] - slopes[0]) / (others[1] - others[0])
-    if not bend < 0.0:
+    if not -math.inf < bend < 0.0:
         return best, 0.0
     tilt = slopes[0] - bend * (others[0] - best)
     top = min(max(-0.5 * tilt / bend, low - best), high - best)

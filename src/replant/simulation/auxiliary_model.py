@@ -207,8 +207,7 @@ def _of_parts(runs: list[Pass], nuisances: list[int], most: int) -> Pass:
     explain, the last columns of ``phi``, ``nuisances`` of each part, is taken off all signals, which is what estimating
     them beside the entries comes to.
     """
-    telling = [int(run.phi[:, -most:].any(axis=1).sum()) for run in runs]
-    own = next((i for i, rows in enumerate(telling) if rows > most), 0)
+    own = next((i for i, run in enumerate(runs) if int(run.phi[:, -most:].any(axis=1).sum()) > most), 0)
     # what comes before may be of another record
     parts = enumerate(zip(runs, nuisances, strict=True))
     joined = [run if i == own else _without_last(run, most if i < own else count) for i, (run, count) in parts]
