@@ -43,7 +43,9 @@ def test_a_held_input_is_right_as_it_is(seed: int) -> None:
         assert not any("straight" in reason for reason in found.reasons)
 
 
-def with_lost_rows(input_hold: str, seed: int, noise: float, begins: list[int], most: int) -> tuple[np.ndarray, ...]:
+def with_lost_rows(
+    input_hold: str, seed: int, begins: list[int], most: int, *, drift: float = 0.0, noise: float = 0.0
+) -> tuple[np.ndarray, ...]:
     """A smooth record of which up to ``most`` rows in a row were lost."""
     random = np.random.default_rng([seed, 3])
     t = 0.1 * np.arange(1500)
@@ -51,7 +53,8 @@ def with_lost_rows(input_hold: str, seed: int, noise: float, begins: list[int], 
     for begin in begins:
         kept[begin : begin + int(random.integers(1, most + 1))] = False
     y = PLANT.simulate(u, 0.1, input_hold=input_hold)
-    y += noise * y.std() * random.standard_normal(t.size)
+    white = random.standard_normal(t.size)
+    y += y.std() * (noise * white + drift * np.cumsum(white) / np.cumsum(white).std())
     return u[kept], y[kept], t[kept]
 
 
@@ -61,13 +64,13 @@ def test_lost_rows_do_not_make_a_held_input_straight(seed: int) -> None:
     lost = np.random.default_rng(seed).choice(np.arange(20, 1480), 25, replace=False).tolist()
     said = []
     for hold in ("zoh", "foh"):
-        u, y, t = with_lost_rows(hold, seed, 0.003, lost, most=3)
+        u, y, t = with_lost_rows(hold, seed, lost, most=3, drift=0.003)
         said.append("seems to run straight" in " ".join(rp.fit(u, y, 0.1, STRUCTURE, t=t).verdict.reasons))
     assert said == [False, True]
 
 
 def test_gaps_do_not_make_a_held_input_straight() -> None:
-    u, y, t = with_lost_rows("zoh", 1, 0.2, [100, 400, 900], most=15)
+    u, y, t = with_lost_rows("zoh", 1, [100, 400, 900], most=15, noise=0.2)
     ident = rp.Identifier(STRUCTURE, 0.1)
     ident.update_many(u, y, t)
     reasons = ident.assess().reasons
