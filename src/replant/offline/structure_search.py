@@ -36,8 +36,7 @@ Derivation: a dead time that lies a seventh of its standard deviation from the l
 
 BETWEEN = 8
 """Dead times tried between two points of the grid, at the most [count].
-Derivation: halves would find it to a 256th of a sample; near its top the likelihood is a parabola, and its tops are
-nearer.
+Derivation: halving as often would find it to a 256th of a sample; tops of parabolas come as near in fewer steps.
 """
 
 

@@ -208,9 +208,9 @@ def _of_parts(runs: list[Pass], nuisances: list[int], most: int) -> Pass:
     them beside the entries comes to.
     """
     own = next((i for i, run in enumerate(runs) if int(run.phi[:, -most:].any(axis=1).sum()) > most), 0)
-    # what comes before may be of another record
-    parts = enumerate(zip(runs, nuisances, strict=True))
-    joined = [run if i == own else _without_last(run, most if i < own else count) for i, (run, count) in parts]
+    # a part before that one may be of another record: its offset is unknown as well as its initial state
+    counts = [most if i < own else count for i, count in enumerate(nuisances)]
+    joined = [run if i == own else _without_last(run, counts[i]) for i, run in enumerate(runs)]
     return Pass(*(np.concatenate(signals) for signals in zip(*(run.signals for run in joined), strict=True)))
 
 
