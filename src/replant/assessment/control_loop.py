@@ -47,13 +47,12 @@ class Loop:
         """Test for feedback, and whether the reference is one; ``doubts`` are the findings on it so far."""
         feedback = answer(runs.now, evidence.known, evidence.record.u, first=int(runs.now.is_direct))
         findings = list(doubts)
-        r, past = evidence.record.r, None if reference is None else reference.states
-        if r is not None and answer(runs.now, evidence.known, r, past=past).found:
-            if reference is None:  # a copy of the input
-                findings = [Finding("inconsistent", f"{doubt.reason}: {REMEDY}") for doubt in findings]
-            else:
-                findings.append(Finding("inconsistent", f"the reference follows the disturbances: {REMEDY}"))
+        r = evidence.record.r
+        if reference is not None and r is not None and reference.follows(r, runs.now, evidence.known):
+            findings.append(Finding("inconsistent", f"the reference follows the disturbances: {REMEDY}"))
             reference = None
+        elif reference is None and r is not None and answer(runs.now, evidence.known, r).found:  # a copy of the input
+            findings = [Finding("inconsistent", f"{doubt.reason}: {REMEDY}") for doubt in findings]
         pole = evidence.unstable_pole
         if pole > 0.0 and reference is None:
             run = f"simulated from the input alone, the model diverges (a pole at {pole:+.3g} rad/s)"

@@ -8,6 +8,11 @@ The part of the whitened residual that the states explain, over the residual's v
 of instrumental variables.  Its degrees of freedom are the columns; of samples that the estimate was made from, less the
 coefficients.
 
+Whether a reference depends on the noise is told as for the input, by whether it answers the residual.  What is taken
+away before is the reference's past alone: the input's past joins it to the noise, as both move the input.  Of what is
+new in either the ranks are kept, not the sizes: else one load that steps just before a set-point does decides, and
+a few large set-points hide what is made from the output between them.
+
 Sources: Hansen (1982), "Large sample properties of generalized method of moments estimators", Econometrica 50; Van den
 Hof and Schrama (1993), "An indirect method for transfer function estimation from closed loop data", Automatica 29.
 """
@@ -15,19 +20,21 @@ Hof and Schrama (1993), "An indirect method for transfer function estimation fro
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment.evidence import Evidence
-from replant.assessment.feedback_test import FALSE_ALARM
+from replant.assessment.feedback_test import FALSE_ALARM, answer
 from replant.assessment.verdict import Finding
+from replant.simulation.model_run import ModelRun
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.chi2 import chi2_quantile
 from replant.statistics.generalised import explained_power, weights_of
 from replant.statistics.laguerre import laguerre_states
 from replant.statistics.projections import orthogonal, products, widening, without
+from replant.statistics.robust import normal_scores
 
 COPY = 1e-6
 """What is left of the reference once the input is taken from it, below which it is a copy of the input [part of its
@@ -125,6 +132,12 @@ class Reference:
         """What the residual is regressed on, (K, 14): the states, and powers of y_r, which a nonlinear plant leaves."""
         return np.column_stack([self.states, self.output**2, self.output**3])
 
+    def follows(self, r: FloatArray, run: ModelRun, rows: slice) -> bool:
+        """Return whether the reference (K,) answers a model's residual over the samples ``rows``."""
+        # the states of the functions hold the reference of the same sample
+        ranked = replace(run, error=_ranked(run.error), states=self.states, is_direct=True)
+        return answer(ranked, rows, _ranked(r), first=int(run.is_direct)).found
+
     def fit(self, error: FloatArray, rows: slice) -> float:
         """Return the fit in percent of what the reference makes of the output: what it explains of the error spoils it.
 
@@ -138,3 +151,11 @@ class Reference:
         functions = np.column_stack([self.states[rows], np.ones(error[rows].size)])
         left, made = math.sqrt(explained_power(functions, error[rows])), float(self.output[rows].std())
         return 100.0 * (1.0 - left / made) if made > 0.0 else float("nan")
+
+
+def _ranked(signal: FloatArray) -> FloatArray:
+    """Return a signal (K,) whose news, what its past does not tell, has the ranks that it had and normal sizes."""
+    moved = signal - signal.mean()
+    past = Autoregression.of(moved)
+    news = past.whiten(moved)
+    return past.colour(np.concatenate([np.zeros(signal.size - news.size), news.std() * normal_scores(news)]))

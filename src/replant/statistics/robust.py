@@ -56,3 +56,19 @@ def without_spikes(y: FloatArray) -> FloatArray:
     with np.errstate(over="ignore"):
         gross = (np.abs(y - median) > limit) & (limit > 0.0)
     return np.where(gross, median, y) if gross.any() else y
+
+
+def normal_scores(values: FloatArray) -> FloatArray:
+    """Return the normal quantiles of the ranks of values (K,): their order, without the size of the largest.
+
+    Source: van der Waerden (1952), "Order tests for the two-sample problem and their power", Indagationes
+    Mathematicae 14.
+
+    Examples
+    --------
+    >>> normal_scores(np.array([3.0, -1.0, 1e9])).round(2)
+    array([ 0.  , -0.67,  0.67])
+    """
+    from scipy import special, stats  # slow to import
+
+    return np.asarray(special.ndtri(stats.rankdata(values) / (values.size + 1.0)))
