@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -10,14 +12,141 @@ from replant.assessment import Assessment
 from support.loops import DT as LOOP_DT
 from support.loops import closed_loop, coloured
 
-# --- the reference follows the disturbances
-
-FOLLOWS = "the reference follows the disturbances"
-CONTROLLED = [1.0], [1.0, 1.4, 1.0]
+DT, SAMPLES = 0.05, 3000
 
 
 def said(verdict: Assessment, words: str) -> bool:
     return words in " ".join(verdict.reasons)
+
+
+def running(u: np.ndarray, y: np.ndarray, poles: int = 1) -> Assessment:
+    ident = rp.Identifier(rp.Structure(poles), DT)
+    ident.update_many(u, y)
+    return ident.assess()
+
+
+def whole(u: np.ndarray, y: np.ndarray, poles: int = 1) -> Assessment:
+    return rp.fit(u, y, DT, rp.Structure(poles)).verdict
+
+
+def slow(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Three slow sines and the output of a lag, without noise."""
+    phases, t = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, 3), DT * np.arange(SAMPLES)
+    u = sum(np.sin(2.0 * np.pi * f * t + phase) for f, phase in zip((0.013, 0.037, 0.11), phases, strict=True))
+    u = np.asarray(u)
+    return u, rp.TransferFunction([1.0], [1.0, 1.0]).simulate(u, DT)
+
+
+def switched(seed: int, *, hold: int = 100, speed: float = 0.2) -> tuple[np.ndarray, np.ndarray]:
+    """A random switch and the output of a lag, without noise."""
+    u = np.repeat(np.random.default_rng(seed).choice([-1.0, 1.0], SAMPLES // hold), hold)
+    return u, rp.TransferFunction([1.0], [1.0, speed]).simulate(u, DT)
+
+
+def noisy(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    u, y = switched(seed, hold=20, speed=1.0)
+    return u, y + 0.05 * y.std() * np.random.default_rng([seed, 1]).standard_normal(y.size)
+
+
+def rounded(y: np.ndarray, levels: int) -> np.ndarray:
+    step = np.ptp(y) / levels
+    return np.asarray(np.round(y / step) * step)
+
+
+# --- a sensor at its limit
+
+LIMIT = "a sensor at its limit"
+
+
+@pytest.mark.parametrize("judged", [whole, running])
+def test_an_encoder_that_turns_round_is_not_at_its_limit(judged: Callable[..., Assessment]) -> None:
+    for seed in range(4):
+        u, y = slow(seed)
+        assert not said(judged(u, rounded(y, 8)), LIMIT), seed
+        load = np.ptp(y) / 8 * coloured(seed, SAMPLES, 0.98)  # the model errs by steps
+        assert not said(judged(u, rounded(y + load, 12)), LIMIT), seed
+
+
+@pytest.mark.parametrize("judged", [whole, running])
+def test_nor_is_a_coarse_output_that_was_logged_with_few_digits(judged: Callable[..., Assessment]) -> None:
+    """The distances of its values are not equal then: 0.2, 0.2, 0.3."""
+    for seed in range(4):
+        u, y = switched(seed)
+        assert not said(judged(u, np.round(rounded(y, 40), 1)), LIMIT), seed
+
+
+def test_an_output_that_is_cut_off_is() -> None:
+    for seed in range(4):
+        u, y = slow(seed)
+        coarse = rounded(y, 12)
+        verdict = whole(u, np.minimum(coarse, np.unique(coarse)[-4]))
+        assert said(verdict, LIMIT) or said(verdict, "left out: the sensor was stuck or at its limit"), verdict.reasons
+        u, y = noisy(seed)
+        assert said(running(u, np.minimum(y, 0.5 * y.max())), LIMIT), seed
+
+
+# --- an end that is filled up
+
+FILLED = "the end of the record is filled up"
+
+
+@pytest.mark.parametrize("coarse", [False, True])
+@pytest.mark.parametrize("both", [False, True])
+def test_an_end_filled_up_with_zeros_is_named(*, coarse: bool, both: bool) -> None:
+    for seed in range(4):
+        u, y = switched(seed) if coarse else noisy(seed)
+        u, y = u + 2.0, (rounded(y, 30) if coarse else y) + 20.0
+        y[-240:] = 0.0
+        u[-240:] = 0.0 if both else u[-240:]
+        verdict = running(u, y)
+        assert said(verdict, FILLED), (seed, verdict.reasons)
+        assert not said(verdict, LIMIT)
+        assert not said(verdict, "stuck")
+        assert said(verdict, f" s of {'input and output' if both else 'the output'} are constant")
+        assert coarse or said(whole(u, y), "240 outputs were left out")
+
+
+def test_a_sensor_that_stays_where_it_was_fills_up_nothing() -> None:
+    for seed in range(4):
+        u, y = noisy(seed)
+        y[-400:] = y[-401]
+        verdict = running(u, y)
+        assert not said(verdict, FILLED), (seed, verdict.reasons)
+        assert said(verdict, "the output is constant to the bit for 20 s while the model's output moved by")
+
+
+# --- a sensor that is stuck
+
+STUCK = "a stuck or saturated sensor"
+
+
+@pytest.mark.parametrize("judged", [whole, running])
+@pytest.mark.parametrize("levels", [6, 26, 40])
+def test_the_plateaus_of_a_coarse_sensor_are_not_stuck(judged: Callable[..., Assessment], levels: int) -> None:
+    for seed in range(3):
+        u, y = switched(seed)
+        for measured in (rounded(y, levels), np.round(rounded(y, levels), 1)):
+            verdict = judged(u, measured)
+            assert not said(verdict, STUCK), (seed, verdict.reasons)
+            assert not said(verdict, "left out")
+
+
+def test_a_coarse_sensor_that_stands_still_while_the_model_moves_many_steps_is() -> None:
+    for seed in range(3):
+        u, y = switched(seed)
+        u[-380:-180] = 1.0  # up and down, by ten steps and more
+        u[-180:] = -1.0
+        y = rounded(rp.TransferFunction([1.0], [1.0, 0.2]).simulate(u, DT), 26)
+        y[-400:] = y[-401]
+        assert said(running(u, y), STUCK), seed
+        verdict = whole(u, y)
+        assert said(verdict, "outputs were left out: the sensor was stuck") or said(verdict, STUCK), verdict.reasons
+
+
+# --- the reference follows the disturbances
+
+FOLLOWS = "the reference follows the disturbances"
+CONTROLLED = [1.0], [1.0, 1.4, 1.0]
 
 
 def set_points(seed: int, *, jumps: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

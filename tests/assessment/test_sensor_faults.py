@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import replant as rp
 from replant.assessment.sensor_faults import (
     clock_finding,
     is_resolved,
     level_finding,
     saturation_finding,
-    smallest_step,
     stuck_finding,
 )
+from replant.statistics.still_outputs import usual_step
 from support.builders import G1, binary
 
 DT = 0.1
@@ -26,7 +25,7 @@ SECONDS = DT * np.arange(3000)
 def found(y: np.ndarray, noise: float = float(NOISE.std())) -> list[str]:
     """Everything that speaks against the sensor, beside the true model."""
     resolved = is_resolved(y, noise)
-    findings = saturation_finding(y, CLEAN, resolved) + stuck_finding(y, CLEAN, noise, resolved, SECONDS)
+    findings = saturation_finding(y, CLEAN) + stuck_finding(y, CLEAN, noise, resolved, SECONDS)
     assert all(finding.status == "inconsistent" for finding in findings)
     return [finding.reason for finding in findings]
 
@@ -47,7 +46,7 @@ def test_a_plant_at_rest_is_no_stuck_sensor() -> None:
     y = G1.simulate(u, DT)
     assert y[999] == y[998]
     resolved = is_resolved(y, 1e-13)
-    assert saturation_finding(y, y, resolved) == []
+    assert saturation_finding(y, y) == []
     assert stuck_finding(y, y, 1e-13, resolved, DT * np.arange(4000)) == []
 
 
@@ -86,7 +85,7 @@ def test_a_clock_that_contradicts_the_sampling_time(usual: float, wrong: bool) -
 
 
 def test_the_step_of_a_scale() -> None:
-    assert smallest_step(np.unique(np.round(16 * NOISE) / 16)) == 1 / 16
-    assert smallest_step(np.unique(NOISE)) == 0.0
-    assert smallest_step(np.array([1.0])) == 0.0
-    assert rp.fit_percent(NOISE, NOISE) == 100.0
+    assert usual_step(np.round(16 * NOISE) / 16) == 1 / 16
+    assert usual_step(np.round(np.arange(30.0) / 7.0, 1)) == pytest.approx(1 / 7, abs=0.06)  # few digits
+    assert usual_step(NOISE) < 0.01 * NOISE.std()
+    assert usual_step(np.array([1.0, np.nan])) == 0.0

@@ -26,6 +26,7 @@ def assess_record(
     unseen: bool = False,
     usual_interval: float | None = None,
     disagreement: float = 0.0,
+    left_out: int = 0,
 ) -> Assessment:
     """Return the verdict on a model by a record.
 
@@ -48,6 +49,8 @@ def assess_record(
         Median interval of the time stamps in s; by default that of the record, in which unusable samples are missing.
     disagreement : float
         By how much two estimates of the record differ that a right structure makes equal, see `Refined.disagreement`.
+    left_out : int
+        Outputs that were left out because the sensor was stuck or at its limit.
 
     Examples
     --------
@@ -74,6 +77,7 @@ def assess_record(
         finished=not unseen,
         instruments=instruments,
         disagreement=disagreement,
+        left_out=left_out,
         usual_interval=usual_interval or (float(np.median(record.intervals[1:])) if irregular else 0.0),
     )
     return judge(evidence)

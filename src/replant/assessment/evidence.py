@@ -104,6 +104,8 @@ class Evidence:
         Newest samples in a row that came without an output.
     stuck : bool
         Whether the sensor was found stuck or saturated within the newest samples.
+    left_out : int
+        Outputs of a solved record that it was solved without, because the sensor was stuck or at its limit.
     slowness : float
         Standard deviation of the estimate over that which the residual's power and colour predict; 1 where they agree.
     output_unit : float
@@ -140,6 +142,7 @@ class Evidence:
     finished: bool = False
     missing: int = 0
     stuck: bool = False
+    left_out: int = 0
     slowness: float = 1.0
     output_unit: float = 1.0
     measured: FloatArray | None = None

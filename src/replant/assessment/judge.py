@@ -150,6 +150,8 @@ def _judged(evidence: Evidence) -> Assessment:
         found = excitation(runs.now, evidence.newest)
         figures |= {"condition": found.condition, "excitation": found.share}
         findings += _of_sensor(evidence, runs)
+        # what the comparison with the model names is not named again
+        evidence = replace(evidence, stuck=evidence.stuck and all(each.status == "trusted" for each in findings))
         if not _lacks_excitation(findings):
             findings += found.findings
         if not _lacks_excitation(findings):  # without excitation the tests of the model are meaningless
@@ -219,7 +221,8 @@ def _of_guard(evidence: Evidence) -> list[Finding]:
 
 def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
     """Return the faults of the sensor, found by comparison with the model's output."""
-    y, newest = evidence.raw, evidence.newest
+    y, newest = evidence.raw, np.arange(evidence.samples)[evidence.newest]
+    newest = newest[evidence.record.is_measured[newest]]  # else y is the model's
     modelled = evidence.record.y - runs.old.error
     error = runs.old.error[evidence.used] if evidence.used.any() else runs.old.error
     noise = robust_std(error)
@@ -227,11 +230,12 @@ def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
     intervals = evidence.record.intervals
     steps = np.full(count, intervals[0]) if intervals.size == 1 else intervals[newest]
     resolved = sensor_faults.is_resolved(y, noise)
-    elapsed = np.cumsum(steps)
-    return [
-        *sensor_faults.saturation_finding(y[newest], modelled[newest], resolved),
-        *sensor_faults.stuck_finding(y[newest], modelled[newest], noise, resolved, elapsed, evidence.output_unit),
-    ]
+    elapsed, unit = np.cumsum(steps), evidence.output_unit
+    u, y, modelled = evidence.record.u[newest], y[newest], modelled[newest]
+    found = sensor_faults.end_finding(u, y, modelled, noise, elapsed)
+    found = found or sensor_faults.saturation_finding(y, modelled, unit)
+    found = found or sensor_faults.stuck_finding(y, modelled, noise, resolved, elapsed, unit)
+    return found + sensor_faults.left_out_finding(evidence.left_out)
 
 
 def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:

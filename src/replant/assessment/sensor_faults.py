@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.verdict import Finding, duration
+from replant.assessment.verdict import Finding, duration, percent
+from replant.statistics.robust import robust_std
+from replant.statistics.still_outputs import still_runs, usual_step
 
 MOST_OFF = 0.2
 """Difference of the usual interval from the sampling time beyond which one of them is wrong [part of the sampling
@@ -27,19 +31,6 @@ Origin: not recorded; kept, see sensitivity.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-AT_THE_END = 0.02
-"""Share of samples exactly at an extreme beyond which it is the end of the sensor's scale [share of samples].
-Origin: far more than a normal distribution over 20 steps puts at its very end.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-ELSEWHERE = 0.01
-"""Distance of the modelled output from the extreme, on the mean, below which the output rests there by right [part of
-the output's spread].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
 SELDOM = 0.005
 """Share of equal neighbours below which noise resolves the sensor's scale, so that equal samples are no chance [share
 of samples].
@@ -54,14 +45,8 @@ Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 TIES = 6
-"""Samples at an extreme that are the end of the scale where noise resolves it [samples].
+"""Samples at an extreme that may be the end of the scale; fewer beyond it are outliers [samples].
 Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-WINDOWS = (64, 256, 1024)
-"""Newest samples that are searched for them, so that a failure is found soon [samples].
-Origin: powers of four.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -88,19 +73,6 @@ STUCK_STEPS = 3.0
 """The same in steps of the sensor's scale: a coarse scale stands still by itself while a slow output passes [steps of
 the scale].
 Origin: tests/online/test_quantised_sensor.py: an output that settles stands still between two steps.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-ON_GRID = 0.01
-"""Distance of a difference between two values from a whole number of steps, up to which the scale has steps [part of
-the difference].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-MOST_STEPS = 1e6
-"""Steps between two neighbouring values beyond which the scale counts as having none [steps].
-Origin: not recorded; kept, see sensitivity.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -147,41 +119,72 @@ def is_resolved(y: FloatArray, noise: float) -> bool:
     return bool(min(part.mean() for part in np.array_split(equal, SECTIONS)) < SELDOM)
 
 
-def saturation_finding(y: FloatArray, modelled: FloatArray, resolved: bool) -> list[Finding]:
-    """Return a finding if the output lies at an end of the sensor's scale while the model's output does not.
+def saturation_finding(y: FloatArray, modelled: FloatArray, unit: float = 1.0) -> list[Finding]:
+    """Return a finding if the output stays at an end of its scale while the model's output goes beyond.
+
+    How far the model should be there follows from how it goes with the output elsewhere.  Where an output turns round,
+    however coarse its scale, the model is as far; where it is cut off, the model is farther out than rounding explains.
 
     Parameters
     ----------
     y, modelled : (K,) arrays
         Measured and modelled output, of the recent past.
-    resolved : bool
-        See `is_resolved`.
+    unit : float
+        Unit of the outputs, in the user's unit.
     """
-    values = np.unique(y)
-    if resolved:
-        for window in (*WINDOWS, y.size):
-            newest = y[-window:]
-            for end in (newest.min(), newest.max()):
-                there = newest == end
-                # an output at rest between two steps of the scale repeats one of them without a fault
-                away = float(np.sqrt(np.mean((modelled[-window:][there] - end) ** 2)))
-                if np.count_nonzero(there) >= TIES and away > STUCK_STEPS * smallest_step(values):
-                    return [_saturated(newest)]
-    if values.size <= MANY_LEVELS:
-        return []
-    least = max(ELSEWHERE * float(y.std()), smallest_step(values))
-    for end in (values[0], values[-1]):
-        there = y == end
-        elsewhere = float(np.sqrt(np.mean((modelled[there] - end) ** 2)))
-        if float(there.mean()) > AT_THE_END and elsewhere > least:
-            return [_saturated(y)]
+    values, counts = np.unique(y, return_counts=True)
+    tied = values[counts >= TIES]
+    for end, outwards in ((tied[:1], -1.0), (tied[-1:], 1.0)):
+        if not end.size or np.count_nonzero(outwards * (y - end[0]) > 0.0) >= TIES:
+            continue
+        there, inside = y == end[0], outwards * (y - end[0]) < 0.0
+        power = min(2, np.unique(y[inside]).size - 1)
+        if power < 1:
+            continue
+        # by the output, not the other way round: what is cut off then changes nothing of what is left
+        usual = np.polynomial.Polynomial.fit(y[inside], modelled[inside], power)
+        beyond = outwards * float(np.mean(modelled[there]) - usual(end[0]))
+        visits = int(np.count_nonzero(np.diff(there, prepend=False) & there))
+        chance = STUCK_MOVED * robust_std(modelled[inside] - usual(y[inside])) / math.sqrt(visits)
+        if beyond > max(chance, 0.5 * usual_step(y), ROUNDING * float(y.std())):  # a rounded output is half a step off
+            share = (
+                f"{percent(float(there.mean()))} of the newest {y.size} samples lie exactly at an extreme of the output"
+            )
+            reason = f"{share}, and the model's output {beyond * unit:.3g} beyond: a sensor at its limit"
+            return [Finding("inconsistent", reason)]
     return []
 
 
-def _saturated(y: FloatArray) -> Finding:
-    share = 100.0 * max(float((y == y.max()).mean()), float((y == y.min()).mean()))
-    reason = f"{share:.0f} % of the newest {y.size} samples lie exactly at an extreme of the output"
-    return Finding("inconsistent", f"{reason}: a sensor at its limit, or stuck")
+def end_finding(u: FloatArray, y: FloatArray, modelled: FloatArray, noise: float, seconds: FloatArray) -> list[Finding]:
+    """Return a finding if the end of a record is filled up with a constant.
+
+    The constant is none that the output takes elsewhere.  The output jumps there, other than the model's, or the input
+    rests for longer than ever before.
+
+    Parameters
+    ----------
+    u, y, modelled : (K,) arrays
+        Input, measured and modelled output, of the recent past.
+    noise : float
+        Standard deviation of the residual.
+    seconds : (K,) array
+        Time of each sample, in s.
+    """
+    begin = int(still_runs(y)[-1, 0])
+    if begin < 1 or y.size - begin < STUCK_SAMPLES or np.count_nonzero(y[:begin] == y[-1]) >= TIES:
+        return []
+    least = max(STUCK_MOVED * noise, STUCK_STEPS * usual_step(y), ROUNDING * float(y.std()))
+    jump = abs(float(y[begin] - y[begin - 1] - (modelled[begin] - modelled[begin - 1])))
+    rests = np.diff(still_runs(u))[:, 0]
+    held = rests[-1] > rests[:-1].max(initial=0)
+    if not (jump > least or (held and float(np.ptp(modelled[begin:])) > least)):
+        return []
+    lasted = duration(float(seconds[-1] - seconds[begin - 1]))
+    which = "input and output" if not np.ptp(u[begin:]) else "the output"
+    reason = (
+        f"the last {lasted} of {which} are constant to the bit: the end of the record is filled up, or a cable is off"
+    )
+    return [Finding("inconsistent", f"{reason}: cut them")]
 
 
 def stuck_finding(
@@ -202,14 +205,11 @@ def stuck_finding(
     unit : float
         Unit of the outputs, in the user's unit.
     """
-    begins = np.flatnonzero(np.concatenate([[True], y[1:] != y[:-1]]))
-    ends = np.append(begins[1:], y.size)
     rounding = ROUNDING * float(y.std())
-    least = max(
-        (MOVED_AT_ALL if resolved else STUCK_MOVED) * noise, STUCK_STEPS * smallest_step(np.unique(y)), rounding
-    )
-    for run in np.flatnonzero(ends - begins >= STUCK_SAMPLES)[::-1]:
-        begin, end = int(begins[run]), int(ends[run])
+    least = max((MOVED_AT_ALL if resolved else STUCK_MOVED) * noise, STUCK_STEPS * usual_step(y), rounding)
+    for begin, end in still_runs(y)[::-1]:
+        if end - begin < STUCK_SAMPLES:
+            continue
         moved = float(np.ptp(modelled[begin:end]))
         if moved > least:
             lasted = float(seconds[end - 1] - seconds[begin])
@@ -224,20 +224,9 @@ def stuck_finding(
     return []
 
 
-def smallest_step(values: FloatArray) -> float:
-    """Return the step of a scale: the least distance between the sorted ``values``, if all others are multiples of it.
-
-    Zero for a signal without steps.
-
-    Examples
-    --------
-    >>> smallest_step(np.array([0.0, 0.5, 1.0, 3.0])), smallest_step(np.array([0.0, 0.1, 0.25]))
-    (0.5, 0.0)
-    """
-    if values.size < 2:
-        return 0.0
-    distances = np.diff(values)
-    least = float(distances.min())
-    multiples = distances / least
-    on_grid = np.abs(multiples - np.rint(multiples)) < ON_GRID * multiples
-    return least if bool(on_grid.all()) and multiples.max() < MOST_STEPS else 0.0
+def left_out_finding(samples: int) -> list[Finding]:
+    """Return what a solution says of so many outputs that it was made without, because the sensor gave none."""
+    if not samples:
+        return []
+    reason = f"{samples} outputs were left out: the sensor was stuck or at its limit, or they are filled up"
+    return [Finding("trusted", f"{reason}: look at the sensor, or cut them")]

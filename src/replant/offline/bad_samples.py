@@ -19,6 +19,7 @@ import numpy as np
 from replant.arguments import BoolArray, FloatArray, IntArray
 from replant.kernels.schema import Doubt
 from replant.statistics.robust import robust_std, without_spikes
+from replant.statistics.still_outputs import still_runs, usual_step
 
 SIGMAS = 6.0
 """Distance of a residual from what its neighbours tell beyond which it is an outlier [robust standard deviations].
@@ -33,7 +34,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 STEPS = 3.0
-"""The same beside the sensor's smallest step, and what a model must move while the sensor is stuck: rounded, right
+"""The same beside the sensor's usual step, and what a model must move while the sensor is stuck: rounded, right
 outputs lie up to two steps from their neighbours' median, and one that settles between two steps stands still [steps].
 Derivation: one more than two.
 Sensitivity: halved or doubled, nothing changes on these records.
@@ -149,8 +150,7 @@ def _runs(y: FloatArray) -> list[slice]:
     if not share < 1.0:
         return []
     fewest = math.log(TIED_BY_CHANCE / y.size) / math.log(share)
-    edges = np.flatnonzero(np.diff(equal.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-    return [slice(int(begin), int(end) + 1) for begin, end in edges if end - begin > fewest]
+    return [slice(int(begin), int(end)) for begin, end in still_runs(y) if end - begin - 1 > fewest]
 
 
 def _stuck(y: FloatArray, modelled: FloatArray, noise: float) -> BoolArray:
@@ -163,8 +163,7 @@ def _stuck(y: FloatArray, modelled: FloatArray, noise: float) -> BoolArray:
     known = y[np.isfinite(y)]
     if known.size < 2:
         return found
-    steps = np.abs(np.diff(known))
-    step = STEPS * float(steps[steps > 0.0].min(initial=math.inf))
+    step = STEPS * usual_step(known)
     least, low, high = max(noise, step, HARM * float(known.std())), known.min(), known.max()
     moved = [rows for rows in _runs(y) if float(np.ptp(modelled[rows])) > least]
     levels = [float(y[rows.start]) for rows in moved]
@@ -192,9 +191,7 @@ def _outliers(u: FloatArray, y: FloatArray, error: FloatArray, noise: FloatArray
     if int(known.sum()) < max(FEWEST, noise.size):
         return nothing
     left, found = np.where(known, error, 0.0), nothing.copy()
-    steps_of_output = np.abs(np.diff(y[known]))
-    step = float(steps_of_output[steps_of_output > 0.0].min(initial=math.inf))
-    least = max(LEAST * float(np.std(y[known] - error[known])), STEPS * step if step < math.inf else 0.0)
+    least = max(LEAST * float(np.std(y[known] - error[known])), STEPS * usual_step(y[known]))
     for _ in range(IN_A_ROW):
         white = np.convolve(left, noise)[: left.size]
         away = np.convolve(white[::-1], noise)[: left.size][::-1] / float(noise @ noise)

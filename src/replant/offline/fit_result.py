@@ -124,6 +124,7 @@ class FitResult:
             instruments=self.method != "least_squares",
             usual_interval=self.usual_interval,
             disagreement=self.disagreement,
+            left_out=self.stuck.size,
         )
         finding = self.reference.finding if self.reference else ""
         if not finding or any(finding.partition(":")[0] in reason for reason in verdict.reasons):
