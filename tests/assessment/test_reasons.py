@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -141,6 +142,64 @@ def test_a_coarse_sensor_that_stands_still_while_the_model_moves_many_steps_is()
         assert said(running(u, y), STUCK), seed
         verdict = whole(u, y)
         assert said(verdict, "outputs were left out: the sensor was stuck") or said(verdict, STUCK), verdict.reasons
+
+
+# --- an input that is constant
+
+NEVER, RESTED = "the input is constant: move it", "the input has rested for the last"
+
+
+def test_an_input_that_moved_before_has_rested() -> None:
+    """For longer than samples are kept: 10,000."""
+    u, y = noisy(1)
+    u, y = np.append(u, np.ones(10_500)), np.append(y, np.ones(10_500))
+    y[SAMPLES:] += 0.05 * np.random.default_rng(1).standard_normal(10_500)
+    ident = rp.Identifier(rp.Structure(1), DT)
+    ident.update_many(u[:SAMPLES], y[:SAMPLES])
+    assert ident.assess().status == "trusted"
+    ident.update_many(u[SAMPLES:], y[SAMPLES:])
+    verdict = ident.assess()
+    assert (verdict.status, verdict.excited) == ("trusted", False)
+    assert verdict.reasons[-1].startswith(f"{RESTED} 500 s and more")
+    assert not said(verdict, NEVER)
+
+
+def test_an_input_that_never_moved_is_constant() -> None:
+    y = np.random.default_rng(1).standard_normal(2 * SAMPLES)
+    verdict = running(np.ones(y.size), y)
+    assert verdict.status == "not excited"
+    assert said(verdict, NEVER)
+    assert not said(verdict, RESTED)
+
+
+# --- what makes an estimate better known
+
+MORE, LONGER = "take more samples", r"record ([\d.]+) times as long"
+
+
+def uncertain(samples: int) -> tuple[np.ndarray, np.ndarray]:
+    generator = np.random.default_rng(3)
+    u = np.repeat(generator.choice([-1.0, 1.0], samples // 40 + 1), 40)[:samples]
+    y = rp.TransferFunction([1.0], [1.0, 1.5, 0.5]).simulate(u, DT)
+    return u, y + 2.0 * generator.standard_normal(samples)
+
+
+def test_of_a_record_that_has_ended_it_is_said_how_long_another_has_to_be() -> None:
+    """And one as long as that is known well enough."""
+    u, y = uncertain(1000)
+    verdict = whole(u, y, 2)
+    factor = re.search(LONGER, " ".join(verdict.reasons))
+    assert verdict.status == "converging"
+    assert factor
+    assert not said(verdict, MORE)
+    longer = whole(*uncertain(int(1000 * 2.0 * float(factor[1]))), 2)  # a figure of a figure
+    assert longer.status == "trusted", longer.reasons
+
+
+def test_a_running_identifier_takes_more_samples() -> None:
+    verdict = running(*uncertain(1000), 2)
+    assert said(verdict, MORE), verdict.reasons
+    assert not re.search(LONGER, " ".join(verdict.reasons))
 
 
 # --- the reference follows the disturbances

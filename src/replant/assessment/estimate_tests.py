@@ -164,8 +164,8 @@ class Certainty:
         is_apart = evidence.is_solved and cancelled is None and surprise > 1.0
         figures["uncertainty"] = uncertainty if cancelled is None else math.inf
         findings = [
-            *_of_uncertainty(uncertainty, most, math.inf if closed else scatter, cancelled, slow),
-            *_of_scatter(scatter),
+            *_of_uncertainty(evidence, uncertainty, most, math.inf if closed else scatter, cancelled, slow),
+            *_of_scatter(evidence, scatter),
             *(_of_movement(evidence, moved, sigmas, improves) if cancelled is None or _shows(runs) else []),
             *(_of_distance(evidence, distance, surprise) if cancelled is None else []),
             *gain_findings(evidence, runs, known, away.covariance),
@@ -261,14 +261,21 @@ def _scatter(
     return math.sqrt(max(made, 0.0)) / float(size.std()) if size.std() > 0.0 else math.inf
 
 
+def _more(evidence: Evidence, uncertainty: float, most: float) -> str:
+    """Return in words what makes an uncertainty smaller; of a record that has ended, how long another one has to be."""
+    if not evidence.finished:
+        return "take more samples"
+    return f"record {figure((uncertainty / most) ** 2)} times as long"  # a standard deviation falls as 1/sqrt(N)
+
+
 def _of_uncertainty(
-    uncertainty: float, most: float, scatter: float, cancelled: complex | None, slow: str
+    evidence: Evidence, uncertainty: float, most: float, scatter: float, cancelled: complex | None, slow: str
 ) -> list[Finding]:  # fmt: skip
     """Say where a coefficient is not known well; no obstacle to trust where what the model does is known."""
     if uncertainty <= most and cancelled is None:
         return []
     reason = f"a coefficient has a standard deviation of {percent(uncertainty)}{slow}"
-    advice = "take more samples, move the input more, or ask for fewer poles and zeros"
+    advice = f"{_more(evidence, uncertainty, most)}, move the input more, or ask for fewer poles and zeros"
     if cancelled is not None:
         real = cancelled.real + 0.0  # not -0
         pole = f"a zero may cancel the pole near {real:.3g}"
@@ -282,11 +289,11 @@ def _of_uncertainty(
     return [Finding("converging", f"{reason}: {advice}")]
 
 
-def _of_scatter(scatter: float) -> list[Finding]:
+def _of_scatter(evidence: Evidence, scatter: float) -> list[Finding]:
     if scatter <= MOST_SCATTER:
         return []
-    amount = percent(scatter)
-    return [Finding("converging", f"the uncertainty of the estimate amounts to {amount} of the modelled output")]
+    reason = f"the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output"
+    return [Finding("converging", f"{reason}: {_more(evidence, scatter, MOST_SCATTER)}, or move the input more")]
 
 
 def _shows(runs: Runs) -> bool:

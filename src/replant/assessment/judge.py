@@ -182,11 +182,15 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
         findings += sensor_faults.clock_finding(evidence.usual_interval, evidence.dt)
     u = evidence.record.u
     if _input_is_constant(evidence):
-        findings.append(Finding("not excited", "the input is constant: move it"))
+        reason = "the input is constant: move it"
+        if evidence.largest_power > (RESTING * float(np.abs(u).max())) ** 2:
+            rested = duration(evidence.seconds(evidence.samples))
+            reason = f"the input has rested for the last {rested} and more: move it to learn more"
+        findings.append(Finding("not excited", reason))
         return findings
     if evidence.counted < evidence.enough:
         since = "" if evidence.in_sample else " (since the last interruption)"
-        reason = f"{evidence.counted} samples{since} are too few for a verdict"
+        reason = f"{evidence.counted} samples{since} are too few for a verdict: it takes {evidence.enough}"
         findings.append(Finding("converging", reason))
         return findings
     if np.var(u[evidence.newest]) < LEAST_POWER * evidence.largest_power:
