@@ -41,4 +41,4 @@ def test_every_numeric_constant_says_what_it_means_and_a_tuned_one_why(module: s
 def test_the_constants_of_the_estimators_are_found() -> None:
     """Else the tests above would pass with nothing looked at."""
     found = {(one.module, name) for one in CONSTANTS for name in one.names}
-    assert {("kernels.monitoring.outliers", "GATE"), ("assessment.unexplained_part", "LARGEST_PART")} <= found
+    assert {("kernels.monitoring.outliers", "GATE"), ("assessment.alternatives", "LARGEST_PART")} <= found

@@ -7,7 +7,8 @@ import pytest
 from scipy.stats import binom
 
 import replant as rp
-from replant.assessment.feedback_test import FALSE_ALARM, NONE, answer, colour_left
+from replant.assessment.feedback_test import NONE, answer, colour_left
+from replant.assessment.score_test import ALPHA
 from replant.engine.record import Record
 from replant.simulation.model_run import ModelRun, run_model
 from support.builders import G1, binary
@@ -27,7 +28,7 @@ def run_of(y: np.ndarray, u: np.ndarray, model: np.ndarray = TRUE, **structure: 
 @pytest.mark.parametrize("colour", [0.0, 0.9])
 def test_in_open_loop_it_is_hardly_ever_found(colour: float) -> None:
     """60 records, the model right or wrong by a third: by chance one of 100 such tables has an alarm."""
-    assert binom.sf(0, 60, FALSE_ALARM) < 0.01
+    assert binom.sf(0, 60, ALPHA) < 0.01
     statistics = []
     for seed in range(60):
         u = binary(seed, SAMPLES, 5)

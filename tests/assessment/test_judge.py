@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import replant as rp
-import replant.assessment.unexplained_part as part_module
 from replant.assessment import Assessment, assess_record
+from replant.assessment.alternatives import LARGEST_PART, Part
 from replant.assessment.evidence import Evidence
 from replant.assessment.judge import NEGLIGIBLE, judge
-from replant.assessment.unexplained_part import LARGEST_PART
+from replant.assessment.score_test import Explained
 from replant.assessment.verdict import (
     STATUSES,
     Finding,
@@ -184,13 +184,11 @@ def test_no_reason_has_a_power_of_ten_for_a_span_or_a_part() -> None:
     assert rested.endswith("its variance over the last 25,000 s is less than 0.01 % of its largest so far")
 
 
-def test_a_part_of_an_output_that_stands_still_is_everything(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_part_of_an_output_that_stands_still_is_everything() -> None:
     """Its power is nothing: without a warning that would reach the user's terminal."""
-    found = SimpleNamespace(power=np.float64(10.0), std=np.float64(1.0), statistic=2.0)
-    monkeypatch.setattr(part_module, "unexplained", lambda *_, **__: found)
-    run: Any = SimpleNamespace(error=np.array([-9.0, 9.0]))
-    evidence: Any = SimpleNamespace(record=SimpleNamespace(y=np.zeros(2)), used=np.ones(2, bool), dt=1.0)
-    part = part_module.Part.of(evidence, run, slice(0, 2), 0.0)
+    found = Explained(np.ones(1), power=10.0, std=1.0, statistic=2.0)
+    evidence: Any = SimpleNamespace(used=np.ones(2, bool), known=slice(0, 2))
+    part = Part.of(evidence, found, np.array([-9.0, 9.0]), np.zeros(2), "input")
     assert part.is_sure
     assert part.is_large
     assert part.size > 1e300

@@ -9,7 +9,8 @@ import pytest
 
 import replant as rp
 from replant.assessment import Assessment, assess_record
-from replant.assessment.cross_test import unexplained_by_reference
+from replant.assessment.alternatives import unexplained_by_reference
+from replant.assessment.evidence import Evidence
 from replant.assessment.reference_test import Reference
 from replant.engine.record import Record
 from replant.simulation.model_run import run_model
@@ -67,10 +68,11 @@ def test_whatever_the_noise_the_reference_explains_nothing_of_a_right_model_s_re
     for seed in range(20):
         noise = coloured(seed, SAMPLES + 30, 0.8)
         loop = loop_of(seed, 0.1 * (noise[30:] + 0.9 * noise[:-30]))
-        run = run_model(STRUCTURE, TRUE, Record(loop.u, loop.y, np.array([DT])), DT)
+        record = Record(loop.u, loop.y, np.array([DT]))
+        run = run_model(STRUCTURE, TRUE, record, DT)
         assert run is not None
-        columns = Reference.projected(loop.r, loop.u, loop.y).columns
-        found.append(unexplained_by_reference(run, slice(0, SAMPLES), columns).statistic)
+        evidence = Evidence(STRUCTURE, DT, record, TRUE, None, TRUE, 0, SAMPLES)
+        found.append(unexplained_by_reference(evidence, run, Reference.projected(loop.r, loop.u, loop.y)).statistic)
     assert max(found) < 1.0
     assert 0.15 < np.mean(found) < 0.45
 

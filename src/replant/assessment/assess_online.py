@@ -118,7 +118,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         usual_interval=float(np.median(in_use.interval[1:])) if len(in_use) > 1 else 0.0,
         # a solution of the whole record has left out what the sensor did not measure
         measured=None if finished else newest.output.copy(),
-        bridged=None if finished else newest.is_stuck,
+        bridged=newest.is_bridged if finished else newest.is_replaced,
     )
 
 

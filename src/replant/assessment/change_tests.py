@@ -9,21 +9,16 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment.evidence import FEWEST, Evidence, Runs
+from replant.assessment.score_test import MATTERS
 from replant.assessment.verdict import Finding, duration, figure
 from replant.statistics.autoregression import one_step
 
 SURE = 4.0
 """Growth of the residual's power beyond which it is no chance [standard deviations of the logarithm of the power].
-Origin: a normal deviate beyond 4 has the chance 3e-5, and the verdict is asked many times.
+Level: a normal deviate beyond 4 has the chance 3e-5, and the verdict is asked many times.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-MATTERS = 0.01
-"""Growth of the residual's power below which it does not matter: a tenth of the amplitude. Disturbances come and go;
-that they are stronger for a while does not make a model wrong [part of the output's power].
-Origin: a choice of what matters to a user.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
 
 BLOCKS = (32, 64, 128, 256, 512)
 """Lengths of the newest stretch over which a sudden failure is looked for, so that it is found whether it is violent
@@ -59,7 +54,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 PARTS = 25
 """Parts of a residual whose scatter tells how sure its power is [count].
-Origin: batch means: 24 degrees of freedom know a standard deviation to a seventh.
+Derivation: batch means: 24 degrees of freedom know a standard deviation to a seventh.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.cross_test import FALSE_ALARM
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.gain_error import gain_findings, output_frequency
 from replant.assessment.newton_step import Distance
 from replant.assessment.newton_step import distance as distance_of
+from replant.assessment.score_test import ALPHA, MATTERS
 from replant.assessment.verdict import Finding, figure, percent
 from replant.model.shared_root import cancelled_pole
 from replant.statistics.autoregression import one_step
@@ -34,10 +34,10 @@ those whose error is below 4 % at the best have 0.046 and less.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-MOST_SCATTER = 0.1
+MOST_SCATTER = math.sqrt(MATTERS)
 """Effect of the estimate's own error on the simulated output beyond which the estimate is not known yet [root mean
 square, part of the output's].
-Origin: a choice of what a user may rely on.
+Derivation: the amplitude that matters.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -47,15 +47,15 @@ Derivation: two standard deviations are then no more than MOST_SCATTER.
 Sensitivity: not measured.
 """
 
-MOST_MOVED = 0.1
+MOST_MOVED = math.sqrt(MATTERS)
 """Movement of a coefficient below which the estimate stands still [part of its size].
-Origin: a choice of what a user may rely on.
+Derivation: the amplitude that matters.
 Sensitivity: halved, right estimates no longer trusted: 'noise of 1 s'; doubled, nothing changes on these records.
 """
 
 MOVED_SIGMAS = 4.0
 """Movement of a coefficient beyond which it is no chance [standard deviations].
-Origin: a normal deviate beyond 4 has the chance 6e-5.
+Level: a normal deviate beyond 4 has the chance 6e-5.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -73,9 +73,9 @@ Origin: not recorded; kept, see sensitivity.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-FARTHEST = 0.05
+FARTHEST = 0.5 * math.sqrt(MATTERS)
 """Distance from where the samples would put the coefficients that is of no account [part of their size].
-Origin: a third of MOST_UNCERTAIN: a standard deviation that trust allows.
+Derivation: half of the amplitude that matters.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -139,7 +139,7 @@ class Certainty:
         """
         size, speeds = evidence.coefficients, Speeds.of(evidence, closed, by_reference)
         if evidence.instruments:
-            away = distance_of(runs.now, evidence.known, FALSE_ALARM)
+            away = distance_of(runs.now, evidence.known, ALPHA)
         else:
             away = distance_of(runs.now, slice(0, evidence.samples), SUSPECT)
         known = away.covariance if evidence.covariance is None else evidence.covariance[:size, :size]
@@ -317,7 +317,7 @@ def _surprise(evidence: Evidence, away: Distance, known: FloatArray) -> float:
     if not (evidence.in_sample and evidence.instruments):
         return away.statistic
     square = float(away.step @ inverse_of(known) @ away.step)  # NaN where that is singular
-    return min(away.statistic, square / chi2_quantile(1.0 - FALSE_ALARM, away.step.size))
+    return min(away.statistic, square / chi2_quantile(1.0 - ALPHA, away.step.size))
 
 
 def _apart(runs: Runs, step: FloatArray) -> float:

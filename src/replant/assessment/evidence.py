@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.arguments import BoolArray, FloatArray
+from replant.arguments import BoolArray, FloatArray, IntArray
+from replant.assessment.score_test import MATTERS
 from replant.assessment.verdict import duration
 from replant.engine.record import Record
 from replant.model.structure import Structure
@@ -28,9 +29,9 @@ Origin: ten observations for a regressor, a rule of thumb of regression.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-LEAST_POWER = 1e-4
+LEAST_POWER = 0.01 * MATTERS
 """Variance of the input over the newest samples below which it rests [part of the largest that it has been].
-Origin: a hundredth of the amplitude.
+Derivation: a hundredth of what matters, a hundredth of the amplitude.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -113,8 +114,8 @@ class Evidence:
     measured : (W,) array or None
         The output as the sensor gave it; None where the record's output is just that.
     bridged : (W,) array of bool or None
-        The samples whose output in the record is the model's, because the sensor was stuck: the tests of the model
-        leave them out.
+        The samples whose output in the record is the model's, because it is in doubt: the tests of the model leave
+        them out.
     """
 
     structure: Structure
@@ -194,7 +195,13 @@ class Evidence:
     @property
     def used(self) -> BoolArray:
         """Which samples (W,) the tests of the model use."""
-        return np.ones(self.samples, bool) if self.bridged is None else ~self.bridged
+        return self.record.is_measured if self.bridged is None else self.record.is_measured & ~self.bridged
+
+    @property
+    def past(self) -> IntArray:
+        """How many used samples in a row come before each of those that the estimate should explain, up to LAGS."""
+        record = dataclasses.replace(self.record, measured=self.used, before=None)
+        return np.minimum(record.predecessors[self.known], np.arange(self.samples)[: self.samples - self.known.start])
 
     @property
     def coefficients(self) -> int:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from replant.assessment.score_test import MATTERS
 from replant.assessment.verdict import Finding, percent
 from replant.simulation.model_run import ModelRun
 from replant.statistics.linear_algebra import eigenvalues
@@ -25,10 +26,10 @@ Derivation: its square, which the normal equations see, leaves two digits of the
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-LEAST_SHARE = 0.01
+LEAST_SHARE = MATTERS
 """Smallest eigenvalue of the newest samples' information below which nothing that they show speaks for or against the
 model [part of what it is over all samples].
-Origin: standard deviations from them would be ten times those from as many others.
+Derivation: standard deviations from them would be ten times those from as many others: a tenth is what matters.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 

@@ -24,17 +24,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.assessment.evidence import PER_COEFFICIENT
+from replant.assessment.score_test import ALPHA
 from replant.kernels.schema import LAGS
 from replant.simulation.model_run import ModelRun
-from replant.statistics.autoregression import Autoregression
+from replant.statistics.autoregression import WHITENESS_LAGS, Autoregression
 from replant.statistics.chi2 import chi2_quantile
 from replant.statistics.projections import TAKEN_AWAY, lengths_of, orthogonal, products, without
-
-FALSE_ALARM = 1e-4
-"""Chance that feedback is found where there is none [probability].
-Level: 0.01 %: the verdict is asked for many times in a run.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
 
 LATEST = 10
 """Latest answer that is looked for [samples].
@@ -42,17 +38,12 @@ Origin: a digital controller answers at the next sample; what answers later alon
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-PAST = 20
+PAST = 2 * LATEST
 """Past values of the signal that are taken away from residual and signal [samples].
-Origin: twice the latest answer.
+Derivation: twice the latest answer.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-PER_COLUMN = 8
-"""Samples that each column of the regression needs [samples].
-Origin: as in the cross test.
-Sensitivity: halved, nothing changes on these records; doubled, no verdict changes, and no error by a quarter.
-"""
 
 LEFT = 1e-6
 """Length of the whitened signal's future that its past does not tell, below which the future is known from the past
@@ -62,13 +53,7 @@ Derivation: the square root of what rounding leaves of a smooth signal's predict
 
 ROUNDING = 1e-6
 """Residual that is rounding, which nothing answers [part of the modelled output].
-Origin: numbers in a log have six digits and more.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-COLOUR_LAGS = 25
-"""Lags over which colour is looked for that the noise model has left [samples].
-Origin: as the portmanteau statistic of `statistics.autoregression`.
+Derivation: numbers in a log have six digits and more.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -115,7 +100,11 @@ def answer(run: ModelRun, rows: slice, signal: FloatArray, first: int = 0, past:
     error, x = run.error[rows] - run.error[rows].mean(), signal[rows] - signal[rows].mean()
     states = run.states[rows] - run.states[rows].mean(axis=0)
     count = error.size - PAST - LATEST - LAGS
-    if count < PER_COLUMN * (PAST + LATEST + 1 + states.shape[1]) or not np.ptp(x) > 0.0 or not np.ptp(error) > 0.0:
+    if (
+        count < PER_COEFFICIENT * (PAST + LATEST + 1 + states.shape[1])
+        or not np.ptp(x) > 0.0
+        or not np.ptp(error) > 0.0
+    ):
         return NONE
     if not error.std() > ROUNDING * run.forced[rows].std():
         return NONE
@@ -157,7 +146,7 @@ def colour_left(error: FloatArray) -> float:
     error = error - error.mean()
     model = Autoregression.of(error)
     white = model.whiten(error)
-    lags, power = min(COLOUR_LAGS, white.size // 4), float(white @ white)
+    lags, power = min(WHITENESS_LAGS, white.size // 4), float(white @ white)
     degrees = lags - (model.coefficients.size - 1)
     if degrees < 1 or not power > 0.0:
         return 0.0
@@ -172,4 +161,4 @@ def _aligned(model: Autoregression, signal: FloatArray) -> FloatArray:
 
 
 def _over_limit(statistic: float, degrees: int) -> float:
-    return float(statistic) / chi2_quantile(1.0 - FALSE_ALARM, degrees) if degrees else 0.0
+    return float(statistic) / chi2_quantile(1.0 - ALPHA, degrees) if degrees else 0.0

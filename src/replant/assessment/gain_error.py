@@ -17,20 +17,21 @@ Source: Ljung (1999), "System Identification: Theory for the User", sections 9.4
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.cross_test import FALSE_ALARM
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.newton_step import newest_distances
+from replant.assessment.score_test import ALPHA, MATTERS
 from replant.assessment.verdict import Finding, duration, percent
 from replant.model.uncertainty import Uncertainty
 from replant.statistics.linear_algebra import roots
 
-LARGEST_ERROR = 0.1
+LARGEST_ERROR = math.sqrt(MATTERS)
 """Largest relative error of abs G with which a model is trusted after a change [part of abs G].
-Origin: the bound that the page Live documents.
+Derivation: the amplitude that matters.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -40,9 +41,9 @@ Level: 99.7 %: 0.3 % of right estimates are farther off at a frequency.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-EXCITED = 0.01
+EXCITED = MATTERS
 """Power density of the model's output below which a frequency is not excited [part of the largest].
-Origin: a tenth of the amplitude.
+Derivation: a tenth of the amplitude is what matters.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -151,7 +152,7 @@ def _contradiction(evidence: Evidence, runs: Runs, omega: FloatArray) -> list[Fi
     """Say whether the newest samples alone would put abs G elsewhere, and over which length it is most."""
     present, surest, size, length = _magnitude(evidence, evidence.estimate, omega), 0.0, 0.0, 0
     counts = [evidence.enough * times for times in LENGTHS]
-    for count, away in newest_distances(runs.now, counts, FALSE_ALARM):
+    for count, away in newest_distances(runs.now, counts, ALPHA):
         if not away.statistic > 1.0:
             continue
         there = _magnitude(evidence, evidence.estimate[: evidence.coefficients] + away.step, omega)

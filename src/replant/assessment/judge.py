@@ -20,28 +20,25 @@ Identification", chapter 11.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from replant.assessment import sensor_faults
-from replant.assessment.actuator_test import actuator_findings
+from replant.assessment.alternatives import unexplained, unexplained_by_reference
 from replant.assessment.change_tests import burst_finding, growth_finding
 from replant.assessment.control_loop import COLOURED, Loop
 from replant.assessment.estimate_tests import (
     MOST_UNCERTAIN,
-    MOVED_SIGMAS,
     Certainty,
     slow_noise,
 )
 from replant.assessment.evidence import LEAST_POWER, Evidence, Runs
 from replant.assessment.excitation import excitation
-from replant.assessment.hold_test import hold_findings
+from replant.assessment.input_faults import actuator_findings, hold_findings
 from replant.assessment.reference_test import Reference
-from replant.assessment.unexplained_part import LARGEST_PART, Part
+from replant.assessment.score_test import MATTERS
 from replant.assessment.verdict import (
     Assessment,
     Finding,
@@ -50,7 +47,6 @@ from replant.assessment.verdict import (
     percent,
 )
 from replant.engine.state import GAP
-from replant.simulation.model_run import ModelRun
 from replant.simulation.offset_fit import fit_percent
 from replant.statistics.autoregression import one_step, whiteness
 from replant.statistics.linear_algebra import quiet, roots
@@ -63,19 +59,18 @@ little use.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-DISAGREES = 0.05
+DISAGREES = 0.5 * math.sqrt(MATTERS)
 """Difference of two estimates' outputs that a right structure makes equal, from which on it matters [part of the
 output's amplitude].
-Derivation: half of the error of abs G with which a model is trusted.
+Derivation: half of the amplitude that matters.
 """
 
 WORST_FIT = -1000.0
 """Simulated fit below which fits are not told apart in words [%]."""
 
-NEGLIGIBLE = 1e-4
-"""What the input could still explain that is not worth a word: a hundredth of the amplitude [part of the output's
-power].
-Origin: a choice of what matters to a user.
+NEGLIGIBLE = 0.01 * MATTERS
+"""What the input could still explain that is not worth a word [part of the output's power].
+Derivation: a hundredth of what matters, a hundredth of the amplitude.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -140,6 +135,7 @@ def _judged(evidence: Evidence) -> Assessment:
     figures: Figures = {"samples": evidence.samples, "held_out": evidence.held_out}
     findings, in_favour = _of_samples(evidence), ""
     stop = any(finding.status != "converging" for finding in findings) or evidence.counted < evidence.enough
+    stop = stop or not evidence.used[evidence.known].any()  # an output that was never measured says nothing
     reference, doubts = (None, []) if stop else Reference.of(evidence)
     runs = None if stop else Runs.of(evidence, None if reference is None else reference.explained)
     if not stop and runs is None:
@@ -228,8 +224,7 @@ def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
     y, newest = evidence.raw, np.arange(evidence.samples)[evidence.newest]
     newest = newest[evidence.record.is_measured[newest]]  # else y is the model's
     modelled = evidence.record.y - runs.old.error
-    error = runs.old.error[evidence.used] if evidence.used.any() else runs.old.error
-    noise = robust_std(error)
+    noise = robust_std(runs.old.error[evidence.used])
     count = len(y[newest])
     intervals = evidence.record.intervals
     steps = np.full(count, intervals[0]) if intervals.size == 1 else intervals[newest]
@@ -307,8 +302,7 @@ def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[F
 
 def _is_sure_by_reference(evidence: Evidence, runs: Runs, reference: Reference) -> bool:
     """Return whether the reference explains a part of the residual, over the samples held out, that is not chance."""
-    surplus = evidence.held_out / max(evidence.learned, 1)
-    return Part.by_reference(evidence, runs.old, evidence.newest, surplus, reference=reference).is_sure
+    return unexplained_by_reference(evidence, runs.old, reference).is_sure
 
 
 def _in_sample(evidence: Evidence) -> str:
@@ -323,29 +317,18 @@ def _how_run(evidence: Evidence, loop: Loop) -> str:
 
 
 def _unexplained(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
-    """Apply the cross test to the present estimate, over all that it has used, and to the earlier one, held out."""
+    """Say what other dynamics, or the reference, could still explain of the residual."""
     closed = loop.feedback.found
-    tests: list[Callable[[Evidence, ModelRun, slice, float], Part]] = [partial(Part.of, feedback=closed)]
-    if loop.reference is not None:
-        by_reference = partial(Part.by_reference, reference=loop.reference)
-        # in feedback the input may explain what the noise model leaves, the reference may not
-        tests = [by_reference] if closed else [*tests, by_reference]
-    present = [test(evidence, runs.now, evidence.known, 0.0) for test in tests]
-    parts = list(present)
-    if evidence.held_out:
-        surplus = evidence.held_out / max(evidence.learned, 1)
-        parts += [test(evidence, runs.old, evidence.newest, surplus) for test in tests]
-    surest = max(parts, key=lambda part: part.statistic)
-    largest = max((part for part in parts if part.is_sure or part is surest), key=lambda part: part.size)
-    figures |= {"explained": largest.size, "explained_limit": surest.statistic}
-    if not surest.is_sure or largest.size < NEGLIGIBLE:
+    if loop.reference is not None:  # in feedback the input may explain what the noise model leaves
+        part = unexplained_by_reference(evidence, runs.now, loop.reference)
+    else:
+        part = unexplained(evidence, runs, feedback=closed)
+    figures |= {"explained": part.size, "explained_limit": part.statistic}
+    if not part.is_sure or part.size < NEGLIGIBLE:
         return []
-    reason = f"the {largest.source} could explain another {percent(min(largest.size, 1.0))} of the output's power"
-    if largest.size <= LARGEST_PART and surest.size + surest.std <= LARGEST_PART:
+    reason = f"the {part.source} could explain another {percent(min(part.size, 1.0))} of the output's power"
+    if not part.is_large:
         return [Finding("trusted", f"{reason}, unexplained by the model: small, but statistically significant")]
-    if evidence.adapts and figures["movement"] > MOVED_SIGMAS and not any(p.is_sure and p.is_large for p in present):
-        past = f"unexplained by the estimate of {evidence.age} ago, but explained by the present one"
-        return [Finding("converging", f"{reason}, {past}")]
     if closed and loop.reference is None:
         return [Finding("inconsistent", f"{reason}: {COLOURED}")]
     biased = "" if evidence.instruments else "noise, which biases an estimate without instruments, "

@@ -26,7 +26,8 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment.evidence import Evidence
-from replant.assessment.feedback_test import FALSE_ALARM, answer
+from replant.assessment.feedback_test import answer
+from replant.assessment.score_test import ALPHA
 from replant.assessment.verdict import Finding
 from replant.simulation.model_run import ModelRun
 from replant.statistics.autoregression import Autoregression
@@ -39,7 +40,7 @@ from replant.statistics.robust import normal_scores
 COPY = 1e-6
 """What is left of the reference once the input is taken from it, below which it is a copy of the input [part of its
 standard deviation].
-Origin: numbers in a log have six digits and more.
+Derivation: numbers in a log have six digits and more.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -119,7 +120,7 @@ class Reference:
         part = float(amounts @ amounts)
         free = max(x.size - amounts.size, 1)
         rest = max((float(x @ x) - part) / free, np.finfo(float).tiny) * widening(basis, x - basis @ amounts)
-        limit = chi2_quantile(1.0 - FALSE_ALARM, states.shape[1] + 1)
+        limit = chi2_quantile(1.0 - ALPHA, states.shape[1] + 1)
         return cls(states, input_part, output_part, part / rest / limit)
 
     @property

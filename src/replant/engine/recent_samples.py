@@ -124,6 +124,13 @@ class RecentSamples:
         return self.doubt == Doubt.STUCK if self.are_examined else np.zeros(len(self), bool)
 
     @property
+    def is_replaced(self) -> BoolArray:
+        """Whether the output of each sample says nothing of the plant: it is the model's, or that of a stuck sensor."""
+        return (
+            self.is_stuck | (self.is_bridged & (self.output == self.bridged)) if self.are_examined else self.is_bridged
+        )
+
+    @property
     def doubted(self) -> float:
         """Share of the samples whose output was bridged."""
         return float((self.doubt > 0).mean())

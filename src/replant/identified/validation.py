@@ -18,6 +18,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment import assess_record
+from replant.assessment.gain_error import EXCITED, SEGMENT
 from replant.assessment.verdict import Verdict
 from replant.engine.record import Record
 from replant.errors import InvalidArgumentError
@@ -29,11 +30,6 @@ from replant.statistics.autoregression import one_step
 from replant.statistics.correlations import Correlations, correlation_lags, correlations
 from replant.statistics.linear_algebra import quiet
 
-SEGMENT = 1024
-"""Length of a segment of Welch's spectrum, at most an eighth of the record [samples].
-Origin: as in the verdict on abs G.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
 FEWEST_SEGMENTS = 8
 """Segments below which a spectrum tells nothing [count]."""
 CHANCE = 0.05
@@ -43,11 +39,6 @@ Level: 95 %.
 ROUNDING = 1e-9
 """Residual below which it is rounding, which nothing is tested for [part of the output's spread].
 Derivation: some million times the precision of float64.
-"""
-EXCITED = 0.01
-"""Power density of the model's output below which a frequency is not excited [part of the largest].
-Origin: a tenth of the amplitude.
-Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.feedback_test import FALSE_ALARM
 from replant.assessment.reference_test import COPIED, IDLE, Reference, fault_of
+from replant.assessment.score_test import ALPHA
 from replant.engine.record import Record
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
@@ -52,7 +52,7 @@ class ReferenceUse:
     @property
     def misfit_limit(self) -> float:
         """What J of a right model exceeds with the chance 1e-4; NaN where the reference was not used."""
-        return float(chi2_quantile(1.0 - FALSE_ALARM, self.degrees)) if self.degrees > 0 else math.nan
+        return float(chi2_quantile(1.0 - ALPHA, self.degrees)) if self.degrees > 0 else math.nan
 
     def given_up(self) -> ReferenceUse:
         """Return it as one that is not used, where there was no reason yet because no model was found with it."""
