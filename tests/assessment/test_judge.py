@@ -11,9 +11,9 @@ import pytest
 
 import replant as rp
 from replant.assessment import Assessment, assess_record
-from replant.assessment.alternatives import LARGEST_PART, Part
+from replant.assessment.alternatives import LARGEST_PART, NEGLIGIBLE, Part
 from replant.assessment.evidence import Evidence
-from replant.assessment.judge import NEGLIGIBLE, judge
+from replant.assessment.judge import judge
 from replant.assessment.score_test import Explained
 from replant.assessment.verdict import (
     STATUSES,

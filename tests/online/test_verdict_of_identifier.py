@@ -294,10 +294,10 @@ def test_a_fit_is_judged_in_sample() -> None:
 EXPLAINS = "the input could explain another"
 #: What one pole, and a dead time in s, leave of a real rig: less than a sixteenth of the amplitude, or more.
 LOGS = {
-    ("un_dcmotor/DCmotor_prbs_open_exp.csv", 0.0): ("inconsistent", EXPLAINS),
+    ("un_dcmotor/DCmotor_prbs_open_exp.csv", 0.0): ("inconsistent", "with a dead time of 0.01 s"),
     ("un_dcmotor/DCmotor_prbs_open_exp.csv", 0.01): ("trusted", "which the estimate had not used"),
     ("un_thermal/Thermal_prbs_open_exp.csv", 0.0): ("trusted", EXPLAINS),
-    ("un_thermal/dcmotor2_prbs_open_exp.csv", 0.0): ("inconsistent", EXPLAINS),
+    ("un_thermal/dcmotor2_prbs_open_exp.csv", 0.0): ("inconsistent", "with a dead time of 0.015 s"),
     ("ayala_ballhoop/randomStepSequence.mat", 0.0): ("inconsistent", "the output is constant to the bit"),
 }
 

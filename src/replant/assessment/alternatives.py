@@ -22,7 +22,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.assessment.evidence import PER_COEFFICIENT, Evidence, Runs
 from replant.assessment.reference_test import Reference
-from replant.assessment.score_test import Explained, Residual
+from replant.assessment.score_test import MATTERS, Explained, Residual
 from replant.simulation.model_run import ModelRun
 from replant.statistics.linear_algebra import roots
 
@@ -32,6 +32,12 @@ amplitude. With its doubt added it must stay below it [part of the output's powe
 Origin: real plants are never quite linear, nor of finite order; an unknown dead time of half a time constant, which
 moves the coefficients of three poles by a half, leaves .67 %.
 Sensitivity: at 1 %, of 345 right models of random plants five more are trusted, and that one.
+"""
+
+NEGLIGIBLE = 0.01 * MATTERS
+"""What the input could still explain that is not worth a word [part of the output's power].
+Derivation: a hundredth of what matters, a hundredth of the amplitude.
+Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 LONGEST = 3.0
@@ -91,11 +97,14 @@ def known_columns(evidence: Evidence, run: ModelRun) -> FloatArray:
     return np.hstack([run.zeta[rows], run.nuisances[rows]]) if fitted else run.nuisances[rows]
 
 
-def unexplained(evidence: Evidence, runs: Runs, *, feedback: bool) -> Part:
-    """Return what other dynamics could explain; under feedback by what was known before each sample alone."""
+def unexplained(evidence: Evidence, runs: Runs, *, feedback: bool = False, known: FloatArray | None = None) -> Part:
+    """Return what other dynamics could explain, beside further known columns (K, N).
+
+    Under feedback by what was known before each sample alone.
+    """
     run, rows = runs.now, evidence.known
-    error = run.error[rows]
-    residual = residual_of(evidence, error, known_columns(evidence, run))
+    error, own = run.error[rows], known_columns(evidence, run)
+    residual = residual_of(evidence, error, own if known is None else np.hstack([own, known]))
     output = run.forced - run.forced[rows].mean()
     powers = np.column_stack([output**2, output**3])[rows]
     columns = np.hstack([dynamics(evidence, run, feedback=feedback), powers])

@@ -1,4 +1,4 @@
-"""Faults of the input: an actuator that is not linear, and a hold that is another one than it was taken to be.
+"""Faults of the input: an actuator that is not linear, another hold or dead time than it was taken to have.
 
 | fault | columns of its score test |
 |---|---|
@@ -6,6 +6,7 @@
 | its gain is another one in the other direction | B/A of abs(v) |
 | it has play or friction | B/A of the play of v, of two widths: it depends on where the input came from |
 | the input runs straight between its samples | the output with such an input, less that with a held one |
+| the input acts later or earlier | the derivative of the output by the dead time |
 
 A linear model is right behind a curve only as far as that is straight.  What other dynamics could explain is taken away
 first: it is then the model that is wrong.  An input of two levels cannot tell: all curves through two points are
@@ -26,7 +27,7 @@ from dataclasses import replace
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.alternatives import LARGEST_PART, dynamics, residual_of
+from replant.assessment.alternatives import LARGEST_PART, NEGLIGIBLE, Part, dynamics, residual_of, unexplained
 from replant.assessment.estimate_tests import FARTHEST, MOVED_SIGMAS, Speeds
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.score_test import ALPHA, Explained
@@ -94,6 +95,37 @@ def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     reason = "the input seems to run straight between its samples, not to be held: taken so, a coefficient differs by"
     status = "inconsistent" if size > FARTHEST else "trusted"
     return [Finding(status, f'{reason} {percent(size)}: use --input-hold foh, or RefinedFilter("foh")')]
+
+
+def dead_time_findings(evidence: Evidence, runs: Runs, part: Part) -> list[Finding]:
+    """Say where another dead time would explain most of ``part``, what other dynamics could, and what that changes.
+
+    A pole too few looks like a dead time, too, but leaves more for other dynamics to explain.
+    """
+    run, rows = runs.now, evidence.known
+    power = max(float(np.var(evidence.record.y[rows])), float(np.finfo(float).tiny))
+    later = _later(evidence, run.forced)[rows, None]
+    residual = residual_of(evidence, run.error[rows], np.hstack([run.zeta[rows], run.nuisances[rows]]))
+    found = residual.explained(later)
+    delay = evidence.structure.delay + float(found.weights[0]) * evidence.dt
+    if not (found.is_sure and found.power > NEGLIGIBLE * power and delay > 0.0):
+        return []
+    left = unexplained(evidence, runs, known=later)
+    if left.is_sure and (left.is_large or left.size > 0.5 * part.size):
+        return []
+    step = -residual.weights_of(later)[: evidence.coefficients, 0] * found.weights[0]
+    size = runs.size(step, Speeds.of(evidence, closed=False).poles)
+    off, way = delay - evidence.structure.delay, "later" if found.weights[0] > 0.0 else "earlier"
+    reason = f"the input seems to act {abs(off):.2g} s {way} than by the dead time given"
+    status = "inconsistent" if size > FARTHEST or (part.is_sure and part.is_large) else "trusted"
+    return [Finding(status, f"{reason}: with a dead time of {delay:.2g} s a coefficient differs by {percent(size)}")]
+
+
+def _later(evidence: Evidence, output: FloatArray) -> FloatArray:
+    """Return by how much a model's output (K,) changes where it comes a sampling time later, to first order."""
+    record = evidence.record
+    times = np.cumsum(record.intervals) if record.intervals.size > 1 else record.dt * np.arange(output.size)
+    return np.asarray(-evidence.dt * np.gradient(output, times))
 
 
 def _straight_input(evidence: Evidence) -> tuple[Explained, FloatArray] | None:

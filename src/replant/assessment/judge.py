@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from replant.assessment import sensor_faults
-from replant.assessment.alternatives import unexplained, unexplained_by_reference
+from replant.assessment.alternatives import NEGLIGIBLE, unexplained, unexplained_by_reference
 from replant.assessment.change_tests import burst_finding, growth_finding
 from replant.assessment.control_loop import COLOURED, Loop
 from replant.assessment.estimate_tests import (
@@ -36,7 +36,7 @@ from replant.assessment.estimate_tests import (
 )
 from replant.assessment.evidence import LEAST_POWER, Evidence, Runs
 from replant.assessment.excitation import excitation
-from replant.assessment.input_faults import actuator_findings, hold_findings
+from replant.assessment.input_faults import actuator_findings, dead_time_findings, hold_findings
 from replant.assessment.reference_test import Reference
 from replant.assessment.score_test import MATTERS
 from replant.assessment.verdict import (
@@ -67,12 +67,6 @@ Derivation: half of the amplitude that matters.
 
 WORST_FIT = -1000.0
 """Simulated fit below which fits are not told apart in words [%]."""
-
-NEGLIGIBLE = 0.01 * MATTERS
-"""What the input could still explain that is not worth a word [part of the output's power].
-Derivation: a hundredth of what matters, a hundredth of the amplitude.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
 
 RESTING = 1e-12
 """Movement of the input that is rounding [part of its largest magnitude].
@@ -324,6 +318,9 @@ def _unexplained(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -
     else:
         part = unexplained(evidence, runs, feedback=closed)
     figures |= {"explained": part.size, "explained_limit": part.statistic}
+    late = [] if loop.is_closed else dead_time_findings(evidence, runs, part)
+    if late:
+        return late
     if not part.is_sure or part.size < NEGLIGIBLE:
         return []
     reason = f"the {part.source} could explain another {percent(min(part.size, 1.0))} of the output's power"

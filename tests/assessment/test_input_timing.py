@@ -1,4 +1,4 @@
-"""An input that runs straight between its samples is found out where it is taken as held; a held one is not."""
+"""When the input acts: one that runs straight between its samples, and another dead time, are found out."""
 
 from __future__ import annotations
 
@@ -75,3 +75,43 @@ def test_gaps_do_not_make_a_held_input_straight() -> None:
     ident.update_many(u, y, t)
     reasons = ident.assess().reasons
     assert not any("seems to run straight" in reason for reason in reasons), reasons
+
+
+LATE = "the input seems to act"
+
+
+def late(plant: rp.TransferFunction, delay: float, given: float, seed: int) -> rp.Assessment:
+    """The verdict on a plant with a dead time, in s, where another one is given; noise of 3 %."""
+    u = random_steps(SAMPLES, shortest=5, longest=40, low=-1.0, high=1.0, seed=seed)
+    y = rp.TransferFunction(plant.num, plant.den, delay).simulate(u, 0.1)
+    y += 0.03 * y.std() * np.random.default_rng(seed).standard_normal(y.size)
+    structure = rp.Structure(plant.den.size - 1, plant.num.size - 1, given)
+    return rp.fit(u, y, 0.1, structure).verdict
+
+
+@pytest.mark.parametrize(("delay", "given"), [(0.05, 0.0), (0.15, 0.1), (0.2, 0.1), (0.25, 0.3)])
+@pytest.mark.parametrize("seed", range(3))
+def test_half_a_sample_of_dead_time_is_said(delay: float, given: float, seed: int) -> None:
+    """And how long it is: to first order, within a tenth of a sample."""
+    found = late(rp.TransferFunction([2.0], [1.0, 1.5, 1.0]), delay, given, seed)
+    (reason,) = [reason for reason in found.reasons if LATE in reason]
+    assert float(reason.split("with a dead time of ")[1].split()[0]) == pytest.approx(delay, abs=0.01)
+    assert ("later" in reason) == (delay > given)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_right_dead_time_is_no_other(seed: int) -> None:
+    for delay in (0.0, 0.05, 0.3):
+        found = late(PLANT, delay, delay, seed)
+        assert found.status == "trusted", found.reasons
+        assert LATE not in " ".join(found.reasons)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_slow_pole_too_few_is_no_dead_time(seed: int) -> None:
+    u = random_steps(SAMPLES, shortest=5, longest=40, low=-1.0, high=1.0, seed=seed)
+    y = PLANT.simulate(u, 0.1)
+    y += 0.03 * y.std() * np.random.default_rng(seed).standard_normal(y.size)
+    found = rp.fit(u, y, 0.1, rp.Structure(1)).verdict
+    assert found.status == "inconsistent"
+    assert LATE not in " ".join(found.reasons)
