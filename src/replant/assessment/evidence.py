@@ -19,13 +19,13 @@ from replant.statistics.linear_algebra import roots
 
 FEWEST = 100
 """Samples held out below which they say nothing for a model [samples].
-Origin: not recorded; kept, see sensitivity.
+Derivation: one column explains 1 / 100 of the noise's power by chance, as much as MATTERS.
 Sensitivity: halved, no verdict changes, and no error by a quarter; doubled, nothing changes on these records.
 """
 
 PER_COEFFICIENT = 10
 """Samples held out for each coefficient below which they say nothing [samples].
-Origin: ten observations for a regressor, a rule of thumb of regression.
+Derivation: by chance a model explains a tenth of the noise's power then.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 

@@ -48,26 +48,20 @@ Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 SEGMENT = 1024
-"""Length of a segment of Welch's spectrum [samples].
-Origin: not recorded.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
+"""Length of a segment of Welch's spectrum [samples]."""
 
 SLOWEST = 0.1
 """Lowest of the frequencies that are added below the spectrum's [part of the slowest pole's magnitude].
-Origin: not recorded.
+Derivation: a decade below the slowest pole abs G is that at rest.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 SLOW_FREQUENCIES = 8
-"""Frequencies that are added below the spectrum's [count].
-Origin: not recorded.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
+"""Frequencies that are added below the spectrum's [count]."""
 
 LENGTHS = (1, 2, 4, 8, 16)
 """Lengths of the newest samples over which a change is looked for [numbers of samples that say something].
-Origin: not recorded.
+Derivation: powers of two, as a change may be of any age.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -80,7 +74,7 @@ Sensitivity: not measured.
 CONTRADICTS_SIGMAS = 2.0
 """The same in standard deviations at that frequency, where the test of all coefficients together is significant
 [standard deviations].
-Origin: not recorded.
+Level: 95 %; that there is a difference at all is told by the test of all coefficients.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 

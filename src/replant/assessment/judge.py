@@ -75,7 +75,7 @@ Derivation: some thousand times the precision of float64.
 
 FEWEST_MOVING = 500
 """Samples before the input came to rest, below which these alone do not speak for a model [samples].
-Origin: the start-up of the default: a model of fewer was never tested by samples that came after it.
+Derivation: the start-up of the default: a model of fewer was never tested by samples that came after it.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 

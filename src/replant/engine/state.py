@@ -46,7 +46,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 SHORTEST_STEP = 128
 """The same where the estimate follows a plant that changes, and is soon out of date by right [samples].
-Origin: not recorded; kept, see sensitivity.
+Derivation: the least power of two that a test needs.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 

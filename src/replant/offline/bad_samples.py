@@ -42,7 +42,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 MOST = 0.05
 """Share of outliers beyond which they are none: noise with heavy tails, or another plant [share of samples].
-Origin: as MOST_DOUBTED of the recursion.
+Derivation: as MOST_DOUBTED of the recursion.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -76,13 +76,13 @@ Level: the run's length follows from the share of equal neighbours elsewhere.
 SECTIONS = 8
 """Parts of the record of which one at least tells how often neighbours are equal by chance: the sensor may fail in
 others [count].
-Origin: as in the test of the sensor's faults.
+Derivation: as in the test of the sensor's faults.
 Sensitivity: not measured.
 """
 
 HARM = 0.02
 """What a model must move while the sensor is stuck, so that it does harm [part of the output's standard deviation].
-Origin: as the square root of HARM of the recursion.
+Derivation: the square root of HARM of the recursion.
 Sensitivity: not measured.
 """
 

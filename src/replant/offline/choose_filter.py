@@ -21,10 +21,7 @@ Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
 CANDIDATES = 16
-"""Cutoffs tried, evenly spaced in the logarithm [count].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
+"""Cutoffs tried, evenly spaced in the logarithm [count]."""
 
 MOST_SAMPLES = 20_000
 """Samples looked at for the choice [samples]."""

@@ -23,10 +23,7 @@ from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem
 
 ROUNDS = 5
-"""Times that a record is solved and its outputs judged, at the most [count].
-Origin: records with stuck sensors and outliers need two or three.
-Sensitivity: not measured.
-"""
+"""Times that a record is solved and its outputs judged, at the most [count]."""
 
 
 @dataclass(frozen=True, eq=False)

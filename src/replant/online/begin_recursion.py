@@ -31,7 +31,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 ROOM = 1e6
 """How far forgetting may let the variances grow beyond those of the start-up [ratio of variances].
-Origin: not recorded; kept, see sensitivity.
+Derivation: a thousand standard deviations: nothing is known then.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 

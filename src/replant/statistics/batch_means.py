@@ -29,7 +29,7 @@ from replant.statistics.udu import compose, factor_information
 
 LEAST_ROWS = 16
 """Blocks below which a path tells no variance [count].
-Origin: half of what the path of a long record has at the least, ROOM / 2.
+Derivation: half of what the path of a long record has at the least, ROOM / 2.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -43,13 +43,13 @@ BEYOND_CHANCE = 4.0
 """Excess of a variance, told by so many blocks, over what the residual's colour makes it, beyond which there is noise
 slower than the colour knows, and longer blocks are asked as well. Where there is none, they would only add to the
 scatter of the figure [standard deviations].
-Origin: a normal deviate beyond 4 has the chance 3e-5.
+Level: a normal deviate beyond 4 has the chance 3e-5.
 Sensitivity: halved, no verdict changes, and no error by a quarter; doubled, nothing changes on these records.
 """
 
 LONGER = (2, 4, 8)
 """Lengths of the longer blocks [blocks].
-Origin: powers of two: each asks a path of half as many.
+Derivation: powers of two: each asks a path of half as many.
 Sensitivity: halved, nothing changes on these records; doubled, no verdict changes, and no error by a quarter.
 """
 

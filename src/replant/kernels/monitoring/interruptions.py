@@ -23,7 +23,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 AT_REST = 1e-6
 """Moving variance of the input below which it rests [part of the largest that it has been].
-Origin: not recorded; kept, see sensitivity.
+Derivation: a thousandth of the amplitude.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -32,7 +32,7 @@ LONGEST = 1e9
 
 UNKNOWN = 100.0
 """Variance of an initial state of which nothing is known [largest square of the modelled output lately].
-Origin: ten times the largest that the output was.
+Derivation: ten times the largest that the output was.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
@@ -44,7 +44,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 SETTLE = 5.0
 """Time to wait after a gap where the initial state is not estimated [slowest time constants].
-Origin: what is left of it is then exp(-5), 0.7 %.
+Derivation: what is left of it is then exp(-5), 0.7 %.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 

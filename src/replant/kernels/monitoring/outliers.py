@@ -31,7 +31,7 @@ from replant.kernels.schema import Alarm, Doubt
 GATE = 64.0
 """A-priori error beyond which an output may be an outlier, the parameters' own uncertainty counted: eight standard
 deviations [variances of the residual].
-Origin: not recorded; kept, see sensitivity.
+Level: eight standard deviations: one in 64 of any noise at the most (Chebyshev), of normal noise none.
 Sensitivity: halved, 66 samples held against 'load step' instead of 49; doubled, 26 samples held against 'load step'
 instead of 49; error of 'load step' times 0.48.
 """
@@ -63,7 +63,7 @@ Sensitivity: halved, nothing changes on these records; doubled, no verdict chang
 
 MOST = 9.0
 """Power that one residual counts as at the most: three standard deviations [variances].
-Origin: not recorded; kept, see sensitivity.
+Level: three standard deviations: 0.3 % of normal noise is beyond.
 Sensitivity: halved, 136 samples held against 'load step' instead of 49; error of 'load step' times 0.38; doubled, 7
 samples held against 'load step' instead of 49.
 """
@@ -71,7 +71,7 @@ samples held against 'load step' instead of 49.
 UNKNOWN = 4.0
 """Variance of an a-priori error beyond which it is that of an initial state not yet known, and no residual [variances
 of the residual].
-Origin: not recorded; kept, see sensitivity.
+Level: two standard deviations: 5 % of normal noise is beyond.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
@@ -122,7 +122,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 MOVED = 64.0
 """The same on a coarse scale: eight standard deviations [variances of the residual].
-Origin: as GATE.
+Derivation: as GATE.
 Sensitivity: halved, nothing changes on these records; doubled, error of 'stuck, coarse scale' times 2.1.
 """
 
@@ -153,13 +153,13 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 CALM = 200
 """Samples after a stuck one until learning goes on: a sensor that saturates does so again soon [samples].
-Origin: not recorded; kept, see sensitivity.
+Derivation: the memory of the residual's variance lately, 1 / SHORT.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
 FORGOTTEN = 5000
 """Samples after a stuck one until its output is forgotten [samples].
-Origin: not recorded; kept, see sensitivity.
+Derivation: half of the newest samples that are kept.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -188,19 +188,19 @@ of 'gain 20 % up' times 4.8; doubled, right estimates no longer trusted: 'gain 2
 LIMIT = 50.0
 """Sum by which the residual must have exceeded GROWN that raises the alarm, and must have stayed below that
 ends it [usual power, summed].
-Origin: not recorded; kept, see sensitivity.
+Level: with GROWN it is 20 nats, at least 5e8 samples between two false alarms of normal noise (Wald).
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 LARGEST_LIMIT = 400.0
 """Largest sum that raises the alarm: each false one doubles it [usual power, summed].
-Origin: three doublings of LIMIT.
+Derivation: three doublings of LIMIT.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 LEAST = 1e-6
 """Residual below which there is as good as none [part of the modelled output's largest square].
-Origin: a thousandth of the output.
+Derivation: a thousandth of the output.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 

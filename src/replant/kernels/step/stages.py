@@ -40,7 +40,7 @@ Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 
 KEEP_AFTER_LEAST = 32
 """Samples between two past estimates kept, at the least [samples].
-Origin: not recorded; kept, see sensitivity.
+Derivation: four of them, as many as are kept, span more samples than a test needs.
 Sensitivity: halved, nothing changes on these records; doubled, no verdict changes, and no error by a quarter.
 """
 
