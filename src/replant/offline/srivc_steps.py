@@ -267,7 +267,7 @@ class Problem:
         return best, best_model, current
 
     def polish(
-        self, model: FloatArray, *, stable: bool = False, prior: Prior | None = None
+        self, model: FloatArray, *, stable: bool = False, prior: Prior | None = None, whitened: bool = False
     ) -> tuple[FloatArray, Pass, bool]:
         """Take damped Gauss-Newton steps on the output error; return the model, its pass, whether it converged.
 
@@ -278,16 +278,22 @@ class Problem:
             Whether no step may leave the stable models.
         prior : Prior, optional
             Of which the model is drawn: what is least is then the output error and the distance from its mean.
+        whitened : bool
+            Whether the error is filtered by the noise model, which stays as it is.
         """
         known = Prior.none(model.size) if prior is None else prior
+        white = self.whiten if whitened else np.asarray
 
         def cost(tried: FloatArray, done: Pass) -> float:
-            return math.inf if stable and not self.is_stable(tried) else done.power + known.cost(tried)
+            if stable and not self.is_stable(tried):
+                return math.inf
+            power = float(np.sum(white(done.ahead) ** 2)) if whitened and math.isfinite(done.cost) else done.power
+            return power + known.cost(tried)
 
         done, exact = self.run(model), False
         for _ in range(POLISH):
-            slopes = self._slopes(model, done) if exact else done.zeta
-            gradient = slopes.T @ done.error + known.pull(model)
+            slopes = white(self._slopes(model, done) if exact else done.zeta)
+            gradient = slopes.T @ white(done.error) + known.pull(model)
             direction = solve(slopes.T @ slopes + known.weight, gradient)
             if direction is None:
                 return model, done, False
@@ -295,7 +301,7 @@ class Problem:
             # converged: the step is a thousandth of a standard deviation, or the error is rounding
             if float(direction @ gradient) <= DONE * variance or self.is_rounding(done):
                 return model, done, True
-            better = self._damped(model, direction, cost, done.power + known.cost(model))
+            better = self._damped(model, direction, cost, cost(model, done))
             if better is not None:
                 model, done = better
             elif exact:

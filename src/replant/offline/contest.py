@@ -1,0 +1,419 @@
+r"""Contest: which supposition of what has changed in a record explains its newest samples best.
+
+A residual that has grown has many causes.  Each is a supposition, fitted to the samples since some sample b:
+
+    NOTHING   the model goes on, with its offset, its state and its noise
+    NOISE     the noise has another variance or colour
+    LOAD      offset and initial state are new
+    GAIN      so is the scale of the numerator
+    PLANT     so is every coefficient
+    CUT       the output no longer answers to the input: a cable floats
+    WHOLE     one other model holds for these samples and those before: the model was wrong
+
+What was known before is a prior, a normal density of the coefficients with information M.  A supposition forgets some
+directions V of it:
+
+.. math:: M_0(V) = M - M V (V^T M V)^{-1} V^T M.
+
+All are compared over the same samples by the log-likelihood of their residuals.  These are whitened by the noise model
+from before the change, or at the price of its numbers by one of their own: an autoregression fitted to a step nearly
+explains it.  Each fitted number costs ln(K) / 2 (Bayes' criterion), and what says something else of G(s) beside that
+-ln `ALPHA`: the chance that it is believed of a plant that has not changed.
+
+Source: Schwarz (1978), "Estimating the dimension of a model", Annals of Statistics 6; Willsky and Jones (1976), "A
+generalized likelihood ratio approach to the detection and estimation of jumps", IEEE Transactions on Automatic Control
+21.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.engine.record import Record
+from replant.kernels.schema import Supposition
+from replant.model.structure import Structure
+from replant.offline.prior import Prior
+from replant.offline.refined import Refined, Root, conclude
+from replant.offline.solve import Solution
+from replant.offline.srivc import refine
+from replant.offline.srivc_steps import Problem, is_long_enough
+from replant.simulation.auxiliary_model import Pass
+from replant.statistics.autoregression import LEAST, Autoregression, sums_of
+from replant.statistics.linear_algebra import least_norm, quiet
+
+ALPHA = 1e-4
+"""Chance that another G(s) is believed of a plant that has not changed [probability].
+Level: 0.01 %.
+"""
+
+MATTERS = 0.05
+"""Change of the simulated output below which a change of the plant does not matter [part of the output's amplitude].
+Derivation: half of the error of abs G with which a model is trusted.
+Sensitivity: not measured.
+"""
+
+WEAKEST = 1e-12
+"""Singular value below which a direction counts as not there [part of the largest].
+Derivation: some thousand times the precision of float64.
+"""
+
+FINEST = 1e-9
+"""Standard deviation of a residual below which what is left is no evidence [part of the output's standard deviation].
+Derivation: a thousandth of what a converter of 20 bits resolves.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known before a change.
+
+    Attributes
+    ----------
+    mean : (T,) array
+        The model.
+    information : (T, T) array
+        Of its coefficients; zero for the nuisances.
+    error : (K,) array
+        Of the model over a record, offset and initial state those of the samples before the change.
+    noise : Autoregression
+        D(q) of the error before.
+    variance : float
+        Of that error filtered by it, in the output's unit squared.
+    filters : bool
+        Whether estimates are filtered by it.
+    """
+
+    mean: FloatArray
+    information: FloatArray
+    error: FloatArray
+    noise: Autoregression
+    variance: float
+    filters: bool = True
+
+    @classmethod
+    @quiet
+    def before(
+        cls,
+        structure: Structure,
+        record: Record,
+        begin: int,
+        mean: FloatArray,
+        information: FloatArray,
+        *,
+        filters: bool = True,
+    ) -> Known | None:
+        """Return what a model and the information about it tell before a sample of a record; None where they do not.
+
+        Parameters
+        ----------
+        structure : Structure
+        record : Record
+        begin : int
+            The samples before it tell offset, state and noise.
+        mean : (T,) array
+        information : (T, T) array
+        filters : bool
+            Whether estimates are filtered by the noise model.
+        """
+        size, model, first = structure.coefficients, mean.copy(), record.first(begin)
+        if first.count <= mean.size or not np.isfinite(information).all():
+            return None
+        problem = Problem(structure, record)
+        if not problem.is_usable(mean):
+            return None
+        model[size:] = 0.0
+        done = problem.run_whole(model)
+        model[size:] = least_norm(done.phi[:begin, size:], done.error[:begin], WEAKEST)[0]
+        error = problem.run_whole(model).ahead
+        if not np.isfinite(error).all():
+            return None
+        sums, count = sums_of(error[:begin], first.predecessors)
+        noise = Autoregression.white(float(error[:begin] @ error[:begin]), first.count)
+        if count >= LEAST and np.isfinite(sums).all() and noise.power > 0.0:
+            noise = Autoregression.of_sums(sums, count)
+        white = noise.whiten_known(error[:begin], first.predecessors)
+        return cls(mean, information, error, noise, float(white @ white) / (first.count - mean.size), filters)
+
+    def without(self, directions: FloatArray) -> Prior:
+        """Return the prior in which directions (T, Q) are forgotten."""
+        return Prior(self.mean, forget(self.information, directions), max(self.variance, np.finfo(float).tiny))
+
+
+@dataclass(frozen=True, eq=False)
+class Claim:
+    """A supposition, fitted.
+
+    Attributes
+    ----------
+    supposition : Supposition
+    contest : Contest
+        Whose samples it is fitted to.
+    likelihood : float
+        Logarithm of the likelihood ratio to NOTHING, a prior's included.
+    price : float
+        Of the numbers that it has fitted.
+    model : (T,) array or None
+    root : Root or None
+        Where its fit has ended.
+    refined : Refined or None
+        The estimate, where it is made of the samples alone.
+    """
+
+    supposition: Supposition
+    contest: Contest
+    likelihood: float
+    price: float
+    model: FloatArray | None = None
+    root: Root | None = None
+    refined: Refined | None = None
+    solution: Solution | None = None
+
+    @property
+    def fair(self) -> float:
+        """The evidence before what another G(s) costs."""
+        return self.likelihood - self.price
+
+    @property
+    def evidence(self) -> float:
+        """The logarithm of the evidence over that of NOTHING."""
+        return self.fair + (math.log(ALPHA) if self.supposition.is_of_plant else 0.0)
+
+
+@quiet
+def forget(information: FloatArray, directions: FloatArray) -> FloatArray:
+    """Return an information matrix (T, T) in which directions (T, Q) are forgotten.
+
+    Examples
+    --------
+    >>> forget(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([[1.0], [0.0]]))
+    array([[0. , 0. ],
+           [0. , 1.5]])
+    """
+    if directions.shape[1] == 0:
+        return information
+    along = information @ directions
+    inside = np.linalg.pinv(directions.T @ along, rcond=WEAKEST, hermitian=True)
+    return np.asarray(information - along @ inside @ along.T)
+
+
+def decided(claims: Sequence[Claim]) -> Claim | None:
+    """Return the claim of most evidence; None while it is open.
+
+    What says nothing else of G(s) must win without the price of the others, too: it is as sure that it holds.
+    """
+    best = max(claims, key=lambda claim: claim.evidence)
+    if not best.supposition.is_of_plant and any(claim.fair > best.fair for claim in claims):
+        return None
+    return best
+
+
+class Contest:
+    """Suppositions of what has changed since a sample of a record.
+
+    Parameters
+    ----------
+    structure : Structure
+    record : Record
+    begin : int
+        The first sample since.
+    known : Known
+        Of the same record, before a sample that is no later.
+    parted : int, optional
+        A later sample, from which on the variance is another one.
+    """
+
+    def __init__(
+        self, structure: Structure, record: Record, begin: int, known: Known, parted: int | None = None
+    ) -> None:
+        self.structure, self.record, self.begin, self.known = structure, record, begin, known
+        self.since = record.last(record.u.size - begin)
+        self.problem = Problem(structure, self.since)
+        self.problem.noise = known.noise
+        self.rows = self.problem.record.u.size  # those that answer to inputs of the record
+        self.count = self.problem.record.count
+        middle = max((parted or begin) - (record.u.size - self.rows), 0)
+        parts = [slice(0, middle), slice(middle, self.rows)]
+        self.parts = [part for part in parts if self.problem.record.is_measured[part].any()]
+        self.least = (FINEST * float(np.std(self.since.y))) ** 2 + np.finfo(float).tiny
+
+    @property
+    def is_long_enough(self) -> bool:
+        """Whether the samples since are enough for a model."""
+        return is_long_enough(self.structure, self.since)
+
+    @quiet
+    def claims(self, *, again: bool = False) -> list[Claim]:
+        """Return what can be said of the samples since; ``again``: what a change that is believed may have been."""
+        before = self.known.error[-self.rows :]
+        if not self.is_long_enough:
+            return []
+        usual = self.usual(before)
+        found = [] if again else [self._claim(Supposition.NOTHING, 0.0)]
+        found += [] if again else [self._claim(Supposition.NOISE, self.likelihood(before) - usual)]
+        load = self._with_prior(Supposition.LOAD, self.without_moving(), usual)
+        gain = self._with_prior(Supposition.GAIN, self._scaled(), usual)
+        found += [claim for claim in (load, gain) if claim is not None and self.matters(claim)]
+        plant = self._plant([claim.model for claim in (gain, load) if claim is not None], usual)
+        if plant is not None and self.matters(plant):
+            found.append(plant)
+        if not again:
+            found += self._cuts([self.known.mean, *([plant.model] if plant is not None else [])], usual)
+        return found
+
+    @quiet
+    def whole(self, error: FloatArray) -> Claim:
+        """Return the claim that one other model holds for the samples before as well, by its error over all of them."""
+        noises, before = [], slice(0, error.size - self.rows)
+        predecessors = self.record.predecessors
+        likelihood = self.likelihood(error[-self.rows :]) - self.usual(self.known.error[-self.rows :])
+        for each in (error, self.known.error):
+            sums, count = sums_of(each[before], predecessors[before])
+            noise = Autoregression.white(float(each[before] @ each[before]), max(count, 1))
+            noises.append(Autoregression.of_sums(sums, count) if count >= LEAST and np.isfinite(sums).all() else noise)
+        count = int(self.record.is_measured[before].sum())
+        powers = [
+            float(np.sum(noise.whiten_known(each, predecessors)[before] ** 2)) / max(count, 1) + self.least
+            for each, noise in zip((error, self.known.error), noises, strict=True)
+        ]
+        likelihood += 0.5 * count * (math.log(powers[1]) - math.log(powers[0]))
+        return self._claim(Supposition.WHOLE, likelihood)
+
+    def price(self, supposition: Supposition) -> float:
+        """Return the price of the numbers that a supposition fits: variance, nuisances, directions of G(s)."""
+        size, entries = self.structure.coefficients, self.known.mean.size
+        numbers = {Supposition.NOTHING: 0, Supposition.NOISE: 1, Supposition.WHOLE: 1}.get(
+            supposition, 1 + entries - size
+        )
+        numbers += {Supposition.GAIN: 1, Supposition.PLANT: size}.get(supposition, 0)
+        return 0.5 * numbers * math.log(max(self.count, 2))
+
+    def _claim(self, supposition: Supposition, likelihood: float, **parts: object) -> Claim:
+        return Claim(supposition, self, likelihood, self.price(supposition), **parts)  # type: ignore[arg-type]
+
+    def _cost(self, error: FloatArray, noise: Autoregression, variance: float | None = None) -> float:
+        """Return -ln of the likelihood of an error (K,), up to a constant.
+
+        Filtered by a noise model it has a variance, or one in each part that makes the likelihood largest.
+        """
+        white, cost = noise.whiten_known(error, self.problem.known) ** 2, 0.0
+        for part in self.parts:
+            count = int(self.problem.record.is_measured[part].sum())
+            own = float(white[part].sum()) / count + self.least
+            usual = own if variance is None else variance + self.least
+            cost += 0.5 * count * (math.log(usual) + own / usual - 1.0)
+        return cost
+
+    def usual(self, error: FloatArray) -> float:
+        """Return the log-likelihood of an error (K,) under the noise from before, up to a constant."""
+        return -self._cost(error, self.known.noise, self.known.variance)
+
+    def likelihood(self, error: FloatArray) -> float:
+        """Return the same where the variance is another, and the colour if that pays for itself."""
+        if not np.isfinite(error).all():
+            return -math.inf
+        alike = -self._cost(error, self.known.noise)
+        sums, count = sums_of(error, self.problem.known)
+        if count < LEAST or not np.isfinite(sums).all():
+            return alike
+        own = Autoregression.of_sums(sums, count)
+        return max(alike, -self._cost(error, own) - 0.5 * own.order * math.log(max(self.count, 2)))
+
+    def likelihood_as(self, error: FloatArray, known: Known) -> float:
+        """Return that of an error (K,) whose last part is of the usual noise of a model known since."""
+        white, likelihood = known.noise.whiten_known(error, self.problem.known) ** 2, 0.0
+        for part in self.parts:
+            count = int(self.problem.record.is_measured[part].sum())
+            own = float(white[part].sum()) / count + self.least
+            variance = known.variance + self.least if part is self.parts[-1] else own
+            likelihood -= 0.5 * count * (math.log(variance) + own / variance - 1.0)
+        return likelihood
+
+    def without_moving(self) -> tuple[FloatArray, FloatArray]:
+        """Return the known model with offset and initial state as the samples since tell them, and no direction."""
+        model, size = self.known.mean.copy(), self.structure.coefficients
+        model[size:] = 0.0
+        done = self.problem.run(model)
+        model[size:] = least_norm(done.phi[:, size:], done.error, WEAKEST)[0]
+        return model, np.zeros((model.size, 0))
+
+    def _scaled(self) -> tuple[FloatArray, FloatArray]:
+        """Return the known model with the gain that explains the samples since best, and the numerator's direction."""
+        model, size, numerator = self.known.mean.copy(), self.structure.coefficients, self.structure.numerator
+        still = model.copy()
+        still[size:], still[numerator] = 0.0, 0.0
+        without = self.problem.run(still)
+        moving = still.copy()
+        moving[numerator] = model[numerator]
+        forced = without.error - self.problem.run(moving).error
+        columns = np.column_stack([forced, without.phi[:, size:]])
+        weights = least_norm(columns, without.error, WEAKEST)[0]
+        direction = np.zeros((model.size, 1))
+        direction[numerator, 0] = model[numerator]
+        moving[numerator] *= weights[0]
+        moving[size:] = weights[1:]
+        return moving, direction
+
+    def _with_prior(
+        self, supposition: Supposition, start: tuple[FloatArray, FloatArray], usual: float
+    ) -> Claim | None:
+        """Return the claim of a model that was known but for some directions, its fit begun at ``start``."""
+        prior = self.known.without(start[1])
+        model, done, converged = self.problem.polish(start[0], prior=prior, whitened=True)
+        if not (np.isfinite(model).all() and math.isfinite(done.cost)):
+            return None
+        likelihood = self.likelihood(done.ahead) - 0.5 * prior.cost(model) / prior.variance - usual
+        root = self.root(model, done, converged=converged)
+        return self._claim(supposition, likelihood, model=model, root=root)
+
+    def root(self, model: FloatArray, done: Pass, *, converged: bool) -> Root:
+        """Return a model as the end of a fit, filtered by the noise model from before if estimates are."""
+        white = self.known.noise.whiten_known(done.ahead, self.problem.known)
+        power = float(white @ white)
+        innovation = power / max(self.count, 1)
+        return Root(model, done, self.known.noise, innovation, power, converged, converged, filters=self.known.filters)
+
+    def _plant(self, given: Sequence[FloatArray], usual: float) -> Claim | None:
+        """Return the claim of a model of the samples since alone."""
+        found = refine(self.structure, self.since, given, afresh=True, filtered=self.known.filters)
+        if found is None or not found.settled:
+            return None
+        error = self.problem.run(found.theta).ahead
+        return self._claim(Supposition.PLANT, self.likelihood(error) - usual, model=found.theta, refined=found)
+
+    def _cuts(self, models: Sequence[FloatArray], usual: float) -> Iterator[Claim]:
+        """Yield the claims that the output decays as a model does, and does not answer to the input."""
+        size = self.structure.coefficients
+        for model in models:
+            still = model.copy()
+            still[self.structure.numerator], still[size:] = 0.0, 0.0
+            done = self.problem.run(still)
+            still[size:] = least_norm(done.phi[:, size:], done.error, WEAKEST)[0]
+            likelihood = self.likelihood(self.problem.run(still).ahead) - usual
+            yield self._claim(Supposition.CUT, likelihood)
+
+    def matters(self, claim: Claim) -> bool:
+        """Return whether the output that a claim's G(s) makes of the input differs from the known one's."""
+        if not claim.supposition.is_of_plant or claim.model is None:
+            return True
+        outputs = []
+        for model in (claim.model, self.known.mean):
+            bare = model.copy()
+            bare[self.structure.coefficients :] = 0.0
+            outputs.append(self.problem.run(bare).output)
+        away = float(np.std(outputs[0] - outputs[1]))
+        return not away < MATTERS * float(np.std(outputs[1]))
+
+    def estimate(self, claim: Claim) -> Refined | None:
+        """Return the estimate of a claim about the samples since, what was known before included."""
+        if claim.refined is not None or claim.root is None:
+            return claim.refined
+        directions = self._scaled()[1] if claim.supposition is Supposition.GAIN else np.zeros((claim.root.model.size, 0))
+        prior = self.known.without(directions)
+        return conclude(
+            self.structure, self.problem.record, self.problem.known, claim.root, self.problem.projection, prior
+        )
