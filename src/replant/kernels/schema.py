@@ -127,8 +127,8 @@ class Supposition(IntEnum):
 
     @property
     def is_of_plant(self) -> bool:
-        """Whether it says something else of G(s) from the change on."""
-        return self in (Supposition.GAIN, Supposition.PLANT)
+        """Whether the output answers to the input otherwise from the change on."""
+        return self in (Supposition.GAIN, Supposition.PLANT, Supposition.CUT)
 
 
 class Doubt(IntEnum):

@@ -57,6 +57,12 @@ Derivation: half of the error of abs G with which a model is trusted.
 Sensitivity: not measured.
 """
 
+BREAKS = 1, 2, 4
+"""Pieces of the broken line along which a load may drift [count].
+Origin: a drift that each alarm takes for a step is one of few pieces until the next one.
+Sensitivity: not measured.
+"""
+
 WEAKEST = 1e-12
 """Singular value below which a direction counts as not there [part of the largest].
 Derivation: some thousand times the precision of float64.
@@ -104,6 +110,7 @@ class Known:
         begin: int,
         mean: FloatArray,
         information: FloatArray,
+        usual: float,
         *,
         filters: bool = True,
     ) -> Known | None:
@@ -117,21 +124,24 @@ class Known:
             The samples before it tell offset, state and noise.
         mean : (T,) array
         information : (T, T) array
+        usual : float
+            Variance of the residual, where too few samples are before to tell it.
         filters : bool
             Whether estimates are filtered by the noise model.
         """
-        size, model, first = structure.coefficients, mean.copy(), record.first(begin)
-        if first.count <= mean.size or not np.isfinite(information).all():
+        size, model, problem = structure.coefficients, mean.copy(), Problem(structure, record)
+        first = record.first(begin)
+        told = first.count > LEAST + mean.size
+        if not (problem.is_usable(mean) and np.isfinite(information).all()):
             return None
-        problem = Problem(structure, record)
-        if not problem.is_usable(mean):
-            return None
-        model[size:] = 0.0
+        model[size:], rows = 0.0, slice(0, begin) if told else slice(None)
         done = problem.run_whole(model)
-        model[size:] = least_norm(done.phi[:begin, size:], done.error[:begin], WEAKEST)[0]
+        model[size:] = least_norm(done.phi[rows, size:], done.error[rows], WEAKEST)[0]
         error = problem.run_whole(model).ahead
         if not np.isfinite(error).all():
             return None
+        if not told:
+            return cls(mean, information, error, Autoregression.white(usual, 1.0), usual, filters)
         sums, count = sums_of(error[:begin], first.predecessors)
         noise = Autoregression.white(float(error[:begin] @ error[:begin]), first.count)
         if count >= LEAST and np.isfinite(sums).all() and noise.power > 0.0:
@@ -254,7 +264,7 @@ class Contest:
             return []
         usual = self.usual(before)
         found = [] if again else [self._claim(Supposition.NOTHING, 0.0)]
-        found += [] if again else [self._claim(Supposition.NOISE, self.likelihood(before) - usual)]
+        found += [] if again else [self._claim(Supposition.NOISE, self.likelihood(before, drifts=False) - usual)]
         load = self._with_prior(Supposition.LOAD, self.without_moving(), usual)
         gain = self._with_prior(Supposition.GAIN, self._scaled(), usual)
         found += [claim for claim in (load, gain) if claim is not None and self.matters(claim)]
@@ -312,16 +322,32 @@ class Contest:
         """Return the log-likelihood of an error (K,) under the noise from before, up to a constant."""
         return -self._cost(error, self.known.noise, self.known.variance)
 
-    def likelihood(self, error: FloatArray) -> float:
-        """Return the same where the variance is another, and the colour if that pays for itself."""
+    def likelihood(self, error: FloatArray, *, drifts: bool = True) -> float:
+        """Return the same where the variance is another, and the colour if that pays for itself.
+
+        So does a load that drifts, along a broken line.
+        """
         if not np.isfinite(error).all():
             return -math.inf
+        lines = [(0, error)] + [(count, self._less_line(error, count)) for count in BREAKS if drifts]
+        price = 0.5 * math.log(max(self.count, 2))
+        return max(self._coloured(left) - price * count for count, left in lines)
+
+    def _coloured(self, error: FloatArray) -> float:
+        """Return the log-likelihood of an error (K,) with the colour from before, or one of its own."""
         alike = -self._cost(error, self.known.noise)
         sums, count = sums_of(error, self.problem.known)
         if count < LEAST or not np.isfinite(sums).all():
             return alike
         own = Autoregression.of_sums(sums, count)
         return max(alike, -self._cost(error, own) - 0.5 * own.order * math.log(max(self.count, 2)))
+
+    def _less_line(self, error: FloatArray, pieces: int) -> FloatArray:
+        """Return an error (K,) less the line of so many pieces that explains it best."""
+        measured = self.problem.record.is_measured
+        time = np.arange(self.rows)[:, None] / self.rows - np.arange(pieces) / pieces
+        line = np.column_stack([np.ones(self.rows), np.maximum(time, 0.0)]) * measured[:, None]
+        return np.asarray(error - line @ least_norm(line, error, WEAKEST)[0])
 
     def likelihood_as(self, error: FloatArray, known: Known) -> float:
         """Return that of an error (K,) whose last part is of the usual noise of a model known since."""

@@ -86,6 +86,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         begin,
         old.physical,
         _information(old, settings),
+        _usual(old, settings),
         filters=old.noise.filters > 0.0,
     )
     if present is None:
@@ -138,7 +139,13 @@ def _since_change(old: State, settings: Settings, parted: int = 0) -> Contest | 
         return None
     record = kept.record(settings.dt, settings.filter.input_hold)
     known = Known.before(
-        settings.structure, record, begin, old.prior[0].copy(), old.prior[1:].copy(), filters=old.noise.filters > 0.0
+        settings.structure,
+        record,
+        begin,
+        old.prior[0].copy(),
+        old.prior[1:].copy(),
+        _usual(old, settings),
+        filters=old.noise.filters > 0.0,
     )
     if known is None:
         return None
@@ -148,7 +155,9 @@ def _since_change(old: State, settings: Settings, parted: int = 0) -> Contest | 
 def _one_model(old: State, settings: Settings, present: Known, begin: int) -> list[Claim]:
     """Return what an alarm says of older samples: that the change before was another one, or the model wrong."""
     if not old.changed_at:
-        kept, first = _kept_since(old, max(old.gap_at, old.record_began))
+        if old.gap_at > old.record_began:
+            return []
+        kept, first = _kept_since(old, old.record_began)
         record = kept.record(settings.dt, settings.filter.input_hold)
         return _of_whole(old, settings, Contest(settings.structure, record, begin, present))
     contest = _since_change(old, settings, old.samples - (present.error.size - begin))
@@ -184,6 +193,14 @@ def _information(state: State, settings: Settings) -> FloatArray:
     size, information = settings.structure.coefficients, np.zeros((state.entries, state.entries))
     information[:size, :size] = inverse_of(covariance(state, settings)[:size, :size])
     return information
+
+
+def _usual(state: State, settings: Settings) -> float:
+    """Return the usual variance of the residual, in the output's unit squared."""
+    from replant.kernels.monitoring import outliers
+
+    usual = max(state.usual_variance, outliers.LEAST * state.largest_output)
+    return float(usual) * settings.scaling.output**2
 
 
 def _stands(since: RecentSamples, settings: Settings) -> bool:
