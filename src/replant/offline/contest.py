@@ -39,6 +39,7 @@ from replant.kernels.schema import Supposition
 from replant.model.structure import Structure
 from replant.offline.prior import Prior
 from replant.offline.refined import Refined, Root, conclude
+from replant.offline.residual_likelihood import WEAKEST, Stretch
 from replant.offline.solve import Solution
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem, is_long_enough
@@ -55,22 +56,6 @@ MATTERS = 0.05
 """Change of the simulated output below which a change of the plant does not matter [part of the output's amplitude].
 Derivation: half of the error of abs G with which a model is trusted.
 Sensitivity: not measured.
-"""
-
-BREAKS = 1, 2, 4
-"""Pieces of the broken line along which a load may drift [count].
-Origin: a drift that each alarm takes for a step is one of few pieces until the next one.
-Sensitivity: not measured.
-"""
-
-WEAKEST = 1e-12
-"""Singular value below which a direction counts as not there [part of the largest].
-Derivation: some thousand times the precision of float64.
-"""
-
-FINEST = 1e-9
-"""Standard deviation of a residual below which what is left is no evidence [part of the output's standard deviation].
-Derivation: a thousandth of what a converter of 20 bits resolves.
 """
 
 
@@ -247,9 +232,8 @@ class Contest:
         self.rows = self.problem.record.u.size  # those that answer to inputs of the record
         self.count = self.problem.record.count
         middle = max((parted or begin) - (record.u.size - self.rows), 0)
-        parts = [slice(0, middle), slice(middle, self.rows)]
-        self.parts = [part for part in parts if self.problem.record.is_measured[part].any()]
-        self.least = (FINEST * float(np.std(self.since.y))) ** 2 + np.finfo(float).tiny
+        self.stretch = Stretch.of(self.problem.record, slice(None), middle)
+        self.usual = self.stretch.of_usual(known.error[-self.rows :], known.noise, known.variance)
 
     @property
     def is_long_enough(self) -> bool:
@@ -262,102 +246,44 @@ class Contest:
         before = self.known.error[-self.rows :]
         if not self.is_long_enough:
             return []
-        usual = self.usual(before)
-        found = [] if again else [self._claim(Supposition.NOTHING, 0.0)]
-        found += [] if again else [self._claim(Supposition.NOISE, self.likelihood(before, drifts=False) - usual)]
-        load = self._with_prior(Supposition.LOAD, self.without_moving(), usual)
-        gain = self._with_prior(Supposition.GAIN, self._scaled(), usual)
+        found = []
+        if not again:
+            noise = self.stretch.of_other(before, self.known.noise) - self.usual
+            found = [self._claim(Supposition.NOTHING, 0.0), self._claim(Supposition.NOISE, noise)]
+        load = self._with_prior(Supposition.LOAD, self.without_moving())
+        gain = self._with_prior(Supposition.GAIN, self._scaled())
         found += [claim for claim in (load, gain) if claim is not None and self.matters(claim)]
-        plant = self._plant([claim.model for claim in (gain, load) if claim is not None], usual)
+        plant = self._plant([claim.model for claim in (gain, load) if claim is not None])
         if plant is not None and self.matters(plant):
             found.append(plant)
         if not again:
-            found += self._cuts([self.known.mean, *([plant.model] if plant is not None else [])], usual)
+            found += self._cuts([self.known.mean, *([plant.model] if plant is not None else [])])
         return found
 
     @quiet
     def whole(self, error: FloatArray) -> Claim:
         """Return the claim that one other model holds for the samples before as well, by its error over all of them."""
-        noises, before = [], slice(0, error.size - self.rows)
-        predecessors = self.record.predecessors
-        likelihood = self.likelihood(error[-self.rows :]) - self.usual(self.known.error[-self.rows :])
-        for each in (error, self.known.error):
-            sums, count = sums_of(each[before], predecessors[before])
-            noise = Autoregression.white(float(each[before] @ each[before]), max(count, 1))
-            noises.append(Autoregression.of_sums(sums, count) if count >= LEAST and np.isfinite(sums).all() else noise)
-        count = int(self.record.is_measured[before].sum())
-        powers = [
-            float(np.sum(noise.whiten_known(each, predecessors)[before] ** 2)) / max(count, 1) + self.least
-            for each, noise in zip((error, self.known.error), noises, strict=True)
-        ]
-        likelihood += 0.5 * count * (math.log(powers[1]) - math.log(powers[0]))
+        rows, noise = slice(0, error.size - self.rows), self.known.noise
+        before = Stretch.of(self.record, rows)
+        likelihood = self.stretch.of_other(error[-self.rows :], noise) - self.usual
+        likelihood += before.of_other(error[rows], noise)
+        likelihood -= before.of_other(self.known.error[rows], noise, drifts=True)
         return self._claim(Supposition.WHOLE, likelihood)
 
     def price(self, supposition: Supposition) -> float:
-        """Return the price of the numbers that a supposition fits: variance, nuisances, directions of G(s)."""
-        size, entries = self.structure.coefficients, self.known.mean.size
-        numbers = {Supposition.NOTHING: 0, Supposition.NOISE: 1, Supposition.WHOLE: 1}.get(
-            supposition, 1 + entries - size
-        )
-        numbers += {Supposition.GAIN: 1, Supposition.PLANT: size}.get(supposition, 0)
-        return 0.5 * numbers * math.log(max(self.count, 2))
+        """Return the price of the numbers that a supposition fits: nuisances, and directions of G(s)."""
+        if supposition in (Supposition.NOTHING, Supposition.NOISE, Supposition.WHOLE):
+            return 0.0
+        size = self.structure.coefficients
+        directions = {Supposition.GAIN: 1, Supposition.PLANT: size}.get(supposition, 0)
+        return (self.known.mean.size - size + directions) * self.stretch.price
 
     def _claim(self, supposition: Supposition, likelihood: float, **parts: object) -> Claim:
         return Claim(supposition, self, likelihood, self.price(supposition), **parts)  # type: ignore[arg-type]
 
-    def _cost(self, error: FloatArray, noise: Autoregression, variance: float | None = None) -> float:
-        """Return -ln of the likelihood of an error (K,), up to a constant.
-
-        Filtered by a noise model it has a variance, or one in each part that makes the likelihood largest.
-        """
-        white, cost = noise.whiten_known(error, self.problem.known) ** 2, 0.0
-        for part in self.parts:
-            count = int(self.problem.record.is_measured[part].sum())
-            own = float(white[part].sum()) / count + self.least
-            usual = own if variance is None else variance + self.least
-            cost += 0.5 * count * (math.log(usual) + own / usual - 1.0)
-        return cost
-
-    def usual(self, error: FloatArray) -> float:
-        """Return the log-likelihood of an error (K,) under the noise from before, up to a constant."""
-        return -self._cost(error, self.known.noise, self.known.variance)
-
-    def likelihood(self, error: FloatArray, *, drifts: bool = True) -> float:
-        """Return the same where the variance is another, and the colour if that pays for itself.
-
-        So does a load that drifts, along a broken line.
-        """
-        if not np.isfinite(error).all():
-            return -math.inf
-        lines = [(0, error)] + [(count, self._less_line(error, count)) for count in BREAKS if drifts]
-        price = 0.5 * math.log(max(self.count, 2))
-        return max(self._coloured(left) - price * count for count, left in lines)
-
-    def _coloured(self, error: FloatArray) -> float:
-        """Return the log-likelihood of an error (K,) with the colour from before, or one of its own."""
-        alike = -self._cost(error, self.known.noise)
-        sums, count = sums_of(error, self.problem.known)
-        if count < LEAST or not np.isfinite(sums).all():
-            return alike
-        own = Autoregression.of_sums(sums, count)
-        return max(alike, -self._cost(error, own) - 0.5 * own.order * math.log(max(self.count, 2)))
-
-    def _less_line(self, error: FloatArray, pieces: int) -> FloatArray:
-        """Return an error (K,) less the line of so many pieces that explains it best."""
-        measured = self.problem.record.is_measured
-        time = np.arange(self.rows)[:, None] / self.rows - np.arange(pieces) / pieces
-        line = np.column_stack([np.ones(self.rows), np.maximum(time, 0.0)]) * measured[:, None]
-        return np.asarray(error - line @ least_norm(line, error, WEAKEST)[0])
-
-    def likelihood_as(self, error: FloatArray, known: Known) -> float:
-        """Return that of an error (K,) whose last part is of the usual noise of a model known since."""
-        white, likelihood = known.noise.whiten_known(error, self.problem.known) ** 2, 0.0
-        for part in self.parts:
-            count = int(self.problem.record.is_measured[part].sum())
-            own = float(white[part].sum()) / count + self.least
-            variance = known.variance + self.least if part is self.parts[-1] else own
-            likelihood -= 0.5 * count * (math.log(variance) + own / variance - 1.0)
-        return likelihood
+    def _likelihood(self, error: FloatArray) -> float:
+        """Return the log-likelihood ratio of a model's error (K,) to NOTHING."""
+        return self.stretch.of_other(error, self.known.noise, drifts=True) - self.usual
 
     def without_moving(self) -> tuple[FloatArray, FloatArray]:
         """Return the known model with offset and initial state as the samples since tell them, and no direction."""
@@ -384,15 +310,13 @@ class Contest:
         moving[size:] = weights[1:]
         return moving, direction
 
-    def _with_prior(
-        self, supposition: Supposition, start: tuple[FloatArray, FloatArray], usual: float
-    ) -> Claim | None:
+    def _with_prior(self, supposition: Supposition, start: tuple[FloatArray, FloatArray]) -> Claim | None:
         """Return the claim of a model that was known but for some directions, its fit begun at ``start``."""
         prior = self.known.without(start[1])
         model, done, converged = self.problem.polish(start[0], prior=prior, whitened=True)
         if not (np.isfinite(model).all() and math.isfinite(done.cost)):
             return None
-        likelihood = self.likelihood(done.ahead) - 0.5 * prior.cost(model) / prior.variance - usual
+        likelihood = self._likelihood(done.ahead) - 0.5 * prior.cost(model) / prior.variance
         root = self.root(model, done, converged=converged)
         return self._claim(supposition, likelihood, model=model, root=root)
 
@@ -403,15 +327,15 @@ class Contest:
         innovation = power / max(self.count, 1)
         return Root(model, done, self.known.noise, innovation, power, converged, converged, filters=self.known.filters)
 
-    def _plant(self, given: Sequence[FloatArray], usual: float) -> Claim | None:
+    def _plant(self, given: Sequence[FloatArray]) -> Claim | None:
         """Return the claim of a model of the samples since alone."""
         found = refine(self.structure, self.since, given, afresh=True, filtered=self.known.filters)
         if found is None or not found.settled:
             return None
         error = self.problem.run(found.theta).ahead
-        return self._claim(Supposition.PLANT, self.likelihood(error) - usual, model=found.theta, refined=found)
+        return self._claim(Supposition.PLANT, self._likelihood(error), model=found.theta, refined=found)
 
-    def _cuts(self, models: Sequence[FloatArray], usual: float) -> Iterator[Claim]:
+    def _cuts(self, models: Sequence[FloatArray]) -> Iterator[Claim]:
         """Yield the claims that the output decays as a model does, and does not answer to the input."""
         size = self.structure.coefficients
         for model in models:
@@ -419,7 +343,7 @@ class Contest:
             still[self.structure.numerator], still[size:] = 0.0, 0.0
             done = self.problem.run(still)
             still[size:] = least_norm(done.phi[:, size:], done.error, WEAKEST)[0]
-            likelihood = self.likelihood(self.problem.run(still).ahead) - usual
+            likelihood = self._likelihood(self.problem.run(still).ahead)
             yield self._claim(Supposition.CUT, likelihood)
 
     def matters(self, claim: Claim) -> bool:
@@ -438,7 +362,9 @@ class Contest:
         """Return the estimate of a claim about the samples since, what was known before included."""
         if claim.refined is not None or claim.root is None:
             return claim.refined
-        directions = self._scaled()[1] if claim.supposition is Supposition.GAIN else np.zeros((claim.root.model.size, 0))
+        directions = (
+            self._scaled()[1] if claim.supposition is Supposition.GAIN else np.zeros((claim.root.model.size, 0))
+        )
         prior = self.known.without(directions)
         return conclude(
             self.structure, self.problem.record, self.problem.known, claim.root, self.problem.projection, prior

@@ -166,9 +166,9 @@ def _one_model(old: State, settings: Settings, present: Known, begin: int) -> li
     claims = [*contest.claims(again=True), *_of_whole(old, settings, contest)]
     # they are told beside NOTHING since the change; the others beside the present model, and what it has cost
     rows = contest.rows
-    error = present.error[-rows:]
     cost = contest.price(old.change) - (math.log(ALPHA) if old.change.is_of_plant else 0.0)
-    base = contest.likelihood_as(error, present) - contest.usual(contest.known.error[-rows:]) - cost
+    goes_on = contest.stretch.of_usual(present.error[-rows:], present.noise, present.variance, last=True)
+    base = goes_on - contest.usual - cost
     return [replace(claim, likelihood=claim.likelihood - base) for claim in claims]
 
 

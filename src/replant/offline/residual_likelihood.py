@@ -1,0 +1,128 @@
+"""How likely a residual is over a stretch of samples: with the noise known from before, or with other noise at a price.
+
+A stretch may have parts of which each has a variance of its own.  Another colour, and a load that drifts along a broken
+line, cost ln(K) / 2 for each number, as Bayes' criterion has it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.arguments import BoolArray, FloatArray, IntArray
+from replant.engine.record import Record
+from replant.statistics.autoregression import LEAST, Autoregression, sums_of
+from replant.statistics.linear_algebra import least_norm, quiet
+
+PIECES = 1, 2, 4
+"""Pieces of the broken line along which a load may drift [count].
+Origin: what an alarm has taken for a step is of few pieces until the next alarm.
+Sensitivity: not measured.
+"""
+
+FINEST = 1e-9
+"""Standard deviation of a residual below which what is left is no evidence [part of the output's standard deviation].
+Derivation: a thousandth of what a converter of 20 bits resolves.
+"""
+
+WEAKEST = 1e-12
+"""Singular value below which a direction counts as not there [part of the largest].
+Derivation: some thousand times the precision of float64.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """A stretch of K samples, and what the likelihood of a residual is told by.
+
+    Attributes
+    ----------
+    predecessors : (K,) array of int
+        Residuals before each that are one sampling time apart.
+    measured : (K,) array of bool
+        Residuals that count; the others are zero.
+    parts : tuple of slice
+        Those of a variance of their own.
+    least : float
+        Variance that a residual is not told below.
+    """
+
+    predecessors: IntArray
+    measured: BoolArray
+    parts: tuple[slice, ...]
+    least: float
+
+    @classmethod
+    def of(cls, record: Record, rows: slice, middle: int = 0) -> Stretch:
+        """Return the ``rows`` of a record, parted behind so many of them."""
+        measured = record.is_measured[rows]
+        parts = tuple(part for part in (slice(0, middle), slice(middle, measured.size)) if measured[part].any())
+        least = (FINEST * float(np.std(record.y))) ** 2 + np.finfo(float).tiny
+        return cls(record.predecessors[rows], measured, parts, least)
+
+    @property
+    def count(self) -> int:
+        """How many residuals count."""
+        return int(self.measured.sum())
+
+    @property
+    def price(self) -> float:
+        """What a number costs that is fitted."""
+        return 0.5 * math.log(max(self.count, 2))
+
+    @quiet
+    def of_usual(self, error: FloatArray, noise: Autoregression, variance: float, *, last: bool = False) -> float:
+        """Return the log-likelihood of a residual (K,) of noise that is known, up to a constant that all share.
+
+        Parameters
+        ----------
+        error : (K,) array
+        noise : Autoregression
+        variance : float
+            Of the residual filtered by it.
+        last : bool
+            Whether it is that of the last part alone; each other has the one that makes it most likely.
+        """
+        white, likelihood = noise.whiten_known(error, self.predecessors) ** 2, 0.0
+        for part in self.parts:
+            count = int(self.measured[part].sum())
+            own = float(white[part].sum()) / count + self.least
+            usual = own if last and part is not self.parts[-1] else variance + self.least
+            likelihood -= 0.5 * count * (math.log(usual) + own / usual - 1.0)
+        return likelihood
+
+    @quiet
+    def of_other(self, error: FloatArray, noise: Autoregression, *, drifts: bool = False) -> float:
+        """Return the same where each part has the variance that makes it most likely, and the price is taken off.
+
+        The colour is another one where that pays for itself, and so does a load that ``drifts``.
+        """
+        if not np.isfinite(error).all():
+            return -math.inf
+        most = self._coloured(error, noise)
+        for pieces in PIECES if drifts else ():
+            most = max(most, self._coloured(self._less_line(error, pieces), noise) - pieces * self.price)
+        return most - self.price
+
+    def _coloured(self, error: FloatArray, noise: Autoregression) -> float:
+        likelihood = self._of_own_variance(error, noise)
+        sums, count = sums_of(error, self.predecessors)
+        if count < LEAST or not np.isfinite(sums).all():
+            return likelihood
+        own = Autoregression.of_sums(sums, count)
+        return max(likelihood, self._of_own_variance(error, own) - own.order * self.price)
+
+    def _of_own_variance(self, error: FloatArray, noise: Autoregression) -> float:
+        white, likelihood = noise.whiten_known(error, self.predecessors) ** 2, 0.0
+        for part in self.parts:
+            count = int(self.measured[part].sum())
+            likelihood -= 0.5 * count * math.log(float(white[part].sum()) / count + self.least)
+        return likelihood
+
+    def _less_line(self, error: FloatArray, pieces: int) -> FloatArray:
+        """Return a residual (K,) less the line of so many pieces that explains it best."""
+        time = np.arange(error.size)[:, None] / error.size - np.arange(pieces) / pieces
+        line = np.column_stack([np.ones(error.size), np.maximum(time, 0.0)]) * self.measured[:, None]
+        return np.asarray(error - line @ least_norm(line, error, WEAKEST)[0])
