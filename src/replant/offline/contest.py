@@ -312,13 +312,27 @@ class Contest:
 
     def _with_prior(self, supposition: Supposition, start: tuple[FloatArray, FloatArray]) -> Claim | None:
         """Return the claim of a model that was known but for some directions, its fit begun at ``start``."""
-        prior = self.known.without(start[1])
-        model, done, converged = self.problem.polish(start[0], prior=prior, whitened=True)
-        if not (np.isfinite(model).all() and math.isfinite(done.cost)):
-            return None
-        likelihood = self._likelihood(done.ahead) - 0.5 * prior.cost(model) / prior.variance
-        root = self.root(model, done, converged=converged)
-        return self._claim(supposition, likelihood, model=model, root=root)
+        prior, best = self.known.without(start[1]), None
+        # in a load that drifts a fit without it may lead astray, and one with it may take for it what is none
+        drifting = self._drifting(self.problem.run(start[0]).ahead)
+        for problem in {id(each): each for each in (self.problem, drifting)}.values():
+            model, done, converged = problem.polish(start[0], prior=prior, whitened=True)
+            if not (np.isfinite(model).all() and math.isfinite(done.cost)):
+                continue
+            likelihood = self._likelihood(self.problem.run(model).ahead) - 0.5 * prior.cost(model) / prior.variance
+            if best is None or likelihood > best.likelihood:
+                root = self.root(model, done, converged=converged)
+                best = self._claim(supposition, likelihood, model=model, root=root)
+        return best
+
+    def _drifting(self, error: FloatArray) -> Problem:
+        """Return the problem of the samples since with a load that drifts as an error does; the same if it does not."""
+        line = self.stretch.line(error, self.known.noise)
+        if line.shape[1] == 0:
+            return self.problem
+        problem = Problem(self.structure, self.since, line)
+        problem.noise = self.known.noise
+        return problem
 
     def root(self, model: FloatArray, done: Pass, *, converged: bool) -> Root:
         """Return a model as the end of a fit, filtered by the noise model from before if estimates are."""
@@ -333,6 +347,14 @@ class Contest:
         if found is None or not found.settled:
             return None
         error = self.problem.run(found.theta).ahead
+        problem = self._drifting(error)
+        if problem is not self.problem:
+            model, done, converged = problem.polish(found.theta)
+            problem.renew_noise(done)
+            root = Root(model, done, problem.noise, done.cost, done.power, converged, converged, filters=False)
+            again = conclude(self.structure, problem.record, problem.known, root)
+            if again is not None and again.settled:
+                found, error = again, self.problem.run(again.theta).ahead
         return self._claim(Supposition.PLANT, self._likelihood(error), model=found.theta, refined=found)
 
     def _cuts(self, models: Sequence[FloatArray]) -> Iterator[Claim]:

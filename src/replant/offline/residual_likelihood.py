@@ -101,10 +101,32 @@ class Stretch:
         """
         if not np.isfinite(error).all():
             return -math.inf
-        most = self._coloured(error, noise)
-        for pieces in PIECES if drifts else ():
-            most = max(most, self._coloured(self._less_line(error, pieces), noise) - pieces * self.price)
-        return most - self.price
+        return self._drifted(error, noise, drifts=drifts)[0] - self.price
+
+    @quiet
+    def line(self, error: FloatArray, noise: Autoregression) -> FloatArray:
+        """Return the columns (K, P) that make the line along which a residual drifts, zero at its end.
+
+        None (P = 0) where no line pays for itself.
+        """
+        return self._columns(self._drifted(error, noise)[1] if np.isfinite(error).all() else 0)
+
+    def _drifted(self, error: FloatArray, noise: Autoregression, *, drifts: bool = True) -> tuple[float, int]:
+        """Return the largest log-likelihood of a residual less some line, paid for, and the line's pieces."""
+        lines = [(0, error)] + [(pieces, self._less_line(error, pieces)) for pieces in PIECES if drifts]
+        tried = [(self._coloured(left, noise) - pieces * self.price, pieces) for pieces, left in lines]
+        return max(tried, key=lambda each: each[0])
+
+    def _columns(self, pieces: int) -> FloatArray:
+        """Return what broken lines (K, P) of so many pieces are made of that end at zero."""
+        time, ends = np.arange(self.measured.size) + 1.0, np.arange(1, pieces + 1) / max(pieces, 1)
+        columns = np.maximum(ends - time[:, None] / self.measured.size, 0.0)
+        return np.asarray(columns * self.measured[:, None])
+
+    def _less_line(self, error: FloatArray, pieces: int) -> FloatArray:
+        """Return a residual (K,) less the line of so many pieces that explains it best, wherever that ends."""
+        line = np.column_stack([self.measured, self._columns(pieces)])
+        return np.asarray(error - line @ least_norm(line, error, WEAKEST)[0])
 
     def _coloured(self, error: FloatArray, noise: Autoregression) -> float:
         likelihood = self._of_own_variance(error, noise)
@@ -120,9 +142,3 @@ class Stretch:
             count = int(self.measured[part].sum())
             likelihood -= 0.5 * count * math.log(float(white[part].sum()) / count + self.least)
         return likelihood
-
-    def _less_line(self, error: FloatArray, pieces: int) -> FloatArray:
-        """Return a residual (K,) less the line of so many pieces that explains it best."""
-        time = np.arange(error.size)[:, None] / error.size - np.arange(pieces) / pieces
-        line = np.column_stack([np.ones(error.size), np.maximum(time, 0.0)]) * self.measured[:, None]
-        return np.asarray(error - line @ least_norm(line, error, WEAKEST)[0])

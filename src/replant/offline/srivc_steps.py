@@ -99,6 +99,9 @@ class Problem:
     ----------
     structure : Structure
     record : Record
+    beside : (K, P) array, optional
+        What explains the output as well, such as a drift: it is taken off all signals, which is what estimating its
+        weights comes to.
 
     Attributes
     ----------
@@ -115,8 +118,9 @@ class Problem:
         D(q) of the residual; it begins as one.
     """
 
-    def __init__(self, structure: Structure, record: Record) -> None:
+    def __init__(self, structure: Structure, record: Record, beside: FloatArray | None = None) -> None:
         self.whole, self._unknown = record, record.unknown(structure.delay)
+        self._beside = beside
         self.structure, self.record = structure, record.last(record.u.size - self._unknown)
         self.slowest, self.fastest = stability_margin(record), FASTEST / record.dt
         self.projection = None if record.r is None else Projection.of(record)
@@ -133,7 +137,8 @@ class Problem:
 
         Rows of outputs that were not measured are zero; the filters see the model's output, or the record's guess.
         """
-        return self.run_whole(model, filled=filled).since(self._unknown)
+        done = self.run_whole(model, filled=filled).since(self._unknown)
+        return done if self._beside is None else done.without(self._beside)
 
     def run_whole(self, model: FloatArray, *, filled: bool = True) -> Pass:
         """Return the same with the samples that answer to unknown inputs."""

@@ -125,7 +125,9 @@ def reconsider(old: State, settings: Settings) -> State | None:
         return None
     claims = contest.claims(again=True)
     found = decided([*claims, *_of_whole(old, settings, contest)]) if claims else None
-    return None if found is None else _believed(old, settings, found)
+    if found is None or found.supposition is old.change is Supposition.LOAD:  # the recursion goes on with all it knew
+        return None
+    return _believed(old, settings, found)
 
 
 def _since_change(old: State, settings: Settings, parted: int = 0) -> Contest | None:
@@ -232,7 +234,8 @@ def _believed(old: State, settings: Settings, found: Claim) -> State | None:
             new.stability_margin = min(new.stability_margin, old.stability_margin)
             new.forget_input = min(new.forget_input, old.forget_input)
         clear_doubt(new, RecentSamples.since(old, begin))
-    new.past_kept, new.past_due = 0, new.samples
+    if found.supposition is not Supposition.LOAD:
+        new.past_kept, new.past_due = 0, new.samples
     _end(new)
     return new
 
