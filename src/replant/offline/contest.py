@@ -167,6 +167,7 @@ class Claim:
     root: Root | None = None
     refined: Refined | None = None
     solution: Solution | None = None
+    is_believed: bool = False
 
     @property
     def fair(self) -> float:
@@ -175,8 +176,8 @@ class Claim:
 
     @property
     def evidence(self) -> float:
-        """The logarithm of the evidence over that of NOTHING."""
-        return self.fair + (math.log(ALPHA) if self.supposition.is_of_plant else 0.0)
+        """The logarithm of the evidence over that of NOTHING; of what is believed already it need not be sure."""
+        return self.fair + (math.log(ALPHA) if self.supposition.is_of_plant and not self.is_believed else 0.0)
 
 
 @quiet
@@ -364,9 +365,13 @@ class Contest:
             still = model.copy()
             still[self.structure.numerator], still[size:] = 0.0, 0.0
             done = self.problem.run(still)
-            still[size:] = least_norm(done.phi[:, size:], done.error, WEAKEST)[0]
-            likelihood = self._likelihood(self.problem.run(still).ahead)
-            yield self._claim(Supposition.CUT, likelihood)
+            columns, error = done.phi[:, size:], done.ahead
+            left = error - columns @ least_norm(columns, error, WEAKEST)[0]
+            # the initial state of an output that wanders is told by the noise model alone
+            noise = self.stretch.colour(left)
+            white = (noise.whiten_known(each, self.problem.known) for each in (columns, error))
+            weighed = error - columns @ least_norm(*white, WEAKEST)[0]
+            yield self._claim(Supposition.CUT, max(self._likelihood(left), self._likelihood(weighed)))
 
     def matters(self, claim: Claim) -> bool:
         """Return whether the output that a claim's G(s) makes of the input differs from the known one's."""

@@ -128,12 +128,15 @@ class Stretch:
         line = np.column_stack([self.measured, self._columns(pieces)])
         return np.asarray(error - line @ least_norm(line, error, WEAKEST)[0])
 
-    def _coloured(self, error: FloatArray, noise: Autoregression) -> float:
-        likelihood = self._of_own_variance(error, noise)
+    def colour(self, error: FloatArray) -> Autoregression:
+        """Return the noise model of a residual (K,)."""
         sums, count = sums_of(error, self.predecessors)
         if count < LEAST or not np.isfinite(sums).all():
-            return likelihood
-        own = Autoregression.of_sums(sums, count)
+            return Autoregression.white(float(error @ error), max(self.count, 1))
+        return Autoregression.of_sums(sums, count)
+
+    def _coloured(self, error: FloatArray, noise: Autoregression) -> float:
+        likelihood, own = self._of_own_variance(error, noise), self.colour(error)
         return max(likelihood, self._of_own_variance(error, own) - own.order * self.price)
 
     def _of_own_variance(self, error: FloatArray, noise: Autoregression) -> float:

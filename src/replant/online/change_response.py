@@ -94,6 +94,8 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     record, claims = kept.record(settings.dt, settings.filter.input_hold), []
     for at in sorted({max(begin + int(part * len(since)), 1) for part in BEGINS}):
         claims += Contest(settings.structure, record, at, present).claims()
+    if old.alarm == Alarm.FLOATS:
+        claims = [replace(claim, is_believed=claim.supposition is Supposition.CUT) for claim in claims]
     if claims and remembers_all(old, settings):
         claims += _one_model(old, settings, present, begin)
     found = decided(claims) if claims else None
