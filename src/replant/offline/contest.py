@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -155,6 +155,8 @@ class Claim:
     model : (T,) array or None
     root : Root or None
         Where its fit has ended.
+    prior : Prior or None
+        Of that fit.
     refined : Refined or None
         The estimate, where it is made of the samples alone.
     """
@@ -165,19 +167,20 @@ class Claim:
     price: float
     model: FloatArray | None = None
     root: Root | None = None
+    prior: Prior | None = None
     refined: Refined | None = None
     solution: Solution | None = None
     is_believed: bool = False
 
     @property
     def fair(self) -> float:
-        """The evidence before what another G(s) costs."""
-        return self.likelihood - self.price
+        """The evidence before what another G(s) costs; beside what is believed the others have to be sure."""
+        return self.likelihood - self.price - (2.0 * math.log(ALPHA) if self.is_believed else 0.0)
 
     @property
     def evidence(self) -> float:
-        """The logarithm of the evidence over that of NOTHING; of what is believed already it need not be sure."""
-        return self.fair + (math.log(ALPHA) if self.supposition.is_of_plant and not self.is_believed else 0.0)
+        """The logarithm of the evidence over that of NOTHING."""
+        return self.fair + (math.log(ALPHA) if self.supposition.is_of_plant else 0.0)
 
 
 @quiet
@@ -313,18 +316,27 @@ class Contest:
 
     def _with_prior(self, supposition: Supposition, start: tuple[FloatArray, FloatArray]) -> Claim | None:
         """Return the claim of a model that was known but for some directions, its fit begun at ``start``."""
-        prior, best = self.known.without(start[1]), None
         # in a load that drifts a fit without it may lead astray, and one with it may take for it what is none
-        drifting = self._drifting(self.problem.run(start[0]).ahead)
+        drifting, best = self._drifting(self.problem.run(start[0]).ahead), None
         for problem in {id(each): each for each in (self.problem, drifting)}.values():
+            prior = self.known.without(start[1])
             model, done, converged = problem.polish(start[0], prior=prior, whitened=True)
+            variance = self._variance(done.ahead)
+            if variance > prior.variance:  # that of the samples since is what they are to be weighed by
+                prior = replace(prior, variance=variance)
+                model, done, converged = problem.polish(start[0], prior=prior, whitened=True)
             if not (np.isfinite(model).all() and math.isfinite(done.cost)):
                 continue
             likelihood = self._likelihood(self.problem.run(model).ahead) - 0.5 * prior.cost(model) / prior.variance
             if best is None or likelihood > best.likelihood:
                 root = self.root(model, done, converged=converged)
-                best = self._claim(supposition, likelihood, model=model, root=root)
+                best = self._claim(supposition, likelihood, model=model, root=root, prior=prior)
         return best
+
+    def _variance(self, error: FloatArray) -> float:
+        """Return the variance of an error (K,) filtered by the noise model from before."""
+        white = self.known.noise.whiten_known(error, self.problem.known)
+        return float(white @ white) / max(self.count, 1)
 
     def _drifting(self, error: FloatArray) -> Problem:
         """Return the problem of the samples since with a load that drifts as an error does; the same if it does not."""
@@ -389,10 +401,6 @@ class Contest:
         """Return the estimate of a claim about the samples since, what was known before included."""
         if claim.refined is not None or claim.root is None:
             return claim.refined
-        directions = (
-            self._scaled()[1] if claim.supposition is Supposition.GAIN else np.zeros((claim.root.model.size, 0))
-        )
-        prior = self.known.without(directions)
         return conclude(
-            self.structure, self.problem.record, self.problem.known, claim.root, self.problem.projection, prior
+            self.structure, self.problem.record, self.problem.known, claim.root, self.problem.projection, claim.prior
         )

@@ -22,6 +22,7 @@ from replant.arguments import FloatArray
 from replant.engine.covariance import covariance
 from replant.engine.dimensions import STORED
 from replant.engine.recent_samples import RecentSamples
+from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels.schema import Alarm, Supposition
 from replant.offline.contest import ALPHA, Claim, Contest, Known, decided
@@ -91,14 +92,16 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     )
     if present is None:
         return old, later
-    record, claims = kept.record(settings.dt, settings.filter.input_hold), []
-    for at in sorted({max(begin + int(part * len(since)), 1) for part in BEGINS}):
-        claims += Contest(settings.structure, record, at, present).claims()
+    record = kept.record(settings.dt, settings.filter.input_hold)
     if old.alarm == Alarm.FLOATS:
-        claims = [replace(claim, is_believed=claim.supposition is Supposition.CUT) for claim in claims]
-    if claims and remembers_all(old, settings):
-        claims += _one_model(old, settings, present, begin)
-    found = decided(claims) if claims else None
+        found = _afloat(settings, record, begin, present)
+    else:
+        claims = []
+        for at in sorted({max(begin + int(part * len(since)), 1) for part in BEGINS}):
+            claims += Contest(settings.structure, record, at, present).claims()
+        if claims and remembers_all(old, settings):
+            claims += _one_model(old, settings, present, begin)
+        found = decided(claims) if claims else None
     if found is None:
         return old, later
     if found.supposition is Supposition.NOTHING:
@@ -112,6 +115,19 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         return old, later
     new = _believed(old, settings, found)
     return (old, later) if new is None else (new, 0)
+
+
+def _afloat(settings: Settings, record: Record, begin: int, present: Known) -> Claim | None:
+    """Return what is sure of the newest samples where the output did not answer to the input; None if that goes on."""
+    since = record.u.size - begin
+    most = int(math.log2(max(since / _least(settings), 1.0)))
+    for halvings in range(most, -1, -1):  # the fewest first: they are of one kind
+        claims = Contest(settings.structure, record, record.u.size - (since >> halvings), present).claims()
+        marked = [replace(claim, is_believed=claim.supposition is Supposition.CUT) for claim in claims]
+        found = decided(marked) if marked else None
+        if found is not None and found.supposition is not Supposition.CUT:
+            return found
+    return None
 
 
 @quiet
@@ -236,6 +252,9 @@ def _believed(old: State, settings: Settings, found: Claim) -> State | None:
             new.stability_margin = min(new.stability_margin, old.stability_margin)
             new.forget_input = min(new.forget_input, old.forget_input)
         clear_doubt(new, RecentSamples.since(old, begin))
+        # what the claim leaves beyond the usual is another alarm's
+        new.usual_variance = min(new.usual_variance, old.usual_variance)
+        new.usual_innovation = min(new.usual_innovation, old.usual_innovation)
     if found.supposition is not Supposition.LOAD:
         new.past_kept, new.past_due = 0, new.samples
     _end(new)
