@@ -170,12 +170,11 @@ class Claim:
     prior: Prior | None = None
     refined: Refined | None = None
     solution: Solution | None = None
-    is_believed: bool = False
 
     @property
     def fair(self) -> float:
-        """The evidence before what another G(s) costs; beside what is believed the others have to be sure."""
-        return self.likelihood - self.price - (2.0 * math.log(ALPHA) if self.is_believed else 0.0)
+        """The evidence before what another G(s) costs."""
+        return self.likelihood - self.price
 
     @property
     def evidence(self) -> float:
@@ -203,12 +202,15 @@ def forget(information: FloatArray, directions: FloatArray) -> FloatArray:
 def decided(claims: Sequence[Claim]) -> Claim | None:
     """Return the claim of most evidence; None while it is open.
 
-    What says nothing else of G(s) must win without the price of the others, too: it is as sure that it holds.
+    What says nothing else of G(s) must win without the price of the others, too: it is as sure that it holds.  Beside
+    an output that answers to nothing every other one has to be sure.
     """
     best = max(claims, key=lambda claim: claim.evidence)
-    if not best.supposition.is_of_plant and any(claim.fair > best.fair for claim in claims):
-        return None
-    return best
+    if best.supposition is Supposition.CUT:
+        return best
+    rivals = [claim for claim in claims if not best.supposition.is_of_plant or claim.supposition is Supposition.CUT]
+    sure = [-math.log(ALPHA) if claim.supposition is Supposition.CUT else 0.0 for claim in rivals]
+    return None if any(claim.fair + more > best.fair for claim, more in zip(rivals, sure, strict=True)) else best
 
 
 class Contest:
@@ -256,9 +258,10 @@ class Contest:
             found = [self._claim(Supposition.NOTHING, 0.0), self._claim(Supposition.NOISE, noise)]
         load = self._with_prior(Supposition.LOAD, self.without_moving())
         gain = self._with_prior(Supposition.GAIN, self._scaled())
-        found += [claim for claim in (load, gain) if claim is not None and self.matters(claim)]
+        found += [load] if load is not None and not self.differs(load.model) else []
+        found += [gain] if gain is not None and self.differs(gain.model) else []
         plant = self._plant([claim.model for claim in (gain, load) if claim is not None])
-        if plant is not None and self.matters(plant):
+        if plant is not None and self.differs(plant.model):
             found.append(plant)
         if not again:
             found += self._cuts([self.known.mean, *([plant.model] if plant is not None else [])])
@@ -385,13 +388,13 @@ class Contest:
             weighed = error - columns @ least_norm(*white, WEAKEST)[0]
             yield self._claim(Supposition.CUT, max(self._likelihood(left), self._likelihood(weighed)))
 
-    def matters(self, claim: Claim) -> bool:
-        """Return whether the output that a claim's G(s) makes of the input differs from the known one's."""
-        if not claim.supposition.is_of_plant or claim.model is None:
-            return True
+    def differs(self, model: FloatArray | None) -> bool:
+        """Return whether the output that a model's G(s) makes of the input differs from the known one's."""
+        if model is None:
+            return False
         outputs = []
-        for model in (claim.model, self.known.mean):
-            bare = model.copy()
+        for each in (model, self.known.mean):
+            bare = each.copy()
             bare[self.structure.coefficients :] = 0.0
             outputs.append(self.problem.run(bare).output)
         away = float(np.std(outputs[0] - outputs[1]))

@@ -123,8 +123,7 @@ def _afloat(settings: Settings, record: Record, begin: int, present: Known) -> C
     most = int(math.log2(max(since / _least(settings), 1.0)))
     for halvings in range(most, -1, -1):  # the fewest first: they are of one kind
         claims = Contest(settings.structure, record, record.u.size - (since >> halvings), present).claims()
-        marked = [replace(claim, is_believed=claim.supposition is Supposition.CUT) for claim in claims]
-        found = decided(marked) if marked else None
+        found = decided(claims) if claims else None
         if found is not None and found.supposition is not Supposition.CUT:
             return found
     return None
@@ -255,7 +254,7 @@ def _believed(old: State, settings: Settings, found: Claim) -> State | None:
         # what the claim leaves beyond the usual is another alarm's
         new.usual_variance = min(new.usual_variance, old.usual_variance)
         new.usual_innovation = min(new.usual_innovation, old.usual_innovation)
-    if found.supposition is not Supposition.LOAD:
+    if found.supposition is not Supposition.LOAD or not remembers_all(old, settings):  # G(s) may have moved
         new.past_kept, new.past_due = 0, new.samples
     _end(new)
     return new
