@@ -274,7 +274,8 @@ class Contest:
         before = Stretch.of(self.record, rows)
         likelihood = self.stretch.of_other(error[-self.rows :], noise) - self.usual
         likelihood += before.of_other(error[rows], noise)
-        likelihood -= before.of_other(self.known.error[rows], noise, drifts=True)
+        offset = before.measured[:, None].astype(float)
+        likelihood -= before.of_other(self.known.error[rows], noise, offset)
         return self._claim(Supposition.WHOLE, likelihood)
 
     def price(self, supposition: Supposition) -> float:
@@ -288,9 +289,10 @@ class Contest:
     def _claim(self, supposition: Supposition, likelihood: float, **parts: object) -> Claim:
         return Claim(supposition, self, likelihood, self.price(supposition), **parts)  # type: ignore[arg-type]
 
-    def _likelihood(self, error: FloatArray) -> float:
-        """Return the log-likelihood ratio of a model's error (K,) to NOTHING."""
-        return self.stretch.of_other(error, self.known.noise, drifts=True) - self.usual
+    def _likelihood(self, done: Pass, error: FloatArray | None = None) -> float:
+        """Return the log-likelihood ratio to NOTHING of a model's pass, or of another error (K,) of its nuisances."""
+        nuisances = done.phi[:, self.structure.coefficients :]
+        return self.stretch.of_other(done.ahead if error is None else error, self.known.noise, nuisances) - self.usual
 
     def without_moving(self) -> tuple[FloatArray, FloatArray]:
         """Return the known model with offset and initial state as the samples since tell them, and no direction."""
@@ -320,7 +322,7 @@ class Contest:
     def _with_prior(self, supposition: Supposition, start: tuple[FloatArray, FloatArray]) -> Claim | None:
         """Return the claim of a model that was known but for some directions, its fit begun at ``start``."""
         # in a load that drifts a fit without it may lead astray, and one with it may take for it what is none
-        drifting, best = self._drifting(self.problem.run(start[0]).ahead), None
+        drifting, best = self._drifting(self.problem.run(start[0])), None
         for problem in {id(each): each for each in (self.problem, drifting)}.values():
             prior = self.known.without(start[1])
             model, done, converged = problem.polish(start[0], prior=prior, whitened=True)
@@ -330,7 +332,7 @@ class Contest:
                 model, done, converged = problem.polish(start[0], prior=prior, whitened=True)
             if not (np.isfinite(model).all() and math.isfinite(done.cost)):
                 continue
-            likelihood = self._likelihood(self.problem.run(model).ahead) - 0.5 * prior.cost(model) / prior.variance
+            likelihood = self._likelihood(self.problem.run(model)) - 0.5 * prior.cost(model) / prior.variance
             if best is None or likelihood > best.likelihood:
                 root = self.root(model, done, converged=converged)
                 best = self._claim(supposition, likelihood, model=model, root=root, prior=prior)
@@ -341,9 +343,9 @@ class Contest:
         white = self.known.noise.whiten_known(error, self.problem.known)
         return float(white @ white) / max(self.count, 1)
 
-    def _drifting(self, error: FloatArray) -> Problem:
-        """Return the problem of the samples since with a load that drifts as an error does; the same if it does not."""
-        line = self.stretch.line(error, self.known.noise)
+    def _drifting(self, done: Pass) -> Problem:
+        """Return the problem of the samples since with a load that drifts as a pass shows; the same if it does not."""
+        line = self.stretch.line(done.ahead, self.known.noise, done.phi[:, self.structure.coefficients :])
         if line.shape[1] == 0:
             return self.problem
         problem = Problem(self.structure, self.since, line)
@@ -362,16 +364,16 @@ class Contest:
         found = refine(self.structure, self.since, given, afresh=True, filtered=self.known.filters)
         if found is None or not found.settled:
             return None
-        error = self.problem.run(found.theta).ahead
-        problem = self._drifting(error)
+        run = self.problem.run(found.theta)
+        problem = self._drifting(run)
         if problem is not self.problem:
             model, done, converged = problem.polish(found.theta)
             problem.renew_noise(done)
             root = Root(model, done, problem.noise, done.cost, done.power, converged, converged, filters=False)
             again = conclude(self.structure, problem.record, problem.known, root)
             if again is not None and again.settled:
-                found, error = again, self.problem.run(again.theta).ahead
-        return self._claim(Supposition.PLANT, self._likelihood(error), model=found.theta, refined=found)
+                found, run = again, self.problem.run(again.theta)
+        return self._claim(Supposition.PLANT, self._likelihood(run), model=found.theta, refined=found)
 
     def _cuts(self, models: Sequence[FloatArray]) -> Iterator[Claim]:
         """Yield the claims that the output decays as a model does, and does not answer to the input."""
@@ -386,7 +388,7 @@ class Contest:
             noise = self.stretch.colour(left)
             white = (noise.whiten_known(each, self.problem.known) for each in (columns, error))
             weighed = error - columns @ least_norm(*white, WEAKEST)[0]
-            yield self._claim(Supposition.CUT, max(self._likelihood(left), self._likelihood(weighed)))
+            yield self._claim(Supposition.CUT, max(self._likelihood(done, left), self._likelihood(done, weighed)))
 
     def differs(self, model: FloatArray | None) -> bool:
         """Return whether the output that a model's G(s) makes of the input differs from the known one's."""

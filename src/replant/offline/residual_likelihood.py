@@ -94,26 +94,29 @@ class Stretch:
         return likelihood
 
     @quiet
-    def of_other(self, error: FloatArray, noise: Autoregression, *, drifts: bool = False) -> float:
+    def of_other(self, error: FloatArray, noise: Autoregression, beside: FloatArray | None = None) -> float:
         """Return the same where each part has the variance that makes it most likely, and the price is taken off.
 
-        The colour is another one where that pays for itself, and so does a load that ``drifts``.
+        The colour is another one where that pays for itself, and so does a load that drifts, where the nuisances
+        ``beside`` it (K, C) are given.
         """
         if not np.isfinite(error).all():
             return -math.inf
-        return self._drifted(error, noise, drifts=drifts)[0] - self.price
+        return self._drifted(error, noise, beside)[0] - self.price
 
     @quiet
-    def line(self, error: FloatArray, noise: Autoregression) -> FloatArray:
+    def line(self, error: FloatArray, noise: Autoregression, beside: FloatArray) -> FloatArray:
         """Return the columns (K, P) that make the line along which a residual drifts, zero at its end.
 
         None (P = 0) where no line pays for itself.
         """
-        return self._columns(self._drifted(error, noise)[1] if np.isfinite(error).all() else 0)
+        return self._columns(self._drifted(error, noise, beside)[1] if np.isfinite(error).all() else 0)
 
-    def _drifted(self, error: FloatArray, noise: Autoregression, *, drifts: bool = True) -> tuple[float, int]:
+    def _drifted(self, error: FloatArray, noise: Autoregression, beside: FloatArray | None) -> tuple[float, int]:
         """Return the largest log-likelihood of a residual less some line, paid for, and the line's pieces."""
-        lines = [(0, error)] + [(pieces, self._less_line(error, pieces)) for pieces in PIECES if drifts]
+        lines = [(0, error)]
+        if beside is not None:
+            lines += [(pieces, self._less_line(error, pieces, beside)) for pieces in PIECES]
         tried = [(self._coloured(left, noise) - pieces * self.price, pieces) for pieces, left in lines]
         return max(tried, key=lambda each: each[0])
 
@@ -123,9 +126,9 @@ class Stretch:
         columns = np.maximum(ends - time[:, None] / self.measured.size, 0.0)
         return np.asarray(columns * self.measured[:, None])
 
-    def _less_line(self, error: FloatArray, pieces: int) -> FloatArray:
-        """Return a residual (K,) less the line of so many pieces that explains it best, wherever that ends."""
-        line = np.column_stack([self.measured, self._columns(pieces)])
+    def _less_line(self, error: FloatArray, pieces: int, beside: FloatArray) -> FloatArray:
+        """Return a residual (K,) less the line of so many pieces that explains it best beside the nuisances."""
+        line = np.column_stack([beside, self._columns(pieces)])
         return np.asarray(error - line @ least_norm(line, error, WEAKEST)[0])
 
     def colour(self, error: FloatArray) -> Autoregression:

@@ -176,8 +176,7 @@ def _one_model(old: State, settings: Settings, present: Known, begin: int) -> li
     if not old.changed_at:
         if old.gap_at > old.record_began:
             return []
-        kept, first = _kept_since(old, old.record_began)
-        record = kept.record(settings.dt, settings.filter.input_hold)
+        record = _kept_since(old, old.record_began)[0].record(settings.dt, settings.filter.input_hold)
         return _of_whole(old, settings, Contest(settings.structure, record, begin, present))
     contest = _since_change(old, settings, old.samples - (present.error.size - begin))
     if contest is None:

@@ -8,7 +8,6 @@ from replant.arguments import FloatArray
 from replant.engine.dimensions import RECENT
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import State
-from replant.kernels.schema import Alarm
 from replant.offline.solve import Solution, solve
 from replant.online.estimate_movement import asked_for
 from replant.online.restart import SURE, restart_at
@@ -36,14 +35,6 @@ AFTER_CHANGE = 1.5
 lengths].
 Derivation: all contests together cost three times the last one.
 Sensitivity: not measured.
-"""
-
-MATURE = 8
-"""Length of the record before which its estimate may itself have gone astray, and goes on to be solved again
-[start-ups].
-Origin: three doublings of the start-up, after each of which the record is solved again.
-Sensitivity: halved, 52 samples held against 'load step' instead of 49; error of 'load step' times 0.54; doubled,
-nothing changes on these records.
 """
 
 
@@ -100,12 +91,3 @@ def _is_usable(solution: Solution, settings: Settings, present: FloatArray) -> b
     if errors[0] is None or errors[1] is None:
         return errors[0] is not None
     return likelihood_ratio(errors[0], errors[1]) > SURE
-
-
-def is_mature(state: State, settings: Settings) -> bool:
-    """Return whether the record is so long that a larger residual means a changed plant, not a wrong estimate.
-
-    True as well where the record is not solved again as it grows, as with a forgetting factor.
-    """
-    length = state.samples - state.record_began
-    return length >= MATURE * settings.startup or not next_solution(state, settings)

@@ -40,7 +40,8 @@ def solve_whole(old: State, settings: Settings) -> State | None:
         return None
     found = solution.found
     since = max(old.record_began, old.revised_from, old.change_began if old.alarm else 0)
-    if since and _lasts(old, settings) and _has_changed(settings, found.theta, old.physical, solution.record.last(old.samples - since)):
+    newest = solution.record.last(old.samples - since)
+    if since and _lasts(old, settings) and _has_changed(settings, found.theta, old.physical, newest):
         return None
     away, left = _rank(settings, found.theta, solution.record)
     present = _rank(settings, old.physical, solution.record)
