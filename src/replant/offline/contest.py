@@ -256,16 +256,25 @@ class Contest:
         if not again:
             noise = self.stretch.of_other(before, self.known.noise) - self.usual
             found = [self._claim(Supposition.NOTHING, 0.0), self._claim(Supposition.NOISE, noise)]
-        load = self._with_prior(Supposition.LOAD, self.without_moving())
-        gain = self._with_prior(Supposition.GAIN, self._scaled())
-        found += [load] if load is not None and not self.differs(load.model) else []
-        found += [gain] if gain is not None and self.differs(gain.model) else []
-        plant = self._plant([claim.model for claim in (gain, load) if claim is not None])
-        if plant is not None and self.differs(plant.model):
-            found.append(plant)
-        if not again:
-            found += self._cuts([self.known.mean, *([plant.model] if plant is not None else [])])
-        return found
+        models = [self.known.mean]
+        for claim in self._of_models():
+            models.append(claim.model if claim.model is not None else self.known.mean)
+            # a load leaves G(s) as it is, and another G(s) makes another output
+            if self.differs(models[-1]) == claim.supposition.is_of_plant:
+                found.append(claim)
+        return found if again else [*found, *self._cuts(models)]
+
+    def _of_models(self) -> Iterator[Claim]:
+        """Yield the claims of models fitted to the samples since: a load, a gain, another plant."""
+        starts = []
+        for supposition, start in ((Supposition.LOAD, self.without_moving()), (Supposition.GAIN, self._scaled())):
+            claim = self._with_prior(supposition, start)
+            if claim is not None and claim.model is not None:
+                starts.append(claim.model)
+                yield claim
+        plant = self._plant(starts)
+        if plant is not None:
+            yield plant
 
     @quiet
     def whole(self, error: FloatArray) -> Claim:
@@ -386,14 +395,12 @@ class Contest:
             left = error - columns @ least_norm(columns, error, WEAKEST)[0]
             # the initial state of an output that wanders is told by the noise model alone
             noise = self.stretch.colour(left)
-            white = (noise.whiten_known(each, self.problem.known) for each in (columns, error))
-            weighed = error - columns @ least_norm(*white, WEAKEST)[0]
+            white, target = (noise.whiten_known(each, self.problem.known) for each in (columns, error))
+            weighed = error - columns @ least_norm(white, target, WEAKEST)[0]
             yield self._claim(Supposition.CUT, max(self._likelihood(done, left), self._likelihood(done, weighed)))
 
-    def differs(self, model: FloatArray | None) -> bool:
+    def differs(self, model: FloatArray) -> bool:
         """Return whether the output that a model's G(s) makes of the input differs from the known one's."""
-        if model is None:
-            return False
         outputs = []
         for each in (model, self.known.mean):
             bare = each.copy()
