@@ -10,7 +10,8 @@ import pytest
 import replant as rp
 from replant.engine.record import Record
 from replant.kernels.schema import Supposition
-from replant.offline.contest import ALPHA, Claim, Contest, Known, decided, forget
+from replant.offline.contest import ALPHA, Claim, Contest, decided
+from replant.offline.known_before import Known, forget
 from replant.offline.refined import Refined
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem

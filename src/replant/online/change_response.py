@@ -25,7 +25,8 @@ from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels.schema import Alarm, Supposition
-from replant.offline.contest import ALPHA, Claim, Contest, Known, decided
+from replant.offline.contest import ALPHA, Claim, Contest, decided
+from replant.offline.known_before import Known
 from replant.offline.solve import solve
 from replant.offline.srivc_steps import Problem
 from replant.online.restart import clear_doubt, restart, restart_at
