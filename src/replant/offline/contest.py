@@ -56,6 +56,14 @@ Sensitivity: not measured.
 """
 
 
+HARMLESS = 0.01
+"""Residual of the known model below which nothing else than the noise is asked for [part of the output's standard
+deviation].
+Derivation: a fifth of what a change must make of the output, so that none that matters is missed.
+Sensitivity: not measured.
+"""
+
+
 @dataclass(frozen=True, eq=False)
 class Claim:
     """A supposition, fitted.
@@ -76,6 +84,8 @@ class Claim:
         Of that fit.
     refined : Refined or None
         The estimate, where it is made of the samples alone.
+    solution : Solution or None
+        That of all samples.
     """
 
     supposition: Supposition
@@ -156,6 +166,8 @@ class Contest:
         if not again:
             noise = self.stretch.of_other(before, self.known.noise) - self.usual
             found = [self._claim(Supposition.NOTHING, 0.0), self._claim(Supposition.NOISE, noise)]
+        if float(np.std(before)) < HARMLESS * float(np.std(self.record.y)):
+            return found
         models = [self.known.mean]
         for claim in self._of_models():
             models.append(claim.model if claim.model is not None else self.known.mean)
