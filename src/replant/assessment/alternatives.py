@@ -4,7 +4,6 @@
 |---|---|
 | other dynamics | the input, the simulated output and their states, delayed by powers of two samples |
 | a nonlinear plant | the square and the cube of the simulated output |
-| the newest samples are another plant's | the model's slopes over these alone |
 | the reference explains more | Laguerre functions of it, the square and the cube of what it makes of the output |
 
 What the model's own slopes explain is taken away before, where the model was made from these samples.  Under feedback
@@ -16,7 +15,7 @@ Source: Ljung (1999), "System Identification: Theory for the User", sections 16.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -110,25 +109,6 @@ def unexplained(evidence: Evidence, runs: Runs, *, feedback: bool = False, known
     powers = np.column_stack([output**2, output**3])[rows]
     columns = np.hstack([dynamics(evidence, run, feedback=feedback), powers])
     return Part.of(evidence, residual.explained(columns), error, evidence.record.y[rows], "input")
-
-
-def newest_samples(evidence: Evidence, runs: Runs) -> Part:
-    """Return what another G(s) since the earlier estimate could explain, beside another offset and initial state.
-
-    As a part of the output's power over these samples.
-    """
-    run, rows = runs.now, evidence.known
-    since = np.zeros((evidence.samples, 1))
-    since[evidence.newest] = 1.0
-    if evidence.follows or not evidence.held_out:
-        return Part(0.0, 0.0, 0.0)
-    own = np.hstack([run.zeta, run.nuisances, since, since * run.nuisances])
-    found = residual_of(evidence, run.error[rows], own[rows]).explained((since * run.zeta)[rows])
-    part = Part.of(evidence, found, run.error[rows], evidence.record.y[rows], "newest samples")
-    output = evidence.record.y[evidence.newest][evidence.used[evidence.newest]]
-    share = evidence.used.sum() * float(np.var(evidence.record.y[evidence.used]))
-    larger = share / max(output.size * float(np.var(output)), np.finfo(float).tiny) if output.size else 0.0
-    return replace(part, size=part.size * larger, std=part.std * larger)
 
 
 def unexplained_by_reference(evidence: Evidence, run: ModelRun, reference: Reference) -> Part:

@@ -145,7 +145,7 @@ def _density(u: FloatArray, size: int) -> FloatArray:
 def _contradiction(evidence: Evidence, runs: Runs, omega: FloatArray) -> list[Finding]:
     """Say whether the newest samples alone would put abs G elsewhere, and over which length it is most."""
     present, surest, size, length = _magnitude(evidence, evidence.estimate, omega), 0.0, 0.0, 0
-    counts = [evidence.enough * times for times in LENGTHS]
+    counts = sorted({evidence.held_out, *(evidence.enough * times for times in LENGTHS)} - {0})
     for count, away in newest_distances(runs.now, counts, ALPHA):
         if not away.statistic > 1.0:
             continue

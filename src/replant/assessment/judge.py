@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from replant.assessment import sensor_faults
-from replant.assessment.alternatives import NEGLIGIBLE, newest_samples, unexplained, unexplained_by_reference
+from replant.assessment.alternatives import NEGLIGIBLE, unexplained, unexplained_by_reference
 from replant.assessment.change_tests import burst_finding, growth_finding
 from replant.assessment.control_loop import COLOURED, Loop
 from replant.assessment.estimate_tests import (
@@ -240,7 +240,6 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
         *_fit(evidence, runs, loop, figures),
         *([] if loop.is_closed else actuator_findings(evidence, runs)),
         *_unexplained(evidence, runs, loop, figures),
-        *([] if loop.reference is not None else _changed(evidence, runs)),
         *growth_finding(evidence, runs, figures, referenced=loop.reference is not None),
         *burst_finding(evidence, runs, referenced=loop.reference is not None),
         *_disagreement(max(evidence.disagreement, certainty.disagreement)),
@@ -250,14 +249,6 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
     held = [] if loop.reference is not None else hold_findings(evidence, runs)
     # an input that acts half a sample earlier than it was taken to act seems to answer the residual
     return (held or loop.findings) + model + certainty.findings
-
-
-def _changed(evidence: Evidence, runs: Runs) -> list[Finding]:
-    part = newest_samples(evidence, runs)
-    if not (part.is_sure and part.is_large):
-        return []
-    reason = f"another G(s) would explain another {percent(part.size)} of the output's power over {evidence.span}"
-    return [Finding("inconsistent", f"{reason}: the plant may have changed")]
 
 
 def _disagreement(size: float) -> list[Finding]:
