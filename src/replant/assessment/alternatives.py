@@ -15,7 +15,7 @@ Source: Ljung (1999), "System Identification: Theory for the User", sections 16.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -69,7 +69,7 @@ class Part:
     def of(cls, evidence: Evidence, found: Explained, error: FloatArray, output: FloatArray, source: str) -> Part:
         """Return what was found of an error (K,) beside an output (K,), over the samples of ``evidence.known``."""
         used = evidence.used[evidence.known]
-        power = max(float(np.var(output[used])), float(np.finfo(float).tiny))
+        power = power_of(evidence, output)
         # as Python's floats, which become infinite without a warning where the output is constant
         size = min(float(found.power), float(np.var(error[used]))) / power
         return cls(size, float(found.std) / power, found.statistic, source)
@@ -83,6 +83,11 @@ class Part:
     def is_large(self) -> bool:
         """Whether the part may exceed what a trusted model may leave unexplained."""
         return self.size + self.std > LARGEST_PART
+
+
+def power_of(evidence: Evidence, output: FloatArray) -> float:
+    """Return the variance of an output (K,) over the samples of ``evidence.known`` that are used; never zero."""
+    return max(float(np.var(output[evidence.used[evidence.known]])), float(np.finfo(float).tiny))
 
 
 def residual_of(evidence: Evidence, error: FloatArray, known: FloatArray) -> Residual:
@@ -109,6 +114,20 @@ def unexplained(evidence: Evidence, runs: Runs, *, feedback: bool = False, known
     powers = np.column_stack([output**2, output**3])[rows]
     columns = np.hstack([dynamics(evidence, run, feedback=feedback), powers])
     return Part.of(evidence, residual.explained(columns), error, evidence.record.y[rows], "input")
+
+
+def unexplained_before(evidence: Evidence, runs: Runs) -> Part:
+    """Return what the input could explain of what the earlier estimate leaves of the samples that it has not used.
+
+    Other coefficients are no less a fault of it than other dynamics are, as they would be of an estimate of a plant
+    that has changed.  Its own error counts as samples held out over samples learned.
+    """
+    newest, run = replace(evidence, follows=True), runs.old
+    rows = newest.known
+    residual = residual_of(newest, run.error[rows], run.nuisances[rows])
+    found = residual.explained(np.hstack([dynamics(newest, run), run.zeta[rows]]))
+    part = Part.of(newest, found, run.error[rows], evidence.record.y[rows], "input")
+    return replace(part, statistic=part.statistic / (1.0 + evidence.held_out / max(evidence.learned, 1)))
 
 
 def unexplained_by_reference(evidence: Evidence, run: ModelRun, reference: Reference) -> Part:

@@ -27,7 +27,7 @@ from dataclasses import replace
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.alternatives import LARGEST_PART, NEGLIGIBLE, Part, dynamics, residual_of, unexplained
+from replant.assessment.alternatives import LARGEST_PART, NEGLIGIBLE, Part, dynamics, power_of, residual_of, unexplained
 from replant.assessment.estimate_tests import FARTHEST, MOVED_SIGMAS, Speeds
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.score_test import ALPHA, Explained
@@ -57,7 +57,7 @@ Derivation: 2 where single steps follow each other slowly, 3 for white noise, w^
 def actuator_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     """Name the actuator's fault that explains a part of the residual most surely, if it is more than chance."""
     run, rows = runs.now, evidence.known
-    power, whole = max(float(np.var(evidence.record.y[rows])), float(np.finfo(float).tiny)), evidence.record.joined
+    power, whole = power_of(evidence, evidence.record.y[rows]), evidence.record.joined
     v, before = _scaled(whole.u), whole.u.size - evidence.samples  # what acts comes through the actuator, too
     error, nuisances = run.error[rows], run.nuisances[rows]
     linear = np.hstack([run.zeta[rows], dynamics(evidence, run)])
@@ -103,12 +103,12 @@ def dead_time_findings(evidence: Evidence, runs: Runs, part: Part) -> list[Findi
     A pole too few looks like a dead time, too, but leaves more for other dynamics to explain.
     """
     run, rows = runs.now, evidence.known
-    power = max(float(np.var(evidence.record.y[rows])), float(np.finfo(float).tiny))
+    power = power_of(evidence, evidence.record.y[rows])
     later = _later(evidence, run.forced)[rows, None]
     residual = residual_of(evidence, run.error[rows], np.hstack([run.zeta[rows], run.nuisances[rows]]))
     found = residual.explained(later)
     delay = evidence.structure.delay + float(found.weights[0]) * evidence.dt
-    if not (found.is_sure and found.power > NEGLIGIBLE * power and delay > 0.0):
+    if not (found.is_sure and found.power > NEGLIGIBLE * power and delay > -0.5 * evidence.dt):
         return []
     left = unexplained(evidence, runs, known=later)
     if left.is_sure and (left.is_large or left.size > 0.5 * part.size):
@@ -116,16 +116,22 @@ def dead_time_findings(evidence: Evidence, runs: Runs, part: Part) -> list[Findi
     step = -residual.weights_of(later)[: evidence.coefficients, 0] * found.weights[0]
     size = runs.size(step, Speeds.of(evidence, closed=False).poles)
     off, way = delay - evidence.structure.delay, "later" if found.weights[0] > 0.0 else "earlier"
+    # in as many digits as tell it from the one given
+    wanted = round(max(delay, 0.0), max(1 - math.floor(math.log10(abs(off))), 0))
     reason = f"the input seems to act {abs(off):.2g} s {way} than by the dead time given"
     status = "inconsistent" if size > FARTHEST or (part.is_sure and part.is_large) else "trusted"
-    return [Finding(status, f"{reason}: with a dead time of {delay:.2g} s a coefficient differs by {percent(size)}")]
+    return [Finding(status, f"{reason}: with a dead time of {wanted:g} s a coefficient differs by {percent(size)}")]
 
 
 def _later(evidence: Evidence, output: FloatArray) -> FloatArray:
     """Return by how much a model's output (K,) changes where it comes a sampling time later, to first order."""
     record = evidence.record
     times = np.cumsum(record.intervals) if record.intervals.size > 1 else record.dt * np.arange(output.size)
-    return np.asarray(-evidence.dt * np.gradient(output, times))
+    later = np.zeros(output.size)
+    for rows in record.parts:
+        if len(range(*rows.indices(output.size))) > 1:
+            later[rows] = -evidence.dt * np.gradient(output[rows], times[rows])
+    return later
 
 
 def _straight_input(evidence: Evidence) -> tuple[Explained, FloatArray] | None:

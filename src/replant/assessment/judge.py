@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from replant.assessment import sensor_faults
-from replant.assessment.alternatives import NEGLIGIBLE, unexplained, unexplained_by_reference
+from replant.assessment.alternatives import NEGLIGIBLE, unexplained, unexplained_before, unexplained_by_reference
 from replant.assessment.change_tests import burst_finding, growth_finding
 from replant.assessment.control_loop import COLOURED, Loop
 from replant.assessment.estimate_tests import (
@@ -217,9 +217,11 @@ def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
     """Return the faults of the sensor, found by comparison with the model's output."""
     y, newest = evidence.raw, np.arange(evidence.samples)[evidence.newest]
     newest = newest[evidence.record.is_measured[newest]]  # else y is the model's
+    if not newest.size:
+        return []
     modelled = evidence.record.y - runs.old.error
     noise = robust_std(runs.old.error[evidence.used])
-    count = len(y[newest])
+    count = newest.size
     intervals = evidence.record.intervals
     steps = np.full(count, intervals[0]) if intervals.size == 1 else intervals[newest]
     resolved = sensor_faults.is_resolved(y, noise)
@@ -240,6 +242,7 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
         *_fit(evidence, runs, loop, figures),
         *([] if loop.is_closed else actuator_findings(evidence, runs)),
         *_unexplained(evidence, runs, loop, figures),
+        *([] if loop.is_closed else _unexplained_before(evidence, runs)),
         *growth_finding(evidence, runs, figures, referenced=loop.reference is not None),
         *burst_finding(evidence, runs, referenced=loop.reference is not None),
         *_disagreement(max(evidence.disagreement, certainty.disagreement)),
@@ -331,6 +334,18 @@ def _unexplained(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -
     biased = "" if evidence.instruments else "noise, which biases an estimate without instruments, "
     causes = f"{biased}too few poles or zeros, a wrong dead time, or a plant that changes or is nonlinear"
     return [Finding("inconsistent", f"{reason}, unexplained by the model: {causes}")]
+
+
+def _unexplained_before(evidence: Evidence, runs: Runs) -> list[Finding]:
+    """Say what the earlier estimate leaves of samples that it has not used, where that matters."""
+    part = unexplained_before(evidence, runs) if evidence.held_out and evidence.used[evidence.newest].any() else None
+    if part is None or not (part.is_sure and part.is_large):
+        return []
+    reason = (
+        f"the input could explain another {percent(min(part.size, 1.0))} of the output's power over {evidence.span}"
+    )
+    past = f"unexplained by the estimate of {evidence.age} ago: it still converges, or the plant changes"
+    return [Finding("converging", f"{reason}, {past}")]
 
 
 def _in_favour(evidence: Evidence, loop: Loop, figures: Figures) -> str:

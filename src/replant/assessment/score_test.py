@@ -59,7 +59,7 @@ Level: a normal deviate beyond 4 has the chance 3e-5.
 """
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Explained:
     """What an alternative could still explain of a residual.
 
@@ -167,7 +167,7 @@ class Residual:
         along = self.from_known @ (self.from_known.T @ products(self.white_known, filtered))
         left = filtered - self.white_known @ along
         lengths = lengths_of(left)
-        told = (lengths > LEFT * before) & (before > TAKEN_AWAY * lengths_of(columns)) & (before != 1.0)
+        told = columns.any(axis=0) & (lengths > LEFT * before) & (before > TAKEN_AWAY * lengths_of(columns))
         if not told.any() or not float(self.white @ self.white) > 0.0:
             return Explained(weights)
         left = left[:, told] / lengths[told]
