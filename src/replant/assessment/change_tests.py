@@ -19,7 +19,6 @@ Level: a normal deviate beyond 4 has the chance 3e-5, and the verdict is asked m
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-
 BLOCKS = (32, 64, 128, 256, 512)
 """Lengths of the newest stretch over which a sudden failure is looked for, so that it is found whether it is violent
 or mild [samples].

@@ -69,7 +69,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 MENTIONED = 1e-3
 """Uncertainty below which slow noise is not named: what rounding leaves may be slow, too [part of a coefficient's
 size].
-Derivation: a thousandth of a coefficient is nothing that a user would ask the reason of.
+Origin: a choice of what a user would ask the reason of.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -92,7 +92,6 @@ IMPROVED = 0.9
 Origin: not recorded; kept, see sensitivity.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
-
 
 INTEGRATOR_SIGMAS = 3.0
 """Distance from the origin below which a pole may be an integrator's [standard deviations].

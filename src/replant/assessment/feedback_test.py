@@ -44,7 +44,6 @@ Derivation: twice the latest answer.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-
 LEFT = 1e-6
 """Length of the whitened signal's future that its past does not tell, below which the future is known from the past
 and no answer can be told [part of its length before].

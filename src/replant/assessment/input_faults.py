@@ -38,7 +38,7 @@ from replant.statistics.projections import without
 
 WIDTHS = (0.2, 0.5)
 """Half widths of the plays tried [part of the largest input].
-Derivation: two of them explain the larger part of any play between 0.1 and 0.7.
+Origin: two of them explain the larger part of any play between 0.1 and 0.7.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -46,7 +46,6 @@ ADVICE = "stay where it is straight, or map the input by its curve"
 SATURATES, DEAD = f"the actuator seems to saturate ({ADVICE})", f"the actuator seems to have a dead zone ({ADVICE})"
 LOPSIDED = f"the actuator seems to have another gain in the other direction ({ADVICE})"
 LOOSE = "the actuator seems to have play or friction (move it by more, or so that it comes from one side)"
-
 
 SMOOTH = 1.5
 """Power of an input's second differences, over that of its first, below which the input is smooth [ratio of powers].
@@ -107,7 +106,8 @@ def dead_time_findings(evidence: Evidence, runs: Runs, part: Part) -> list[Findi
     later = _later(evidence, run.forced)[rows, None]
     residual = residual_of(evidence, run.error[rows], np.hstack([run.zeta[rows], run.nuisances[rows]]))
     found = residual.explained(later)
-    delay = evidence.structure.delay + float(found.weights[0]) * evidence.dt
+    off = float(found.weights[0]) * evidence.dt
+    delay = evidence.structure.delay + off
     if not (found.is_sure and found.power > NEGLIGIBLE * power and delay > -0.5 * evidence.dt):
         return []
     left = unexplained(evidence, runs, known=later)
@@ -115,10 +115,9 @@ def dead_time_findings(evidence: Evidence, runs: Runs, part: Part) -> list[Findi
         return []
     step = -residual.weights_of(later)[: evidence.coefficients, 0] * found.weights[0]
     size = runs.size(step, Speeds.of(evidence, closed=False).poles)
-    off, way = delay - evidence.structure.delay, "later" if found.weights[0] > 0.0 else "earlier"
     # in as many digits as tell it from the one given
     wanted = round(max(delay, 0.0), max(1 - math.floor(math.log10(abs(off))), 0))
-    reason = f"the input seems to act {abs(off):.2g} s {way} than by the dead time given"
+    reason = f"the input seems to act {abs(off):.2g} s {'later' if off > 0.0 else 'earlier'} than the model says"
     status = "inconsistent" if size > FARTHEST or (part.is_sure and part.is_large) else "trusted"
     return [Finding(status, f"{reason}: with a dead time of {wanted:g} s a coefficient differs by {percent(size)}")]
 

@@ -144,6 +144,7 @@ class Residual:
         return cls(noise, known, white_known, basis, white, lengths, past, used)
 
     def _whitened(self, columns: FloatArray) -> FloatArray:
+        """Return columns (K, C) filtered by the noise model, over the samples used."""
         return np.asarray(self.noise.whiten_known(columns, self.past)[self.used])
 
     def weights_of(self, columns: FloatArray) -> FloatArray:
@@ -177,6 +178,7 @@ class Residual:
         count, part = amounts.size, float(amounts @ amounts)
         if not count:
             return Explained(weights)
+        weights[told] = basis @ amounts / lengths[told]
         rest = self.white - left @ (basis @ amounts)
         variance = float(rest @ rest) / max(self.white.size - count - self.from_known.shape[1], 1)
         if not variance > 0.0:
@@ -187,7 +189,6 @@ class Residual:
         size = self.white.size
         power = (float(amounts @ output) - variance * float(np.trace(gram))) / size
         std = math.sqrt(variance * (2.0 * variance * float(np.sum(gram**2)) + 4.0 * float(output @ output))) / size
-        weights[told] = basis @ amounts / lengths[told]
         limit = variance * float(chi2_quantile(1.0 - ALPHA, max(count - spent, 1)))
         spread = math.sqrt(variance) / float(lengths[told][0]) if count == 1 else math.inf
         return Explained(weights, max(power, 0.0), std, part / limit, spread)

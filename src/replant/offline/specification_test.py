@@ -78,7 +78,7 @@ Sensitivity: not measured.
 
 PER_COLUMN = 12
 """Samples for each of them [samples].
-Origin: as in the cross test, half as many again.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 
