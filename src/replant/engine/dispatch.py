@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
-from typing import Any
 
 import numpy as np
 
 from replant.arguments import IntArray
 from replant.engine.state import State
+from replant.kernels.native import Kernel
 from replant.regressor.preprocess import Preprocess
 
 Step = Callable[[float, float, float, float], float]  # takes a sample (u, y, t, r) and returns its error
 
 
-def step_kernels(state: State, *, regular: bool) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def step_kernels(state: State, *, regular: bool) -> tuple[Kernel, Kernel]:
     """Return the step kernels for this state: for one sample, and for many; ``regular``: without time stamps.
 
     All kernels work on the same arrays, so another one can go on where one stopped, as when stamps begin to come.  See
@@ -34,27 +33,23 @@ def step_kernels(state: State, *, regular: bool) -> tuple[Callable[..., Any], Ca
     return gradient.step, gradient.steps
 
 
-def bound_step(state: State, kernel: Callable[..., Any], preprocess: Preprocess) -> tuple[Step, IntArray]:
+def bound_step(state: State, kernel: Kernel, preprocess: Preprocess) -> tuple[Step, IntArray]:
     """Return a function of (u, y, t, r) that takes one sample of this state as ``kernel`` does, and its gate (1,).
 
-    It takes four floats and nothing else: their types are not checked (see `replant.kernels.step.by_address`).  Where
-    the input map is a Python function, which no kernel can call, it is called first.  As long as the gate is shut, as
-    it is at first, the function raises Attention and takes nothing.
+    Where the input map is a Python function, which no kernel can call, it is called first.  As long as the gate is
+    shut, as it is at first, the function raises Attention and takes nothing (see `replant.kernels.native`).
 
     Parameters
     ----------
     state : State
         Its arrays are kept alive by the function.
-    kernel : callable
+    kernel : Kernel
         For one sample, from `step_kernels`.
     preprocess : Preprocess
     """
-    from replant.kernels.step import by_address
+    from replant.kernels.native import library
 
-    table = by_address.table_of(*state.arrays)
-    call = partial(by_address.entry_of(by_address.WITHOUT_ARRAYS[kernel]), int(table.ctypes.data))
-    call.keeps = table, state  # type: ignore[attr-defined]  # what is pointed to lives as long as who points there
-    gate = table[by_address.GATE : by_address.GATE + 1]
+    call, gate = library().step(kernel.name, state.arrays)
     if callable(preprocess.input_map):
         return lambda u, y, t, r: call(float(preprocess.call_map(np.array([u]))[0]), y, t, r), gate
     return call, gate

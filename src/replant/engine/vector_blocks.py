@@ -68,7 +68,7 @@ class Block:
     @classmethod
     def of_states(cls, numbers: Sequence[int], states: Sequence[State]) -> Block:
         """Stack the arrays of these members."""
-        from replant.kernels.codegen.simd import LANES
+        from replant.kernels.lanes import LANES
 
         lanes = [*states, *[states[0]] * (LANES - len(states))]
         rows = [*numbers, *[numbers[0]] * (LANES - len(numbers))]
@@ -79,7 +79,7 @@ class Block:
             np.ones(LANES, np.int64),
             aligned((batch, first.buffer.shape[1], LANES)),
             np.arange(batch),
-            np.zeros(LANES, np.uint64),
+            np.zeros(LANES, np.int64),
             aligned((first.entries + memory, LANES)),
         )
         return cls(
@@ -122,11 +122,11 @@ class Block:
         """
         from replant.kernels.step import ensemble
 
-        arrays = self.ints, self.reals, self.banks, self.buffer, self.recent
         spaces = room.of(len(u) - start, parameters.shape[2])
         ensemble.steps(
-            arrays, self.apart, self.work, spaces, self.numbers, self.members, start, u, y, errors, parameters
-        )
+            self.ints, self.reals, self.banks, self.buffer, self.recent, self.apart, *self.work, *spaces, self.numbers,
+            self.members, start, u, y, errors, parameters,
+        )  # fmt: skip
 
 
 class Room:
@@ -140,7 +140,7 @@ class Room:
 
     def of(self, samples: int, size: int) -> tuple[FloatArray, FloatArray]:
         """Return room for inputs, outputs and errors, and for the first ``size`` parameters, of a tile of samples."""
-        from replant.kernels.codegen.simd import LANES
+        from replant.kernels.lanes import LANES
 
         rows = min(TILE, max(samples, 1))
         tile, estimates = self._arrays

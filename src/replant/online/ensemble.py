@@ -355,7 +355,7 @@ class Ensemble(Shared):
 
         ``reached`` holds, by the member's number, how many samples of the chunk it has taken.
         """
-        from replant.kernels.codegen.simd import LANES
+        from replant.kernels.lanes import LANES
 
         ready = [n for n in reached if may_join(self._members[n]) and is_ready(self._members[n])]
         states = {n: self._members[n]._state for n in ready}

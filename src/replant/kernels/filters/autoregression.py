@@ -12,7 +12,8 @@ Source: Ljung (1999), "System Identification: Theory for the User", sections 10.
 
 import math
 
-from replant.kernels.codegen.decorators import cold
+from replant.kernels.native import Reals, kernel
+
 
 ROUNDING = 1e-13
 """Part of a sum that is left after the smaller orders, below which it is rounding [part].
@@ -20,8 +21,12 @@ Derivation: some hundred times the precision of float64.
 """
 
 
-@cold
-def nested_models(sums, count, models, variances, work):
+@kernel(
+    "variances.size >= 1 and sums.size >= variances.size * variances.size",
+    "models.size >= variances.size * variances.size",
+    "work.size >= variances.size * variances.size + variances.size",
+)
+def nested_models(sums: Reals, count: float, models: Reals, variances: Reals, work: Reals):
     """Fill the models of orders 0 .. P - 1 and the variances of their residuals; return the order with the least BIC.
 
     ``sums`` (P P,): the lower triangle of G; ``count``: samples summed; ``models`` (P P,): row j is 1, d_1 .. d_j,

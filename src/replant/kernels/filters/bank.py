@@ -23,9 +23,8 @@ Discretisations are kept by the interval they belong to, a few at a time: a regu
 time three, and a clock that jitters makes a new one each time.
 """
 
-from replant.kernels.codegen.decorators import cold, inline_llvm, outlined
-from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters.matrix_exponential import exponential
+from replant.kernels.native import Reals, kernel
 
 OUTPUT, INPUT, MODEL, IMPULSE, CONSTANT, REFERENCE_INPUT = range(6)
 CHANNELS = 6
@@ -59,28 +58,35 @@ Derivation: far below a jitter that matters, far above the rounding of stamps th
 """
 
 
-@inline_llvm
 def at_gain(n):
     """Return where the gains begin."""
     return DENOMINATOR + 2 * n
 
 
-@inline_llvm
 def at_weights(n, T):
     """Return where the auxiliary model's parameters begin."""
     return DENOMINATOR + 2 * n + T
 
 
-@inline_llvm
 def at_states(n, T):
     """Return where the states begin."""
     return DENOMINATOR + 2 * n + 2 * T
 
 
-@inline_llvm
 def at_kept(n, T):
     """Return where the discretisations begin."""
     return DENOMINATOR + 2 * n + 2 * T + CHANNELS * n
+
+
+def whole_power(base, exponent):
+    """Return base^exponent, exponent 0, 1, 2 ..: by squares, to the same bits everywhere."""
+    result = 1.0
+    while exponent != 0:
+        if exponent % 2 == 1:
+            result *= base
+        exponent //= 2
+        base *= base
+    return result
 
 
 def size(n: int, T: int) -> int:
@@ -88,8 +94,15 @@ def size(n: int, T: int) -> int:
     return DENOMINATOR + 2 * n + 2 * T + CHANNELS * n + KEPT * (1 + n * n + 2 * n)
 
 
-@cold
-def set_denominator(bank, n, T, inputs, constant, nuisances, fixed, denominator, sigma):
+@kernel(
+    "1 <= n < 1000 and 0 <= inputs <= n + 1 and 0 <= T < 1000000",
+    "T >= n + inputs + (1 + n if nuisances else (1 if constant else 0))",
+    "denominator.size >= n and sigma.size >= T and bank.size >= size(n, T)",
+)
+def set_denominator(
+    bank: Reals, n: int, T: int, inputs: int, constant: bool, nuisances: bool, fixed: bool, denominator: Reals,
+    sigma: Reals,
+):  # fmt: skip
     """Give the bank a denominator d_{n-1} .. d_0: time scale, characteristic, gains; forget the discretisations.
 
     ``fixed``: the constant of the regressor is one, as (24) has it, and not 1/D.
@@ -117,25 +130,23 @@ def set_denominator(bank, n, T, inputs, constant, nuisances, fixed, denominator,
     if inputs == n + 1:  # as many zeros as poles: the first entry is s^n/D u
         bank[gain + n] = 1.0 / sigma[n]
     if constant:
-        last = 1.0 if fixed else c**n
+        last = 1.0 if fixed else whole_power(c, n)
         bank[gain + n + inputs] = 1.0 / (last * sigma[n + inputs])
     kept, size = DENOMINATOR + 2 * n + 2 * T + CHANNELS * n, 1 + n * n + 2 * n
     for slot in range(KEPT):
         bank[kept + slot * size] = -1.0
 
 
-@inline_llvm
 def discretization(bank, n, T, interval, work):
     """Return where the exact solution over ``interval`` lies in the bank, computing it if it is not there."""
     kept, size = at_kept(n, T), 1 + n * n + 2 * n
-    intervals = pointer(bank, kept)
+    intervals = bank[kept:]
     for slot in range(KEPT):
         if abs(intervals[slot * size] - interval) <= SAME_INTERVAL * interval:
             return kept + slot * size
     return new_discretization(bank, n, T, interval, work)
 
 
-@outlined
 def new_discretization(bank, n, T, interval, work):
     """Compute the exact solution over ``interval``, in the place of the oldest; return where it lies.
 
@@ -167,7 +178,6 @@ def new_discretization(bank, n, T, interval, work):
     return at
 
 
-@outlined
 def advance_states(n, solution, start, rise, x, new):
     """Carry the states x over one interval: their signal begins at ``start`` and rises along a straight line.
 
@@ -183,7 +193,6 @@ def advance_states(n, solution, start, rise, x, new):
         x[i] = new[i]
 
 
-@outlined
 def advance_both(n, solution, start, rise, x, new, other_start, other_rise, z, spare):
     """Carry the states x and z as `advance_states` carries x, to the same bits: each loads Ad but once for both."""
     A, constant, ramp = solution, n * n, n * n + n
@@ -200,23 +209,20 @@ def advance_both(n, solution, start, rise, x, new, other_start, other_rise, z, s
         z[i] = spare[i]
 
 
-@inline_llvm
 def advance_channel(bank, n, T, channel, at, start, end, work):
     """Carry one channel over the interval of the discretisation ``at``; its signal runs straight, start to end."""
     states = at_states(n, T) + channel * n
-    advance_states(n, pointer(bank, at + 1), start, end - start, pointer(bank, states), pointer(work, 0))
+    advance_states(n, bank[at + 1 :], start, end - start, bank[states:], work)
 
 
-@inline_llvm
 def advance_two(bank, n, T, at, one, start, end, other, other_start, other_end, work):
     """Carry two channels as `advance_channel` carries one."""
     states, rise, other_rise = at_states(n, T), end - start, other_end - other_start
-    x, z = pointer(bank, states + one * n), pointer(bank, states + other * n)
-    new, spare = pointer(work, 0), pointer(work, n)
-    advance_both(n, pointer(bank, at + 1), start, rise, x, new, other_start, other_rise, z, spare)
+    x, z = bank[states + one * n :], bank[states + other * n :]
+    new, spare = work, work[n:]
+    advance_both(n, bank[at + 1 :], start, rise, x, new, other_start, other_rise, z, spare)
 
 
-@cold
 def take_states(bank, other, n, T):
     """Copy the states of another bank, in this bank's own time scale."""
     ratio = bank[SCALE] / other[SCALE]
@@ -230,7 +236,6 @@ def take_states(bank, other, n, T):
     bank[INSTRUMENT] = other[INSTRUMENT]
 
 
-@cold
 def begin(bank, n, T):
     """Put every channel at rest, but for the impulse that has just come in."""
     states = DENOMINATOR + 2 * n + 2 * T
@@ -241,7 +246,6 @@ def begin(bank, n, T):
     bank[INSTRUMENT] = 0.0
 
 
-@outlined
 def fill_known_entries(bank, n, T, inputs, channel, u, constant, nuisances, fixed, phi):
     """Fill the regressor's entries that no output enters: those of the input, the constant and the initial state.
 
@@ -269,7 +273,6 @@ def fill_known_entries(bank, n, T, inputs, channel, u, constant, nuisances, fixe
     return output
 
 
-@outlined
 def fill_output_entries(bank, n, T, channel, y, phi):
     """Fill the entries -s^(n-1)/D y .. -s^0/D y of the signal in this channel, and return s^n/D y.
 
@@ -284,7 +287,6 @@ def fill_output_entries(bank, n, T, channel, y, phi):
     return highest
 
 
-@outlined
 def predicted_output(bank, n, T, solution, last, known, states, new):
     """Return the output that makes the residual zero, by what is known before it.
 

@@ -5,11 +5,11 @@ serves while the other warms up.  With the refined filter the serving bank makes
 """
 
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import inline_llvm, inline_source, outlined
-from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters.reflection import reflect
 from replant.kernels.filters.routh import all_left_of, bandwidth, slowest_decay
+from replant.kernels.native import Ints, Matrix, Reals, kernel
+from replant.kernels.soundness import LAID_OUT, is_laid_out
 
 WARM_TIME_CONSTANTS = 10.0
 """Time that a bank with a new model warms up before it takes over [slowest time constants of the model].
@@ -37,14 +37,12 @@ RETRY = 10.0
 """Samples until the estimate is looked at again when it could not serve as a model [samples]."""
 
 
-@inline_source
 def begin_filters(ints, banks):
     """Put the filters at rest, but for the impulse of the initial state, which comes in now."""
     for b in range(3):
         bk.begin(banks[b], ints[at.ORDER], ints[at.ENTRIES])
 
 
-@outlined
 def begin(ints, reals, banks, u, y):
     """Take the first sample of a record, or the first after a gap: everything at rest, u as it always was.
 
@@ -70,7 +68,6 @@ def begin(ints, reals, banks, u, y):
         reals[at.LEARN_FROM] = max(reals[at.LEARN_FROM], reals[at.ELAPSED] + reals[at.DELAY])
 
 
-@inline_llvm
 def moved_share(interval, before, earlier, dt):
     """Return how far a held input moves from one sample to the next, on the mean over the interval, as a part of it.
 
@@ -83,11 +80,10 @@ def moved_share(interval, before, earlier, dt):
     return (1.0 - known) * MOVED
 
 
-@inline_source
 def remember_input(ints, reals, u, interval):
     """Put the newest input, and the part that a reference explains of it, into the rings for the dead time."""
-    inputs, held = pointer(reals, ints[at.AT_INPUTS]), pointer(reals, ints[at.AT_HELD])
-    intervals, last = pointer(reals, ints[at.AT_INTERVALS]), inputs[ints[at.RING_HEAD]]
+    inputs, held = reals[ints[at.AT_INPUTS]:], reals[ints[at.AT_HELD]:]
+    intervals, last = reals[ints[at.AT_INTERVALS]:], inputs[ints[at.RING_HEAD]]
     before = ints[at.RING_HEAD] - 1 if ints[at.RING_HEAD] > 0 else ints[at.RING_SIZE] - 1
     share = moved_share(interval, intervals[ints[at.RING_HEAD]], intervals[before], reals[at.INTERVAL])
     newest = ints[at.RING_HEAD] + 1
@@ -97,13 +93,12 @@ def remember_input(ints, reals, u, interval):
     inputs[newest], intervals[newest] = u, interval
     held[newest] = last + share * (u - last)
     if ints[at.HAS_REFERENCE] == 1:
-        parts, means = pointer(reals, ints[at.AT_REFERENCE_INPUTS]), pointer(reals, ints[at.AT_REFERENCE_HELD])
+        parts, means = reals[ints[at.AT_REFERENCE_INPUTS]:], reals[ints[at.AT_REFERENCE_HELD]:]
         last, part = parts[newest - 1 if newest > 0 else ints[at.RING_SIZE] - 1], reals[at.INPUT_BY_REFERENCE]
         parts[newest] = part
         means[newest] = last + share * (part - last)
 
 
-@outlined
 def advance_delayed_input(ints, reals, bank, interval, slot, work, channel):
     """Carry INPUT or REFERENCE_INPUT over the newest interval, piece by piece where the dead time breaks it.
 
@@ -156,14 +151,13 @@ def advance_delayed_input(ints, reals, bank, interval, slot, work, channel):
         reals[now] = inputs[newer]
 
 
-@outlined
 def advance_reference_input(ints, reals, bank, interval, slot, work):
     """Carry the REFERENCE_INPUT channel over the newest interval, as the input's is."""
     n, T, newest = ints[at.ORDER], ints[at.ENTRIES], ints[at.RING_HEAD]
     if reals[at.DELAY] > 0.0:
         advance_delayed_input(ints, reals, bank, interval, slot, work, bk.REFERENCE_INPUT)
         return
-    parts, means = pointer(reals, ints[at.AT_REFERENCE_INPUTS]), pointer(reals, ints[at.AT_REFERENCE_HELD])
+    parts, means = reals[ints[at.AT_REFERENCE_INPUTS]:], reals[ints[at.AT_REFERENCE_HELD]:]
     start = end = means[newest]
     if ints[at.STRAIGHT_INPUT] == 1:
         start, end = parts[newest - 1 if newest > 0 else ints[at.RING_SIZE] - 1], parts[newest]
@@ -171,7 +165,6 @@ def advance_reference_input(ints, reals, bank, interval, slot, work):
     reals[at.REFERENCE_INPUT_NOW] = parts[newest]
 
 
-@outlined
 def follow_input(ints, reals, banks, interval):
     """Find the delayed input at the newest sample, and what a reference explains of it, before the filters begin."""
     n, T, bank, work = ints[at.ORDER], ints[at.ENTRIES], banks[ints[at.SERVING_BANK]], reals[ints[at.AT_WORK] :]
@@ -181,7 +174,6 @@ def follow_input(ints, reals, banks, interval):
         advance_delayed_input(ints, reals, bank, interval, slot, work, bk.REFERENCE_INPUT)
 
 
-@inline_source
 def advance_bank(ints, reals, bank, interval, y, channels):
     """Carry the channels of a bank but MODEL, whose newest value is not known yet, over the newest interval.
 
@@ -199,7 +191,7 @@ def advance_bank(ints, reals, bank, interval, y, channels):
         slot = bk.discretization(bank, n, T, interval, work)
         bk.advance_channel(bank, n, T, bk.OUTPUT, slot, last_y, y, work)
     else:
-        inputs, held = pointer(reals, ints[at.AT_INPUTS]), pointer(reals, ints[at.AT_HELD])
+        inputs, held = reals[ints[at.AT_INPUTS]:], reals[ints[at.AT_HELD]:]
         now = inputs[newest]
         start = end = held[newest]
         if ints[at.STRAIGHT_INPUT] == 1:
@@ -213,8 +205,11 @@ def advance_bank(ints, reals, bank, interval, y, channels):
     return slot
 
 
-@outlined
-def install_model(ints, reals, banks, which, theta):
+@kernel(
+    LAID_OUT,
+    "0 <= which < 3 and theta.size >= ints[at.ENTRIES]",
+)
+def install_model(ints: Ints, reals: Reals, banks: Matrix, which: int, theta: Reals):
     """Make the scaled estimate ``theta`` the auxiliary model of a bank.
 
     Its denominator is the bank's; if that is not stable, with the roots reflected.
@@ -241,7 +236,6 @@ def install_model(ints, reals, banks, which, theta):
         bank[weights + n + inputs] *= banks[0, bk.DENOMINATOR + n - 1]
 
 
-@outlined
 def renew_model(ints, reals, banks):
     """Make before break: a bank with the newest estimate warms up beside the serving one, then takes over.
 
@@ -274,7 +268,6 @@ def renew_model(ints, reals, banks):
     return taken_over
 
 
-@inline_llvm
 def fill_regressor(ints, reals, bank, y, fixed):
     """Fill phi and zeta from a bank and return the scaled target s^n/D y.
 
@@ -282,11 +275,11 @@ def fill_regressor(ints, reals, bank, y, fixed):
     plant's parameters whatever the filter is, and the error is that of (8).
     """
     n, T, inputs, constant = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES], ints[at.HAS_CONSTANT] == 1
-    filters, phi, refined = pointer(bank, 0), pointer(reals, ints[at.AT_PHI]), ints[at.REFINED] == 1
+    filters, phi, refined = bank, reals[ints[at.AT_PHI]:], ints[at.REFINED] == 1
     target = bk.fill_output_entries(filters, n, T, bk.OUTPUT, y, phi)
     bk.fill_known_entries(filters, n, T, inputs, bk.INPUT, reals[at.INPUT_NOW], constant, refined, fixed, phi)
     if ints[at.INSTRUMENTS] == 1:
-        zeta = pointer(reals, ints[at.AT_ZETA])
+        zeta = reals[ints[at.AT_ZETA]:]
         if ints[at.HAS_REFERENCE] == 1:
             now = reals[at.REFERENCE_INPUT_NOW]
             bk.fill_known_entries(filters, n, T, inputs, bk.REFERENCE_INPUT, now, constant, refined, fixed, zeta)
@@ -297,25 +290,23 @@ def fill_regressor(ints, reals, bank, y, fixed):
     return target / reals[at.OUTPUT_SCALE]
 
 
-@outlined
 def model_output(ints, reals, bank, slot, before, fixed):
     """Return the predicted output of a bank's model, known before the newest output is.
 
     ``slot``: the discretisation of the newest interval; ``before`` (n,): the OUTPUT states at the sample before, which
     are overwritten.  The bank's other channels but MODEL are those of now.
     """
-    n, T, filters = ints[at.ORDER], ints[at.ENTRIES], pointer(bank, 0)
+    n, T, filters = ints[at.ORDER], ints[at.ENTRIES], bank
     known = bk.fill_known_entries(
         filters, n, T, ints[at.INPUT_ENTRIES], bk.INPUT, reals[at.INPUT_NOW], ints[at.HAS_CONSTANT] == 1,
-        ints[at.REFINED] == 1, fixed, pointer(reals, ints[at.AT_ZETA]),
+        ints[at.REFINED] == 1, fixed, reals[ints[at.AT_ZETA]:],
     )  # fmt: skip
     if bank[bk.REFLECTED] == 0.0 or slot == 0:
         return known
-    work = pointer(reals, ints[at.AT_WORK])
-    return bk.predicted_output(filters, n, T, pointer(bank, slot + 1), reals[at.LAST_OUTPUT], known, before, work)
+    work = reals[ints[at.AT_WORK]:]
+    return bk.predicted_output(filters, n, T, bank[slot + 1 :], reals[at.LAST_OUTPUT], known, before, work)
 
 
-@outlined
 def observe(ints, reals, banks, u, y, interval):
     """Take an accepted sample through dead time, filters and auxiliary model; return the scaled target.
 
@@ -336,7 +327,7 @@ def observe(ints, reals, banks, u, y, interval):
             begin_filters(ints, banks)
             left = reals[at.UNKNOWN_INPUT] - interval
             reals[at.UNKNOWN_INPUT] = left if left > bk.SAME_INTERVAL * interval else 0.0
-    before = pointer(reals, ints[at.AT_OUTPUT_BEFORE])
+    before = reals[ints[at.AT_OUTPUT_BEFORE]:]
     serving, slot = 0.0, 0
     for b in range(2 if modelled else 0, -1, -1):  # the models first: the fixed filter needs the serving one's output
         idle = b == 3 - ints[at.SERVING_BANK] and ints[at.WARMING] == 0

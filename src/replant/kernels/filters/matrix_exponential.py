@@ -4,7 +4,6 @@ Here because the kernels need it while samples come in: when the filter follows 
 of an irregular clock.  At the norm of 1/4 that scaling leaves, twelve terms reach 1e-17.
 """
 
-from replant.kernels.codegen.decorators import outlined
 
 _TERMS = 12
 """Terms of the Taylor series [count].
@@ -20,7 +19,6 @@ _MOST_SQUARINGS = 1000
 """Halvings at the most, where the norm is not finite [count]."""
 
 
-@outlined
 def _product(a, b, result, size):
     for i in range(size):
         for j in range(size):
@@ -30,7 +28,6 @@ def _product(a, b, result, size):
             result[i * size + j] = total
 
 
-@outlined
 def exponential(matrix, result, work, size):
     """Write exp(matrix) into ``result``; all are flat (size^2,), ``matrix`` is used up, ``work`` is work."""
     norm = 0.0

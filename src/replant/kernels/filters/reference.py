@@ -17,8 +17,6 @@ Control 36.
 import math
 
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import inline_llvm, outlined
-from replant.kernels.codegen.pointer import pointer
 from replant.kernels.optimizers.covariance import measurement_update
 from replant.kernels.schema import FIXED, LAGUERRE, ReferenceSlots
 
@@ -29,13 +27,12 @@ _BEGINS = ReferenceSlots.begins(FIXED | {"L": SIZE})
 STATES, WEIGHTS, FACTORS, DIAGONAL = (_BEGINS[name] for name in ("states", "weights", "factors", "diagonal"))
 
 
-@outlined
 def advance(reference, r):
     """Carry the Laguerre functions on by one sample r; ``reference`` is a pointer.
 
     The first is sqrt(1 - a^2) / (1 - a/z), each other one (1/z - a) / (1 - a/z) of the one before.
     """
-    a, states = reference[POLE], pointer(reference, STATES)
+    a, states = reference[POLE], reference[STATES:]
     before = states[0]
     states[0] = a * before + math.sqrt(1.0 - a * a) * (r - reference[ORIGIN])
     for i in range(1, LAGUERRE):
@@ -44,7 +41,6 @@ def advance(reference, r):
         before = old
 
 
-@outlined
 def explained(reference, weights):
     """Return w' l; ``reference`` is a pointer, the weights lie behind it from ``weights`` on."""
     total = 0.0
@@ -53,20 +49,18 @@ def explained(reference, weights):
     return total
 
 
-@inline_llvm
 def project(ints, reals):
     """Take the newest reference: what it explains of input and output, by what was known before."""
-    reference = pointer(reals, ints[at.AT_REFERENCE])
+    reference = reals[ints[at.AT_REFERENCE]:]
     advance(reference, reals[at.REFERENCE_NOW])
     reals[at.INPUT_BY_REFERENCE] = explained(reference, WEIGHTS)
     reals[at.OUTPUT_BY_REFERENCE] = explained(reference, WEIGHTS + SIZE)
 
 
-@outlined
 def learn_weights(reference, u, y, work):
     """Let the weights learn input and output; ``work`` holds 2 (LAGUERRE + 1) numbers.  Arrays are pointers."""
-    states, gain = pointer(reference, STATES), pointer(work, SIZE)
-    alpha = measurement_update(SIZE, pointer(reference, FACTORS), pointer(reference, DIAGONAL), states, 1.0, work, gain)
+    states, gain = reference[STATES:], work[SIZE:]
+    alpha = measurement_update(SIZE, reference[FACTORS:], reference[DIAGONAL:], states, 1.0, work, gain)
     for_input = (u - explained(reference, WEIGHTS)) / alpha
     for_output = (y - explained(reference, WEIGHTS + SIZE)) / alpha
     for i in range(SIZE):
@@ -74,7 +68,6 @@ def learn_weights(reference, u, y, work):
         reference[WEIGHTS + SIZE + i] += gain[i] * for_output
 
 
-@inline_llvm
 def learn(ints, reals, u, y):
     """Let the weights learn the newest input and output; they forget nothing."""
-    learn_weights(pointer(reals, ints[at.AT_REFERENCE]), u, y, pointer(reals, ints[at.AT_WORK]))
+    learn_weights(reals[ints[at.AT_REFERENCE]:], u, y, reals[ints[at.AT_WORK]:])

@@ -7,7 +7,6 @@ Source: Bini (1996), "Numerical computation of polynomial zeros by means of Aber
 
 import math
 
-from replant.kernels.codegen.decorators import cold
 
 ITERATIONS = 200
 """Iterations at the most [count].
@@ -25,7 +24,6 @@ Derivation: guesses that mirror each other would stay so.
 """
 
 
-@cold
 def reflect(a, margin, work):
     """Reflect the roots of s^n + a[0] s^(n-1) + .. to the left of -margin, in place; ``work`` holds 4 n + 2 numbers.
 

@@ -5,7 +5,6 @@ A polynomial s^n + a[0] s^(n-1) + ... + a[n-1] is given by its n lower coefficie
 
 import math
 
-from replant.kernels.codegen.decorators import cold, outlined
 
 HALVINGS = 200
 """Halvings of a margin until it counts as nought [count].
@@ -13,7 +12,6 @@ Derivation: 2^-200 of a pole's magnitude is far below what float64 tells from an
 """
 
 
-@cold
 def all_left_of(a, margin, work):
     """Return whether every root has a real part below -margin; ``work`` holds 3 (n + 2) numbers."""
     n = a.size
@@ -48,7 +46,6 @@ def all_left_of(a, margin, work):
     return True
 
 
-@outlined
 def slowest_decay(a, work):
     """Return the distance of the rightmost root from the imaginary axis, within a factor of two from below.
 
@@ -62,7 +59,6 @@ def slowest_decay(a, work):
     return 0.0
 
 
-@cold
 def bandwidth(a):
     """Return max |a_i|^(1/(i+1)): no root is larger than twice this, the largest not smaller than an n-th of it.
 

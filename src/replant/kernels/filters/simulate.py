@@ -5,8 +5,7 @@ Over an interval between two samples the companion states are carried piece by p
 needs one discretisation, with a fractional dead time two (see `bank.discretization`).
 """
 
-from replant.kernels.codegen.decorators import kernel, outlined
-from replant.kernels.codegen.pointer import pointer
+from replant.kernels.native import Matrix, Reals, kernel
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters.chain import moved_share
 
@@ -21,7 +20,6 @@ NOTHING = 1e-200
 """Size of a free response below which it has died out; before its numbers become slow ones (denormal) [number]."""
 
 
-@outlined
 def advance_free(n, solution, free, new):
     """Carry the responses (n,) to a unit of each state over one interval, free' = free' Ad; all are pointers."""
     for j in range(n):
@@ -33,7 +31,6 @@ def advance_free(n, solution, free, new):
         free[j] = new[j]
 
 
-@outlined
 def lives(n, free):
     """Say whether a response (n,) behind a pointer has not died out; NaN lives."""
     for i in range(n):
@@ -42,8 +39,17 @@ def lives(n, free):
     return False
 
 
-@kernel
-def simulate(bank, states, work, row, feedthrough, progress, samples, lengths, dt, straight, output, free):
+@kernel(
+    "bank.size >= bk.size(row.size, 0) and states.size >= 2 * row.size",
+    "work.size >= 3 * (row.size + 2) * (row.size + 2)",
+    "progress.size >= PROGRESS and samples.size >= output.size + 2",
+    "lengths.size == 1 or lengths.size >= samples.size",
+    "free.shape[0] == 0 or (free.shape[0] >= output.size and free.shape[1] >= row.size)",
+)
+def simulate(
+    bank: Reals, states: Reals, work: Reals, row: Reals, feedthrough: float, progress: Reals, samples: Reals,
+    lengths: Reals, dt: float, straight: bool, output: Reals, free: Matrix,
+):  # fmt: skip
     """Take the newest samples (K,).
 
     Returns the place of the sample at the end of the piece that acts next; how many of the newest samples answer to
@@ -73,8 +79,8 @@ def simulate(bank, states, work, row, feedthrough, progress, samples, lengths, d
         first one.
     """
     n, regular, at_rest = row.size, lengths.size == 1, free.shape[0] == 0
-    inputs, intervals = pointer(samples, 0), pointer(lengths, 0)
-    kept, x, response, spare = pointer(bank, 0), pointer(states, 0), pointer(states, n), pointer(work, 0)
+    inputs, intervals = samples, lengths
+    kept, x, response, spare = bank, states, states[n:], work
     new, front, slot, step, unknown, alive = samples.size - output.size, 2, 0, 0.0, 0, 0
     for k in range(output.size):
         left = intervals[0 if regular else new + k]
@@ -113,9 +119,9 @@ def simulate(bank, states, work, row, feedthrough, progress, samples, lengths, d
             if n > 0:
                 if wanted != step:
                     slot, step = bk.discretization(bank, n, 0, wanted, work), wanted
-                bk.advance_states(n, pointer(kept, slot + 1), start, end - start, x, spare)
+                bk.advance_states(n, kept[slot + 1 :], start, end - start, x, spare)
                 if not waits and alive == k and not at_rest:
-                    advance_free(n, pointer(kept, slot + 1), response, spare)
+                    advance_free(n, kept[slot + 1 :], response, spare)
             left -= wanted
             if ends:
                 front, progress[USED], progress[NOW] = front + 1, 0.0, coming

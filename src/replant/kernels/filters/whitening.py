@@ -22,8 +22,6 @@ Theory for the User", sections 7.3 and 10.3.
 import math
 
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import inline_llvm, inline_source, outlined
-from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters.autoregression import nested_models
 from replant.kernels.schema import FIXED, LAGS, Doubt, NoiseSlots
 
@@ -47,13 +45,11 @@ Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 
-@inline_llvm
 def before(row):
     """Return the row of the ring that was written before this one."""
     return row - 1 if row > 0 else LAGS
 
 
-@outlined
 def filter_row(T, noise, phi, zeta, target):
     """Keep the newest row, and filter it in place; return the filtered target.
 
@@ -67,7 +63,7 @@ def filter_row(T, noise, phi, zeta, target):
     lags = min(int(noise[ORDER]), int(noise[KNOWN]))
     noise[POSITION] = newest
     noise[KNOWN] = min(noise[KNOWN] + 1.0, float(size))
-    row = pointer(noise, ROWS + newest * width)
+    row = noise[ROWS + newest * width :]
     for i in range(T):
         row[i] = phi[i]
     for i in range(T):
@@ -81,8 +77,8 @@ def filter_row(T, noise, phi, zeta, target):
     first = before(newest)
     second = before(first)
     third = before(second)
-    row_1, row_2 = pointer(noise, ROWS + first * width), pointer(noise, ROWS + second * width)
-    row_3, row_4 = pointer(noise, ROWS + third * width), pointer(noise, ROWS + before(third) * width)
+    row_1, row_2 = noise[ROWS + first * width :], noise[ROWS + second * width :]
+    row_3, row_4 = noise[ROWS + third * width :], noise[ROWS + before(third) * width :]
     for i in range(T):
         phi[i] = weight * (row[i] + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])
     for i in range(T, 2 * T):
@@ -91,29 +87,26 @@ def filter_row(T, noise, phi, zeta, target):
     return weight * (target + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])
 
 
-@inline_llvm
 def gain(ints, reals):
     """Return the residual's variance in the unit of the optimizer's covariance, over that of the filtered residual."""
     return reals[ints[at.AT_NOISE] + GAIN] if ints[at.HAS_NOISE_MODEL] == 1 else 1.0
 
 
-@inline_llvm
 def whiten(ints, reals, target, interval):
     """Filter the regressor, the instruments and the target of the newest sample; return the target.
 
     Those of an output that was bridged stay as they are: they are not learned, and break the past of later ones.
     """
-    noise = pointer(reals, ints[at.AT_NOISE])
+    noise = reals[ints[at.AT_NOISE]:]
     if abs(interval - reals[at.INTERVAL]) > IRREGULAR * reals[at.INTERVAL]:
         noise[KNOWN] = 0.0
     if ints[at.DOUBT] != Doubt.NONE:
         noise[KNOWN] = 0.0
         return target
     T = ints[at.ENTRIES]
-    return filter_row(T, noise, pointer(reals, ints[at.AT_PHI]), pointer(reals, ints[at.AT_ZETA]), target)
+    return filter_row(T, noise, reals[ints[at.AT_PHI]:], reals[ints[at.AT_ZETA]:], target)
 
 
-@outlined
 def add_residuals(T, noise, theta, errors, forgetting):
     """Add the products of the newest residual and its LAGS predecessors to the sums, where these are known.
 
@@ -125,7 +118,7 @@ def add_residuals(T, noise, theta, errors, forgetting):
     if noise[KNOWN] < size:
         return
     for lag in range(size):
-        row = pointer(noise, ROWS + at_row * width)
+        row = noise[ROWS + at_row * width :]
         error = row[2 * T]
         for i in range(T):
             error -= theta[i] * row[i]
@@ -133,20 +126,18 @@ def add_residuals(T, noise, theta, errors, forgetting):
         at_row = before(at_row)
     noise[COUNT] = forgetting * noise[COUNT] + 1.0
     for i in range(size):
-        sums = pointer(noise, SUMS + size * i)
+        sums = noise[SUMS + size * i :]
         for j in range(i + 1):
             sums[j] = forgetting * sums[j] + errors[i] * errors[j]
 
 
-@inline_llvm
 def record(ints, reals):
     """Take the newest sample's residual, before its update, into the sums that the noise model is made from."""
-    noise, theta = pointer(reals, ints[at.AT_NOISE]), pointer(reals, ints[at.AT_THETA])
-    work = pointer(reals, ints[at.AT_WORK])
+    noise, theta = reals[ints[at.AT_NOISE]:], reals[ints[at.AT_THETA]:]
+    work = reals[ints[at.AT_WORK]:]
     add_residuals(ints[at.ENTRIES], noise, theta, work, reals[ints[at.AT_SETTINGS]])
 
 
-@inline_source
 def renew(ints, reals):
     """Renew the models of all orders, and the order in use, from the sums, where they are of enough residuals.
 

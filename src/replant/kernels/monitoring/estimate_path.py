@@ -4,14 +4,12 @@ See `replant.statistics.batch_means` for what is made of it.  Room is limited an
 full every second row goes, and the next ones come half as often.
 """
 
-from replant.kernels.codegen.decorators import cold
 from replant.kernels.schema import FIXED, ROOM, PathSlots
 
 STEP, DUE, KEPT = PathSlots.step.index, PathSlots.due.index, PathSlots.kept.index
 ROWS = PathSlots.begins(FIXED | {"T": 0})["rows"]
 
 
-@cold
 def keep(path, theta, U, D, samples):
     """Keep the estimate after so many learned ``samples`` and the diagonal of P = U D U', or make room for it."""
     T, kept = theta.size, int(path[KEPT])

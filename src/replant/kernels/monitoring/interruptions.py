@@ -5,14 +5,15 @@ import math
 import numpy as np
 
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import inline_llvm, outlined
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import whitening
 from replant.kernels.filters.routh import slowest_decay
 from replant.kernels.monitoring import residual_colour
+from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers import covariance as second
 from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
 from replant.kernels.optimizers.memory import place
+from replant.kernels.soundness import LAID_OUT, is_laid_out
 
 INPUT_LEAP = 1e3
 """Distance beyond which an input leaps [largest moving standard deviations that it so far had].
@@ -49,7 +50,6 @@ Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
 
-@outlined
 def input_rests(ints, reals, u):
     """Return whether the input has come to rest: its moving variance says so, or it has not moved for a memory.
 
@@ -74,14 +74,12 @@ def input_rests(ints, reals, u):
     return reals[at.INPUT_POWER] < least
 
 
-@inline_llvm
 def unit_of_covariance(ints, reals):
     """Return the variance that the covariance of recursive least squares is a multiple of: that of what it learns."""
     usual = max(reals[at.USUAL_VARIANCE], LEAST_NOISE * reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny)
     return whitening.gain(ints, reals) * usual
 
 
-@outlined
 def begin_initial_state(ints, reals, banks, y):
     """Take the initial state for that of an output that stood at ``y``, and for unknown: learning goes on.
 
@@ -93,15 +91,15 @@ def begin_initial_state(ints, reals, banks, y):
     theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]
     U, D = reals[memory : memory + T * T], reals[memory + T * T : memory + T * T + T]
     variances, bank = reals[ints[at.AT_WORK] : ints[at.AT_WORK] + n], banks[ints[at.SERVING_BANK]]
-    size = UNKNOWN * max(reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny) * reals[at.OUTPUT_SCALE] ** 2
+    size = UNKNOWN * max(reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny) * (reals[at.OUTPUT_SCALE] * reals[at.OUTPUT_SCALE])
     if not y * y < size:
         y = 0.0
     for i in range(n):  # (s^(n-1) + a_(n-1) s^(n-2) + ..)/A of an impulse is one at first, and flat
         unit = reals[ints[at.AT_UNIT] + first + i]
         mean = y if i == 0 else y * bank[bk.DENOMINATOR + i - 1]
         theta[first + i] = mean / unit
-        variances[i] = size / unit**2
-        size *= bank[bk.SCALE] ** 2
+        variances[i] = size / (unit * unit)
+        size *= bank[bk.SCALE] * bank[bk.SCALE]
         for b in range(1, 3):
             banks[b, bk.at_weights(n, T) + first + i] = theta[first + i] * reals[at.OUTPUT_SCALE]
         if ints[at.ALGORITHM] == RECURSIVE_LEAST_SQUARES:
@@ -113,8 +111,8 @@ def begin_initial_state(ints, reals, banks, y):
         residual_colour.begin_last(reals[ints[at.AT_COLOUR] :], first, T)
 
 
-@outlined
-def forget_constant(ints, reals, banks):
+@kernel(LAID_OUT, "ints[at.REFINED] == 1 and ints[at.COLOURED] == 1")
+def forget_constant(ints: Ints, reals: Reals, banks: Matrix):
     """Take the constant beside G(s) for unknown: as large as would make the output ten times what it lately was.
 
     The initial state, the entries behind it, is begun anew by the next sample.
@@ -123,8 +121,9 @@ def forget_constant(ints, reals, banks):
     which, memory, work = T - n - 1, ints[at.AT_MEMORY], ints[at.AT_WORK]
     U, D = reals[memory : memory + T * T], reals[memory + T * T : memory + T * T + T]
     variances = reals[work : work + n + 1]
-    size = UNKNOWN * max(reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny) * reals[at.OUTPUT_SCALE] ** 2
-    size *= banks[ints[at.SERVING_BANK], bk.SCALE] ** (2 * n) / reals[ints[at.AT_UNIT] + which] ** 2
+    size = UNKNOWN * max(reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny) * (reals[at.OUTPUT_SCALE] * reals[at.OUTPUT_SCALE])
+    unit = reals[ints[at.AT_UNIT] + which]
+    size *= bk.whole_power(banks[ints[at.SERVING_BANK], bk.SCALE], 2 * n) / (unit * unit)
     size /= unit_of_covariance(ints, reals)
     for i in range(n + 1):
         variances[i] = size
@@ -134,8 +133,8 @@ def forget_constant(ints, reals, banks):
     residual_colour.begin_last(reals[ints[at.AT_COLOUR] :], which, T)
 
 
-@outlined
-def interrupt(ints, reals, banks, interval):
+@kernel(LAID_OUT)
+def interrupt(ints: Ints, reals: Reals, banks: Matrix, interval: float):
     """Begin the filters anew after a gap: parameters stay, learning waits until what is unknown has died out."""
     n = ints[at.ORDER]
     ints[at.GAPS] += 1
@@ -157,7 +156,6 @@ def interrupt(ints, reals, banks, interval):
         reals[at.LEARN_FROM] = now
 
 
-@outlined
 def clock_was_set(ints, reals, t):
     """Count a stamp that does not advance; return whether so many in a row advance that it is the clock's new time."""
     ints[at.EARLIER_STAMPS] = (
@@ -170,7 +168,6 @@ def clock_was_set(ints, reals, t):
     return True
 
 
-@outlined
 def hold(ints, reals, u, y, t, r, reason):
     """Hold a sample back until the next one tells whether it was misread; it counts as rejected so long."""
     ints[at.HELD_AT] = ints[at.SAMPLES] + 1
@@ -180,7 +177,6 @@ def hold(ints, reals, u, y, t, r, reason):
     ints[reason] += 1
 
 
-@outlined
 def believe(ints, reason):
     """Tell the identifier to take the sample that is held back, and the present one once more."""
     ints[reason] -= 1
@@ -188,14 +184,12 @@ def believe(ints, reason):
     ints[at.ATTENTION] = 1
 
 
-@inline_llvm
 def is_far(reals, u):
     """Return whether an input is far beyond all before, where these are known."""
     away = u - reals[at.INPUT_MEAN]
     return away * away > INPUT_LEAP * INPUT_LEAP * reals[at.LARGEST_POWER] > 0.0
 
 
-@outlined
 def input_leaps(ints, reals, u, y, t, r):
     """Return whether a sample whose input is far away is to be left: alone it was misread, two in a row are a move."""
     if ints[at.HELD_AT] == at.BELIEVED:
@@ -209,7 +203,6 @@ def input_leaps(ints, reals, u, y, t, r):
     return True
 
 
-@outlined
 def time_leaps(ints, reals, u, y, t, r):
     """Return whether a sample whose stamp leaps ahead is to be left: the next one shows whether it was misread.
 
@@ -226,7 +219,6 @@ def time_leaps(ints, reals, u, y, t, r):
     return True
 
 
-@outlined
 def is_too_coarse(ints, reals, t):
     """Return whether stamps as far from zero cannot tell sampling times apart; count it."""
     if abs(t) <= at.FARTHEST * reals[at.INTERVAL]:
@@ -235,7 +227,6 @@ def is_too_coarse(ints, reals, t):
     return True
 
 
-@outlined
 def interval_of(ints, reals, banks, u, y, t, r):
     """Return the time since the sample before; NaN, and count it, where a time stamp cannot be used, or not yet."""
     if math.isnan(t):

@@ -21,8 +21,6 @@ Nikiforov, "Detection of Abrupt Changes", 1993, chapter 2.
 import math
 
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import inline_llvm, inline_source, outlined
-from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain, whitening
 from replant.kernels.optimizers import covariance as second
@@ -205,13 +203,11 @@ Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 
-@inline_source
 def model_output(ints, banks):
     """Return the auxiliary model's output at the newest sample, 0 without one."""
     return banks[ints[at.SERVING_BANK], bk.MODEL_OUTPUT] if ints[at.INSTRUMENTS] == 1 else 0.0
 
 
-@inline_llvm
 def equation_error(ints, reals, target):
     """Return target - theta' phi, scaled."""
     theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + ints[at.ENTRIES]]
@@ -222,14 +218,12 @@ def equation_error(ints, reals, target):
     return error
 
 
-@inline_llvm
 def own_noise(ints, reals):
     """Return what the residual's variance is in the unit of the optimizer's covariance."""
-    memory, settings = pointer(reals, ints[at.AT_MEMORY]), pointer(reals, ints[at.AT_SETTINGS])
+    memory, settings = reals[ints[at.AT_MEMORY]:], reals[ints[at.AT_SETTINGS]:]
     return second.own_noise(ints[at.ALGORITHM], ints[at.ENTRIES], memory, settings)
 
 
-@outlined
 def variance_ratio(ints, reals):
     """Return the variance of the newest a-priori error over the residual's: more while parameters are uncertain."""
     T = ints[at.ENTRIES]
@@ -240,7 +234,6 @@ def variance_ratio(ints, reals):
     return 1.0 + whitening.gain(ints, reals) * along / own_noise(ints, reals)
 
 
-@outlined
 def is_harmful(ints, reals, square):
     """Return whether an a-priori error is no chance, the parameters' uncertainty counted, and would do harm."""
     ratio = variance_ratio(ints, reals)
@@ -251,7 +244,6 @@ def is_harmful(ints, reals, square):
     return harm and square > GATE * usual * ratio
 
 
-@inline_llvm
 def is_outlier(ints, reals, error, settled):
     """Return whether an a-priori error is too large to be, or is none."""
     square = error * error
@@ -266,7 +258,6 @@ def is_outlier(ints, reals, error, settled):
     return is_harmful(ints, reals, square)
 
 
-@outlined
 def reason_of(ints, y, doubt):
     """Return the doubt in an output whose error is too large to be, ``doubt`` where there was one before; count it."""
     if math.isnan(y):
@@ -278,7 +269,6 @@ def reason_of(ints, y, doubt):
     return Doubt.OUTLIER
 
 
-@outlined
 def is_stuck(ints, reals, y, modelled):
     """Return whether a run of ties is no chance; if so, remember the output."""
     share = max(reals[at.TIE_SHARE], LEAST_TIE_SHARE)
@@ -299,7 +289,6 @@ def is_stuck(ints, reals, y, modelled):
     return True
 
 
-@inline_llvm
 def stands(ints, reals, y, modelled):
     """Follow how long the output has stood still; return whether the sensor is stuck."""
     step = abs(y - reals[at.LAST_RAW])
@@ -324,7 +313,6 @@ def stands(ints, reals, y, modelled):
     return known or is_stuck(ints, reals, y, modelled)
 
 
-@outlined
 def advance_outputs(ints, reals, banks, y, interval, first):
     """Take ``y`` for the newest output: undo what the filters made of the measured one."""
     n, T, last, kept = ints[at.ORDER], ints[at.ENTRIES], reals[at.USED_OUTPUT], ints[at.AT_BACKUP]
@@ -344,7 +332,6 @@ def advance_outputs(ints, reals, banks, y, interval, first):
     return chain.fill_regressor(ints, reals, banks[ints[at.SERVING_BANK] if refined else 0], y, not refined)
 
 
-@inline_source
 def keep_outputs(ints, reals, banks):
     """Keep the states of the output's filters as they were before the newest sample."""
     n, kept = ints[at.ORDER], ints[at.AT_BACKUP]
@@ -356,7 +343,6 @@ def keep_outputs(ints, reals, banks):
             room[b * n + i] = old[i]
 
 
-@inline_source
 def observe(ints, reals, banks, u, y, interval):
     """Take a sample through the chain as `chain.observe` does; bridge its output where that cannot be.
 
@@ -393,14 +379,12 @@ def observe(ints, reals, banks, u, y, interval):
     return target
 
 
-@inline_llvm
 def begins_anew(ints, reals):
     """Return whether the newest error was that of an initial state not yet known after a gap, and no residual."""
     alpha = reals[ints[at.AT_MEMORY] + ints[at.MEMORY_SIZE] - 1]
     return ints[at.GAP_AT] > 0 and alpha > UNKNOWN * own_noise(ints, reals)
 
 
-@inline_llvm
 def is_calm(ints, reals):
     """Return whether no sensor was stuck just now, for one that saturates does so again soon, nor seems to be.
 
@@ -411,7 +395,6 @@ def is_calm(ints, reals):
     return ints[at.STUCK_OUTPUTS] == 0 or ints[at.SAMPLES] - ints[at.STUCK_LAST] >= CALM
 
 
-@inline_llvm
 def test_power(ints, reals, power):
     """Raise the alarm, or end it, by the sum of the residual's ``power`` over the usual one."""
     if ints[at.ALARM] != Alarm.NONE:
@@ -438,7 +421,6 @@ def test_power(ints, reals, power):
         reals[at.CUSUM] = 0.0
 
 
-@inline_llvm
 def innovation_power(reals, square):
     """Follow the variance of the filtered residual; return its newest ``square`` over the usual one.
 
@@ -451,7 +433,6 @@ def innovation_power(reals, square):
     return square / usual if usual > 0.0 else 0.0
 
 
-@inline_llvm
 def watch(ints, reals, learned, white):
     """Follow the residual's variance, and whether it has grown.
 

@@ -8,7 +8,7 @@ autoregression, e = w / D(q), the covariance of the instrumental-variable estima
 Source: Soderstrom and Stoica, "Instrumental Variable Methods for System Identification", 1983, chapter 4.
 """
 
-from replant.kernels.codegen.decorators import cold, outlined
+from replant.kernels.native import Reals, kernel
 from replant.kernels.schema import FIXED, LAGS, ColourSlots
 
 COUNT, POWER, POSITION = ColourSlots.count.index, ColourSlots.power.index, ColourSlots.position.index
@@ -16,8 +16,8 @@ BEGINS = ColourSlots.begins(FIXED | {"T": 0})  # what depends on T comes last
 MODEL, COVARIANCES, ERRORS, FILTERED = (BEGINS[name] for name in ("model", "covariances", "errors", "filtered"))
 
 
-@cold
-def autoregression(covariances, model, previous):
+@kernel("covariances.size > LAGS and model.size > LAGS and previous.size > LAGS")
+def autoregression(covariances: Reals, model: Reals, previous: Reals):
     """Fill ``model`` (LAGS + 1,) with the autoregression of these autocovariances; return its innovation's power.
 
     Levinson and Durbin's recursion; ``previous`` (LAGS + 1,) is work.
@@ -42,7 +42,6 @@ def autoregression(covariances, model, previous):
     return max(power, 0.0)
 
 
-@outlined
 def record(colour, error, alpha, forgetting, zeta):
     """Take one residual (before its update; alpha as in `optimizers.covariance.measurement_update`) and its regressor.
 
@@ -78,7 +77,6 @@ def record(colour, error, alpha, forgetting, zeta):
     colour[POSITION] = newest
 
 
-@cold
 def begin_last(colour, first, entries):
     """Forget what the regressor's entries from ``first`` on have been, as `optimizers.covariance.begin_last` does."""
     for lag in range(LAGS):

@@ -10,8 +10,6 @@ update is Thornton's); Young, "Recursive Estimation and Time-Series Analysis", 2
 
 import numpy as np
 
-from replant.kernels.codegen.decorators import cold, inline_llvm, inline_source, outlined
-from replant.kernels.codegen.pointer import pointer
 from replant.kernels.optimizers.memory import MATRIX, ONE, VECTOR, Memory, Size, block, place
 
 RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9
@@ -34,7 +32,6 @@ AT_NOISE, AT_INCREASE, AT_TRACKING_PROJECTED, AT_TRACKING_GAIN, AT_TRACKING_WORK
 )
 
 
-@outlined
 def measurement_update(P, U, D, zeta, noise, projected, gain):
     """Bierman's update of U (P^2) and D (P) for a scalar observation zeta' theta of variance ``noise``.
 
@@ -61,27 +58,26 @@ def measurement_update(P, U, D, zeta, noise, projected, gain):
     return alpha
 
 
-@outlined
 def time_update(P, U, D, increase, work):
     """Thornton's update of U and D for P + diag(increase): weighted Gram-Schmidt; ``work`` holds 2 P^2 + 2 P.
 
     All are pointers.
     """
-    width, weights = 2 * P, pointer(work, 2 * P * P)
+    width, weights = 2 * P, work[2 * P * P :]
     for i in range(P):
-        row = pointer(work, i * width)
+        row = work[i * width :]
         for j in range(P):
             row[j] = U[i * P + j]
             row[P + j] = 1.0 if i == j else 0.0
         weights[i] = D[i]
         weights[P + i] = increase[i]
     for i in range(P - 1, -1, -1):
-        row, length = pointer(work, i * width), 0.0
+        row, length = work[i * width :], 0.0
         for k in range(width):
             length += row[k] * row[k] * weights[k]
         D[i] = length
         for j in range(i):
-            earlier, cross = pointer(work, j * width), 0.0
+            earlier, cross = work[j * width :], 0.0
             for k in range(width):
                 cross += earlier[k] * row[k] * weights[k]
             cross = cross / length if length > 0.0 else 0.0
@@ -90,7 +86,6 @@ def time_update(P, U, D, increase, work):
                 earlier[k] -= cross * row[k]
 
 
-@cold
 def begin_last(U, D, first, variances, work):
     """Make the entries from ``first`` on independent of the others, with these ``variances``, as if just begun.
 
@@ -119,7 +114,6 @@ def begin_last(U, D, first, variances, work):
         D[k] = variances[k - first]
 
 
-@outlined
 def variance_along(U, D, zeta):
     """Return zeta' P zeta."""
     P = D.size
@@ -132,7 +126,6 @@ def variance_along(U, D, zeta):
     return total
 
 
-@outlined
 def expand(U, D, covariance):
     """Write P = U D U' into ``covariance`` (P, P)."""
     P = D.size
@@ -145,22 +138,21 @@ def expand(U, D, covariance):
             covariance[j, i] = total
 
 
-@inline_llvm
 def recursive_least_squares(theta, memory, settings, buffer, rows, batch, direction):
     """Settings [forgetting factor], memory `LEAST_SQUARES`: ``caps`` are those of D.
 
     Forgetting divides P by the factor.  Where nothing comes in to make up for it D would grow without bound: it
     stops at its cap.
     """
-    P, forgetting, estimate = theta.size, settings[0], pointer(theta, 0)
-    U, D, caps = pointer(memory, 0), block(memory, AT_D, P), block(memory, AT_CAPS, P)
+    P, forgetting, estimate = theta.size, settings[0], theta
+    U, D, caps = memory, block(memory, AT_D, P), block(memory, AT_CAPS, P)
     projected, gain, newest = block(memory, AT_PROJECTED, P), block(memory, AT_GAIN, P), block(memory, AT_ALPHA, P)
     for k in range(batch):
-        row = pointer(buffer[rows[k]], 0)
+        row = buffer[rows[k]]
         error = row[P]
         for i in range(P):
             error -= estimate[i] * row[i]
-        alpha = measurement_update(P, U, D, pointer(row, direction), forgetting, projected, gain)
+        alpha = measurement_update(P, U, D, row[direction:], forgetting, projected, gain)
         for i in range(P):
             estimate[i] += gain[i] * error / alpha
             if forgetting < 1.0:
@@ -168,27 +160,26 @@ def recursive_least_squares(theta, memory, settings, buffer, rows, batch, direct
         newest[0] = alpha
 
 
-@inline_llvm
 def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, interval):
     """Random walk of the parameters; settings [1 / time constant of the noise estimate, q (P)], memory `TRACKING`.
 
     The noise variance is tracked as R += (e^2 R / alpha - R) h / T, which the uncertainty of the parameters does not
     bias.
     """
-    P, estimate = theta.size, pointer(theta, 0)
-    U, D, tracked = pointer(memory, 0), block(memory, AT_D, P), block(memory, AT_NOISE, P)
+    P, estimate = theta.size, theta
+    U, D, tracked = memory, block(memory, AT_D, P), block(memory, AT_NOISE, P)
     increase, projected = block(memory, AT_INCREASE, P), block(memory, AT_TRACKING_PROJECTED, P)
     gain, work = block(memory, AT_TRACKING_GAIN, P), block(memory, AT_TRACKING_WORK, P)
     newest = block(memory, AT_TRACKING_ALPHA, P)
     for k in range(batch):
-        row, noise = pointer(buffer[rows[k]], 0), tracked[0]
+        row, noise = buffer[rows[k]], tracked[0]
         for i in range(P):
             increase[i] = settings[1 + i] * interval
         time_update(P, U, D, increase, work)
         error = row[P]
         for i in range(P):
             error -= estimate[i] * row[i]
-        alpha = measurement_update(P, U, D, pointer(row, direction), noise, projected, gain)
+        alpha = measurement_update(P, U, D, row[direction:], noise, projected, gain)
         for i in range(P):
             estimate[i] += gain[i] * error / alpha
         newest[0] = alpha
@@ -196,7 +187,6 @@ def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, int
         tracked[0] = max(noise + (error * error * noise / alpha - noise) * share, np.finfo(np.float64).tiny)
 
 
-@inline_source
 def learn(algorithm, theta, memory, settings, buffer, rows, batch, direction, interval):
     """Let the optimizer of this code consume the first ``batch`` of the drawn rows; ``interval`` is in s."""
     if algorithm == RECURSIVE_LEAST_SQUARES:
@@ -205,7 +195,6 @@ def learn(algorithm, theta, memory, settings, buffer, rows, batch, direction, in
         kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, interval)
 
 
-@inline_llvm
 def own_noise(algorithm, P, memory, settings):
     """Return what the residual's variance is in the unit of the covariance; ``memory`` and ``settings`` are pointers.
 

@@ -16,9 +16,7 @@ had.  `MEMORY` declares what lies in the memory of each optimizer; a loop gets a
 
 import math
 
-from replant.kernels.codegen.decorators import inline_llvm, inline_source
-from replant.kernels.codegen.pointer import pointer
-from replant.kernels.codegen.simd import prefetch
+from replant.kernels.lanes import prefetch
 from replant.kernels.optimizers.memory import MATRIX, NOTHING, ONE, VECTOR, Memory, block, place
 
 VANISHED = 1e-100
@@ -51,13 +49,6 @@ AT_LARGEST, AT_MOVED = LARGEST_MOMENT.begins["largest"], SQUARES_AND_STEPS.begin
 AT_Q, AT_SLOPE = INTEGRALS.begins["Q"], INTEGRALS.begins["slope"]
 
 
-@inline_source
-def row_of(buffer, k):
-    """Return where a row of the buffer lies."""
-    return pointer(buffer[0], k * buffer.shape[1])
-
-
-@inline_llvm
 def normalized_error(P, theta, row):
     """Return epsilon_I of (13): (y - theta' phi) / m^2."""
     prediction = 0.0
@@ -66,28 +57,26 @@ def normalized_error(P, theta, row):
     return (row[P] - prediction) * row[P + 1]
 
 
-@inline_llvm
 def gradient(theta, memory, settings, buffer, rows, batch, direction):
     """(17): theta += Tp gamma epsilon_I phi; settings [Tp gamma]."""
     P, gain = theta.size, settings[0]
     for k in range(batch):
-        phi = row_of(buffer, rows[k])
-        along = pointer(phi, direction)
+        phi = buffer[rows[k]]
+        along = phi[direction:]
         step = gain * normalized_error(P, theta, phi)
         for i in range(P):
             theta[i] += step * along[i]
 
 
-@inline_llvm
 def adam(theta, memory, settings, buffer, rows, batch, direction):
     """Algorithm 1; settings [alpha, beta1, beta2, epsilon], memory `MOMENTS`."""
     P = theta.size
     alpha, beta1, beta2, epsilon = settings[0], settings[1], settings[2], settings[3]
-    m, v = pointer(memory, 0), block(memory, AT_SECOND, P)
+    m, v = memory, block(memory, AT_SECOND, P)
     power1, power2 = memory[place(AT_POWER1, P)], memory[place(AT_POWER2, P)]
     for k in range(batch):
-        phi = row_of(buffer, rows[k])
-        along = pointer(phi, direction)
+        phi = buffer[rows[k]]
+        along = phi[direction:]
         error = normalized_error(P, theta, phi)
         power1 = max(power1 * beta1, VANISHED)
         power2 = max(power2 * beta2, VANISHED)
@@ -101,15 +90,14 @@ def adam(theta, memory, settings, buffer, rows, batch, direction):
     memory[place(AT_POWER1, P)], memory[place(AT_POWER2, P)] = power1, power2
 
 
-@inline_llvm
 def amsgrad(theta, memory, settings, buffer, rows, batch, direction):
     """Algorithm 2, no bias correction; settings [alpha, beta1, beta2, epsilon], memory `LARGEST_MOMENT`."""
     P = theta.size
     alpha, beta1, beta2, epsilon = settings[0], settings[1], settings[2], settings[3]
-    m, v, largest = pointer(memory, 0), block(memory, AT_SECOND, P), block(memory, AT_LARGEST, P)
+    m, v, largest = memory, block(memory, AT_SECOND, P), block(memory, AT_LARGEST, P)
     for k in range(batch):
-        phi = row_of(buffer, rows[k])
-        along = pointer(phi, direction)
+        phi = buffer[rows[k]]
+        along = phi[direction:]
         error = normalized_error(P, theta, phi)
         for i in range(P):
             g = -error * along[i]
@@ -119,13 +107,12 @@ def amsgrad(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] -= alpha * m[i] / (math.sqrt(largest[i]) + epsilon)
 
 
-@inline_llvm
 def adagrad(theta, memory, settings, buffer, rows, batch, direction):
     """Sum of squared gradients; settings [alpha, epsilon], memory `SQUARES`."""
     P, alpha, epsilon = theta.size, settings[0], settings[1]
     for k in range(batch):
-        phi = row_of(buffer, rows[k])
-        along = pointer(phi, direction)
+        phi = buffer[rows[k]]
+        along = phi[direction:]
         error = normalized_error(P, theta, phi)
         for i in range(P):
             g = -error * along[i]
@@ -133,13 +120,12 @@ def adagrad(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] -= alpha * g / (math.sqrt(memory[i]) + epsilon)
 
 
-@inline_llvm
 def rmsprop(theta, memory, settings, buffer, rows, batch, direction):
     """Moving mean of squared gradients; settings [alpha, rho, epsilon], memory `SQUARES`."""
     P, alpha, rho, epsilon = theta.size, settings[0], settings[1], settings[2]
     for k in range(batch):
-        phi = row_of(buffer, rows[k])
-        along = pointer(phi, direction)
+        phi = buffer[rows[k]]
+        along = phi[direction:]
         error = normalized_error(P, theta, phi)
         for i in range(P):
             g = -error * along[i]
@@ -147,16 +133,15 @@ def rmsprop(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] -= alpha * g / (math.sqrt(memory[i]) + epsilon)
 
 
-@inline_llvm
 def nadam(theta, memory, settings, buffer, rows, batch, direction):
     """Adam with Nesterov's look-ahead; settings and memory as `adam`."""
     P = theta.size
     alpha, beta1, beta2, epsilon = settings[0], settings[1], settings[2], settings[3]
-    m, v = pointer(memory, 0), block(memory, AT_SECOND, P)
+    m, v = memory, block(memory, AT_SECOND, P)
     power1, power2 = memory[place(AT_POWER1, P)], memory[place(AT_POWER2, P)]
     for k in range(batch):
-        phi = row_of(buffer, rows[k])
-        along = pointer(phi, direction)
+        phi = buffer[rows[k]]
+        along = phi[direction:]
         error = normalized_error(P, theta, phi)
         power1 = max(power1 * beta1, VANISHED)
         power2 = max(power2 * beta2, VANISHED)
@@ -171,15 +156,14 @@ def nadam(theta, memory, settings, buffer, rows, batch, direction):
     memory[place(AT_POWER1, P)], memory[place(AT_POWER2, P)] = power1, power2
 
 
-@inline_llvm
 def adadelta(theta, memory, settings, buffer, rows, batch, direction):
     """Steps in the unit of theta; settings [alpha, rho, epsilon], memory `SQUARES_AND_STEPS`."""
     P = theta.size
     alpha, rho, epsilon = settings[0], settings[1], settings[2]
-    squares, moved = pointer(memory, 0), block(memory, AT_MOVED, P)
+    squares, moved = memory, block(memory, AT_MOVED, P)
     for k in range(batch):
-        phi = row_of(buffer, rows[k])
-        along = pointer(phi, direction)
+        phi = buffer[rows[k]]
+        along = phi[direction:]
         error = normalized_error(P, theta, phi)
         for i in range(P):
             g = -error * along[i]
@@ -189,7 +173,6 @@ def adadelta(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] -= alpha * step
 
 
-@inline_llvm
 def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
     """(19); settings [Tp, Gamma, beta], memory `INTEGRALS`.
 
@@ -199,25 +182,23 @@ def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
     for k in range(batch - 1):  # of these no cache can guess where they lie; the last is the newest
         prefetch(buffer, rows[k], 0)
         prefetch(buffer, rows[k], theta.size + 1)
-    first, width = pointer(buffer[0], 0), buffer.shape[1]
+    first, width = buffer[0], buffer.shape[1]
     follow_integral(
-        theta.size, pointer(theta, 0), pointer(memory, 0), settings[0], settings[1], settings[2], first, width,
-        pointer(rows, 0), batch, direction,
+        theta.size, theta, memory, settings[0], settings[1], settings[2], first, width,
+        rows, batch, direction,
     )  # fmt: skip
 
 
-@inline_llvm
 def follow_integral(P, theta, R, period, gain, beta, buffer, width, rows, batch, direction):
     """Do what `integral_cost` says, with pointers; ``width`` is that of a row of the buffer."""
     keep, Q, slope = 1.0 - period * beta, block(R, AT_Q, P), block(R, AT_SLOPE, P)
     for k in range(batch):
-        phi = pointer(buffer, rows[k] * width)
+        phi = buffer[rows[k] * width :]
         for i in range(P):
             theta[i] -= period * gain * slope[i]
-        enter_row(P, theta, R, Q, slope, keep, period * phi[P + 1], phi, pointer(phi, direction))
+        enter_row(P, theta, R, Q, slope, keep, period * phi[P + 1], phi, phi[direction:])
 
 
-@inline_llvm
 def enter_row(P, theta, R, Q, slope, keep, weight, phi, along):
     """Let a row of the buffer enter R and Q; find the slope R theta + Q.
 
@@ -225,7 +206,7 @@ def enter_row(P, theta, R, Q, slope, keep, weight, phi, along):
     """
     y, pairs = phi[P], P - P % 2
     for i in range(0, pairs, 2):
-        row0, row1 = pointer(R, i * P), pointer(R, i * P + P)
+        row0, row1 = R[i * P :], R[i * P + P :]
         weight0, weight1 = weight * along[i], weight * along[i + 1]
         sum0, sum1 = keep * Q[i] - weight0 * y, keep * Q[i + 1] - weight1 * y
         Q[i], Q[i + 1] = sum0, sum1
@@ -236,7 +217,7 @@ def enter_row(P, theta, R, Q, slope, keep, weight, phi, along):
             sum1 += entry1 * theta[j]
         slope[i], slope[i + 1] = sum0, sum1
     for i in range(pairs, P):
-        row, weighted = pointer(R, i * P), weight * along[i]
+        row, weighted = R[i * P :], weight * along[i]
         total = keep * Q[i] - weighted * y
         Q[i] = total
         for j in range(P):
@@ -245,7 +226,6 @@ def enter_row(P, theta, R, Q, slope, keep, weight, phi, along):
         slope[i] = total
 
 
-@inline_source
 def learn(algorithm, theta, memory, settings, buffer, rows, batch, direction):
     """Let the optimizer of this code consume the first ``batch`` of the drawn rows."""
     if algorithm == GRADIENT:

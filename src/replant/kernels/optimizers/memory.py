@@ -9,8 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from replant.kernels.codegen.decorators import inline_llvm, inline_source
-from replant.kernels.codegen.pointer import pointer
 
 
 class Size(NamedTuple):
@@ -74,13 +72,11 @@ class Memory:
 NOTHING = Memory()
 
 
-@inline_llvm
 def place(begin, P):
     """Return where a block with this `Size` before it begins."""
     return begin.squares * P * P + begin.entries * P + begin.ones
 
 
-@inline_source
 def block(memory, begin, P):
     """Return a pointer to a block of ``memory`` (an array or a pointer), by its place in `Memory.begins`."""
-    return pointer(memory, place(begin, P))
+    return memory[place(begin, P) :]

@@ -7,7 +7,6 @@ Source: Steele, Lea, Flood, "Fast splittable pseudorandom number generators", OO
 
 import numpy as np
 
-from replant.kernels.codegen.decorators import inline_llvm
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 """Increment of SplitMix64, 2^64 over the golden ratio [number]."""
@@ -19,7 +18,6 @@ _S30, _S27, _S31, _S32 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(
 """Its shifts, and half of the word [bits]."""
 
 
-@inline_llvm
 def draw_below(seed, position, bound):
     """Return a whole number in 0 .. bound-1, the ``position``-th of the stream ``seed``; bound < 2^31.
 

@@ -10,9 +10,10 @@ import math
 import numpy as np
 
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import inline_llvm, inline_source, kernel
+from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.monitoring.interruptions import input_leaps, input_rests, interval_of, is_far
 from replant.kernels.schema import Doubt
+from replant.kernels.soundness import AS_MANY, IS_SOUND, is_sound
 from replant.kernels.step.stages import (
     acceptable,
     keep_guarded_sample,
@@ -24,13 +25,11 @@ from replant.kernels.step.stages import (
 )
 
 
-@inline_llvm
 def has_one_before(ints):
     """Return whether a sample without an output can be used: not before the first output, which nothing tells of."""
     return ints[at.EXAMINES_OUTPUT] == 1 and ints[at.SAMPLES] > 0
 
 
-@inline_llvm
 def lacks_first_reference(ints, r):
     """Return whether there is no reference yet, and this one cannot be used; count it."""
     if ints[at.HAS_REFERENCE] == 0 or ints[at.SAMPLES] > 0 or abs(r) <= at.LARGEST:
@@ -39,7 +38,6 @@ def lacks_first_reference(ints, r):
     return True
 
 
-@inline_source
 def take(ints, reals, banks, buffer, recent, u, y, t, r):
     """Collect one sample; return NaN, as nothing is predicted yet."""
     u, y = mapped_input(ints, reals, u), y - reals[at.OUTPUT_OFFSET]
@@ -68,13 +66,18 @@ def take(ints, reals, banks, buffer, recent, u, y, t, r):
     return np.nan
 
 
-@kernel
-def step(ints, reals, banks, buffer, recent, u, y, t, r):
+@kernel(IS_SOUND)
+def step(
+    ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: float, y: float, t: float, r: float
+):  # fmt: skip
     """Take one sample as `take` does."""
     return take(ints, reals, banks, buffer, recent, u, y, t, r)
 
 
-@kernel
-def steps(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters):
+@kernel(IS_SOUND, *AS_MANY)
+def steps(
+    ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: Reals, y: Reals, t: Reals, r: Reals,
+    errors: Reals, parameters: Matrix,
+):  # fmt: skip
     """Take many samples as `take_many` does; ``parameters`` (K, 0), as there are none."""
     return take_many(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters, take)

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import inline_source, kernel, outlined
+from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.filters import reference, whitening
 from replant.kernels.monitoring import estimate_path as trail
 from replant.kernels.monitoring import outliers, residual_colour
@@ -22,6 +22,7 @@ from replant.kernels.monitoring.interruptions import (
 )
 from replant.kernels.optimizers import covariance as loops
 from replant.kernels.schema import Alarm, Doubt
+from replant.kernels.soundness import AS_MANY, IS_SOUND, is_sound
 from replant.kernels.step.stages import (
     acceptable,
     cut_estimate,
@@ -38,14 +39,12 @@ from replant.kernels.step.stages import (
 )
 
 
-@outlined
 def learn(ints, reals, buffer, batch, interval):
     """Let the optimizer consume the first ``batch`` of the drawn rows; ``interval`` is in s."""
     theta, memory, _, _, _, _, settings, rows = cut_estimate(ints, reals)
     loops.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, direction_of(ints), interval)
 
 
-@outlined
 def record_residual(ints, reals, error):
     """Keep power and colour of the residual, and the estimate's path, where the optimizer keeps a covariance."""
     T = ints[at.ENTRIES]
@@ -64,7 +63,6 @@ def record_residual(ints, reals, error):
         trail.keep(path, theta, U, D, colour[residual_colour.COUNT])
 
 
-@inline_source
 def take(ints, reals, banks, buffer, recent, u, y, t, r):
     """Take one sample as `step.gradient.take` does, with an optimizer that keeps a covariance.
 
@@ -115,13 +113,18 @@ def take(ints, reals, banks, buffer, recent, u, y, t, r):
     return reals[at.ERROR] * reals[at.OUTPUT_SCALE]
 
 
-@kernel
-def step(ints, reals, banks, buffer, recent, u, y, t, r):
+@kernel(IS_SOUND)
+def step(
+    ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: float, y: float, t: float, r: float
+):  # fmt: skip
     """Take one sample; return its error as `take` does."""
     return take(ints, reals, banks, buffer, recent, u, y, t, r)
 
 
-@kernel
-def steps(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters):
+@kernel(IS_SOUND, *AS_MANY)
+def steps(
+    ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: Reals, y: Reals, t: Reals, r: Reals,
+    errors: Reals, parameters: Matrix,
+):  # fmt: skip
     """Take many samples as `take_many` does."""
     return take_many(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters, take)

@@ -2,7 +2,7 @@
 
 The arrays are those of one identifier (see `kernels.schema`), stacked.  The member axis is the last one, so that a
 quantity of all members is one vector; of ``ints`` it is the first.  The arithmetic is that of `fixed_filter` and
-`optimizers.gradient`, compiled for vectors (see `codegen.simd`).  A member gets the same bits from either kernel, and
+`optimizers.gradient`, for vectors (see `kernels.lanes`).  A member gets the same bits from either kernel, and
 either can go on where the other stopped.
 
 Members are level as long as none rejects a sample that others accept; the first member then keeps the counters for all.
@@ -16,8 +16,9 @@ back afterwards.
 """
 
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import inline_llvm, kernel, outlined
-from replant.kernels.codegen.simd import LANES, all_within, vectors
+from replant.kernels.native import Cube, IntMatrix, Ints, Matrix, kernel
+from replant.kernels.soundness import is_laid_out
+from replant.kernels.lanes import LANES, all_within, vectors
 from replant.kernels.filters import bank as bk
 from replant.kernels.step import fixed_filter
 from replant.kernels.step.ensemble_lanes import (
@@ -38,7 +39,6 @@ from replant.kernels.step.ensemble_tiles import deliver, fetch
 from replant.kernels.step.stages import cut_estimate, mapped_input
 
 
-@inline_llvm
 def take(arrays, apart, shared, work, cuts, u, y):
     """Take samples that were admitted; ``shared``: all draw the same rows.
 
@@ -59,7 +59,6 @@ def take(arrays, apart, shared, work, cuts, u, y):
     return error * r[at.OUTPUT_SCALE], finite
 
 
-@outlined
 def take_tile(arrays, apart, work, u, y, errors, parameters):
     """Take the samples of a tile: ``u``, ``y`` and ``errors`` have a row a sample, ``parameters`` one a parameter."""
     ints, reals, banks, _, recent = arrays
@@ -100,23 +99,71 @@ def take_tile(arrays, apart, work, u, y, errors, parameters):
         spread(ints)
 
 
-@kernel
-def steps(arrays, apart, work, room, numbers, members, start, u, y, errors, parameters):
+def are_sound(ints, reals, banks, buffer, recent, apart):
+    """Return whether the arrays are large enough for what each member's numbers say."""
+    if reals.shape[0] < at.SCALARS or banks.shape[0] < 3:
+        return False
+    for lane in range(LANES):
+        own = ints[lane]
+        if not is_laid_out(own, reals.shape[0], banks.shape[0], banks.shape[1]) or own[at.INSTRUMENTS] == 1:
+            return False
+        batch, capacity, rows, T = own[at.BATCH_SIZE], own[at.CAPACITY], own[at.RECENT_SIZE], own[at.ENTRIES]
+        heads = 0 <= own[at.BUFFER_HEAD] < capacity and 0 <= own[at.BUFFER_FILLED] <= capacity
+        if not (1 <= batch and own.size >= at.ROWS + batch and capacity >= 1 and heads):
+            return False
+        if apart and not (buffer.shape[0] == LANES and capacity <= buffer.shape[1] and buffer.shape[2] >= T + 2):
+            return False
+        if not apart and not (buffer.shape[2] == LANES and capacity <= buffer.shape[0] and buffer.shape[1] >= T + 2):
+            return False
+        if not (0 <= rows <= recent.shape[0] and recent.shape[1] >= 3 and 0 <= own[at.RECENT_HEAD] < max(rows, 1)):
+            return False
+        same = own[at.ENTRIES] == ints[0, at.ENTRIES] and own[at.ORDER] == ints[0, at.ORDER]
+        if not (same and own[at.BATCH_SIZE] == ints[0, at.BATCH_SIZE]):
+            return False
+    return True
+
+
+def are_within(numbers, members, u, y, errors):
+    """Return whether these are members of the ensemble."""
+    for lane in range(LANES):
+        if not 0 <= numbers[lane] < errors.shape[1]:
+            return False
+    return (u.shape[1] == 1 or u.shape[1] == errors.shape[1]) and (y.shape[1] == 1 or y.shape[1] == errors.shape[1])
+
+
+@kernel(
+    "ints.shape[0] == LANES and reals.shape[1] == LANES and banks.shape[2] == LANES and recent.shape[2] == LANES",
+    "are_sound(ints, reals, banks, buffer, recent, apart)",
+    "live.size >= LANES and picked.size >= LANES and numbers.size >= LANES and 1 <= members <= LANES",
+    "order.size == ints[0, at.BATCH_SIZE] and drawn.shape[0] == order.size",
+    "drawn.shape[1] == (buffer.shape[2] if apart else buffer.shape[1]) and drawn.shape[2] == LANES",
+    "spare.shape[0] >= ints[0, at.ENTRIES] + ints[0, at.MEMORY_SIZE] and spare.shape[1] == LANES",
+    "tile.shape[0] == 3 and tile.shape[1] >= 1 and tile.shape[2] == LANES",
+    "estimates.shape[0] >= tile.shape[1] and estimates.shape[1] == parameters.shape[2] <= ints[0, at.ENTRIES]",
+    "estimates.shape[2] == LANES and 0 <= start and y.shape[0] == u.shape[0] <= errors.shape[0]",
+    "are_within(numbers, members, u, y, errors) and errors.shape[1] <= parameters.shape[0]",
+    "parameters.shape[1] >= u.shape[0]",
+)
+def steps(
+    ints: IntMatrix, reals: Matrix, banks: Cube, buffer: Cube, recent: Cube, apart: bool, live: Ints, drawn: Cube,
+    order: Ints, picked: Ints, spare: Matrix, tile: Cube, estimates: Cube, numbers: Ints, members: int, start: int,
+    u: Matrix, y: Matrix, errors: Matrix, parameters: Cube,
+):  # fmt: skip
     """Take the samples from row ``start`` on; write error and estimate (physical units) of each member.
 
-    ``arrays`` are (ints, reals, banks, buffer, recent).  ``apart`` says that the members have random streams of their
-    own, and that ``buffer`` has the member axis first, so that a row of one member lies together.
+    ``apart`` says that the members have random streams of their own, and that ``buffer`` has the member axis first, so
+    that a row of one member lies together.
 
     ``numbers`` (LANES,) says which of the ensemble's M members these are; lanes beyond ``members`` repeat the first.
     ``u`` and ``y`` (K, M) have a column for each of the ensemble's members or (K, 1) one for all; ``errors`` is (K, M),
     ``parameters`` (M, K, size).
 
-    ``work`` is (live, drawn, order, picked, spare): (LANES,); (BATCH, WIDTH, LANES), the drawn rows of the buffer;
-    (BATCH,), 0, 1, 2, ...; (LANES,); (T + M, LANES).  ``room`` is (tile, estimates): (3, R, LANES) and (R, size, LANES)
+    Work: ``live`` (LANES,); ``drawn`` (BATCH, WIDTH, LANES), the drawn rows of the buffer; ``order`` (BATCH,), 0, 1, 2,
+    ...; ``picked`` (LANES,); ``spare`` (T + M, LANES).  ``tile`` (3, R, LANES) and ``estimates`` (R, size, LANES) are
     for R samples at once.  To fetch them ahead costs less than to pick them one by one: the copies of many rows
     overlap, a step of the identifier waits for its input.
     """
-    tile, estimates = room
+    arrays, work = (ints, reals, banks, buffer, recent), (live, drawn, order, picked, spare)
     for row in range(start, u.shape[0], tile.shape[1]):
         rows = min(tile.shape[1], u.shape[0] - row)
         own_u, own_y, told = tile[0, :rows], tile[1, :rows], tile[2, :rows]

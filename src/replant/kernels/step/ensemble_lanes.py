@@ -6,8 +6,7 @@ Arrays are those of `step.ensemble`, with a lane for each member.
 import numpy as np
 
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import inline_llvm, outlined
-from replant.kernels.codegen.simd import LANES
+from replant.kernels.lanes import LANES
 from replant.kernels.filters import bank as bk
 from replant.kernels.step.fixed_filter import cut_rings, keep_input
 from replant.kernels.step.stages import acceptable, keep_estimate, keep_sample
@@ -24,7 +23,6 @@ LEVEL = (
 )  # fmt: skip
 
 
-@outlined
 def are_level(ints):
     """Say whether all members have counted the same."""
     same = True
@@ -34,7 +32,6 @@ def are_level(ints):
     return same
 
 
-@outlined
 def spread(ints):
     """Let all members know what the first has counted for them."""
     for lane in range(1, LANES):
@@ -42,7 +39,6 @@ def spread(ints):
             ints[lane, slot] = ints[0, slot]
 
 
-@outlined
 def set_aside(ints, reals, bank, lane, back):
     """Keep what one sample changes outside the estimate, which is kept anyway; or put it ``back``."""
     n, T = ints[at.ORDER], ints[at.ENTRIES]
@@ -66,7 +62,6 @@ def set_aside(ints, reals, bank, lane, back):
             reals[room + i, lane] = reals[phi + i, lane]
 
 
-@outlined
 def write_estimate(ints, reals, source, row, lane):
     """Give a member the estimate and the optimizer's memory that lie in ``source`` from ``row`` on."""
     T, M = ints[at.ENTRIES], ints[at.MEMORY_SIZE]
@@ -76,7 +71,6 @@ def write_estimate(ints, reals, source, row, lane):
         reals[ints[at.AT_MEMORY] + i, lane] = source[row + T + i, lane]
 
 
-@inline_llvm
 def admit(ints, reals, rings, recent, u, y):
     """Put an accepted sample among the raw samples and the past inputs: those of one member, or level ones'."""
     interval = reals[at.INTERVAL]
@@ -85,7 +79,6 @@ def admit(ints, reals, rings, recent, u, y):
     keep_input(ints, rings, u, reals[at.INPUT_NOW], interval)
 
 
-@outlined
 def admit_each(ints, reals, banks, recent, live):
     """Admit or reject the samples in the work space, member by member."""
     row = ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
@@ -101,7 +94,6 @@ def admit_each(ints, reals, banks, recent, live):
             set_aside(ints[lane], reals, banks[0], lane, False)
 
 
-@outlined
 def undo(ints, reals, bank, live):
     """Undo the updates that left float64, and all that rejected samples did."""
     work, backup, adapts = ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER], ints[0, at.AT_BACKUP], ints[0, at.ADAPT] == 1
@@ -117,7 +109,6 @@ def undo(ints, reals, bank, live):
             write_estimate(ints[lane], reals, reals, backup, lane)
 
 
-@inline_llvm
 def count(ints):
     """Count a sample, of one member or of level ones; return whether the estimate is to be kept."""
     ints[at.SAMPLES] += 1
@@ -128,7 +119,6 @@ def count(ints):
     return ints[at.SAMPLES] >= ints[at.PAST_DUE]
 
 
-@outlined
 def count_each(ints, reals, live, counted):
     """Count the accepted samples member by member, unless that is done, and keep the estimates that are due."""
     for lane in range(LANES):

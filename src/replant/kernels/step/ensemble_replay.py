@@ -5,15 +5,13 @@ Arrays are those of `step.ensemble`: ``arrays`` is (ints, reals, banks, buffer, 
 """
 
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import inline_source, outlined
-from replant.kernels.codegen.simd import LANES, prefetch, vectors
+from replant.kernels.lanes import LANES, prefetch, vectors
 from replant.kernels.optimizers import gradient as loops
 from replant.kernels.optimizers.random_stream import draw_below
 from replant.kernels.step.ensemble_lanes import write_estimate
 from replant.kernels.step.stages import draw_rows, keep_and_write
 
 
-@outlined
 def fetch_ahead(ints, buffer):
     """Ask the memory for the rows that the next sample will draw: where a sample is, no cache can guess."""
     filled, drawn = min(ints[at.BUFFER_FILLED] + 1, ints[at.CAPACITY]), ints[at.DRAWN]
@@ -23,13 +21,11 @@ def fetch_ahead(ints, buffer):
             prefetch(buffer, row, j)
 
 
-@outlined
 def learn(ints, theta, memory, settings, buffer, rows, batch):
     """Let the members' optimizer consume the first ``batch`` of the rows."""
     loops.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, 0)
 
 
-@outlined
 def draw_each(ints, live, buffer, newest, apart):
     """Store each member's newest sample and draw its rows; return the smallest and the largest batch."""
     fewest, most, width = ints[0, at.BATCH_SIZE], 0, newest.shape[0]
@@ -50,7 +46,6 @@ def draw_each(ints, live, buffer, newest, apart):
     return fewest, most
 
 
-@outlined
 def gather(ints, buffer, drawn, picked, most, apart):
     """Lay the batch that each member has drawn before its newest sample, the last row of ``drawn``."""
     for k in range(most - 1):
@@ -66,7 +61,6 @@ def gather(ints, buffer, drawn, picked, most, apart):
                     row[i, lane] = buffer[picked[lane], i, lane]
 
 
-@inline_source
 def learn_each_its_own(arrays, apart, work, estimate):
     """Let every member learn the rows that it draws for itself."""
     ints, reals, _, buffer, _ = arrays
@@ -90,7 +84,6 @@ def learn_each_its_own(arrays, apart, work, estimate):
                 write_estimate(ints[0], reals, spare, 0, lane)
 
 
-@inline_source
 def update_estimate(arrays, apart, shared, work, estimate, target):
     """Learn the newest samples and their batches; ``shared``: all draw the same rows.
 

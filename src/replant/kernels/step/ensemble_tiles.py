@@ -3,14 +3,12 @@
 A tile holds some hundred samples of `LANES` members, a vector a sample.
 """
 
-from replant.kernels.codegen.decorators import inline_llvm, outlined
-from replant.kernels.codegen.simd import LANES, load, prefetch, store, vectors
+from replant.kernels.lanes import LANES, load, prefetch, store, vectors
 
 AHEAD = 16
 """Rows that the memory is asked for before they are copied [count]."""
 
 
-@inline_llvm
 def are_neighbours(numbers):
     """Say whether the members are one after the other in the ensemble: then so are their numbers in a row."""
     neighbours = True
@@ -19,7 +17,6 @@ def are_neighbours(numbers):
     return neighbours
 
 
-@outlined
 def fetch(samples, numbers, start, own):
     """Copy the members' columns of the samples from a row on, or the one for all."""
     rows, width = vectors(own), samples.shape[1]
@@ -38,7 +35,6 @@ def fetch(samples, numbers, start, own):
                 own[k, lane] = samples[start + k, numbers[lane]]
 
 
-@outlined
 def deliver(numbers, members, start, told, estimates, errors, parameters):
     """Copy errors and estimates of a tile to where they are wanted."""
     rows = vectors(told)

@@ -8,16 +8,11 @@ cut once a call; benchmarks/kernels.py measures the ratio to C.
 import numpy as np
 
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import (
-    inline_llvm,
-    inline_source,
-    kernel,
-    outlined,
-)
-from replant.kernels.codegen.pointer import pointer
+from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain
 from replant.kernels.optimizers import gradient as loops
+from replant.kernels.soundness import AS_MANY, IS_SOUND, is_sound
 from replant.kernels.step.stages import (
     acceptable,
     cut_estimate,
@@ -31,7 +26,6 @@ from replant.kernels.step.stages import (
 )
 
 
-@inline_llvm
 def place_of(bank, n, T, interval):
     """Return where in the bank the exact solution over ``interval`` lies, or will lie once it is computed."""
     kept, size = bk.at_kept(n, T), 1 + n * n + 2 * n
@@ -41,7 +35,6 @@ def place_of(bank, n, T, interval):
     return kept + int(bank[bk.NEXT]) * size
 
 
-@inline_source
 def cut_filters(ints, reals, bank, place):
     """Return the arrays of `advance_states`, of the exact solution that begins at ``place``.
 
@@ -59,14 +52,12 @@ def cut_filters(ints, reals, bank, place):
     )
 
 
-@inline_source
 def cut_rings(ints, reals):
     """Return the rings of past inputs, held inputs and intervals (RING,)."""
     ring, inputs, held, intervals = ints[at.RING_SIZE], ints[at.AT_INPUTS], ints[at.AT_HELD], ints[at.AT_INTERVALS]
     return reals[inputs : inputs + ring], reals[held : held + ring], reals[intervals : intervals + ring]
 
 
-@inline_source
 def cut_regressor(ints, reals, banks):
     """Return the arrays of `fill_regressor`: those of the output (n numbers each), then those of the input.
 
@@ -86,7 +77,6 @@ def cut_regressor(ints, reals, banks):
     )
 
 
-@inline_source
 def advance_states(A, constant, ramp, states, new, y, rise_y, u, rise):
     """Find the filter states after one interval: output and input start at y and u and rise along straight lines.
 
@@ -94,9 +84,9 @@ def advance_states(A, constant, ramp, states, new, y, rise_y, u, rise):
     as it comes, not of a copy.
     """
     n = constant.size
-    wy, wu, new_wy, new_wu = pointer(states, 0), pointer(states, n), pointer(new, 0), pointer(new, n)
+    wy, wu, new_wy, new_wu = states, states[n:], new, new[n:]
     for i in range(n):
-        row = pointer(A, i * n)
+        row = A[i * n :]
         sy = constant[i] * y + ramp[i] * rise_y
         su = constant[i] * u + ramp[i] * rise
         for j in range(n):
@@ -106,21 +96,18 @@ def advance_states(A, constant, ramp, states, new, y, rise_y, u, rise):
         new_wu[i] = su
 
 
-@inline_source
 def settle(states, new):
     """Let the new states take the place of the others."""
     for i in range(states.size):
         states[i] = new[i]
 
 
-@outlined
 def discretize(ints, reals, bank):
     """Make the one discretisation that a regular clock needs, unless it is there."""
     n, T = ints[at.ORDER], ints[at.ENTRIES]
     bk.discretization(bank, n, T, reals[at.INTERVAL], reals[ints[at.AT_WORK] :])
 
 
-@outlined
 def begin(ints, reals, banks, u, y):
     """Take the first sample: the filters are at rest, and their discretisation is made."""
     chain.begin(ints, reals, banks, u, y)
@@ -130,18 +117,16 @@ def begin(ints, reals, banks, u, y):
         reals[new + i] = banks[0, states + i]
 
 
-@inline_source
 def keep_input(ints, rings, u, last, interval):
     """Keep an input in the rings: a dead time, or stamps, may come into use where another kernel goes on."""
     inputs, held, intervals = rings
-    newest = np.uint64(ints[at.RING_HEAD] + 1)  # unsigned: need not be checked when it serves as index
-    if newest == np.uint64(inputs.size):
-        newest = np.uint64(0)
+    newest = ints[at.RING_HEAD] + 1
+    if newest == inputs.size:
+        newest = 0
     ints[at.RING_HEAD] = newest
     inputs[newest], held[newest], intervals[newest] = u, last, interval
 
 
-@inline_source
 def advance_filters(ints, reals, filters, last, u, y):
     """Carry the filter states from the sample before, of the input ``last``, to this one, as (6)-(7) do."""
     A, constant, ramp, states, new = filters
@@ -151,7 +136,6 @@ def advance_filters(ints, reals, filters, last, u, y):
     reals[at.INPUT_NOW] = u
 
 
-@inline_source
 def fill_regressor(reals, regressor, y):
     """Fill the scaled regressor phi of (12) and return the scaled target s^n/Lambda y."""
     characteristic, gain_y, wy, phi_y, gain_u, wu, phi_u = regressor
@@ -166,7 +150,6 @@ def fill_regressor(reals, regressor, y):
     return target / reals[at.OUTPUT_SCALE]
 
 
-@inline_source
 def error_of(theta, phi, target):
     """Return the a-priori error y - theta' phi, scaled."""
     error = target
@@ -175,18 +158,16 @@ def error_of(theta, phi, target):
     return error
 
 
-@inline_source
 def update_estimate(ints, buffer, estimate, target):
     """Learn the newest sample and its batch; undo what leaves float64.  Returns the a-priori error, scaled."""
     theta, memory, _, _, _, _, settings, rows = estimate
-    error = keep_and_write(ints, loops.row_of(buffer, ints[at.BUFFER_HEAD]), estimate, target)
+    error = keep_and_write(ints, buffer[ints[at.BUFFER_HEAD]], estimate, target)
     batch = draw_rows(ints, rows)
     loops.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, 0)
     undo_unless_finite(ints, estimate)
     return error
 
 
-@inline_source
 def cut(ints, reals, banks):
     """Return every array that a sample needs: `cut_filters`, `cut_rings`, `cut_regressor`, `cut_estimate`."""
     place = place_of(banks[0], ints[at.ORDER], ints[at.ENTRIES], reals[at.INTERVAL])
@@ -198,7 +179,6 @@ def cut(ints, reals, banks):
     )
 
 
-@inline_llvm
 def take(ints, reals, banks, buffer, recent, cuts, u, y):
     """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected.
 
@@ -233,8 +213,10 @@ def take(ints, reals, banks, buffer, recent, cuts, u, y):
     return error * reals[at.OUTPUT_SCALE]
 
 
-@kernel
-def step(ints, reals, banks, buffer, recent, u, y, t, r):
+@kernel(IS_SOUND)
+def step(
+    ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: float, y: float, t: float, r: float
+):  # fmt: skip
     """Take one sample; return its error as `take` does.
 
     ``t`` must be NaN: the clock is regular.  ``r``, a reference, is not used.
@@ -244,8 +226,11 @@ def step(ints, reals, banks, buffer, recent, u, y, t, r):
     return take(ints, reals, banks, buffer, recent, cut(ints, reals, banks), u, y)
 
 
-@kernel
-def steps(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters):
+@kernel(IS_SOUND, *AS_MANY)
+def steps(
+    ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: Reals, y: Reals, t: Reals, r: Reals,
+    errors: Reals, parameters: Matrix,
+):  # fmt: skip
     """Take many samples; write the error and the estimate (physical units) after each.  ``t`` and ``r`` must be empty.
 
     Returns how many: all.

@@ -8,11 +8,12 @@ import math
 import numpy as np
 
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import inline_source, kernel, outlined
+from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.filters import chain
 from replant.kernels.monitoring import outliers
 from replant.kernels.monitoring.interruptions import input_rests, interval_of
 from replant.kernels.optimizers import gradient as loops
+from replant.kernels.soundness import AS_MANY, IS_SOUND, is_sound
 from replant.kernels.step.stages import (
     acceptable,
     cut_estimate,
@@ -27,14 +28,12 @@ from replant.kernels.step.stages import (
 )
 
 
-@outlined
 def learn(ints, reals, buffer, batch, interval):
     """Let the optimizer consume the first ``batch`` of the drawn rows; ``interval``, in s, does not matter to it."""
     theta, memory, _, _, _, _, settings, rows = cut_estimate(ints, reals)
     loops.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, direction_of(ints))
 
 
-@inline_source
 def take(ints, reals, banks, buffer, recent, u, y, t, r):
     """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected.
 
@@ -63,13 +62,18 @@ def take(ints, reals, banks, buffer, recent, u, y, t, r):
     return error * reals[at.OUTPUT_SCALE]
 
 
-@kernel
-def step(ints, reals, banks, buffer, recent, u, y, t, r):
+@kernel(IS_SOUND)
+def step(
+    ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: float, y: float, t: float, r: float
+):  # fmt: skip
     """Take one sample; return its error as `take` does."""
     return take(ints, reals, banks, buffer, recent, u, y, t, r)
 
 
-@kernel
-def steps(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters):
+@kernel(IS_SOUND, *AS_MANY)
+def steps(
+    ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: Reals, y: Reals, t: Reals, r: Reals,
+    errors: Reals, parameters: Matrix,
+):  # fmt: skip
     """Take many samples as `take_many` does."""
     return take_many(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters, take)

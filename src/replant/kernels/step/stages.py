@@ -17,19 +17,13 @@ import math
 import numpy as np
 
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import (
-    cold,
-    inline_llvm,
-    inline_source,
-    kernel,
-    outlined,
-)
-from replant.kernels.codegen.pointer import pointer
+from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain, whitening
 from replant.kernels.monitoring import residual_colour
 from replant.kernels.optimizers.random_stream import draw_below
 from replant.kernels.schema import LAGS, Doubt
+from replant.kernels.soundness import LAID_OUT, is_laid_out
 
 KEEP_AFTER_PART = 8
 """Part by which the samples must have grown until the estimate is kept again [part: one in so many].
@@ -50,13 +44,11 @@ they have all reached the cache, for which everything after would wait [count].
 """
 
 
-@inline_llvm
 def mapped_input(ints, reals, u):
     """Return the input as the filters see it, u or u^2 less the working point; ``u`` and ``reals`` may be vectors."""
     return (u * u if ints[at.SQUARE_INPUT] == 1 else u) - reals[at.INPUT_OFFSET]
 
 
-@inline_llvm
 def acceptable(ints, u, y):
     """Return whether input and output are finite and small enough for float64; count a sample that is not."""
     if abs(u) <= at.LARGEST and abs(y) <= at.LARGEST:
@@ -68,7 +60,6 @@ def acceptable(ints, u, y):
     return False
 
 
-@outlined
 def lacks_output_alone(ints, u, y):
     """Return whether a sample that was turned away has an input that can be used, and no output."""
     if not (math.isnan(y) and abs(u) <= at.LARGEST):
@@ -77,7 +68,6 @@ def lacks_output_alone(ints, u, y):
     return True
 
 
-@inline_llvm
 def note_reference(ints, reals, r):
     """Take the reference of an accepted sample; of one that is not finite or too large, the last."""
     if abs(r) <= at.LARGEST:
@@ -86,13 +76,11 @@ def note_reference(ints, reals, r):
         ints[at.NO_REFERENCE] += 1
 
 
-@inline_llvm
 def may_learn(ints, reals):
     """Say whether the user has not frozen the estimate, and the filters have settled after a gap."""
     return not (ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM])
 
 
-@inline_source
 def cut_estimate(ints, reals):
     """Return what is learned, and with what.
 
@@ -114,7 +102,6 @@ def cut_estimate(ints, reals):
     )
 
 
-@inline_source
 def keep_and_write(ints, row, estimate, target):
     """Keep the estimate as it is and write a sample into its row of the buffer; return the a-priori error, scaled.
 
@@ -135,7 +122,6 @@ def keep_and_write(ints, row, estimate, target):
     return error
 
 
-@inline_llvm
 def draw_rows(ints, rows):
     """Draw the rows of the newest sample's batch into ``rows``, and move on in the buffer; return how many."""
     head, capacity = ints[at.BUFFER_HEAD], ints[at.CAPACITY]
@@ -151,7 +137,6 @@ def draw_rows(ints, rows):
     return batch
 
 
-@outlined
 def remember(ints, reals, buffer, target):
     """Keep the estimate, store the sample in the buffer and draw the rows of its batch; return how many.
 
@@ -171,13 +156,11 @@ def remember(ints, reals, buffer, target):
     return draw_rows(ints, estimate[7])
 
 
-@inline_llvm
 def direction_of(ints):
     """Return the column of the buffer where the vector begins that updates follow: that of zeta, or of phi."""
     return ints[at.ENTRIES] + 2 if ints[at.INSTRUMENTS] == 1 else 0
 
 
-@outlined
 def all_finite(size, numbers):
     """Say whether all numbers behind the pointer are finite."""
     if size <= FEW:
@@ -191,16 +174,14 @@ def all_finite(size, numbers):
     return finite
 
 
-@inline_llvm
 def left_float64(theta, unit, memory):
     """Say whether a physical parameter, or a number of the optimizer's memory, is not finite."""
     for i in range(theta.size):
         if not math.isfinite(theta[i] * unit[i]):
             return True
-    return memory.size > 0 and not all_finite(memory.size, pointer(memory, 0))
+    return memory.size > 0 and not all_finite(memory.size, memory)
 
 
-@inline_source
 def undo_unless_finite(ints, estimate):
     """Undo an update that left float64, and count it."""
     theta, memory, kept_theta, kept_memory, _, unit, _, _ = estimate
@@ -212,7 +193,6 @@ def undo_unless_finite(ints, estimate):
             memory[i] = kept_memory[i]
 
 
-@inline_source
 def update_estimate(ints, reals, buffer, target, interval, learn):
     """Let ``learn`` consume the newest sample, whose scaled target this is, and its batch: the general variants."""
     batch = remember(ints, reals, buffer, target)
@@ -221,7 +201,6 @@ def update_estimate(ints, reals, buffer, target, interval, learn):
     ints[at.LEARNED] = ints[at.SAMPLES]
 
 
-@cold
 def keep_estimate(ints, reals):
     """Keep the estimate as it is now, in the place of the oldest one kept: later samples are held out from it."""
     T, samples = ints[at.ENTRIES], ints[at.SAMPLES]
@@ -235,7 +214,6 @@ def keep_estimate(ints, reals):
     ints[at.PAST_DUE] = samples + min(max(samples // KEEP_AFTER_PART, KEEP_AFTER_LEAST), ints[at.PAST_STEP])
 
 
-@inline_llvm
 def keep_sample(ints, recent, u, y, interval):
     """Keep the raw sample, over the oldest one."""
     head = ints[at.RECENT_HEAD]
@@ -244,7 +222,6 @@ def keep_sample(ints, recent, u, y, interval):
     ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT_SIZE] else 0
 
 
-@inline_llvm
 def keep_guarded_sample(ints, reals, recent, u, y, interval):
     """Keep the raw sample, over the oldest one, with the output that the filters saw and why.
 
@@ -260,7 +237,6 @@ def keep_guarded_sample(ints, reals, recent, u, y, interval):
     ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT_SIZE] else 0
 
 
-@inline_source
 def renew_model(ints, reals, banks):
     """Make the newest estimate the auxiliary model where that is due, and renew what is known of the noise with it."""
     if chain.renew_model(ints, reals, banks):
@@ -275,7 +251,6 @@ def renew_model(ints, reals, banks):
             )
 
 
-@inline_source
 def take_many(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters, take):
     """Take samples by ``take``, until the identifier has work to do; return how many.
 
@@ -295,8 +270,18 @@ def take_many(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters
     return u.size
 
 
-@kernel
-def regressors(ints, reals, banks, u, y, intervals, by_reference, phi, zeta, target, output):
+@kernel(
+    LAID_OUT,
+    "y.size >= u.size and target.size >= u.size and output.size >= u.size",
+    "intervals.size == 1 or intervals.size >= u.size",
+    "by_reference.shape[0] == 0 or (by_reference.shape[0] >= u.size and by_reference.shape[1] >= 2)",
+    "phi.shape[0] >= u.size and phi.shape[1] >= ints[at.ENTRIES]",
+    "ints[at.INSTRUMENTS] == 0 or (zeta.shape[0] >= u.size and zeta.shape[1] >= ints[at.ENTRIES])",
+)
+def regressors(
+    ints: Ints, reals: Reals, banks: Matrix, u: Reals, y: Reals, intervals: Reals, by_reference: Matrix, phi: Matrix,
+    zeta: Matrix, target: Reals, output: Reals,
+):  # fmt: skip
     """Run the chain alone over a record, for offline use: regressors, instruments, target, auxiliary output.
 
     ``u`` and ``y`` are (K,), ``intervals`` (K,) or (1,) in s; ``by_reference`` (K, 2) is what a reference explains of

@@ -1,1 +1,0 @@
-"""How the kernels are compiled: decorators, pointers, SIMD vectors."""

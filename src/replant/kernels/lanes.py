@@ -1,0 +1,46 @@
+"""SIMD lanes: `LANES` float64, one for each member of an ensemble, as the native library has them.
+
+A kernel written for one identifier is translated, without a change, to one that steps several: ``theta[i]`` is the i-th
+parameter of all members, and each of ``+ - * /``, ``sqrt`` and ``max`` is one to four instructions, depending on the
+processor.  IEEE 754 rounds every lane by itself, so a member gets the same bits as in the kernel for one identifier.
+Compilers do not vectorise over members by themselves: the loop over members would have to be the innermost one of every
+sum, with all intermediate values in memory and a check that no two arrays overlap.
+
+Two vectors cannot be compared, and there is no branch on a vector.  What depends on the data of one member is done lane
+by lane, where `all_within` finds a lane out of range.
+
+The interpreter does not run kernels with lanes: their bits are those of the members one by one.
+"""
+
+from typing import Any
+
+LANES = 8
+"""Members side by side: as many as the widest processors take at once [count]."""
+
+
+def _compiled(*_: Any) -> Any:
+    raise NotImplementedError("lanes are compiled: the interpreter steps the members of an ensemble one by one")
+
+
+def vectors(array):
+    """Return the float64 array (..., LANES), in C order, as an array (...) of vectors, of the same memory."""
+    return _compiled(array)
+
+
+def all_within(vector, limit):
+    """Say whether the magnitude of every lane is at most this float64; that of NaN is not."""
+    return _compiled(vector, limit)
+
+
+def load(matrix, row, column):
+    """Return `LANES` neighbours in a row of a matrix, from this one on, as a vector."""
+    return _compiled(matrix, row, column)
+
+
+def store(matrix, row, column, vector):
+    """Write a vector to `LANES` neighbours in a row of a matrix, from this one on."""
+    _compiled(matrix, row, column, vector)
+
+
+def prefetch(matrix, row, column):
+    """Ask the memory for one element of a matrix, a number or a vector, ahead of its use."""

@@ -1,0 +1,198 @@
+"""Kernels as Python calls them: compiled to a native library by the build, or interpreted.
+
+`kernel` marks what Python calls, with the types of its arguments as annotations, and what must hold of their lengths.
+The library checks both before a kernel runs: what does not fit is an error, never a crash.
+
+In a clone the library is made by the build, and made again here, in seconds, where the kernels have changed since.
+"""
+
+import ctypes
+import functools
+import hashlib
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from replant.errors import UnsupportedDependencyError
+
+Ints = np.ndarray[Any, np.dtype[np.int64]]
+IntMatrix = np.ndarray[Any, np.dtype[np.int64]]
+Reals = np.ndarray[Any, np.dtype[np.float64]]
+Matrix = np.ndarray[Any, np.dtype[np.float64]]
+Cube = np.ndarray[Any, np.dtype[np.float64]]
+
+FOLDER = Path(__file__).parent
+LIBRARY = FOLDER / {"win32": "libreplant.dll", "darwin": "libreplant.dylib"}.get(sys.platform, "libreplant.so")
+KERNELS: list["Kernel"] = []  # in the order in which they were defined
+INTS, REALS, BANKS, BUFFER, RECENT, GATE, KIND, SIZE = 0, 2, 4, 7, 10, 13, 14, 15
+"""Places in the table of a bound step: addresses and shapes of five arrays, the gate, which step; its size [index]."""
+OPEN, SHUT = 0, 1
+"""Values of the gate: samples are taken, or refused because another call is under way [number]."""
+
+_interpreted = False
+
+
+class Kernel:
+    """A kernel that Python calls; `python` is the function as it is written."""
+
+    def __init__(self, function: Callable[..., Any], requirements: tuple[str, ...]) -> None:
+        functools.update_wrapper(self, function)
+        self.python, self.requirements = function, requirements
+        self.name = f"{function.__module__.removeprefix('replant.kernels.')}.{function.__name__}"
+        self._compiled: Callable[..., Any] | None = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run it, compiled unless `interpreted` says otherwise."""
+        if _interpreted:
+            return self.python(*arguments)
+        if self._compiled is None:
+            self._compiled = library().kernel(self.name)
+        return self._compiled(*arguments)
+
+
+def kernel(*requirements: str) -> Callable[[Callable[..., Any]], Kernel]:
+    """Return the decorator of what Python calls.
+
+    Parameters
+    ----------
+    *requirements : str
+        What must hold of the arguments, as "models.size >= variances.size": expressions of the kernels' subset.
+    """
+
+    def mark(function: Callable[..., Any]) -> Kernel:
+        KERNELS.append(Kernel(function, requirements))
+        return KERNELS[-1]
+
+    return mark
+
+
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Mark what melts into its callers: a small part of a loop, where a call would cost more than it does."""
+    return function
+
+
+@contextmanager
+def interpreted() -> Iterator[None]:
+    """Run kernels as the Python functions that they are, a thousand times as slow: for tests."""
+    global _interpreted
+    kept, _interpreted = _interpreted, True
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    finally:
+        _interpreted = kept
+
+
+class Api(ctypes.Structure):
+    """What the library needs of Python, by name: it is linked with none, and serves every version."""
+
+    NAMES = (
+        "PyFloat_AsDouble", "PyFloat_FromDouble", "PyLong_AsLongLong", "PyLong_FromLongLong", "PyBool_FromLong",
+        "PyObject_IsTrue", "PyTuple_New", "PyTuple_SetItem", "PyTuple_GetItem", "PyByteArray_AsString",
+        "PyObject_GetBuffer", "PyBuffer_Release", "PyBuffer_IsContiguous", "PyErr_Occurred", "PyErr_Format",
+        "PyErr_SetString", "PyEval_SaveThread", "PyEval_RestoreThread",
+    )  # fmt: skip
+    _fields_ = [(name, ctypes.c_void_p) for name in NAMES]  # noqa: RUF012
+    _fields_ += [("none", ctypes.py_object), ("type_error", ctypes.py_object), ("value_error", ctypes.py_object)]
+    _fields_ += [("attention", ctypes.py_object)]
+
+
+class Library:
+    """The native library, loaded."""
+
+    def __init__(self, path: Path) -> None:
+        from replant.kernels.schema import Attention
+
+        self._library = ctypes.CDLL(str(path))
+        for name in ("replant_source", "replant_name"):
+            getattr(self._library, name).restype = ctypes.c_char_p
+        for name in ("replant_call_definition", "replant_step_definition"):
+            getattr(self._library, name).restype = ctypes.c_void_p
+        self.source = self._library.replant_source().decode()
+        names = [self._library.replant_name(number) for number in range(self._library.replant_count())]
+        self._numbers = {name.decode(): number for number, name in enumerate(names)}
+        found = {name: ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value for name in Api.NAMES}
+        self._api = Api(**found, none=None, type_error=TypeError, value_error=ValueError, attention=Attention)
+        self._library.replant_connect(ctypes.byref(self._api))
+        self._new = ctypes.pythonapi.PyCFunction_NewEx
+        self._new.restype, self._new.argtypes = (
+            ctypes.py_object,
+            [ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p],
+        )
+
+    def kernel(self, name: str) -> Callable[..., Any]:
+        """Return a kernel."""
+        return self._new(self._library.replant_call_definition(), self._numbers[name], None)  # type: ignore[no-any-return]
+
+    def step(self, name: str, arrays: tuple[np.ndarray, ...]) -> tuple[Callable[..., float], np.ndarray]:
+        """Return a function of (u, y, t, r) that takes one sample by a step kernel, and its gate (1,), shut.
+
+        A call with five arrays takes longer than most steps: their types and shapes are looked up each time.  The
+        arrays of a state do not move, so a table of their addresses replaces them.
+        """
+        room = bytearray(8 * SIZE)
+        table: np.ndarray[Any, np.dtype[np.int64]] = np.frombuffer(room, np.int64)
+        numbers: list[int] = []
+        for array in arrays:
+            assert array.flags.c_contiguous
+            numbers += [array.ctypes.data, *array.shape]
+        table[:] = [*numbers, SHUT, self._library.replant_step_number(name.encode())]
+        call = self._new(self._library.replant_step_definition(), (room, *arrays), None)
+        return call, table[GATE : GATE + 1]
+
+
+@functools.cache
+def library() -> Library:
+    """Return the native library, built first where this is a clone whose kernels have changed.
+
+    Raises
+    ------
+    UnsupportedDependencyError
+        There is none, and this is no clone.
+    """
+    builder = _builder()
+    if builder is not None and _source_of(LIBRARY) != source_hash(FOLDER, builder):
+        reason = "has changed" if LIBRARY.exists() else "is not compiled yet"
+        print(f"replant: the source of the kernels {reason}: compiling it (once, some seconds)", file=sys.stderr)
+        _build(builder)
+    if not LIBRARY.exists():
+        raise UnsupportedDependencyError(
+            f"replant is installed without its compiled kernels, {LIBRARY.name}: install it again, from a wheel for "
+            "this system or with a C compiler: pip install --force-reinstall --no-deps replant"
+        )
+    return Library(LIBRARY)
+
+
+def source_hash(kernels: Path, builder: Path) -> str:
+    """Return the hash of all that the library is made from."""
+    digest = hashlib.sha256()
+    for path in sorted([*kernels.rglob("*.py"), *builder.glob("*.[pch]*")]):
+        digest.update(path.name.encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:32]
+
+
+def _builder() -> Path | None:
+    """Return the folder of the translator where this is a clone, else None."""
+    root = FOLDER.parents[2]
+    return root / "tools/translator" if (root / "tools/translator/library.py").exists() else None
+
+
+def _source_of(path: Path) -> str:
+    """Return the hash that a library carries, "" where there is none."""
+    content = path.read_bytes() if path.exists() else b""
+    _, found, rest = content.partition(b"replant-source:")
+    return rest[:32].decode("ascii", "replace") if found else ""
+
+
+def _build(builder: Path) -> None:
+    command = [sys.executable, "-m", "translator.library"]
+    done = subprocess.run(command, cwd=builder.parent, capture_output=True, text=True, errors="replace", check=False)
+    if done.returncode:
+        said = done.stderr.strip().splitlines() or ["no reason given"]
+        raise UnsupportedDependencyError(f"the kernels cannot be compiled: {said[-1]}")

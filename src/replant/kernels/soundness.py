@@ -1,0 +1,85 @@
+"""Whether a state's arrays are as long as its own numbers say: looked at before a compiled kernel runs.
+
+Of the numbers in ``ints`` those count that kernels use as an index; the others are looked at where a checkpoint is read.
+"""
+
+from typing import Final
+
+from replant.kernels import schema as at
+from replant.kernels.filters import bank as bk
+from replant.kernels.schema import FIXED, LAGUERRE, StateSlots
+
+LAID_OUT: Final = "is_laid_out(ints, reals.size, banks.shape[0], banks.shape[1])"
+IS_SOUND: Final = "is_sound(ints, reals, banks, buffer, recent)"
+#: Of kernels that take many samples.
+AS_MANY: Final = (
+    "y.size == u.size and errors.size >= u.size",
+    "(t.size == 0 or t.size == u.size) and (r.size == 0 or r.size == u.size)",
+    "parameters.shape[0] >= u.size and 0 <= parameters.shape[1] <= ints[at.ENTRIES]",
+)
+
+MOST: Final = 1 << 24
+"""Sizes beyond which their products might leave int64 [count]."""
+
+_POWERS = ({}, {"n": 1}, {"n": 2}, {"T": 1}, {"T": 2}, {"M": 1}, {"S": 1}, {"RING": 1}, {"Q": 1}, {"L": 1}, {"L": 2})
+
+
+def _shares(block):
+    """Return by how much each of `_POWERS` enters the size of a block, which is a polynomial of its dimensions."""
+
+    def size(**own):
+        dims = {"n": 0, "T": 0, "M": 0, "S": 0, "RING": 0, "Q": 0, "L": 0} | own
+        return block.size(FIXED | dims | {"N": dims["n"] + 2})
+
+    none = size()
+    shares = [none]
+    for powers in _POWERS[1:]:
+        ((name, power),) = powers.items()
+        one, two = size(**{name: 1}) - none, size(**{name: 2}) - none
+        square = (two - 2 * one) // 2
+        shares.append(square if power == 2 else one - square)
+    return tuple(shares)
+
+
+#: For each block: the slot that says where it begins, and the shares of its size.
+BLOCKS = tuple((block.index, *_shares(block)) for block in StateSlots.blocks)
+
+
+def is_laid_out(ints, reals, banks, columns):
+    """Return whether the blocks lie one after the other within so many ``reals``, and the banks are large enough."""
+    if ints.size < at.ROWS:
+        return False
+    n, T, M, S, ring = ints[at.ORDER], ints[at.ENTRIES], ints[at.MEMORY_SIZE], ints[at.SETTINGS_SIZE], ints[at.RING_SIZE]
+    if not (1 <= n <= T <= MOST and 0 <= M <= MOST and 0 <= S <= MOST and 1 <= ring <= MOST and n <= 1000):
+        return False
+    Q = ring if ints[at.HAS_REFERENCE] == 1 else 0
+    L = LAGUERRE + 1 if ints[at.HAS_REFERENCE] == 1 else 0
+    end = at.SCALARS
+    for slot, one, by_n, by_nn, by_T, by_TT, by_M, by_S, by_ring, by_Q, by_L, by_LL in BLOCKS:
+        if ints[slot] != end:
+            return False
+        end += one + by_n * n + by_nn * n * n + by_T * T + by_TT * T * T + by_M * M + by_S * S
+        end += by_ring * ring + by_Q * Q + by_L * L + by_LL * L * L
+    if not (end <= reals and banks >= 3 and columns >= bk.size(n, T)):
+        return False
+    inputs, serving = ints[at.INPUT_ENTRIES], ints[at.SERVING_BANK]
+    entries = n + inputs + (1 + n if ints[at.REFINED] == 1 else ints[at.HAS_CONSTANT])
+    return (0 <= inputs <= n + 1 and entries <= T and 1 <= serving <= 2 and 0 <= ints[at.RING_HEAD] < ring) or (
+        ints[at.COLLECTS] == 1
+    )
+
+
+def is_sound(ints, reals, banks, buffer, recent):
+    """Return whether all arrays of a state are large enough, and what serves as an index is within them."""
+    if not is_laid_out(ints, reals.size, banks.shape[0], banks.shape[1]):
+        return False
+    T, batch, capacity, rows = ints[at.ENTRIES], ints[at.BATCH_SIZE], ints[at.CAPACITY], ints[at.RECENT_SIZE]
+    if not (1 <= batch <= MOST and ints.size >= at.ROWS + batch and 1 <= capacity <= buffer.shape[0]):
+        return False
+    if not (buffer.shape[1] >= (2 * T + 2 if ints[at.INSTRUMENTS] == 1 else T + 2) or ints[at.COLLECTS] == 1):
+        return False
+    columns = 6 if ints[at.HAS_REFERENCE] == 1 else 5 if ints[at.EXAMINES_OUTPUT] == 1 else 3
+    if not (0 <= rows <= recent.shape[0] and recent.shape[1] >= columns):
+        return False
+    heads = 0 <= ints[at.BUFFER_HEAD] < capacity and 0 <= ints[at.BUFFER_FILLED] <= capacity
+    return heads and 0 <= ints[at.RECENT_HEAD] < max(rows, 1)

@@ -1,0 +1,209 @@
+/* Between Python and the kernels: every argument is looked at before a kernel runs.
+
+   The library is linked with no Python: what it needs of one is handed over in a table of functions, all of the stable
+   interface of Python 3.11 and later, so that one library serves every version. */
+
+typedef struct object object;
+typedef struct { /* Py_buffer */
+    void *buf;
+    object *obj;
+    intptr_t len, itemsize;
+    int readonly, ndim;
+    char *format;
+    intptr_t *shape, *strides, *suboffsets;
+    void *internal;
+} buffer_view;
+
+typedef struct {
+    double (*as_double)(object *);
+    object *(*from_double)(double);
+    long long (*as_whole)(object *);
+    object *(*from_whole)(long long);
+    object *(*from_truth)(long);
+    int (*is_true)(object *);
+    object *(*new_tuple)(intptr_t);
+    int (*set_item)(object *, intptr_t, object *);
+    object *(*get_item)(object *, intptr_t);
+    char *(*bytes_of)(object *);
+    int (*get_buffer)(object *, buffer_view *, int);
+    void (*release_buffer)(buffer_view *);
+    int (*is_contiguous)(const buffer_view *, char);
+    object *(*error_occurred)(void);
+    object *(*set_error)(object *, const char *, ...);
+    void (*set_error_text)(object *, const char *);
+    void *(*let_others_run)(void);
+    void (*take_back)(void *);
+    object *none, *type_error, *value_error, *attention;
+} python;
+
+typedef struct { /* PyMethodDef */
+    const char *name;
+    object *(*function)(object *, object *const *, intptr_t);
+    int flags;
+    const char *doc;
+} definition;
+
+enum { FAST_CALL = 0x80, WITH_FORMAT = 0x4, WITH_STRIDES = 0x10 | 0x8, WRITABLE = 0x1 };
+enum { INTS = 0, REALS = 2, BANKS = 4, BUFFER = 7, RECENT = 10, GATE = 13, KIND = 14, SHUT = 1 };
+
+static python py;
+
+static bool has_format(const buffer_view *view, char element)
+{
+    const char *format = view->format ? view->format : "B";
+    if (format[0] == '@' || format[0] == '=')
+        format++;
+    if (view->itemsize != 8 || format[0] == '\0' || format[1] != '\0')
+        return false;
+    return element == 'd' ? format[0] == 'd' : format[0] == 'l' || format[0] == 'q';
+}
+
+/* Say why an array does not fit; nothing where it does. */
+static const char *misfit(const buffer_view *view, const parameter *wanted)
+{
+    if (view->ndim != wanted->dimensions)
+        return "has another number of dimensions";
+    if (!has_format(view, wanted->kind))
+        return wanted->kind == 'd' ? "is not of float64" : "is not of int64";
+    if (!py.is_contiguous(view, 'C'))
+        return "is not contiguous, in C order";
+    if (wanted->written && view->readonly)
+        return "is read-only";
+    if ((uintptr_t)view->buf % 8 != 0)
+        return "does not begin at a multiple of 8 bytes";
+    return NULL;
+}
+
+/* Take one argument; return whether it fits, else the error is set. */
+static bool take_argument(const kernel *called, int number, object *given, argument *taken, buffer_view *view)
+{
+    const parameter *wanted = &called->parameters[number];
+    view->obj = NULL;
+    if (wanted->dimensions == 0) {
+        if (wanted->kind == 'd')
+            taken->d = py.as_double(given);
+        else if (wanted->kind == 'b')
+            taken->i = py.is_true(given);
+        else
+            taken->i = py.as_whole(given);
+        return py.error_occurred() == NULL;
+    }
+    if (py.get_buffer(given, view, WITH_FORMAT | WITH_STRIDES) != 0) {
+        view->obj = NULL;
+        py.set_error(py.type_error, "%s: %s is no array", called->name, wanted->name);
+        return false;
+    }
+    const char *reason = misfit(view, wanted);
+    if (reason) {
+        py.set_error(py.type_error, "%s: %s %s", called->name, wanted->name, reason);
+        return false;
+    }
+    taken->p = view->buf;
+    for (int axis = 0; axis < view->ndim; axis++)
+        taken->n[axis] = view->shape[axis];
+    return true;
+}
+
+static object *one_result(char kind, const argument *result)
+{
+    if (kind == 'd')
+        return py.from_double(result->d);
+    return kind == 'b' ? py.from_truth((long)result->i) : py.from_whole(result->i);
+}
+
+static object *results_of(const kernel *called, const argument *results)
+{
+    intptr_t count = called->result_count;
+    if (count == 1)
+        return one_result(called->results[0], results);
+    object *tuple = py.new_tuple(count);
+    for (intptr_t i = 0; tuple && i < count; i++)
+        py.set_item(tuple, i, one_result(called->results[i], &results[i]));
+    return tuple;
+}
+
+static object *call(object *self, object *const *given, intptr_t count)
+{
+    const kernel *called = &kernels[py.as_whole(self)];
+    argument arguments[MOST_ARGUMENTS];
+    buffer_view views[MOST_ARGUMENTS];
+    object *result = NULL;
+    int taken = 0;
+    if (count != called->count)
+        return py.set_error(py.type_error, "%s takes %d arguments, not %d", called->name, called->count, (int)count);
+    while (taken < called->count && take_argument(called, taken, given[taken], &arguments[taken], &views[taken]))
+        taken++;
+    if (taken == called->count) {
+        void *thread = py.let_others_run();
+        const char *broken = called->run(arguments);
+        py.take_back(thread);
+        if (broken)
+            py.set_error(py.value_error, "%s: it must hold that %s", called->name, broken);
+        else
+            result = results_of(called, arguments);
+    } else {
+        taken++; /* the last one may have been an array that does not fit */
+    }
+    for (int i = 0; i < taken; i++)
+        if (called->parameters[i].dimensions > 0 && views[i].obj)
+            py.release_buffer(&views[i]);
+    return result;
+}
+
+/* Take one sample: (u, y, t, r), by the table that `replant.kernels.native.Library.step` has made.  Raises Attention,
+   and takes none, where the gate is shut or the identifier has something to do first; the interpreter is not free
+   between the look and the sample, so that no other thread comes between. */
+static object *step(object *self, object *const *given, intptr_t count)
+{
+    const int64_t *table = (const int64_t *)(void *)py.bytes_of(py.get_item(self, 0));
+    double sample[4];
+    if (count != 4) {
+        py.set_error_text(py.type_error, "a step takes four numbers: u, y, t and r");
+        return NULL;
+    }
+    for (int i = 0; i < 4; i++) {
+        sample[i] = py.as_double(given[i]);
+        if (sample[i] == -1.0 && py.error_occurred())
+            return NULL;
+    }
+    ints1 ints = { (int64_t *)(intptr_t)table[INTS], table[INTS + 1] };
+    reals1 reals = { (double *)(intptr_t)table[REALS], table[REALS + 1] };
+    reals2 banks = { (double *)(intptr_t)table[BANKS], table[BANKS + 1], table[BANKS + 2] };
+    reals2 buffer = { (double *)(intptr_t)table[BUFFER], table[BUFFER + 1], table[BUFFER + 2] };
+    reals2 recent = { (double *)(intptr_t)table[RECENT], table[RECENT + 1], table[RECENT + 2] };
+    bool collects = steps[table[KIND]].collects;
+    if (table[GATE] == SHUT || ints.p[at_ATTENTION] == 1
+        || (collects && ints.p[at_SAMPLES] + 1 == ints.p[at_ATTENTION_AT])) {
+        py.set_error_text(py.attention, "");
+        return NULL;
+    }
+    double error = steps[table[KIND]].take(ints, reals, banks, buffer, recent, sample[0], sample[1], sample[2], sample[3]);
+    if (ints.p[at_HELD_AT] == at_BELIEVED) { /* one that was held back comes first */
+        py.set_error_text(py.attention, "");
+        return NULL;
+    }
+    return py.from_double(error);
+}
+
+static const definition call_definition = { "kernel", call, FAST_CALL, "A compiled kernel." };
+static const definition step_definition = { "step", step, FAST_CALL, "Take one sample." };
+
+EXPORTED const char *replant_source(void) { return &"replant-source:" REPLANT_SOURCE[15]; }
+EXPORTED int replant_count(void) { return (int)(sizeof kernels / sizeof *kernels); }
+EXPORTED const char *replant_name(int number) { return kernels[number].name; }
+EXPORTED const void *replant_call_definition(void) { return &call_definition; }
+EXPORTED const void *replant_step_definition(void) { return &step_definition; }
+
+EXPORTED int replant_step_number(const char *name)
+{
+    for (int i = 0; i < (int)(sizeof steps / sizeof *steps); i++)
+        if (strcmp(steps[i].name, name) == 0)
+            return i;
+    return -1;
+}
+
+EXPORTED void replant_connect(const python *functions)
+{
+    py = *functions;
+    choose_lanes();
+}

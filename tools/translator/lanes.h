@@ -1,0 +1,35 @@
+#define JOINED(name, variant) name##_##variant
+#define NAMED(name, variant) JOINED(name, variant)
+#define OF_VARIANT(name) NAMED(name, VARIANT)
+
+/* A number of each member: one lane of a vector, which lies wherever a double may lie. */
+#define lanes_LANES LANES
+typedef double lanes __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
+typedef int64_t lane_bits __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
+
+INLINE lanes broadcast(double a) { return a - (lanes){0}; } /* less nought: a negative nought stays one */
+INLINE lanes max_l(lanes a, lanes b)
+{
+    lane_bits larger = b > a;
+    return (lanes)((larger & (lane_bits)b) | (~larger & (lane_bits)a));
+}
+INLINE lanes lanes_if(bool first, lanes a, lanes b)
+{
+    if (first)
+        return a;
+    return b;
+}
+INLINE lanes lanes_root(lanes a)
+{
+    lanes result = a;
+    for (int lane = 0; lane < LANES; lane++)
+        result[lane] = sqrt(a[lane]);
+    return result;
+}
+INLINE bool all_within(lanes a, double limit)
+{
+    bool within = true;
+    for (int lane = 0; lane < LANES; lane++)
+        within = (bool)(within & (fabs(a[lane]) <= limit));
+    return within;
+}

@@ -1,0 +1,144 @@
+"""The native library: translated, compiled, put into the package.  ``python -m translator.library`` from ``tools``.
+
+The compiler is ``$CC``, else ``cc``, else the clang that the package ziglang brings along.  ``--target`` names another
+system as zig does, for wheels.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import pkgutil
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+#: ``-ffp-contract=off``: a product and a sum are rounded one by one, as Python does.
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-fvisibility=hidden", "-Wno-psabi")
+#: The instruction sets for which lanes are compiled, where the processor is one of these.
+VARIANTS = {"plain": (), "avx2": ("-mavx2",), "avx512": ("-mavx512f", "-mprefer-vector-width=512")}
+X86 = ("x86_64", "amd64", "AMD64")
+
+
+class BuildError(Exception):
+    """The library cannot be made; the message says what to install."""
+
+
+def has_compiler() -> bool:
+    """Return whether a C compiler is there, other than that of ziglang."""
+    return bool(os.environ.get("CC") or shutil.which("cc"))
+
+
+def compiler(target: str | None = None) -> list[str]:
+    """Return the command of the compiler, for this system or a target of zig.
+
+    Raises
+    ------
+    BuildError
+        There is none.
+    """
+    if target is None and os.environ.get("CC"):
+        return shlex.split(os.environ["CC"])
+    if target is None and shutil.which("cc"):
+        return ["cc"]
+    try:
+        importlib.import_module("ziglang")
+    except ImportError:
+        raise BuildError("no C compiler: install one (Debian: apt install gcc libc6-dev), or pip install ziglang") from None
+    return [sys.executable, "-m", "ziglang", "cc", *(["-target", target] if target else [])]
+
+
+def generate() -> tuple[dict[str, str], str]:
+    """Return the C files by name, and the hash of what they are made from."""
+    sys.path.insert(0, str(ROOT / "src"))
+    sys.path.insert(0, str(ROOT / "tools"))
+    import replant.kernels
+    from replant.kernels import native
+
+    from translator.border import sources
+
+    for module in pkgutil.walk_packages(replant.kernels.__path__, "replant.kernels."):
+        importlib.import_module(module.name)
+    kernels = sorted(native.KERNELS, key=lambda kernel: kernel.name)
+    return sources("replant.kernels", ROOT, kernels), native.source_hash(native.FOLDER, Path(__file__).parent)
+
+
+def build(path: Path, *, target: str | None = None, keep: Path | None = None) -> None:
+    """Make the library.
+
+    Parameters
+    ----------
+    path : Path
+        Where to put it, once it is whole: another process may load it meanwhile.
+    target : str, optional
+        Another system, as zig names it.
+    keep : Path, optional
+        Folder for the C files.
+
+    Raises
+    ------
+    BuildError
+        There is no compiler, or it fails.
+    """
+    command = compiler(target)
+    files, source = generate()
+    x86 = (target or platform.machine()).partition("-")[0] in X86
+    with tempfile.TemporaryDirectory() as made:
+        folder = keep or Path(made)
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in files.items():
+            (folder / name).write_text(text, "utf-8")
+        given = [f'-DREPLANT_SOURCE="{source}"', *(["-DWITH_VARIANTS"] if x86 else [])]
+        objects = [folder / "kernels.o"]
+        jobs = [[*command, *FLAGS, *given, "-c", str(folder / "kernels.c"), "-o", str(objects[0])]]
+        for variant, flags in VARIANTS.items():
+            if x86 or variant == "plain":
+                objects.append(folder / f"lanes_{variant}.o")
+                own = [*FLAGS, "-O3", *flags, f"-DVARIANT={variant}", "-DLANES=8", "-c", str(folder / "lanes.c")]
+                jobs.append([*command, *own, "-o", str(objects[-1])])
+        whole = Path(made, path.name)
+        link = [*command, "-shared", *map(str, objects), "-o", str(whole)]
+        if "windows" not in (target or sys.platform).replace("win32", "windows"):
+            link.append("-lm")
+        _run_together(jobs)
+        _run_together([link])
+        beside = path.with_name(f"{path.name}.{os.getpid()}")
+        shutil.copyfile(whole, beside)
+        beside.replace(path)
+
+
+def _run_together(commands: list[list[str]]) -> None:
+    running = [
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
+        for command in commands
+    ]
+    for command, process in zip(commands, running, strict=True):
+        said = process.communicate()[0]
+        if process.returncode:
+            raise BuildError(f"{shlex.join(command)} failed: {said.strip()[-2000:]}")
+
+
+def main() -> None:
+    """Make the library of this clone."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("--out", type=Path, help="where to put it, else into the package")
+    parser.add_argument("--target", help="another system, as zig names it")
+    parser.add_argument("--keep", type=Path, help="folder for the C files")
+    arguments = parser.parse_args()
+    sys.path.insert(0, str(ROOT / "src"))
+    from replant.kernels import native
+
+    try:
+        build(arguments.out or native.LIBRARY, target=arguments.target, keep=arguments.keep)
+    except BuildError as error:
+        raise SystemExit(str(error)) from None
+
+
+if __name__ == "__main__":
+    main()

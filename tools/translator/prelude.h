@@ -1,0 +1,41 @@
+/* Made by tools/translator from the kernels in Python: edit those. */
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#if defined(__GNUC__)
+#define INLINE static inline __attribute__((always_inline, unused))
+#define APART static __attribute__((noinline))
+#define FETCH_EARLY(place) __builtin_prefetch(place)
+#else
+#define INLINE static inline
+#define APART static
+#define FETCH_EARLY(place) (void)(place)
+#endif
+
+INLINE void fetch_early(const void *place) { FETCH_EARLY(place); }
+#if defined(_WIN32)
+#define EXPORTED __declspec(dllexport)
+#elif defined(__GNUC__)
+#define EXPORTED __attribute__((visibility("default")))
+#else
+#define EXPORTED
+#endif
+
+/* As in Python: the first one where they are equal, or where one is no number. */
+INLINE double max_d(double a, double b) { return b > a ? b : a; }
+INLINE double min_d(double a, double b) { return b < a ? b : a; }
+INLINE int64_t max_i(int64_t a, int64_t b) { return b > a ? b : a; }
+INLINE int64_t min_i(int64_t a, int64_t b) { return b < a ? b : a; }
+INLINE bool is_nan(double a) { return a != a; }
+INLINE bool is_inf(double a) { return fabs(a) > 1.7976931348623157e308; }
+INLINE bool is_finite(double a) { return fabs(a) <= 1.7976931348623157e308; }
+/* Rounded down, as in Python. */
+INLINE int64_t floor_div(int64_t a, int64_t b) { return a / b - ((a % b != 0) && ((a < 0) != (b < 0))); }
+INLINE int64_t floor_mod(int64_t a, int64_t b)
+{
+    int64_t rest = a % b;
+    return rest != 0 && ((rest < 0) != (b < 0)) ? rest + b : rest;
+}
