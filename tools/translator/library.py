@@ -20,7 +20,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 #: ``-ffp-contract=off``: a product and a sum are rounded one by one, as Python does.
-FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-fvisibility=hidden", "-Wno-psabi")
+FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-fvisibility=hidden", "-Wno-psabi")
 #: The instruction sets for which lanes are compiled, where the processor is one of these.
 VARIANTS = {"plain": (), "avx2": ("-mavx2",), "avx512": ("-mavx512f", "-mprefer-vector-width=512")}
 X86 = ("x86_64", "amd64", "AMD64")
@@ -54,19 +54,19 @@ def compiler(target: str | None = None) -> list[str]:
     return [sys.executable, "-m", "ziglang", "cc", *(["-target", target] if target else [])]
 
 
-def generate() -> tuple[dict[str, str], str]:
-    """Return the C files by name, and the hash of what they are made from."""
+def generate() -> tuple[dict[str, str], list[str]]:
+    """Return the C files by name, and what the compiler is told: how many lanes, the hash of the sources."""
     sys.path.insert(0, str(ROOT / "src"))
     sys.path.insert(0, str(ROOT / "tools"))
     import replant.kernels
-    from replant.kernels import native
-
+    from replant.kernels import lanes, native
     from translator.border import sources
 
     for module in pkgutil.walk_packages(replant.kernels.__path__, "replant.kernels."):
         importlib.import_module(module.name)
     kernels = sorted(native.KERNELS, key=lambda kernel: kernel.name)
-    return sources("replant.kernels", ROOT, kernels), native.source_hash(native.FOLDER, Path(__file__).parent)
+    source = native.source_hash(native.FOLDER, Path(__file__).parent)
+    return sources("replant.kernels", ROOT, kernels), [f'-DREPLANT_SOURCE="{source}"', f"-DLANES={lanes.LANES}"]
 
 
 def build(path: Path, *, target: str | None = None, keep: Path | None = None) -> None:
@@ -87,20 +87,20 @@ def build(path: Path, *, target: str | None = None, keep: Path | None = None) ->
         There is no compiler, or it fails.
     """
     command = compiler(target)
-    files, source = generate()
+    files, defined = generate()
     x86 = (target or platform.machine()).partition("-")[0] in X86
     with tempfile.TemporaryDirectory() as made:
         folder = keep or Path(made)
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in files.items():
             (folder / name).write_text(text, "utf-8")
-        given = [f'-DREPLANT_SOURCE="{source}"', *(["-DWITH_VARIANTS"] if x86 else [])]
+        given = [*defined, *(["-DWITH_VARIANTS"] if x86 else [])]
         objects = [folder / "kernels.o"]
         jobs = [[*command, *FLAGS, *given, "-c", str(folder / "kernels.c"), "-o", str(objects[0])]]
         for variant, flags in VARIANTS.items():
             if x86 or variant == "plain":
                 objects.append(folder / f"lanes_{variant}.o")
-                own = [*FLAGS, "-O3", *flags, f"-DVARIANT={variant}", "-DLANES=8", "-c", str(folder / "lanes.c")]
+                own = [*FLAGS, *given, *flags, f"-DVARIANT={variant}", "-c", str(folder / "lanes.c")]
                 jobs.append([*command, *own, "-o", str(objects[-1])])
         whole = Path(made, path.name)
         link = [*command, "-shared", *map(str, objects), "-o", str(whole)]
@@ -108,6 +108,7 @@ def build(path: Path, *, target: str | None = None, keep: Path | None = None) ->
             link.append("-lm")
         _run_together(jobs)
         _run_together([link])
+        path.parent.mkdir(parents=True, exist_ok=True)
         beside = path.with_name(f"{path.name}.{os.getpid()}")
         shutil.copyfile(whole, beside)
         beside.replace(path)

@@ -27,7 +27,7 @@ Matrix = np.ndarray[Any, np.dtype[np.float64]]
 Cube = np.ndarray[Any, np.dtype[np.float64]]
 
 FOLDER = Path(__file__).parent
-LIBRARY = FOLDER / {"win32": "libreplant.dll", "darwin": "libreplant.dylib"}.get(sys.platform, "libreplant.so")
+LIBRARY = FOLDER / "compiled" / {"win32": "libreplant.dll", "darwin": "libreplant.dylib"}.get(sys.platform, "libreplant.so")
 KERNELS: list["Kernel"] = []  # in the order in which they were defined
 INTS, REALS, BANKS, BUFFER, RECENT, GATE, KIND, SIZE = 0, 2, 4, 7, 10, 13, 14, 15
 """Places in the table of a bound step: addresses and shapes of five arrays, the gate, which step; its size [index]."""
@@ -97,7 +97,7 @@ class Api(ctypes.Structure):
         "PyObject_GetBuffer", "PyBuffer_Release", "PyBuffer_IsContiguous", "PyErr_Occurred", "PyErr_Format",
         "PyErr_SetString", "PyEval_SaveThread", "PyEval_RestoreThread",
     )  # fmt: skip
-    _fields_ = [(name, ctypes.c_void_p) for name in NAMES]  # noqa: RUF012
+    _fields_ = [(name, ctypes.c_void_p) for name in NAMES]
     _fields_ += [("none", ctypes.py_object), ("type_error", ctypes.py_object), ("value_error", ctypes.py_object)]
     _fields_ += [("attention", ctypes.py_object)]
 

@@ -14,7 +14,6 @@ import math
 
 from replant.kernels.native import Reals, kernel
 
-
 ROUNDING = 1e-13
 """Part of a sum that is left after the smaller orders, below which it is rounding [part].
 Derivation: some hundred times the precision of float64.

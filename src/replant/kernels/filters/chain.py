@@ -9,7 +9,7 @@ from replant.kernels.filters import bank as bk
 from replant.kernels.filters.reflection import reflect
 from replant.kernels.filters.routh import all_left_of, bandwidth, slowest_decay
 from replant.kernels.native import Ints, Matrix, Reals, kernel
-from replant.kernels.soundness import LAID_OUT, is_laid_out
+from replant.kernels.soundness import LAID_OUT
 
 WARM_TIME_CONSTANTS = 10.0
 """Time that a bank with a new model warms up before it takes over [slowest time constants of the model].

@@ -7,7 +7,6 @@ Source: Bini (1996), "Numerical computation of polynomial zeros by means of Aber
 
 import math
 
-
 ITERATIONS = 200
 """Iterations at the most [count].
 Derivation: simple roots take less than ten, and what is left of a multiple one halves with each.

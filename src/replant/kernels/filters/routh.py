@@ -5,7 +5,6 @@ A polynomial s^n + a[0] s^(n-1) + ... + a[n-1] is given by its n lower coefficie
 
 import math
 
-
 HALVINGS = 200
 """Halvings of a margin until it counts as nought [count].
 Derivation: 2^-200 of a pole's magnitude is far below what float64 tells from an integrator.

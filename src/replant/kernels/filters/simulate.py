@@ -5,9 +5,9 @@ Over an interval between two samples the companion states are carried piece by p
 needs one discretisation, with a fractional dead time two (see `bank.discretization`).
 """
 
-from replant.kernels.native import Matrix, Reals, kernel
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters.chain import moved_share
+from replant.kernels.native import Matrix, Reals, kernel
 
 LAG, WAIT, USED, NOW, BEGUN = range(5)
 """Places in ``progress``: whole samples, then time in s, until the first input acts; time for which the piece that acts

@@ -13,7 +13,7 @@ from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers import covariance as second
 from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
 from replant.kernels.optimizers.memory import place
-from replant.kernels.soundness import LAID_OUT, is_laid_out
+from replant.kernels.soundness import LAID_OUT
 
 INPUT_LEAP = 1e3
 """Distance beyond which an input leaps [largest moving standard deviations that it so far had].

@@ -17,6 +17,7 @@ had.  `MEMORY` declares what lies in the memory of each optimizer; a loop gets a
 import math
 
 from replant.kernels.lanes import prefetch
+from replant.kernels.native import inlined
 from replant.kernels.optimizers.memory import MATRIX, NOTHING, ONE, VECTOR, Memory, block, place
 
 VANISHED = 1e-100
@@ -49,6 +50,7 @@ AT_LARGEST, AT_MOVED = LARGEST_MOMENT.begins["largest"], SQUARES_AND_STEPS.begin
 AT_Q, AT_SLOPE = INTEGRALS.begins["Q"], INTEGRALS.begins["slope"]
 
 
+@inlined
 def normalized_error(P, theta, row):
     """Return epsilon_I of (13): (y - theta' phi) / m^2."""
     prediction = 0.0
@@ -57,6 +59,7 @@ def normalized_error(P, theta, row):
     return (row[P] - prediction) * row[P + 1]
 
 
+@inlined
 def gradient(theta, memory, settings, buffer, rows, batch, direction):
     """(17): theta += Tp gamma epsilon_I phi; settings [Tp gamma]."""
     P, gain = theta.size, settings[0]
@@ -68,6 +71,7 @@ def gradient(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] += step * along[i]
 
 
+@inlined
 def adam(theta, memory, settings, buffer, rows, batch, direction):
     """Algorithm 1; settings [alpha, beta1, beta2, epsilon], memory `MOMENTS`."""
     P = theta.size
@@ -133,6 +137,7 @@ def rmsprop(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] -= alpha * g / (math.sqrt(memory[i]) + epsilon)
 
 
+@inlined
 def nadam(theta, memory, settings, buffer, rows, batch, direction):
     """Adam with Nesterov's look-ahead; settings and memory as `adam`."""
     P = theta.size
@@ -173,6 +178,7 @@ def adadelta(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] -= alpha * step
 
 
+@inlined
 def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
     """(19); settings [Tp, Gamma, beta], memory `INTEGRALS`.
 
@@ -189,6 +195,7 @@ def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
     )  # fmt: skip
 
 
+@inlined
 def follow_integral(P, theta, R, period, gain, beta, buffer, width, rows, batch, direction):
     """Do what `integral_cost` says, with pointers; ``width`` is that of a row of the buffer."""
     keep, Q, slope = 1.0 - period * beta, block(R, AT_Q, P), block(R, AT_SLOPE, P)
@@ -199,6 +206,7 @@ def follow_integral(P, theta, R, period, gain, beta, buffer, width, rows, batch,
         enter_row(P, theta, R, Q, slope, keep, period * phi[P + 1], phi, phi[direction:])
 
 
+@inlined
 def enter_row(P, theta, R, Q, slope, keep, weight, phi, along):
     """Let a row of the buffer enter R and Q; find the slope R theta + Q.
 
@@ -226,6 +234,7 @@ def enter_row(P, theta, R, Q, slope, keep, weight, phi, along):
         slope[i] = total
 
 
+@inlined
 def learn(algorithm, theta, memory, settings, buffer, rows, batch, direction):
     """Let the optimizer of this code consume the first ``batch`` of the drawn rows."""
     if algorithm == GRADIENT:

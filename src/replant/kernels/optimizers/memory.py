@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 
-
 class Size(NamedTuple):
     """squares P^2 + entries P + ones: a block's length, or where it begins."""
 

@@ -7,7 +7,6 @@ Source: Steele, Lea, Flood, "Fast splittable pseudorandom number generators", OO
 
 import numpy as np
 
-
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 """Increment of SplitMix64, 2^64 over the golden ratio [number]."""
 _MIX1 = np.uint64(0xBF58476D1CE4E5B9)

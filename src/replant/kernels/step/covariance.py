@@ -9,7 +9,6 @@ import math
 import numpy as np
 
 from replant.kernels import schema as at
-from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.filters import reference, whitening
 from replant.kernels.monitoring import estimate_path as trail
 from replant.kernels.monitoring import outliers, residual_colour
@@ -20,9 +19,10 @@ from replant.kernels.monitoring.interruptions import (
     interval_of,
     is_far,
 )
+from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers import covariance as loops
 from replant.kernels.schema import Alarm, Doubt
-from replant.kernels.soundness import AS_MANY, IS_SOUND, is_sound
+from replant.kernels.soundness import AS_MANY, IS_SOUND
 from replant.kernels.step.stages import (
     acceptable,
     cut_estimate,

@@ -16,10 +16,10 @@ back afterwards.
 """
 
 from replant.kernels import schema as at
-from replant.kernels.native import Cube, IntMatrix, Ints, Matrix, kernel
-from replant.kernels.soundness import is_laid_out
-from replant.kernels.lanes import LANES, all_within, vectors
 from replant.kernels.filters import bank as bk
+from replant.kernels.lanes import LANES, all_within, vectors
+from replant.kernels.native import Cube, IntMatrix, Ints, Matrix, inlined, kernel
+from replant.kernels.soundness import is_laid_out
 from replant.kernels.step import fixed_filter
 from replant.kernels.step.ensemble_lanes import (
     ERROR,
@@ -39,6 +39,7 @@ from replant.kernels.step.ensemble_tiles import deliver, fetch
 from replant.kernels.step.stages import cut_estimate, mapped_input
 
 
+@inlined
 def take(arrays, apart, shared, work, cuts, u, y):
     """Take samples that were admitted; ``shared``: all draw the same rows.
 

@@ -6,8 +6,9 @@ Arrays are those of `step.ensemble`, with a lane for each member.
 import numpy as np
 
 from replant.kernels import schema as at
-from replant.kernels.lanes import LANES
 from replant.kernels.filters import bank as bk
+from replant.kernels.lanes import LANES
+from replant.kernels.native import inlined
 from replant.kernels.step.fixed_filter import cut_rings, keep_input
 from replant.kernels.step.stages import acceptable, keep_estimate, keep_sample
 
@@ -71,6 +72,7 @@ def write_estimate(ints, reals, source, row, lane):
         reals[ints[at.AT_MEMORY] + i, lane] = source[row + T + i, lane]
 
 
+@inlined
 def admit(ints, reals, rings, recent, u, y):
     """Put an accepted sample among the raw samples and the past inputs: those of one member, or level ones'."""
     interval = reals[at.INTERVAL]
@@ -109,6 +111,7 @@ def undo(ints, reals, bank, live):
             write_estimate(ints[lane], reals, reals, backup, lane)
 
 
+@inlined
 def count(ints):
     """Count a sample, of one member or of level ones; return whether the estimate is to be kept."""
     ints[at.SAMPLES] += 1

@@ -6,6 +6,7 @@ Arrays are those of `step.ensemble`: ``arrays`` is (ints, reals, banks, buffer, 
 
 from replant.kernels import schema as at
 from replant.kernels.lanes import LANES, prefetch, vectors
+from replant.kernels.native import inlined
 from replant.kernels.optimizers import gradient as loops
 from replant.kernels.optimizers.random_stream import draw_below
 from replant.kernels.step.ensemble_lanes import write_estimate
@@ -50,17 +51,20 @@ def gather(ints, buffer, drawn, picked, most, apart):
     """Lay the batch that each member has drawn before its newest sample, the last row of ``drawn``."""
     for k in range(most - 1):
         row = drawn[drawn.shape[0] - most + k]
-        for lane in range(LANES):
-            picked[lane] = ints[lane, at.ROWS + k]
-        for i in range(row.shape[0]):
-            if apart:
-                for lane in range(LANES):
-                    row[i, lane] = buffer[lane, picked[lane], i]
-            else:
+        if apart:
+            for lane in range(LANES):
+                own = buffer[lane, ints[lane, at.ROWS + k]]
+                for i in range(row.shape[0]):
+                    row[i, lane] = own[i]
+        else:
+            for lane in range(LANES):
+                picked[lane] = ints[lane, at.ROWS + k]
+            for i in range(row.shape[0]):
                 for lane in range(LANES):
                     row[i, lane] = buffer[picked[lane], i, lane]
 
 
+@inlined
 def learn_each_its_own(arrays, apart, work, estimate):
     """Let every member learn the rows that it draws for itself."""
     ints, reals, _, buffer, _ = arrays
@@ -84,6 +88,7 @@ def learn_each_its_own(arrays, apart, work, estimate):
                 write_estimate(ints[0], reals, spare, 0, lane)
 
 
+@inlined
 def update_estimate(arrays, apart, shared, work, estimate, target):
     """Learn the newest samples and their batches; ``shared``: all draw the same rows.
 

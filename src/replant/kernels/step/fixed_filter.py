@@ -8,11 +8,11 @@ cut once a call; benchmarks/kernels.py measures the ratio to C.
 import numpy as np
 
 from replant.kernels import schema as at
-from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain
+from replant.kernels.native import Ints, Matrix, Reals, inlined, kernel
 from replant.kernels.optimizers import gradient as loops
-from replant.kernels.soundness import AS_MANY, IS_SOUND, is_sound
+from replant.kernels.soundness import AS_MANY, IS_SOUND
 from replant.kernels.step.stages import (
     acceptable,
     cut_estimate,
@@ -26,6 +26,7 @@ from replant.kernels.step.stages import (
 )
 
 
+@inlined
 def place_of(bank, n, T, interval):
     """Return where in the bank the exact solution over ``interval`` lies, or will lie once it is computed."""
     kept, size = bk.at_kept(n, T), 1 + n * n + 2 * n
@@ -35,6 +36,7 @@ def place_of(bank, n, T, interval):
     return kept + int(bank[bk.NEXT]) * size
 
 
+@inlined
 def cut_filters(ints, reals, bank, place):
     """Return the arrays of `advance_states`, of the exact solution that begins at ``place``.
 
@@ -52,12 +54,14 @@ def cut_filters(ints, reals, bank, place):
     )
 
 
+@inlined
 def cut_rings(ints, reals):
     """Return the rings of past inputs, held inputs and intervals (RING,)."""
     ring, inputs, held, intervals = ints[at.RING_SIZE], ints[at.AT_INPUTS], ints[at.AT_HELD], ints[at.AT_INTERVALS]
     return reals[inputs : inputs + ring], reals[held : held + ring], reals[intervals : intervals + ring]
 
 
+@inlined
 def cut_regressor(ints, reals, banks):
     """Return the arrays of `fill_regressor`: those of the output (n numbers each), then those of the input.
 
@@ -77,6 +81,7 @@ def cut_regressor(ints, reals, banks):
     )
 
 
+@inlined
 def advance_states(A, constant, ramp, states, new, y, rise_y, u, rise):
     """Find the filter states after one interval: output and input start at y and u and rise along straight lines.
 
@@ -96,6 +101,7 @@ def advance_states(A, constant, ramp, states, new, y, rise_y, u, rise):
         new_wu[i] = su
 
 
+@inlined
 def settle(states, new):
     """Let the new states take the place of the others."""
     for i in range(states.size):
@@ -117,6 +123,7 @@ def begin(ints, reals, banks, u, y):
         reals[new + i] = banks[0, states + i]
 
 
+@inlined
 def keep_input(ints, rings, u, last, interval):
     """Keep an input in the rings: a dead time, or stamps, may come into use where another kernel goes on."""
     inputs, held, intervals = rings
@@ -127,6 +134,7 @@ def keep_input(ints, rings, u, last, interval):
     inputs[newest], held[newest], intervals[newest] = u, last, interval
 
 
+@inlined
 def advance_filters(ints, reals, filters, last, u, y):
     """Carry the filter states from the sample before, of the input ``last``, to this one, as (6)-(7) do."""
     A, constant, ramp, states, new = filters
@@ -136,6 +144,7 @@ def advance_filters(ints, reals, filters, last, u, y):
     reals[at.INPUT_NOW] = u
 
 
+@inlined
 def fill_regressor(reals, regressor, y):
     """Fill the scaled regressor phi of (12) and return the scaled target s^n/Lambda y."""
     characteristic, gain_y, wy, phi_y, gain_u, wu, phi_u = regressor
@@ -150,6 +159,7 @@ def fill_regressor(reals, regressor, y):
     return target / reals[at.OUTPUT_SCALE]
 
 
+@inlined
 def error_of(theta, phi, target):
     """Return the a-priori error y - theta' phi, scaled."""
     error = target
@@ -158,6 +168,7 @@ def error_of(theta, phi, target):
     return error
 
 
+@inlined
 def update_estimate(ints, buffer, estimate, target):
     """Learn the newest sample and its batch; undo what leaves float64.  Returns the a-priori error, scaled."""
     theta, memory, _, _, _, _, settings, rows = estimate
@@ -168,6 +179,7 @@ def update_estimate(ints, buffer, estimate, target):
     return error
 
 
+@inlined
 def cut(ints, reals, banks):
     """Return every array that a sample needs: `cut_filters`, `cut_rings`, `cut_regressor`, `cut_estimate`."""
     place = place_of(banks[0], ints[at.ORDER], ints[at.ENTRIES], reals[at.INTERVAL])
@@ -179,6 +191,7 @@ def cut(ints, reals, banks):
     )
 
 
+@inlined
 def take(ints, reals, banks, buffer, recent, cuts, u, y):
     """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected.
 

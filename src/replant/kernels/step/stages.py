@@ -17,13 +17,13 @@ import math
 import numpy as np
 
 from replant.kernels import schema as at
-from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain, whitening
 from replant.kernels.monitoring import residual_colour
+from replant.kernels.native import Ints, Matrix, Reals, inlined, kernel
 from replant.kernels.optimizers.random_stream import draw_below
 from replant.kernels.schema import LAGS, Doubt
-from replant.kernels.soundness import LAID_OUT, is_laid_out
+from replant.kernels.soundness import LAID_OUT
 
 KEEP_AFTER_PART = 8
 """Part by which the samples must have grown until the estimate is kept again [part: one in so many].
@@ -44,11 +44,13 @@ they have all reached the cache, for which everything after would wait [count].
 """
 
 
+@inlined
 def mapped_input(ints, reals, u):
     """Return the input as the filters see it, u or u^2 less the working point; ``u`` and ``reals`` may be vectors."""
     return (u * u if ints[at.SQUARE_INPUT] == 1 else u) - reals[at.INPUT_OFFSET]
 
 
+@inlined
 def acceptable(ints, u, y):
     """Return whether input and output are finite and small enough for float64; count a sample that is not."""
     if abs(u) <= at.LARGEST and abs(y) <= at.LARGEST:
@@ -76,11 +78,13 @@ def note_reference(ints, reals, r):
         ints[at.NO_REFERENCE] += 1
 
 
+@inlined
 def may_learn(ints, reals):
     """Say whether the user has not frozen the estimate, and the filters have settled after a gap."""
     return not (ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM])
 
 
+@inlined
 def cut_estimate(ints, reals):
     """Return what is learned, and with what.
 
@@ -102,6 +106,7 @@ def cut_estimate(ints, reals):
     )
 
 
+@inlined
 def keep_and_write(ints, row, estimate, target):
     """Keep the estimate as it is and write a sample into its row of the buffer; return the a-priori error, scaled.
 
@@ -122,6 +127,7 @@ def keep_and_write(ints, row, estimate, target):
     return error
 
 
+@inlined
 def draw_rows(ints, rows):
     """Draw the rows of the newest sample's batch into ``rows``, and move on in the buffer; return how many."""
     head, capacity = ints[at.BUFFER_HEAD], ints[at.CAPACITY]
@@ -174,6 +180,7 @@ def all_finite(size, numbers):
     return finite
 
 
+@inlined
 def left_float64(theta, unit, memory):
     """Say whether a physical parameter, or a number of the optimizer's memory, is not finite."""
     for i in range(theta.size):
@@ -182,6 +189,7 @@ def left_float64(theta, unit, memory):
     return memory.size > 0 and not all_finite(memory.size, memory)
 
 
+@inlined
 def undo_unless_finite(ints, estimate):
     """Undo an update that left float64, and count it."""
     theta, memory, kept_theta, kept_memory, _, unit, _, _ = estimate
@@ -214,6 +222,7 @@ def keep_estimate(ints, reals):
     ints[at.PAST_DUE] = samples + min(max(samples // KEEP_AFTER_PART, KEEP_AFTER_LEAST), ints[at.PAST_STEP])
 
 
+@inlined
 def keep_sample(ints, recent, u, y, interval):
     """Keep the raw sample, over the oldest one."""
     head = ints[at.RECENT_HEAD]
