@@ -1,10 +1,6 @@
-"""What every test shares: where the recorded logs lie, and kernels that are never stale."""
+"""What every test shares: where the recorded logs lie, and kernels that are compiled."""
 
-import hashlib
 import os
-import subprocess
-import sys
-import tempfile
 from pathlib import Path
 
 import pytest
@@ -13,18 +9,6 @@ from hypothesis import HealthCheck, settings
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def _kernel_cache() -> str:
-    """Return a cache folder named after the kernels' source.
-
-    Numba's cache looks at the file of the compiled function alone, so an edit of an imported kernel would go unseen.
-    """
-    digest = hashlib.sha256()
-    for path in sorted((ROOT / "src/replant/kernels").rglob("*.py")):
-        digest.update(path.read_bytes())
-    return str(Path(tempfile.gettempdir()) / f"replant-kernels-{os.getuid()}-{digest.hexdigest()[:16]}")
-
-
-os.environ.setdefault("NUMBA_CACHE_DIR", _kernel_cache())
 # idle BLAS threads spin: on matrices as small as ours, with a worker a core, they cost several times the work itself
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -34,14 +18,11 @@ settings.load_profile("replant")
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Compile the large kernels once, where workers of pytest-xdist follow: each would do it at the same time."""
-    if hasattr(session.config, "workerinput") or not getattr(session.config.option, "numprocesses", None):
-        return
-    program = Path(__file__).parent / "support" / "compiling.py"
-    halves = [subprocess.Popen([sys.executable, program, half]) for half in ("refined", "first-order")]
-    codes = [half.wait() for half in halves]
-    if any(codes):
-        pytest.exit(f"{program} failed", returncode=1)
+    """Compile the kernels where they have changed, before workers of pytest-xdist do it all at once."""
+    if not hasattr(session.config, "workerinput"):
+        from replant.kernels.native import library
+
+        library()
 
 
 @pytest.fixture(scope="session")

@@ -59,7 +59,7 @@ OUTSIDE = {
 PLAIN = {"__future__", "collections", "contextlib", "enum", "functools", "math", "operator", "typing"}
 #: May be imported anywhere, at any time; everything else that is not Python's own or replant's is heavy.
 LIGHT = {"numpy"}
-HEAVY = {"numba", "llvmlite", "scipy", "matplotlib", "control", "pyarrow", "pandas", "xarray", "sklearn"}
+HEAVY = {"scipy", "matplotlib", "control", "pyarrow", "pandas", "xarray", "sklearn"}
 HEAVY |= {"paho", "serial", "starlette", "sympy", "uvicorn"}
 HEAVY |= {"distributed", "threadpoolctl"}
 HEAVY |= {"h5py", "mcap", "mcap_ros2", "openpyxl", "pyulog", "zstandard"}
@@ -98,12 +98,12 @@ def test_the_package_under_test_is_the_one_looked_at() -> None:
 def test_the_reader_of_imports_sees_every_kind() -> None:
     tree = ast.parse(
         "import numpy as np, scipy.signal\nfrom replant.kernels import schema as at\nfrom replant import settings\n"
-        "from replant import __version__\nif np:\n    import numba\n"
+        "from replant import __version__\nif np:\n    import sympy\n"
         "class A:\n    import pandas\ndef f():\n    import control\n    g = lambda: __import__('os')\n"
         "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import pyarrow\n"
     )
     early = ["numpy", "scipy.signal", "replant.kernels.schema", "replant.settings", "replant"]
-    early += ["numba", "pandas", "typing"]
+    early += ["sympy", "pandas", "typing"]
     assert list(imports(tree, "online.identifier", late=False)) == early
     assert set(imports(tree, "online.identifier")) == {*early, "control", "pyarrow"}
     relative = ast.parse("from . import stages\nfrom .stages import step\nfrom ..schema import PAST")
@@ -146,8 +146,9 @@ def test_levels_and_arrows_of_a_small_graph() -> None:
 
 
 @pytest.mark.parametrize("module", [module for module in MODULES if module.partition(".")[0] == "kernels"])
-def test_kernels_know_numpy_math_numba_errors_and_each_other(module: str) -> None:
-    assert outside(module) <= {*PLAIN, "numpy", "numba", "llvmlite"}
+def test_kernels_know_numpy_math_errors_and_each_other(module: str) -> None:
+    loads = {"ctypes", "hashlib", "pathlib", "subprocess", "sys"} if module == "kernels.native" else set()
+    assert outside(module) <= {*PLAIN, "numpy", *loads}
     assert {name.partition(".")[0] for name in own(module)} <= {"kernels", "errors"}
 
 
@@ -158,7 +159,7 @@ def is_heavy(module: str) -> bool:
 
 @every_module
 def test_heavy_libraries_are_imported_where_they_are_used(module: str) -> None:
-    """Not by importing a module: neither directly nor by the kernels, of which only the layout goes without Numba."""
+    """Not by importing a module: neither directly nor by the kernels."""
     if module.partition(".")[0] != "kernels":
         assert not outside(module, late=False) & (HEAVY - ADAPTERS.get(module, set()))
         assert module in ADAPTERS or not own(module, late=False) & set(ADAPTERS)

@@ -13,7 +13,7 @@ import replant
 from replant import public as exported
 from replant.cli import COMMANDS
 
-HEAVY = {"numba", "llvmlite", "scipy", "matplotlib", "pyarrow", "control", "pandas", "xarray", "sklearn"}
+HEAVY = {"scipy", "matplotlib", "pyarrow", "control", "pandas", "xarray", "sklearn"}
 HEAVY |= {"distributed", "paho", "serial"}
 REPORT = "import sys, json; print(json.dumps(sorted({name.partition('.')[0] for name in sys.modules})))"
 
@@ -58,14 +58,14 @@ def test_the_help_of_a_command_loads_nothing_heavy(command: str) -> None:
     assert not modules & HEAVY
 
 
-def test_an_identifier_at_work_loads_numba_and_only_what_it_needs() -> None:
+def test_an_identifier_at_work_loads_scipy_and_only_what_it_needs() -> None:
     """The counter-test: the check above would see the libraries if they were there."""
     modules = loaded(
         "import replant as rp\n"
         "ident = rp.Identifier(rp.Structure(1), 0.1, filter=rp.StateVariableFilter(5.0), scaling=None,"
         " optimizer=rp.Gradient(1.0))\nident.update(1.0, 1.0)"
     )
-    assert {"numba", "scipy"} <= modules
+    assert "scipy" in modules
     assert not modules & {"matplotlib", "pyarrow", "control", "pandas", "click"}
 
 

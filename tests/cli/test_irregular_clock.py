@@ -12,7 +12,6 @@ import pytest
 
 import replant as rp
 from replant.cli import main
-from replant.cli.output import COMPILING
 from support.builders import DT, irregular_record, two_modes
 
 PLANT = rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
@@ -38,7 +37,7 @@ def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, s
     except SystemExit as stop:
         code = int(stop.code or 0)
     captured = capsys.readouterr()
-    return code, captured.out, captured.err.replace(COMPILING + "\n", "")
+    return code, captured.out, captured.err
 
 
 @pytest.mark.parametrize("command", ["run", "fit"])

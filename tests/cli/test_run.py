@@ -10,14 +10,12 @@ import sys
 from functools import partial
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
 
 import replant as rp
 from replant.cli import main, options
 from replant.cli import run as run_command
-from replant.cli.output import COMPILING, announced_compiling
 from replant.data.logs import open_recording, read_columns
 from replant.runs import run as online_run
 
@@ -129,35 +127,16 @@ def test_a_person_sees_how_far_it_is(
 
 def test_nothing_is_drawn_where_nobody_looks(capsys: pytest.CaptureFixture[str], log: Path) -> None:
     run(log, "--json")
-    assert capsys.readouterr().err.replace(COMPILING + "\n", "") == ""
+    assert capsys.readouterr().err == ""
 
 
 def test_mistakes_are_said_in_one_line(capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path) -> None:
     with pytest.raises(SystemExit) as stop:
         run(log, "--full-trace", tmp_path / "trace.csv")
     assert stop.value.code == 2
-    message = capsys.readouterr().err.replace(COMPILING + "\n", "")
+    message = capsys.readouterr().err
     assert message.count("\n") == 1
     assert "the full trace is a Parquet file; give it the suffix .parquet" in message
-
-
-def test_compiling_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
-    """Of any number of kernels, at the first that no cache holds; those that are there say nothing."""
-
-    @numba.njit
-    def doubled(value: float) -> float:
-        return value + value
-
-    @numba.njit
-    def tripled(value: float) -> float:
-        return value + value + value
-
-    with announced_compiling():
-        assert (doubled(1.0), tripled(1.0)) == (2.0, 3.0)
-    assert capsys.readouterr().err == COMPILING + "\n"
-    with announced_compiling():
-        assert (doubled(2.0), tripled(2.0)) == (4.0, 6.0)
-    assert capsys.readouterr().err == ""
 
 
 PEAK = """

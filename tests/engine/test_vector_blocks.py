@@ -15,7 +15,7 @@ from replant.engine.vector_blocks import (
     kind,
     order,
 )
-from replant.kernels.codegen.simd import LANES
+from replant.kernels.lanes import LANES
 from replant.kernels.schema import LINE
 from support.builders import identifier
 

@@ -1,4 +1,4 @@
-"""A process that has imported and compiled all that a live session needs, and forks one session after the other.
+"""A process that has imported all that a live session needs, and forks one session after the other.
 
     LD_PRELOAD=failing.so FAILING_PAGE=page python mother.py page
 
@@ -23,6 +23,8 @@ import sys
 import time
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 KINDS = ("open", "write", "send", "read", "sync", "rename", "socket", "fork", "alloc", "wait")
 ROLES = ("none", "session", "observer")
@@ -78,7 +80,7 @@ class Page:
 
 
 def prepare(model: list[str]) -> None:
-    """Import and compile what a session, its observer and its dashboard need."""
+    """Import what a session, its observer and its dashboard need."""
     import pyarrow.compute
     import pyarrow.parquet
     import rich.console
@@ -101,13 +103,12 @@ def prepare(model: list[str]) -> None:
     from replant.live.observer.history import EstimateHistory
     from replant.live.observer.make_view import make_view
     from replant.live.observer.view import SessionInfo
-    from replant.live.session.warm_up import _simulated_record, warm_up
 
     context = replant.cli.live.command.make_context("live", ["-", *model])
     request = replant.cli.live._request(context.params)
-    warm_up(request, lambda line: None)
     identifier = Identifier(**vars(request))
-    identifier.update_many(*_simulated_record(request))
+    u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 150), 8)
+    identifier.update_many(u, np.convolve(u, 0.1 * 0.9 ** np.arange(100))[: u.size])
     identifier.assess()
     view = make_view(
         identifier, SessionInfo(0.0, "", "connected", {}, 0.0, 0.0), EstimateHistory(identifier.structure.size)
@@ -129,7 +130,6 @@ def session(case: dict[str, Any]) -> None:
     import replant.live.run_session
     from replant.cli import main
 
-    replant.live.run_session.warm_up = lambda *arguments: None  # done before the fork
     if case["fork"]:  # a spawned observer imports everything anew, which takes seconds
         begin, context = replant.live.observer.spawn.observe, multiprocessing.get_context("fork")
         multiprocessing.get_context = lambda method=None: context  # type: ignore[assignment]

@@ -19,7 +19,6 @@ import pytest
 
 import replant as rp
 from replant.errors import InvalidArgumentError, MissingDependencyError, SystemRefusedError
-from replant.fleet.compile_kernels import warm_up
 from replant.fleet.coordinate import MOST_LOST, carried_out
 from replant.fleet.executors import InThisThread, Workers, parsed, processes, workers
 from support.dying import die_first
@@ -233,27 +232,3 @@ def test_workers_use_one_thread_each_and_the_environment_stays(monkeypatch: pyte
     with processes(1) as pool:
         assert pool.submit(os.getenv, "OMP_NUM_THREADS").result() == "1"
     assert "OMP_NUM_THREADS" not in os.environ
-
-
-def test_kernels_are_compiled_by_one_worker_at_a_time(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from replant.fleet import compile_kernels
-    from replant.fleet.job import Job
-
-    monkeypatch.setattr(compile_kernels.tempfile, "gettempdir", lambda: str(tmp_path))
-    monkeypatch.setattr(compile_kernels, "_ready", set())
-    running: list[int] = []
-    most: list[int] = []
-
-    def compiled(*args: object, **how: object) -> None:
-        running.append(1)
-        time.sleep(0.05)
-        most.append(len(running))
-        running.pop()
-
-    monkeypatch.setattr(compile_kernels, "fit", compiled)
-    jobs = [Job("u", "y", rp.Structure(poles), "fit") for poles in range(1, 5)]
-    with ThreadPoolExecutor(4) as pool:
-        list(pool.map(warm_up, jobs))
-    assert most == [1] * 4
-    warm_up(jobs[0])
-    assert len(most) == 4

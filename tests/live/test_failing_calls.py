@@ -21,14 +21,12 @@ import replant as rp
 from failing.cases import ERRORS, LARGE, SAMPLES, Fault, Mother, Outcome, findings, mother
 from replant import cli
 from replant.errors import SystemRefusedError
-from replant.kernels.codegen import decorators
 from replant.live.outputs.disk_writer import DiskWriter
 from replant.live.outputs.notices import Notices
-from replant.live.session import warm_up as warming
 from replant.online import saving
 from replant.online.identifier import Identifier
 from support.live_command import ReplayingPeer, lines
-from support.live_fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, make, record
+from support.live_fakes import DT, FakeObserver, FakeSink, FakeSource, make, record
 
 #: How many calls of each kind fail here, by role: each costs about a second.
 TRIES = {
@@ -213,48 +211,3 @@ def test_what_the_system_refuses_ends_any_command_in_one_line(
     assert ended.value.code == 2
     assert said.startswith(f"replant: {words}")
     assert said.count("\n") == 1
-
-
-# --- the kernels' cache
-
-
-class Cache:
-    """Stands for Numba's: its index is damaged, or its disk is full."""
-
-    def __init__(self, *, load: Exception | None = None, save: Exception | None = None) -> None:
-        self._load, self._save = load, save
-        self.saved: list[str] = []
-        self.flushed = 0
-
-    def load_overload(self, signature: str, context: str) -> str:
-        if self._load is not None:
-            raise self._load
-        return "kept"
-
-    def save_overload(self, signature: str, kernel: str) -> None:
-        if self._save is not None:
-            raise self._save
-        self.saved.append(kernel)
-
-    def flush(self) -> None:
-        self.flushed += 1
-
-
-@pytest.mark.parametrize("error", [OSError(errno.EMFILE, "Too many open files"), EOFError("Ran out of input")])
-def test_kernels_whose_cache_cannot_be_read_are_compiled(error: Exception) -> None:
-    cache = Cache(load=error)
-    decorators._go_on_without(cache)
-    assert cache.load_overload("signature", "context") is None
-    assert cache.flushed == (0 if isinstance(error, OSError) else 1)  # what is damaged is begun anew
-
-
-def test_kernels_that_cannot_be_kept_are_used_and_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(decorators, "TROUBLE", [])
-    cache = Cache(save=OSError(errno.ENOSPC, "No space left on device"))
-    decorators._go_on_without(cache)
-    cache.save_overload("signature", "compiled now")
-    said: list[str] = []
-    warming.warm_up(REQUEST, said.append)
-    assert [line for line in said if "stored" in line] == [
-        "replant: the compiled kernels cannot be stored (No space left on device): the next start compiles them again"
-    ]

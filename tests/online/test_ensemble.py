@@ -5,8 +5,6 @@ from __future__ import annotations
 import copy
 import itertools
 import pickle
-import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -18,7 +16,7 @@ from hypothesis import strategies as st
 import replant as rp
 from replant.engine import vector_blocks
 from replant.kernels import schema as at
-from replant.kernels.codegen.simd import LANES
+from replant.kernels.lanes import LANES
 from replant.online import ensemble as ensembles
 from replant.optimizers import OPTIMIZERS
 from support.builders import G2, identifier
@@ -209,18 +207,6 @@ def test_any_chunks_rejections_and_seeds(
 def test_how_many_samples_a_block_takes_at_once_changes_nothing(tile: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(vector_blocks, "TILE", tile)
     check_twins(lambda: sweep("amsgrad", REPLAY), *spoilt(*streams(MEMBERS)))
-
-
-def test_chunks_compile_nothing_for_single_samples() -> None:
-    """Also of members that begin by themselves, before they join a block."""
-    make = (
-        "[rp.Identifier(rp.Structure(1), 0.1, optimizer='gradient', filter=rp.StateVariableFilter(1.0), scaling=None)]"
-    )
-    run = (
-        f"import sys, numpy as np, replant as rp; e = rp.Ensemble({make} * 3); e.update_many(np.ones(50), np.ones(50))"
-    )
-    check = "assert 'replant.kernels.step.by_address' not in sys.modules"
-    subprocess.run([sys.executable, "-c", f"{run}; {check}"], check=True)
 
 
 def test_sample_by_sample() -> None:

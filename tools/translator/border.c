@@ -33,7 +33,9 @@ typedef struct {
     void (*set_error_text)(object *, const char *);
     void *(*let_others_run)(void);
     void (*take_back)(void *);
-    object *none, *type_error, *value_error, *attention;
+    object *(*call)(object *, ...);
+    void (*let_go)(object *);
+    object *none, *type_error, *value_error, *attention, *contiguous;
 } python;
 
 typedef struct { /* PyMethodDef */
@@ -92,6 +94,17 @@ static bool take_argument(const kernel *called, int number, object *given, argum
         view->obj = NULL;
         py.set_error(py.type_error, "%s: %s is no array", called->name, wanted->name);
         return false;
+    }
+    if (!wanted->written && !py.is_contiguous(view, 'C')) { /* what is only read may be read from a copy */
+        py.release_buffer(view);
+        object *copy = py.call(py.contiguous, given, NULL);
+        bool failed = copy == NULL || py.get_buffer(copy, view, WITH_FORMAT | WITH_STRIDES) != 0;
+        if (failed)
+            view->obj = NULL;
+        if (copy)
+            py.let_go(copy); /* the view holds it */
+        if (failed)
+            return false;
     }
     const char *reason = misfit(view, wanted);
     if (reason) {

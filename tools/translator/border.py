@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import re
 from pathlib import Path
 from typing import Any
@@ -16,11 +17,16 @@ VARIANTS = ("plain", "avx2", "avx512")
 
 
 def entries(program: Program, kernels: list[Any]) -> list[tuple[Any, Function, list[str]]]:
-    """Return each kernel with its translation and its requirements in C."""
+    """Return each kernel with its translation and its requirements in C.
+
+    These may call what `kernels.soundness` has.
+    """
     found = []
+    soundness = vars(importlib.import_module(f"{program.package}.soundness"))
     for kernel in kernels:
         function = program.function(kernel.python, entry_kinds(kernel.python))
         function.know_arguments_alone()
+        function.scope = soundness | function.scope
         conditions = [function.truth(ast.parse(text, mode="eval").body) for text in kernel.requirements]
         found.append((kernel, function, conditions))
     return found

@@ -12,7 +12,6 @@ import click
 from replant.cli.nearest_word import Choice
 from replant.cli.notes import note
 from replant.cli.options import fleet_options, structure_of
-from replant.cli.output import announced_compiling
 from replant.cli.progress import progress_bar
 from replant.errors import LogError
 from replant.fleet.drift import check_comparable
@@ -78,7 +77,7 @@ def command(
         check_comparable(before, structure, out)
     if out.exists() and not out.is_dir():
         raise click.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
-    with progress_bar(rate=True) as bar, announced_compiling():
+    with progress_bar(rate=True) as bar:
         task = bar.add_task("planning", total=None)
 
         def show(state: Progress) -> None:

@@ -1,4 +1,4 @@
-"""What a command says beside its result, on standard error: notes, progress, compiling; nothing with --quiet."""
+"""What a command says beside its result, on standard error: notes and progress; nothing with --quiet."""
 
 from __future__ import annotations
 

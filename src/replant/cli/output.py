@@ -22,8 +22,6 @@ from replant.report.terminal.validation import as_json as validation_as_json
 from replant.report.terminal.validation import print_validation
 from replant.runs.result import Result
 
-COMPILING = "compiling (once): later runs start at once"
-
 
 def deliver(
     result: Result,
@@ -141,24 +139,3 @@ def make_folder(out: Path | None) -> None:
         raise click.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
     with write_errors_reported(out):
         out.mkdir(parents=True, exist_ok=True)
-
-
-@contextmanager
-def announced_compiling() -> Iterator[None]:
-    """Print once to standard error that kernels are being compiled; later runs load them from the cache."""
-    from numba.core import event
-
-    announced = False
-
-    class Announcer(event.Listener):
-        def on_start(self, event: Any) -> None:
-            nonlocal announced
-            if not (announced or is_quiet()):
-                announced = True
-                click.echo(COMPILING, err=True)
-
-        def on_end(self, event: Any) -> None:
-            pass
-
-    with event.install_listener("numba:compile", Announcer()):
-        yield

@@ -17,7 +17,6 @@ from replant.cli.options import (
     request_of,
 )
 from replant.cli.output import (
-    announced_compiling,
     deliver,
     make_folder,
 )
@@ -59,9 +58,8 @@ def command(as_json: bool, out: Path | None, full_trace: Path | None, startup: i
         recording = recording_of(options, lambda rows, about: progress("checking", rows, about))
         request = request_of(options, recording.dt)
         make_folder(out)
-        with announced_compiling():
-            stages = partial(_with_total, progress, recording.samples)
-            result = _run(recording, request, full_trace, startup, stages)
+        stages = partial(_with_total, progress, recording.samples)
+        result = _run(recording, request, full_trace, startup, stages)
     shown = result.overview
     log = recording.held
     if shown is not None:

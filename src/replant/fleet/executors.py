@@ -16,7 +16,7 @@ from typing import Any
 from replant.errors import InvalidArgumentError, MissingDependencyError, SystemRefusedError, shown
 from replant.operating_system.os_errors import refusal
 
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables by which libraries learn how many threads they may start, when they are loaded."""
 PATIENCE = 30.0
 """Time within which a scheduler of Dask must answer [s]."""

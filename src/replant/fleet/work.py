@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from replant.data.logs.parquet import CHECKED
-from replant.fleet.compile_kernels import warm_up
 from replant.fleet.files import replacing
 from replant.fleet.folder import MANIFEST, PARTS
 from replant.fleet.identify import identify
@@ -50,7 +49,6 @@ def carry_out(task: Task) -> Done:
     from pyarrow import parquet
 
     with one_thread():
-        warm_up(task.job)
         rows = [identify(rig, task.job) for rig in task.rigs]
     folder = Path(task.folder)
     with replacing(folder / PARTS / f"{task.key}.parquet") as new:

@@ -9,7 +9,6 @@ In a clone the library is made by the build, and made again here, in seconds, wh
 import ctypes
 import functools
 import hashlib
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -27,7 +26,9 @@ Matrix = np.ndarray[Any, np.dtype[np.float64]]
 Cube = np.ndarray[Any, np.dtype[np.float64]]
 
 FOLDER = Path(__file__).parent
-LIBRARY = FOLDER / "compiled" / {"win32": "libreplant.dll", "darwin": "libreplant.dylib"}.get(sys.platform, "libreplant.so")
+LIBRARY = (
+    FOLDER / "compiled" / {"win32": "libreplant.dll", "darwin": "libreplant.dylib"}.get(sys.platform, "libreplant.so")
+)
 KERNELS: list["Kernel"] = []  # in the order in which they were defined
 INTS, REALS, BANKS, BUFFER, RECENT, GATE, KIND, SIZE = 0, 2, 4, 7, 10, 13, 14, 15
 """Places in the table of a bound step: addresses and shapes of five arrays, the gate, which step; its size [index]."""
@@ -95,11 +96,12 @@ class Api(ctypes.Structure):
         "PyFloat_AsDouble", "PyFloat_FromDouble", "PyLong_AsLongLong", "PyLong_FromLongLong", "PyBool_FromLong",
         "PyObject_IsTrue", "PyTuple_New", "PyTuple_SetItem", "PyTuple_GetItem", "PyByteArray_AsString",
         "PyObject_GetBuffer", "PyBuffer_Release", "PyBuffer_IsContiguous", "PyErr_Occurred", "PyErr_Format",
-        "PyErr_SetString", "PyEval_SaveThread", "PyEval_RestoreThread",
+        "PyErr_SetString", "PyEval_SaveThread", "PyEval_RestoreThread", "PyObject_CallFunctionObjArgs",
+        "Py_DecRef",
     )  # fmt: skip
     _fields_ = [(name, ctypes.c_void_p) for name in NAMES]
     _fields_ += [("none", ctypes.py_object), ("type_error", ctypes.py_object), ("value_error", ctypes.py_object)]
-    _fields_ += [("attention", ctypes.py_object)]
+    _fields_ += [("attention", ctypes.py_object), ("contiguous", ctypes.py_object)]
 
 
 class Library:
@@ -117,7 +119,8 @@ class Library:
         names = [self._library.replant_name(number) for number in range(self._library.replant_count())]
         self._numbers = {name.decode(): number for number, name in enumerate(names)}
         found = {name: ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value for name in Api.NAMES}
-        self._api = Api(**found, none=None, type_error=TypeError, value_error=ValueError, attention=Attention)
+        given = {"none": None, "type_error": TypeError, "value_error": ValueError, "attention": Attention}
+        self._api = Api(**found, **given, contiguous=np.ascontiguousarray)
         self._library.replant_connect(ctypes.byref(self._api))
         self._new = ctypes.pythonapi.PyCFunction_NewEx
         self._new.restype, self._new.argtypes = (
@@ -191,6 +194,8 @@ def _source_of(path: Path) -> str:
 
 
 def _build(builder: Path) -> None:
+    import subprocess
+
     command = [sys.executable, "-m", "translator.library"]
     done = subprocess.run(command, cwd=builder.parent, capture_output=True, text=True, errors="replace", check=False)
     if done.returncode:

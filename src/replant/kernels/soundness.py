@@ -49,7 +49,13 @@ def is_laid_out(ints, reals, banks, columns):
     """Return whether the blocks lie one after the other within so many ``reals``, and the banks are large enough."""
     if ints.size < at.ROWS:
         return False
-    n, T, M, S, ring = ints[at.ORDER], ints[at.ENTRIES], ints[at.MEMORY_SIZE], ints[at.SETTINGS_SIZE], ints[at.RING_SIZE]
+    n, T, M, S, ring = (
+        ints[at.ORDER],
+        ints[at.ENTRIES],
+        ints[at.MEMORY_SIZE],
+        ints[at.SETTINGS_SIZE],
+        ints[at.RING_SIZE],
+    )
     if not (1 <= n <= T <= MOST and 0 <= M <= MOST and 0 <= S <= MOST and 1 <= ring <= MOST and n <= 1000):
         return False
     Q = ring if ints[at.HAS_REFERENCE] == 1 else 0

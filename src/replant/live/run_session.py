@@ -25,7 +25,6 @@ from replant.live.session.checkpointing import CheckpointWriter, resume
 from replant.live.session.end_conditions import Limits
 from replant.live.session.progress import Progress
 from replant.live.session.session import Session
-from replant.live.session.warm_up import warm_up
 from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
 from replant.settings import Request
@@ -104,7 +103,6 @@ def run(plan: Plan) -> bool:
         for line in messages + ([f"replant: watch it at {observer.url}"] if observer.url else []):
             observer.show(line)
         session = _session(plan, source, sinks, observer, progress, identifier)
-        warm_up(plan.request, observer.show)
         reached = session.run()
     view = observer.last or make_view(session.identifier, session.info, EstimateHistory(plan.request.structure.size))
     print_summary(view, plan.truth, to_stderr="-" in plan.sinks)

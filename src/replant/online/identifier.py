@@ -20,6 +20,7 @@ from replant.engine.dispatch import Step, bound_step, step_kernels
 from replant.engine.state import NOTHING, REGULAR, State
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.identified.model import Model
+from replant.kernels.native import OPEN, SHUT
 from replant.kernels.schema import BELIEVED, Alarm, Attention
 from replant.limits import stamps_of
 from replant.model.structure import Structure
@@ -53,8 +54,6 @@ NAN, INFINITE = math.nan, math.inf
 """NaN and infinity, looked up at every sample [number]."""
 # attributes that others lead to
 DERIVED = {"_begun_with", "_gate", "_kernel", "_mapped", "_solved", "_step", "_steps", "_turn"}
-OPEN, SHUT = 0, 1
-"""The gate of `replant.kernels.step.by_address` [code]."""
 NO_GATE = np.full(1, SHUT)  # of an identifier whose kernel for single samples is not bound
 PIECE = 8192
 """Updates of the estimate after which Ctrl-C is answered while a chunk is taken [updates].
@@ -378,7 +377,7 @@ class Identifier(Estimate):
                 self._enter()
 
     def _bind(self) -> None:
-        """Bind the kernel for single samples; `update_many` does not need that one compiled."""
+        """Bind the kernel for single samples."""
         if self._step is _in_turn:
             step, gate = bound_step(self._state, self._kernel, self._request.preprocess)
             vars(self).update(_step=step, _gate=gate)

@@ -1,7 +1,7 @@
 """Turns: the calls on one object go one after the other, from whatever thread they come, and none is left half done.
 
 A call has its turn as long as it holds a lock.  Taking one at every single sample would cost more than the sample: what
-takes single samples passes a gate instead, one number that compiled code looks at (`replant.kernels.step.by_address`),
+takes single samples passes a gate instead, one number that compiled code looks at (`replant.kernels.native`),
 and waits for its turn only where that is shut.
 
 A signal handler runs in the main thread between any two bytecodes, and may raise, as Ctrl-C does.  The interpreter

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.kernels.codegen.decorators import kernel
-from replant.kernels.codegen.pointer import pointer
 from replant.kernels.optimizers.covariance import (
     expand,
     kalman_tracking,
@@ -20,16 +18,12 @@ from replant.statistics.udu import compose
 ORDERS = [1, 2, 3, 5, 8, 13]
 
 
-@kernel
 def observe(U, D, zeta, noise, projected, gain):
-    return measurement_update(
-        D.size, pointer(U, 0), pointer(D, 0), pointer(zeta, 0), noise, pointer(projected, 0), pointer(gain, 0)
-    )
+    return measurement_update(D.size, U, D, zeta, noise, projected, gain)
 
 
-@kernel
 def walk(U, D, increase, work):
-    time_update(D.size, pointer(U, 0), pointer(D, 0), pointer(increase, 0), pointer(work, 0))
+    time_update(D.size, U, D, increase, work)
 
 
 def random_factors(generator: np.random.Generator, size: int, spread: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
@@ -83,14 +77,12 @@ def test_the_expanded_covariance_is_the_product_and_symmetric_to_the_bit(size: i
     np.testing.assert_allclose(covariance, compose(U, D), rtol=1e-12, atol=1e-13 * np.abs(covariance).max())
 
 
-@kernel
 def observe_many(U, D, directions, noise, projected, gain, count):
     """Observe along the directions in turn."""
     for k in range(count):
         observe(U, D, directions[k % directions.shape[0]], noise, projected, gain)
 
 
-@kernel
 def observe_and_walk(U, D, directions, noise, increase, work, projected, gain, count):
     for k in range(count):
         walk(U, D, increase, work)

@@ -1,22 +1,16 @@
-"""Memory: blocks lie one after the other, and compiled code finds each where Python does."""
+"""Memory: blocks lie one after the other, and a loop finds each where they say."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from replant.kernels.codegen.decorators import kernel
 from replant.kernels.optimizers import covariance, gradient
 from replant.kernels.optimizers.memory import MATRIX, ONE, VECTOR, Memory, Size, block
 
 EVERY = {**gradient.MEMORY, **covariance.MEMORY}
 LAID = Memory(first=MATRIX, second=ONE, third=Size(2, 3, 1), last=VECTOR)
 AT_LAST = LAID.begins["last"]
-
-
-@kernel
-def first_of_last(memory, P):
-    return block(memory, AT_LAST, P)[0]
 
 
 @pytest.mark.parametrize("P", [1, 2, 5])
@@ -29,9 +23,9 @@ def test_blocks_fill_the_memory_without_overlap(memory: Memory, P: int) -> None:
 
 
 @pytest.mark.parametrize("P", [1, 2, 7])
-def test_compiled_code_finds_a_block_where_python_does(P: int) -> None:
+def test_a_loop_finds_a_block_where_it_lies(P: int) -> None:
     memory = LAID.filled(P, last=np.arange(P) + 5.0)
-    assert first_of_last(memory, P) == LAID.of(memory, "last", P)[0] == 5.0
+    assert block(memory, AT_LAST, P)[0] == LAID.of(memory, "last", P)[0] == 5.0
 
 
 def test_a_block_that_is_not_declared_is_refused() -> None:

@@ -82,8 +82,8 @@ def moved_share(interval, before, earlier, dt):
 
 def remember_input(ints, reals, u, interval):
     """Put the newest input, and the part that a reference explains of it, into the rings for the dead time."""
-    inputs, held = reals[ints[at.AT_INPUTS]:], reals[ints[at.AT_HELD]:]
-    intervals, last = reals[ints[at.AT_INTERVALS]:], inputs[ints[at.RING_HEAD]]
+    inputs, held = reals[ints[at.AT_INPUTS] :], reals[ints[at.AT_HELD] :]
+    intervals, last = reals[ints[at.AT_INTERVALS] :], inputs[ints[at.RING_HEAD]]
     before = ints[at.RING_HEAD] - 1 if ints[at.RING_HEAD] > 0 else ints[at.RING_SIZE] - 1
     share = moved_share(interval, intervals[ints[at.RING_HEAD]], intervals[before], reals[at.INTERVAL])
     newest = ints[at.RING_HEAD] + 1
@@ -93,7 +93,7 @@ def remember_input(ints, reals, u, interval):
     inputs[newest], intervals[newest] = u, interval
     held[newest] = last + share * (u - last)
     if ints[at.HAS_REFERENCE] == 1:
-        parts, means = reals[ints[at.AT_REFERENCE_INPUTS]:], reals[ints[at.AT_REFERENCE_HELD]:]
+        parts, means = reals[ints[at.AT_REFERENCE_INPUTS] :], reals[ints[at.AT_REFERENCE_HELD] :]
         last, part = parts[newest - 1 if newest > 0 else ints[at.RING_SIZE] - 1], reals[at.INPUT_BY_REFERENCE]
         parts[newest] = part
         means[newest] = last + share * (part - last)
@@ -157,7 +157,7 @@ def advance_reference_input(ints, reals, bank, interval, slot, work):
     if reals[at.DELAY] > 0.0:
         advance_delayed_input(ints, reals, bank, interval, slot, work, bk.REFERENCE_INPUT)
         return
-    parts, means = reals[ints[at.AT_REFERENCE_INPUTS]:], reals[ints[at.AT_REFERENCE_HELD]:]
+    parts, means = reals[ints[at.AT_REFERENCE_INPUTS] :], reals[ints[at.AT_REFERENCE_HELD] :]
     start = end = means[newest]
     if ints[at.STRAIGHT_INPUT] == 1:
         start, end = parts[newest - 1 if newest > 0 else ints[at.RING_SIZE] - 1], parts[newest]
@@ -191,7 +191,7 @@ def advance_bank(ints, reals, bank, interval, y, channels):
         slot = bk.discretization(bank, n, T, interval, work)
         bk.advance_channel(bank, n, T, bk.OUTPUT, slot, last_y, y, work)
     else:
-        inputs, held = reals[ints[at.AT_INPUTS]:], reals[ints[at.AT_HELD]:]
+        inputs, held = reals[ints[at.AT_INPUTS] :], reals[ints[at.AT_HELD] :]
         now = inputs[newest]
         start = end = held[newest]
         if ints[at.STRAIGHT_INPUT] == 1:
@@ -275,11 +275,11 @@ def fill_regressor(ints, reals, bank, y, fixed):
     plant's parameters whatever the filter is, and the error is that of (8).
     """
     n, T, inputs, constant = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES], ints[at.HAS_CONSTANT] == 1
-    filters, phi, refined = bank, reals[ints[at.AT_PHI]:], ints[at.REFINED] == 1
+    filters, phi, refined = bank, reals[ints[at.AT_PHI] :], ints[at.REFINED] == 1
     target = bk.fill_output_entries(filters, n, T, bk.OUTPUT, y, phi)
     bk.fill_known_entries(filters, n, T, inputs, bk.INPUT, reals[at.INPUT_NOW], constant, refined, fixed, phi)
     if ints[at.INSTRUMENTS] == 1:
-        zeta = reals[ints[at.AT_ZETA]:]
+        zeta = reals[ints[at.AT_ZETA] :]
         if ints[at.HAS_REFERENCE] == 1:
             now = reals[at.REFERENCE_INPUT_NOW]
             bk.fill_known_entries(filters, n, T, inputs, bk.REFERENCE_INPUT, now, constant, refined, fixed, zeta)
@@ -303,7 +303,7 @@ def model_output(ints, reals, bank, slot, before, fixed):
     )  # fmt: skip
     if bank[bk.REFLECTED] == 0.0 or slot == 0:
         return known
-    work = reals[ints[at.AT_WORK]:]
+    work = reals[ints[at.AT_WORK] :]
     return bk.predicted_output(filters, n, T, bank[slot + 1 :], reals[at.LAST_OUTPUT], known, before, work)
 
 
@@ -327,7 +327,7 @@ def observe(ints, reals, banks, u, y, interval):
             begin_filters(ints, banks)
             left = reals[at.UNKNOWN_INPUT] - interval
             reals[at.UNKNOWN_INPUT] = left if left > bk.SAME_INTERVAL * interval else 0.0
-    before = reals[ints[at.AT_OUTPUT_BEFORE]:]
+    before = reals[ints[at.AT_OUTPUT_BEFORE] :]
     serving, slot = 0.0, 0
     for b in range(2 if modelled else 0, -1, -1):  # the models first: the fixed filter needs the serving one's output
         idle = b == 3 - ints[at.SERVING_BANK] and ints[at.WARMING] == 0

@@ -4,7 +4,6 @@ Here because the kernels need it while samples come in: when the filter follows 
 of an irregular clock.  At the norm of 1/4 that scaling leaves, twelve terms reach 1e-17.
 """
 
-
 _TERMS = 12
 """Terms of the Taylor series [count].
 Derivation: 0.25^13 / 13! is 2e-18, below the precision of float64.

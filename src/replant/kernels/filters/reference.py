@@ -51,7 +51,7 @@ def explained(reference, weights):
 
 def project(ints, reals):
     """Take the newest reference: what it explains of input and output, by what was known before."""
-    reference = reals[ints[at.AT_REFERENCE]:]
+    reference = reals[ints[at.AT_REFERENCE] :]
     advance(reference, reals[at.REFERENCE_NOW])
     reals[at.INPUT_BY_REFERENCE] = explained(reference, WEIGHTS)
     reals[at.OUTPUT_BY_REFERENCE] = explained(reference, WEIGHTS + SIZE)
@@ -70,4 +70,4 @@ def learn_weights(reference, u, y, work):
 
 def learn(ints, reals, u, y):
     """Let the weights learn the newest input and output; they forget nothing."""
-    learn_weights(reals[ints[at.AT_REFERENCE]:], u, y, reals[ints[at.AT_WORK]:])
+    learn_weights(reals[ints[at.AT_REFERENCE] :], u, y, reals[ints[at.AT_WORK] :])

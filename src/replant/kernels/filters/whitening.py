@@ -97,14 +97,14 @@ def whiten(ints, reals, target, interval):
 
     Those of an output that was bridged stay as they are: they are not learned, and break the past of later ones.
     """
-    noise = reals[ints[at.AT_NOISE]:]
+    noise = reals[ints[at.AT_NOISE] :]
     if abs(interval - reals[at.INTERVAL]) > IRREGULAR * reals[at.INTERVAL]:
         noise[KNOWN] = 0.0
     if ints[at.DOUBT] != Doubt.NONE:
         noise[KNOWN] = 0.0
         return target
     T = ints[at.ENTRIES]
-    return filter_row(T, noise, reals[ints[at.AT_PHI]:], reals[ints[at.AT_ZETA]:], target)
+    return filter_row(T, noise, reals[ints[at.AT_PHI] :], reals[ints[at.AT_ZETA] :], target)
 
 
 def add_residuals(T, noise, theta, errors, forgetting):
@@ -133,8 +133,8 @@ def add_residuals(T, noise, theta, errors, forgetting):
 
 def record(ints, reals):
     """Take the newest sample's residual, before its update, into the sums that the noise model is made from."""
-    noise, theta = reals[ints[at.AT_NOISE]:], reals[ints[at.AT_THETA]:]
-    work = reals[ints[at.AT_WORK]:]
+    noise, theta = reals[ints[at.AT_NOISE] :], reals[ints[at.AT_THETA] :]
+    work = reals[ints[at.AT_WORK] :]
     add_residuals(ints[at.ENTRIES], noise, theta, work, reals[ints[at.AT_SETTINGS]])
 
 

@@ -91,7 +91,11 @@ def begin_initial_state(ints, reals, banks, y):
     theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]
     U, D = reals[memory : memory + T * T], reals[memory + T * T : memory + T * T + T]
     variances, bank = reals[ints[at.AT_WORK] : ints[at.AT_WORK] + n], banks[ints[at.SERVING_BANK]]
-    size = UNKNOWN * max(reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny) * (reals[at.OUTPUT_SCALE] * reals[at.OUTPUT_SCALE])
+    size = (
+        UNKNOWN
+        * max(reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny)
+        * (reals[at.OUTPUT_SCALE] * reals[at.OUTPUT_SCALE])
+    )
     if not y * y < size:
         y = 0.0
     for i in range(n):  # (s^(n-1) + a_(n-1) s^(n-2) + ..)/A of an impulse is one at first, and flat
@@ -121,7 +125,11 @@ def forget_constant(ints: Ints, reals: Reals, banks: Matrix):
     which, memory, work = T - n - 1, ints[at.AT_MEMORY], ints[at.AT_WORK]
     U, D = reals[memory : memory + T * T], reals[memory + T * T : memory + T * T + T]
     variances = reals[work : work + n + 1]
-    size = UNKNOWN * max(reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny) * (reals[at.OUTPUT_SCALE] * reals[at.OUTPUT_SCALE])
+    size = (
+        UNKNOWN
+        * max(reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny)
+        * (reals[at.OUTPUT_SCALE] * reals[at.OUTPUT_SCALE])
+    )
     unit = reals[ints[at.AT_UNIT] + which]
     size *= bk.whole_power(banks[ints[at.SERVING_BANK], bk.SCALE], 2 * n) / (unit * unit)
     size /= unit_of_covariance(ints, reals)

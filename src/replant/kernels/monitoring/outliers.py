@@ -220,7 +220,7 @@ def equation_error(ints, reals, target):
 
 def own_noise(ints, reals):
     """Return what the residual's variance is in the unit of the optimizer's covariance."""
-    memory, settings = reals[ints[at.AT_MEMORY]:], reals[ints[at.AT_SETTINGS]:]
+    memory, settings = reals[ints[at.AT_MEMORY] :], reals[ints[at.AT_SETTINGS] :]
     return second.own_noise(ints[at.ALGORITHM], ints[at.ENTRIES], memory, settings)
 
 

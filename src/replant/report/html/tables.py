@@ -29,7 +29,7 @@ from replant.runs.result import Result
 
 UNCERTAIN = "Estimate ± standard deviation."
 NO_STD = "This estimator gives no standard deviations."
-PACKAGES = ("replant", "numpy", "scipy", "numba", "matplotlib")
+PACKAGES = ("replant", "numpy", "scipy", "matplotlib")
 
 
 def table(headings: Sequence[str], rows: Iterable[Sequence[str]], name: str, kind: str = "table") -> str:
