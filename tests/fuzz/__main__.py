@@ -12,7 +12,6 @@ import argparse
 import faulthandler
 import importlib.util
 import math
-import os
 import selectors
 import subprocess
 import sys
@@ -83,7 +82,6 @@ def _portion(
 ) -> int:
     """Let one worker take trials from ``number`` to ``end``; return the number of the next one."""
     command = [sys.executable, "-m", "fuzz", "--what", what, "--worker", str(number), str(end)]
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"} if what == "plainly" else None
     begun = time.monotonic()
     with (
         subprocess.Popen(
@@ -91,7 +89,6 @@ def _portion(
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            env=environment,
             cwd=Path(__file__).parents[1],
         ) as worker,
         selectors.DefaultSelector() as waiting,

@@ -1,4 +1,4 @@
-"""The kernels as plain Python, in a process with NUMBA_DISABLE_JIT: an index outside of an array is an error there.
+"""The kernels as plain Python: an index outside of an array is an error there.
 
 Compiled, an index is not checked; and of one that is negative NumPy makes one that counts from the end.  Here both are
 refused.  A thousand times as slow.
@@ -6,9 +6,7 @@ refused.  A thousand times as slow.
 
 from __future__ import annotations
 
-import importlib
 import operator
-import pkgutil
 from collections.abc import Callable
 from typing import Any
 
@@ -40,46 +38,13 @@ def _check(array: np.ndarray, index: Any) -> None:
             raise IndexError(f"{place} in an array of {size}")
 
 
-class Pointer:
-    """What `replant.kernels.codegen.pointer` makes of an array: it must stay inside of the one that it points into."""
-
-    def __init__(self, array: Any, start: int) -> None:
-        flat, before = (array.flat_, array.start) if isinstance(array, Pointer) else (array.reshape(-1), 0)
-        self.flat_, self.start = flat, before + int(start)
-
-    def __getitem__(self, index: Any) -> Any:
-        return self.flat_[self.start + int(index)]
-
-    def __setitem__(self, index: Any, value: Any) -> None:
-        self.flat_[self.start + int(index)] = value
-
-
-def into_matrix(array: Any, start: int) -> Pointer:
-    """Return a pointer into the whole matrix that an array is the first row of."""
-    whole = getattr(array, "base", None)
-    first = isinstance(whole, np.ndarray) and whole.ndim == 2 and whole.ctypes.data == array.ctypes.data
-    return Pointer(np.asarray(whole).view(Checked) if first else array, start)
-
-
 def make_plain() -> None:
-    """Put the checked pointer and arrays in the place of those of the kernels."""
-    import replant.kernels
+    """Let this process interpret its kernels, with checked arrays."""
     from replant.engine import dispatch
-    from replant.kernels.optimizers import gradient
+    from replant.kernels import native
     from replant.online import identifier, startup, step_disturbance
 
-    for info in pkgutil.walk_packages(replant.kernels.__path__, "replant.kernels."):
-        name = info.name.rpartition(".")[2]
-        if name in ("simd", "by_address", "pointer") or name.startswith("ensemble"):
-            continue
-        module: Any = importlib.import_module(info.name)
-        if hasattr(module, "pointer"):
-            module.pointer = Pointer
-        if hasattr(module, "prefetch"):
-            module.prefetch = lambda *_: None
-    # there a pointer to the first row of the buffer reaches the others
-    gradient.pointer = into_matrix  # type: ignore[assignment]
-    gradient.row_of = lambda buffer, k: Pointer(buffer, k * buffer.shape[1])  # type: ignore[assignment]
+    native._interpreted = True
     step_kernels = dispatch.step_kernels
 
     def checked_step_kernels(*args: Any, **how: Any) -> Any:

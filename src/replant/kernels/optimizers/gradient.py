@@ -188,22 +188,13 @@ def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
     for k in range(batch - 1):  # of these no cache can guess where they lie; the last is the newest
         prefetch(buffer, rows[k], 0)
         prefetch(buffer, rows[k], theta.size + 1)
-    first, width = buffer[0], buffer.shape[1]
-    follow_integral(
-        theta.size, theta, memory, settings[0], settings[1], settings[2], first, width,
-        rows, batch, direction,
-    )  # fmt: skip
-
-
-@inlined
-def follow_integral(P, theta, R, period, gain, beta, buffer, width, rows, batch, direction):
-    """Do what `integral_cost` says, with pointers; ``width`` is that of a row of the buffer."""
-    keep, Q, slope = 1.0 - period * beta, block(R, AT_Q, P), block(R, AT_SLOPE, P)
+    P, period, gain, beta = theta.size, settings[0], settings[1], settings[2]
+    keep, Q, slope = 1.0 - period * beta, block(memory, AT_Q, P), block(memory, AT_SLOPE, P)
     for k in range(batch):
-        phi = buffer[rows[k] * width :]
+        phi = buffer[rows[k]]
         for i in range(P):
             theta[i] -= period * gain * slope[i]
-        enter_row(P, theta, R, Q, slope, keep, period * phi[P + 1], phi, phi[direction:])
+        enter_row(P, theta, memory, Q, slope, keep, period * phi[P + 1], phi, phi[direction:])
 
 
 @inlined

@@ -1,0 +1,277 @@
+"""The kernels compiled and as plain Python: the same bits, on every kernel, and every function of theirs is reached."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import CodeType
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.engine.dispatch import step_kernels
+from replant.engine.state import State
+from replant.kernels.filters import autoregression, bank, chain, simulate
+from replant.kernels.filters.all_pole import fill_all_pole
+from replant.kernels.filters.play_operator import fill_play
+from replant.kernels.monitoring import interruptions, residual_colour
+from replant.kernels.native import KERNELS, Kernel, interpreted
+from replant.kernels.schema import LAGS
+from replant.kernels.step.stages import regressors
+from replant.model.transfer_function import TransferFunction
+from support.places import ROOT
+
+DT, BEGIN, SAMPLES = 0.02, 700, 160
+PLANT = TransferFunction([8.0, 40.0], [1.0, 3.0, 25.0])
+TWO = rp.Structure(poles=2, zeros=1)
+FIXED = {"filter": rp.StateVariableFilter(10.0), "scaling": None, "instruments": False}
+OPTIMIZERS = {
+    "Gradient": rp.Gradient(5.0),
+    "Adam": rp.Adam(0.01),
+    "AMSGrad": rp.AMSGrad(0.01),
+    "AdaGrad": rp.AdaGrad(0.1),
+    "RMSProp": rp.RMSProp(0.001),
+    "NAdam": rp.NAdam(0.01),
+    "AdaDelta": rp.AdaDelta(),
+    "IntegralCost": rp.IntegralCost(1.0, 0.1),
+}
+#: Settings of an identifier, by a name; with "stamps", "collecting" or "reference" in it the record is given so.
+CASES: dict[str, dict[str, Any]] = {
+    "default": {"structure": TWO},
+    "default, stamps": {"structure": TWO},
+    "default, reference": {"structure": TWO},
+    "dead time, stamps": {"structure": rp.Structure(poles=2, zeros=1, delay=0.05)},
+    "dead time, reference": {"structure": rp.Structure(poles=2, zeros=1, delay=0.05)},
+    "first-order hold": {"structure": TWO, "filter": rp.RefinedFilter(input_hold="foh")},
+    "Kalman": {"structure": TWO, "optimizer": rp.KalmanTracking(process_noise=1e-3)},
+    "forgetting": {"structure": TWO, "optimizer": rp.RecursiveLeastSquares(0.99)},
+    "three poles, as many zeros": {"structure": rp.Structure(poles=3, zeros=3, feedthrough=True, bias=True)},
+    "gradient, instruments": {"structure": TWO, "optimizer": "amsgrad", "instruments": True},
+    "collecting": {"structure": TWO},
+    "collecting, stamps, gradient": {"structure": TWO, "optimizer": "amsgrad", "instruments": True},
+    **{
+        f"fixed filter, {name}": {
+            "structure": TWO, "optimizer": each, "replay": rp.Replay(capacity=40, batch_size=5), **FIXED,
+        }
+        for name, each in OPTIMIZERS.items()
+    },
+    "fixed filter, stamps": {"structure": rp.Structure(2, 1, bias=True), "optimizer": OPTIMIZERS["Adam"], **FIXED},
+}  # fmt: skip
+
+
+def record(kind: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return input, output, stamps and reference, with all that goes wrong in a record."""
+    generator = np.random.default_rng(5)
+    size = BEGIN + SAMPLES
+    u = np.repeat(generator.choice([-1.0, 1.0], size // 10), 10)
+    y = PLANT.simulate(u, DT) + 0.02 * generator.standard_normal(size)
+    t = DT * np.arange(size) + 0.001 * generator.standard_normal(size)
+    r = u + 0.1 * generator.standard_normal(size)
+    wrong = BEGIN if "collecting" not in kind else 0
+    y[wrong + 10 : wrong + 12] = 60.0
+    y[wrong + 20] = u[wrong + 25] = np.nan
+    u[wrong + 30] = 1e4
+    r[wrong + 35] = np.inf
+    y[wrong + 40 : wrong + 60] = y[wrong + 40]
+    u[wrong + 62], y[wrong + 64] = 1e200, np.inf
+    t[wrong + 70] = t[wrong + 69]
+    t[wrong + 75] += 5.0
+    t[wrong + 80] = np.inf
+    t[wrong + 90 :] += 3.0
+    t[wrong + 110] = 1e15
+    t[wrong + 120 :] -= 2.0
+    return u, y, t, r
+
+
+def identified(kind: str) -> tuple[State, tuple[np.ndarray, ...], bool]:
+    """Return a state under way, the samples that come next, and whether the clock is regular."""
+    u, y, t, r = record(kind)
+    stamps, reference = "stamps" in kind, "reference" in kind
+    identifier = rp.Identifier(dt=DT, **CASES[kind])
+    begin = BEGIN if "collecting" not in kind else 3
+    more = {"t": t[:begin]} if stamps else {}
+    more |= {"r": r[:begin]} if reference else {}
+    identifier.update_many(u[:begin], y[:begin], **more)
+    nothing = np.zeros(0)
+    samples = u[begin:], y[begin:], t[begin:] if stamps else nothing, r[begin:] if reference else nothing
+    return identifier._state.copy(), tuple(part[:SAMPLES] for part in samples), not stamps
+
+
+def run(kernel: Kernel, state: State, samples: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+    """Let a kernel take all samples, whatever asks for attention meanwhile; return what it wrote."""
+    size = samples[0].size
+    errors, parameters = np.full(size, -7.0), np.full((size, 0 if state.collects else state.parameter_count), -7.0)
+    taken = 0
+    while taken < size:
+        rest = [part[taken:] for part in samples]
+        taken += kernel(*state.arrays, *rest, errors[taken:], parameters[taken:])
+        state.attention = False
+        state.held_at = max(state.held_at, 0)
+    return (*state.arrays, errors, parameters)
+
+
+def bits(arrays: tuple[Any, ...]) -> list[np.ndarray]:
+    """Return arrays as they lie in memory, but that any NaN is as good as another."""
+    return [np.where(np.isnan(each), np.nan, each).view(np.int64) for each in map(np.atleast_1d, arrays)]
+
+
+def check(work: Callable[[], tuple[Any, ...]]) -> None:
+    """Check that some work leaves the same bits compiled and interpreted."""
+    compiled = work()
+    with interpreted():
+        plain = work()
+    for one, other in zip(bits(compiled), bits(plain), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def check_steps(kind: str) -> None:
+    """Check the kernels that take samples."""
+    state, samples, regular = identified(kind)
+    one, many = step_kernels(state, regular=regular)
+    check(lambda: run(many, state.copy(), samples))
+
+    def alone() -> tuple[Any, ...]:
+        own = state.copy()
+        stamp, reference = (part[0] if part.size else np.nan for part in samples[2:])
+        return (*own.arrays, one(*own.arrays, samples[0][0], samples[1][0], stamp, reference))
+
+    check(alone)
+
+
+def check_regressors() -> None:
+    """Check the chain of filters alone, over a record."""
+    state, (u, y, *_), _ = identified("default, reference")
+    u, y = u[:60], y[:60]
+    width = state.entries
+
+    def work() -> tuple[Any, ...]:
+        own, rows = state.copy(), np.zeros((2, u.size, width))
+        target, output = np.zeros((2, u.size))
+        regressors(*own.arrays[:3], u, y, np.array([DT]), np.stack([u, y], 1), *rows, target, output)
+        return (*own.arrays, rows, target, output)
+
+    check(work)
+
+
+def check_model() -> None:
+    """Check what changes a model, stable or not, and what an interruption leaves."""
+    state, _, _ = identified("default")
+    for sign in (1.0, -1.0):
+
+        def work(sign: float = sign) -> tuple[Any, ...]:
+            own = state.copy()
+            chain.install_model(*own.arrays[:3], 1, sign * own.theta)
+            own.elapsed = 1e9
+            interruptions.interrupt(*own.arrays[:3], 3.0)
+            interruptions.forget_constant(*own.arrays[:3])
+            return own.arrays
+
+        check(work)
+    numbers = np.random.default_rng(1).standard_normal((3, 9))
+
+    def denominator() -> tuple[Any, ...]:
+        made = np.zeros(bank.size(3, 9))
+        bank.set_denominator(made, 3, 9, 2, True, True, False, np.abs(numbers[0]), np.abs(numbers[1]))
+        return (made,)
+
+    check(denominator)
+
+
+def check_series() -> None:
+    """Check the kernels on series of numbers."""
+    generator = np.random.default_rng(2)
+    noise = np.convolve(generator.standard_normal(300), [1.0, 0.8, 0.3])
+    size = LAGS + 1
+    lags = np.stack([np.roll(noise, lag) for lag in range(size)])
+
+    def models() -> tuple[Any, ...]:
+        found, variances = np.zeros(size * size), np.zeros(size)
+        order = autoregression.nested_models(
+            (lags @ lags.T).ravel(), 300.0, found, variances, np.zeros(size * size + size)
+        )
+        model = np.zeros(size)
+        power = residual_colour.autoregression((lags @ lags[0]).copy(), model, np.zeros(size))
+        flat = np.zeros(size * size), np.zeros(size)
+        autoregression.nested_models(np.zeros(size * size), 300.0, *flat, np.zeros(size * size + size))
+        return found, variances, float(order), model, power, *flat
+
+    check(models)
+
+    def filtered() -> tuple[Any, ...]:
+        result, output = np.zeros((2, 50)), np.zeros(noise.size)
+        fill_all_pole(np.array([1.0, -0.5, 0.2]), noise[:100].reshape(2, 50), result, np.zeros(3))
+        fill_play(noise, 0.4, output)
+        return result, output
+
+    check(filtered)
+
+
+def check_simulation(delay: float, straight: bool, regular: bool) -> None:
+    """Check the simulation of a model."""
+    from replant.model.response import Response
+
+    u = np.random.default_rng(3).standard_normal(40)
+    intervals = None if regular else DT * np.random.default_rng(4).uniform(0.5, 3.0, 40)
+
+    def work() -> tuple[Any, ...]:
+        model = dataclasses.replace(PLANT, delay=delay)
+        response = Response(model, DT, "foh" if straight else "zoh", at_rest=regular)
+        parts = [response.take(u[:15], None if regular else intervals[:15])]
+        parts.append(response.take(u[15:], None if regular else intervals[15:]))
+        return tuple(each for part in parts for each in (part.output, part.free, float(part.unknown)))
+
+    check(work)
+
+
+@pytest.mark.parametrize("kind", CASES)
+def test_steps_leave_the_same_bits(kind: str) -> None:
+    check_steps(kind)
+
+
+def test_the_other_kernels_leave_the_same_bits() -> None:
+    check_regressors()
+    check_model()
+    check_series()
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.033])
+@pytest.mark.parametrize("straight", [False, True])
+@pytest.mark.parametrize("regular", [False, True])
+def test_simulations_leave_the_same_bits(delay: float, straight: bool, regular: bool) -> None:
+    check_simulation(delay, straight, regular)
+
+
+@contextmanager
+def reached() -> Iterator[set[CodeType]]:
+    """Note the code of every function that is called."""
+    found: set[CodeType] = set()
+    sys.setprofile(lambda frame, event, _: found.add(frame.f_code) if event == "call" else None)
+    try:
+        yield found
+    finally:
+        sys.setprofile(None)
+
+
+def test_every_function_that_is_translated_has_been_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    """But those of lanes, which are compared with single members, and what is looked at at the border."""
+    monkeypatch.syspath_prepend(str(ROOT / "tools"))
+    from translator.program import Program, entry_kinds
+
+    program = Program("replant.kernels", ROOT)
+    for kernel in KERNELS:
+        if not kernel.name.startswith("step.ensemble"):
+            program.function(kernel.python, entry_kinds(kernel.python))
+    with reached() as found:
+        for kind in CASES:
+            check_steps(kind)
+        check_regressors()
+        check_model()
+        check_series()
+        check_simulation(0.033, False, False)
+        check_simulation(0.033, True, True)
+    missing = {function for function, _ in program.functions if function.__code__ not in found}
+    assert {f"{each.__module__}.{each.__name__}" for each in missing} == set()
