@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: demo test docs docs-serve slow lint types check bench bench-fleet bench-live regression soak fuzz faults accuracy campaign steps recorded public-logs sensitivity pages clean help
+.PHONY: demo build test docs docs-serve slow lint types check bench bench-fleet bench-live regression soak fuzz faults accuracy campaign steps recorded public-logs sensitivity pages clean help
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -17,6 +17,9 @@ $(READY): pyproject.toml constraints.txt hatch_build.py
 	$(PIP_INSTALL) --editable '.[dev]'
 	test -d $(UPLOT) || $(PIP_INSTALL) --no-deps uplot-python  # without npm: of this package one file is used
 	touch $@
+
+build: $(READY)  ## compile the kernels: after an edit of one; in seconds
+	cd tools && ../$(BIN)/python -m translator.library $(ARGS)
 
 demo: $(READY)   ## identify a simulated actuator while it runs; plots in out/demo
 	$(BIN)/replant demo
@@ -47,11 +50,6 @@ types: $(READY)  ## mypy strict
 $(VENV)/.peers: $(READY)
 	$(PIP_INSTALL) --editable '.[peers]'
 	touch $@
-
-# Numba's cache looks at the file of the compiled function alone, so an edit of an imported kernel would go unseen: its
-# folder is named after the source of all of them.
-SOURCE = $(shell find src/replant/kernels -name "*.py" | LC_ALL=C sort | xargs cat | sha256sum | cut -c 1-16)
-bench regression bench-fleet bench-live soak: export NUMBA_CACHE_DIR = $(or $(TMPDIR),/tmp)/replant-kernels-$(shell id -u)-$(SOURCE)
 
 bench: $(VENV)/.peers  ## speed, as ratios to C and to other libraries measured in the same run; writes docs/performance.md
 	$(BIN)/python benchmarks $(ARGS)
@@ -101,5 +99,5 @@ pages: $(READY)  ## what is made from the source: picture of the folders, pages 
 	$(BIN)/python tools/closed_loop_pictures.py
 
 clean:           ## remove everything that was generated
-	rm -rf $(VENV) $(UPLOT) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(UPLOT) src/replant/kernels/compiled out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

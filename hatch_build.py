@@ -1,4 +1,8 @@
-"""The build hook: puts uPlot, which draws the plots over time, into the package.
+"""The build hook: compiles the kernels, and puts uPlot, which draws the plots over time, into the package.
+
+The kernels' library is made by tools/translator with the C compiler found, else with that of the package ziglang, which
+is asked for only then.  ``REPLANT_WHEEL=aarch64-linux-gnu.2.17:manylinux_2_17_aarch64`` makes the wheel of another
+system: its name as zig has it, and the wheel's tag.  An editable installation gets the library beside its sources.
 
 uPlot (MIT) is no part of the repository.  Its npm package is fetched with npm when replant is installed or built, its
 files are compared with the sums below, and lie in a folder that git ignores, where an editable installation finds them
@@ -12,8 +16,11 @@ from __future__ import annotations
 
 import hashlib
 import io
+import os
 import shutil
 import subprocess
+import sys
+import sysconfig
 import tarfile
 import tempfile
 from pathlib import Path
@@ -30,6 +37,7 @@ FILES = {
 }
 FOLDER = "src/replant/report/assets/uplot"
 LONGEST = 120  # s that npm may take
+SUFFIXES = {"darwin": "dylib", "macos": "dylib", "win": "dll"}  # of a library, by the name of a system
 
 
 class UPlotHook(BuildHookInterface):  # type: ignore[type-arg]
@@ -43,6 +51,41 @@ class UPlotHook(BuildHookInterface):  # type: ignore[type-arg]
             provide(Path(self.root, FOLDER))
         except OSError as reason:
             self.app.display_warning(f"uPlot is left out: {reason}. The report and the dashboard need it.")
+
+
+class PackageHook(UPlotHook):
+    """Compiles the kernels as well, for a wheel or an editable installation."""
+
+    def dependencies(self) -> list[str]:
+        """Return what the build needs beside what pyproject.toml says: a compiler, where there is none."""
+        own = "REPLANT_WHEEL" not in os.environ and (os.environ.get("CC") or shutil.which("cc"))
+        return [] if own or self.target_name != "wheel" else ["ziglang>=0.13"]
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Have the library and uPlot's files in the package; say for which system the wheel is."""
+        super().initialize(version, build_data)
+        if self.target_name != "wheel":
+            return
+        target, _, tag = os.environ.get("REPLANT_WHEEL", "").partition(":")
+        here = sysconfig.get_platform().replace("-", "_").replace(".", "_")
+        build_data["pure_python"], build_data["tag"] = False, f"py3-none-{tag or here}"
+        command = [sys.executable, "-m", "translator.library"]
+        if version != "editable":
+            self._folder = tempfile.TemporaryDirectory()
+            suffix = next((end for word, end in SUFFIXES.items() if word in (target or sys.platform)), "so")
+            path = Path(self._folder.name, f"libreplant.{suffix}")
+            build_data["force_include"][str(path)] = f"replant/kernels/compiled/{path.name}"
+            command += ["--out", str(path), *(["--target", target] if target else [])]
+        done = subprocess.run(
+            command, cwd=Path(self.root, "tools"), capture_output=True, text=True, errors="replace", check=False
+        )
+        if done.returncode:
+            raise SystemExit(f"replant: the kernels cannot be compiled: {done.stderr.strip()}")
+
+
+def get_build_hook() -> type[PackageHook]:
+    """Return the hook that hatchling is to use."""
+    return PackageHook
 
 
 def provide(folder: Path) -> None:

@@ -24,7 +24,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numba
 import numpy as np
 from rich import box
 from rich.console import Console
@@ -59,8 +58,8 @@ ROUNDS = 3  # what else the machine does for some seconds spoils a third of a ca
 LIMIT, LIMIT_OTHERS = 1.1, 1.25  # of the ratio: the article's four optimizers, the rest
 REGULAR = np.zeros(0)  # time stamps of a regular clock
 
-# What the flags after -march do changes no number: no fused multiply-add, which Numba does not use either and which
-# would round differently; no errno and no traps, without which gcc cannot vectorise a square root or a maximum.
+# What the flags after -march do changes no number: no fused multiply-add, which our
+# library does not use either and which would round differently; no errno and no traps, without which gcc cannot vectorise a square root or a maximum.
 FLAGS = "-O3 -march=native -ffp-contract=off -fno-math-errno -fno-trapping-math"
 
 Run = Callable[..., None]
@@ -336,7 +335,7 @@ def describe_machine(flags: str) -> dict[str, str]:
     version = subprocess.run(["gcc", "-dumpfullversion"], capture_output=True, text=True, check=True).stdout.strip()
     return {
         "CPU": f"{cpu}, {os.cpu_count()} cores",
-        "Python": f"{platform.python_version()}, Numba {numba.__version__}, NumPy {np.__version__}",
+        "Python": f"{platform.python_version()}, NumPy {np.__version__}",
         "gcc": f"{version}, {flags}",
     }
 

@@ -48,7 +48,7 @@ def latency(case: str, choices: dict[str, Any], calls: int) -> dict[str, Any]:
     identifier = rp.Identifier(STRUCTURE, DT, **choices)
     identifier.update_many(u[:20_000], y[:20_000])
     inputs, outputs = u.tolist(), y.tolist()
-    identifier.update(inputs[20_000], outputs[20_000])  # compiles
+    identifier.update(inputs[20_000], outputs[20_000])
     times = np.empty(calls)
     clock, update = time.perf_counter_ns, identifier.update
     for k in range(calls):
@@ -88,7 +88,7 @@ def verdict(repetitions: int = 21) -> dict[str, float]:
     u, y = next(chunks(STRUCTURE, 2 * KEPT, 1))
     identifier = rp.Identifier(STRUCTURE, DT)
     identifier.update_many(u, y)
-    identifier.assess()  # compiles
+    identifier.assess()
     times = np.empty((repetitions, 2))
     for k in range(repetitions):
         begun = time.thread_time_ns()

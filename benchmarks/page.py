@@ -71,8 +71,7 @@ def kernels(figures: Figures) -> str:
         "Time of one sample through filters, regressor, buffer and update, compared with a C program of the same "
         "arithmetic (`benchmarks/reference.c`, gcc -O3 -march=native) that begins at the same state and ends at the "
         "same numbers; with replay there are 20 updates a sample. Times are in nanoseconds. IntegralCost prefetches "
-        "all drawn rows, which the C program leaves to the processor. The largest ratios are those of AdaGrad and "
-        "RMSProp at P = 4 and 6: gcc vectorises roots and divisions of four entries, LLVM only of eight.\n\n"
+        "all drawn rows, which the C program leaves to the processor.\n\n"
     )
     head = ["optimizer", "P", "sample", "C", "ratio", "with replay: an update", "C", "ratio"]
     largest = f"\nLargest ratio {worst['ratio']:.2f} ({worst['optimizer']}, P = {worst['entries']}).\n"
@@ -87,8 +86,7 @@ def parts(figures: Figures) -> str:
     text = (
         "The parts of the default method (regressor and instruments from the refined filter, recursive least squares "
         "on the factors U D U') and the Kalman filter, compared with `benchmarks/parts.c`. Times are in nanoseconds "
-        "a sample. One kernel serves every structure, clock and dead time. Its loops take pointers, as those of C "
-        "do, because Numba passes an array as seven numbers.\n\n"
+        "a sample. One kernel serves every structure, clock and dead time.\n\n"
     )
     return text + table(["part", "P", "ours", "C", "ratio"], rows)
 

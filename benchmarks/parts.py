@@ -21,13 +21,13 @@ from typing import Any
 import numpy as np
 
 import replant as rp
+from compiled import compiled
 from kernels import DT, FLAGS, SAME, chunks, describe_machine, distance
 from replant.engine.state import State
 from replant.kernels import schema as at
-from replant.kernels.codegen.decorators import kernel
-from replant.kernels.codegen.pointer import pointer
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain, reference, whitening
+from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers import covariance
 from replant.kernels.schema import FIXED, NoiseSlots, ReferenceSlots
 from replant.optimizers import Optimizer
@@ -59,44 +59,47 @@ class Result:
 # --- ours, in a loop as the C programs have it
 
 
-@kernel
-def run_filters(ints, reals, banks, u, y, targets):
+@kernel()
+def run_filters(ints: Ints, reals: Reals, banks: Matrix, u: Reals, y: Reals, targets: Reals):
     for k in range(u.size):
         targets[k] = chain.observe(ints, reals, banks, u[k], y[k], reals[at.INTERVAL])
 
 
-@kernel
-def run_least_squares(theta, memory, settings, buffer, rows, direction):
+@kernel()
+def run_least_squares(theta: Reals, memory: Reals, settings: Reals, buffer: Matrix, rows: Ints, direction: int):
     for k in range(buffer.shape[0]):
         rows[0] = k
         covariance.recursive_least_squares(theta, memory, settings, buffer, rows, 1, direction)
 
 
-@kernel
-def run_kalman(theta, memory, settings, buffer, rows, direction, interval):
+@kernel()
+def run_kalman(
+    theta: Reals, memory: Reals, settings: Reals, buffer: Matrix, rows: Ints, direction: int, interval: float
+):  # fmt: skip
     for k in range(buffer.shape[0]):
         rows[0] = k
         covariance.kalman_tracking(theta, memory, settings, buffer, rows, 1, direction, interval)
 
 
-@kernel
-def run_noise_model(noise, rows, phi, zeta, theta, errors, targets):
+@kernel()
+def run_noise_model(
+    noise: Reals, rows: Matrix, phi: Reals, zeta: Reals, theta: Reals, errors: Reals, targets: Reals
+):  # fmt: skip
     T = phi.size
     for k in range(rows.shape[0]):
         for i in range(T):
             phi[i], zeta[i] = rows[k, i], rows[k, T + i]
-        targets[k] = whitening.filter_row(T, pointer(noise, 0), pointer(phi, 0), pointer(zeta, 0), rows[k, 2 * T])
-        whitening.add_residuals(T, pointer(noise, 0), pointer(theta, 0), pointer(errors, 0), 1.0)
+        targets[k] = whitening.filter_row(T, noise, phi, zeta, rows[k, 2 * T])
+        whitening.add_residuals(T, noise, theta, errors, 1.0)
 
 
-@kernel
-def run_reference(numbers, r, u, y, work, explained):
-    projection = pointer(numbers, 0)
+@kernel()
+def run_reference(projection: Reals, r: Reals, u: Reals, y: Reals, work: Reals, explained: Reals):
     for k in range(u.size):
         reference.advance(projection, r[k])
         explained[k] = reference.explained(projection, reference.WEIGHTS)
         explained[k] += reference.explained(projection, reference.WEIGHTS + reference.SIZE)
-        reference.learn_weights(projection, u[k], y[k], pointer(work, 0))
+        reference.learn_weights(projection, u[k], y[k], work)
 
 
 # --- C
@@ -147,13 +150,13 @@ def filter_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, Run]]:
             if instruments:
                 state.install(theta)
             u, y = next(chunks(structure, 10, 1))
-            run_filters(
+            compiled(run_filters)(
                 state.ints, state.reals, state.banks, u, y, np.empty(10)
             )  # the first sample, the discretisation
             state.samples = 10
 
             def ours(arrays: Arrays, u: np.ndarray, y: np.ndarray) -> None:
-                run_filters(*arrays[:3], u, y, arrays[3])
+                compiled(run_filters)(*arrays[:3], u, y, arrays[3])
 
             def theirs(arrays: Arrays, u: np.ndarray, y: np.ndarray) -> None:
                 ints, reals, banks, targets = arrays
@@ -176,7 +179,7 @@ def noise_model_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, R
 
         def ours(arrays: Arrays, u: np.ndarray, y: np.ndarray, rows: np.ndarray = rows) -> None:
             numbers, phi, zeta, theta, errors, targets = arrays
-            run_noise_model(numbers, rows, phi, zeta, theta, errors, targets)
+            compiled(run_noise_model)(numbers, rows, phi, zeta, theta, errors, targets)
 
         def theirs(arrays: Arrays, u: np.ndarray, y: np.ndarray, rows: np.ndarray = rows) -> None:
             numbers, phi, zeta, theta, errors, targets = arrays
@@ -197,7 +200,7 @@ def reference_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, Run
     r, work = np.random.default_rng(7).standard_normal(CHUNK), np.empty(2 * reference.SIZE)
 
     def ours(arrays: Arrays, u: np.ndarray, y: np.ndarray) -> None:
-        run_reference(arrays[0], r, u, y, work, arrays[1])
+        compiled(run_reference)(arrays[0], r, u, y, work, arrays[1])
 
     def theirs(arrays: Arrays, u: np.ndarray, y: np.ndarray) -> None:
         C.run_reference(
@@ -231,9 +234,9 @@ def optimizer_case(C: ctypes.CDLL, optimizer: Optimizer, P: int) -> tuple[Arrays
 
     def ours(arrays: Arrays, u: np.ndarray, y: np.ndarray) -> None:
         if kalman:
-            run_kalman(*arrays, settings, rows, drawn, P + 2, DT)
+            compiled(run_kalman)(*arrays, settings, rows, drawn, P + 2, DT)
         else:
-            run_least_squares(*arrays, settings, rows, drawn, P + 2)
+            compiled(run_least_squares)(*arrays, settings, rows, drawn, P + 2)
 
     def theirs(arrays: Arrays, u: np.ndarray, y: np.ndarray) -> None:
         theta, memory = arrays

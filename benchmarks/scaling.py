@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 import replant as rp
+from compiled import compiled
 from kernels import DT, ROUNDS
 from replant.engine.vector_blocks import aligned
-from replant.kernels.codegen.decorators import kernel
+from replant.kernels.native import IntMatrix, Matrix, Reals, kernel
 from replant.kernels.optimizers import covariance, gradient
 
 REPETITIONS = 42
@@ -43,21 +44,23 @@ class Scaling:
         return abs(self.exponent - self.expected) <= WITHIN
 
 
-@kernel
-def learn(algorithm, theta, memory, settings, buffer, rows, samples, batch):
+@kernel()
+def learn(
+    algorithm: int, theta: Reals, memory: Reals, settings: Reals, buffer: Matrix, rows: IntMatrix, samples: int, batch: int
+):  # fmt: skip
     """``samples`` times a batch."""
     for k in range(samples):
         gradient.learn(algorithm, theta, memory, settings, buffer, rows[k], batch, 0)
 
 
-@kernel
-def least_squares(theta, memory, settings, buffer, rows, samples):
+@kernel()
+def least_squares(theta: Reals, memory: Reals, settings: Reals, buffer: Matrix, rows: IntMatrix, samples: int):
     for k in range(samples):
         covariance.recursive_least_squares(theta, memory, settings, buffer, rows[k], 1, 0)
 
 
-@kernel
-def kalman(theta, memory, settings, buffer, rows, samples):
+@kernel()
+def kalman(theta: Reals, memory: Reals, settings: Reals, buffer: Matrix, rows: IntMatrix, samples: int):
     for k in range(samples):
         covariance.kalman_tracking(theta, memory, settings, buffer, rows[k], 1, 0, 1e-3)
 
@@ -83,13 +86,13 @@ def gradient_family(optimizer: Any, P: int, capacity: int = 20, batch: int = 20,
     buffer, rows = problem(P, capacity, samples, batch)
     theta, memory = one_after_the_other(np.zeros(P), optimizer.memory(P))
     settings = optimizer.settings(DT, np.ones(P))
-    return lambda: learn(optimizer.code, theta, memory, settings, buffer, rows, samples, batch)
+    return lambda: compiled(learn)(optimizer.code, theta, memory, settings, buffer, rows, samples, batch)
 
 
 def second_family(optimizer: Any, P: int, samples: int = 200) -> Once:
     buffer, rows = problem(P, 20, samples, 1)
     theta, memory, settings = np.zeros(P), optimizer.memory(P), optimizer.settings(DT, np.ones(P))
-    call = kalman if isinstance(optimizer, rp.KalmanTracking) else least_squares
+    call = compiled(kalman if isinstance(optimizer, rp.KalmanTracking) else least_squares)
     return lambda: call(theta, memory, settings, buffer, rows, samples)
 
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
-from typing import Any
 
 import numpy as np
 
 from accuracy.records import Measured, random_binary
+from compiled import compiled
 from replant.arguments import FloatArray
+from replant.kernels.native import Matrix, Reals, kernel
 
 DT, DURATION = 0.01, 1000.0
 SAMPLES = round(DURATION / DT) + 1
@@ -47,31 +47,24 @@ def parameters() -> FloatArray:
 def simulate(u: FloatArray) -> FloatArray:
     """Return the output (K,) for a held input, from rest, by Runge and Kutta's method of order four."""
     y = np.zeros(u.size)
-    _integrator()(u, y, DT / STEPS, 2.0 * math.pi / DURATION)
+    compiled(integrate)(u, y, DT / STEPS, 2.0 * math.pi / DURATION, np.empty((4, 2)))
     return y
 
 
-@cache
-def _integrator() -> Any:
-    from numba import njit
-
-    @njit
-    def integrate(u: Any, y: Any, h: Any, omega: Any) -> None:
-        x, v = 0.0, 0.0
-        rates = np.empty((4, 2))
-        for k in range(u.size):
-            y[k] = x
-            for i in range(STEPS):
-                begin = (k * STEPS + i) * h
-                for stage in range(4):
-                    share = 0.0 if stage == 0 else 1.0 if stage == 3 else 0.5
-                    at_x = x + share * h * rates[stage - 1, 0] if stage > 0 else x
-                    at_v = v + share * h * rates[stage - 1, 1] if stage > 0 else v
-                    t = begin + share * h
-                    a1, a0 = 5.0 + 40.0 * t / DURATION, 160.0 - 90.0 * math.cos(omega * t)
-                    rates[stage, 0] = at_v
-                    rates[stage, 1] = 200.0 * u[k] - a1 * at_v - a0 * at_x
-                x += h / 6.0 * (rates[0, 0] + 2.0 * rates[1, 0] + 2.0 * rates[2, 0] + rates[3, 0])
-                v += h / 6.0 * (rates[0, 1] + 2.0 * rates[1, 1] + 2.0 * rates[2, 1] + rates[3, 1])
-
-    return integrate
+@kernel("y.size >= u.size and rates.shape[0] >= 4 and rates.shape[1] >= 2")
+def integrate(u: Reals, y: Reals, h: float, omega: float, rates: Matrix):
+    x, v = 0.0, 0.0
+    for k in range(u.size):
+        y[k] = x
+        for i in range(STEPS):
+            begin = (k * STEPS + i) * h
+            for stage in range(4):
+                share = 0.0 if stage == 0 else 1.0 if stage == 3 else 0.5
+                at_x = x + share * h * rates[stage - 1, 0] if stage > 0 else x
+                at_v = v + share * h * rates[stage - 1, 1] if stage > 0 else v
+                t = begin + share * h
+                a1, a0 = 5.0 + 40.0 * t / DURATION, 160.0 - 90.0 * math.cos(omega * t)
+                rates[stage, 0] = at_v
+                rates[stage, 1] = 200.0 * u[k] - a1 * at_v - a0 * at_x
+            x += h / 6.0 * (rates[0, 0] + 2.0 * rates[1, 0] + 2.0 * rates[2, 0] + rates[3, 0])
+            v += h / 6.0 * (rates[0, 1] + 2.0 * rates[1, 1] + 2.0 * rates[2, 1] + rates[3, 1])

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-import replant
 from accuracy import verdicts
 from accuracy.experiment import Experiment
 from accuracy.methods import Figures
@@ -48,18 +44,9 @@ class Results:
 
 
 def prepare_environment() -> None:
-    """Let each process use one thread, and no kernel be stale.
-
-    Numba's cache looks at the file of the compiled function alone, so an edit of an imported kernel would go unseen:
-    its folder is named after the source of all of them.
-    """
+    """Let each process use one thread."""
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    digest = hashlib.sha256()
-    for path in sorted((Path(replant.__file__).parent / "kernels").rglob("*.py")):
-        digest.update(path.read_bytes())
-    folder = Path(tempfile.gettempdir()) / f"replant-kernels-{os.getuid()}-{digest.hexdigest()[:16]}"
-    os.environ.setdefault("NUMBA_CACHE_DIR", str(folder))
 
 
 def carry_out(chosen: Sequence[Experiment], runs: int | None, with_verdicts: bool, on: str) -> Results:
@@ -70,8 +57,7 @@ def carry_out(chosen: Sequence[Experiment], runs: int | None, with_verdicts: boo
         tasks += [(key, number) for key in (RIGHT, WRONG) for number in range(cases)]
     columns = (TextColumn("{task.description:24}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as progress:
-        bar = progress.add_task("compiling", total=len(tasks))
-        warm_up()
+        bar = progress.add_task("runs", total=len(tasks))
         ordered = longest_first(tasks)
         outcomes = sweep(
             carry_out_one, ordered, on, lambda done, of: progress.update(bar, completed=done, description="runs")
@@ -92,11 +78,6 @@ def carry_out_one(task: tuple[str, int]) -> dict[str, Figures] | Assessed:
         case = verdicts.right(number) if key == RIGHT else verdicts.wrong(number)
         return Assessed(case.kind, *case.assessed)
     return experiments()[key].run(number)
-
-
-def warm_up() -> None:
-    """Compile the kernels once, here, so that the processes find them in the cache."""
-    experiments()["A prbs"].run(0)
 
 
 def longest_first(tasks: Sequence[tuple[str, int]]) -> list[tuple[str, int]]:

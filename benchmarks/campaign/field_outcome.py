@@ -88,7 +88,7 @@ class FieldOutcome:
 
 @cache
 def warm_up() -> None:
-    """Compile what is compiled at its first use, once a process, so that no record's time has it."""
+    """Import what is imported at its first use, once a process, so that no record's time has it."""
     record = drawn(0, 4)
     for stamps in (record.t, None):
         online_estimates(replace(record, t=stamps), record.plant.delay)

@@ -10,11 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-import numba
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import expm
 from scipy.optimize import least_squares
+
+from compiled import compiled
+from replant.kernels.native import Matrix, Reals, kernel
 
 FloatArray = npt.NDArray[np.float64]
 DAMPINGS = (0.05, 0.5)
@@ -25,23 +27,23 @@ PROMISING, SHORT = 10, 12  # starts that are improved, and model evaluations of 
 FINALISTS, LONG = 3, 200
 
 
-@numba.njit
-def _responses(step, drive, u):  # type: ignore[no-untyped-def]
+def _responses(step: FloatArray, drive: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
     """States (K, n) driven by u from rest, and from n unit states first rows (K, n) of a free run."""
-    samples, n = u.size, drive.size
-    forced, free = np.zeros((samples, n)), np.zeros((samples, n))
-    state, row = np.zeros(n), np.zeros(n)
-    row[0] = 1.0
-    following, next_row = np.zeros(n), np.zeros(n)
-    for k in range(samples):
-        forced[k], free[k] = state, row
-        for i in range(n):
-            following[i], next_row[i] = drive[i] * u[k], 0.0
-            for j in range(n):
-                following[i] += step[i, j] * state[j]
-                next_row[i] += row[j] * step[j, i]
-        state[:], row[:] = following, next_row
-    return forced, free
+    forced, free = np.zeros((2, u.size + 1, drive.size))
+    free[0, 0] = 1.0
+    compiled(fill_responses)(np.ascontiguousarray(step), np.ascontiguousarray(drive), u, forced, free)
+    return forced[:-1], free[:-1]
+
+
+@kernel("forced.shape[0] > u.size and free.shape[0] > u.size and step.shape[0] == step.shape[1] == drive.size")
+def fill_responses(step: Matrix, drive: Reals, u: Reals, forced: Matrix, free: Matrix):
+    for k in range(u.size):
+        for i in range(drive.size):
+            following, next_row = drive[i] * u[k], 0.0
+            for j in range(drive.size):
+                following += step[i, j] * forced[k, j]
+                next_row += free[k, j] * step[j, i]
+            forced[k + 1, i], free[k + 1, i] = following, next_row
 
 
 class OutputError:

@@ -136,7 +136,7 @@ def is_known(fitted: rp.FitResult, plant: rp.TransferFunction) -> bool:
 
 @cache
 def warm_up() -> None:
-    """Compile what is compiled at its first use, once a process."""
+    """Import what is imported at its first use, once a process."""
     of, u = CASES[0], random_steps(300, shortest=5, longest=40, low=-1.0, high=1.0, seed=1)
     y = response(of.plant, u, of.dt) + 0.1 * np.random.default_rng(1).standard_normal(u.size)
     assert rp.search(u, y, of.dt, poles=(1,), delays=(3.0,)).best.verdict.reasons

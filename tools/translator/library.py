@@ -16,7 +16,9 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 #: ``-ffp-contract=off``: a product and a sum are rounded one by one, as Python does.
@@ -54,7 +56,7 @@ def compiler(target: str | None = None) -> list[str]:
     return [sys.executable, "-m", "ziglang", "cc", *(["-target", target] if target else [])]
 
 
-def generate() -> tuple[dict[str, str], list[str]]:
+def generate(more: Sequence[Any] = ()) -> tuple[dict[str, str], list[str]]:
     """Return the C files by name, and what the compiler is told: how many lanes, the hash of the sources."""
     sys.path.insert(0, str(ROOT / "src"))
     sys.path.insert(0, str(ROOT / "tools"))
@@ -64,12 +66,13 @@ def generate() -> tuple[dict[str, str], list[str]]:
 
     for module in pkgutil.walk_packages(replant.kernels.__path__, "replant.kernels."):
         importlib.import_module(module.name)
-    kernels = sorted(native.KERNELS, key=lambda kernel: kernel.name)
+    own = [kernel for kernel in native.KERNELS if kernel.python.__module__.startswith(replant.kernels.__name__)]
+    kernels = sorted([*own, *more], key=lambda kernel: kernel.name)
     source = native.source_hash(native.FOLDER, Path(__file__).parent)
     return sources("replant.kernels", ROOT, kernels), [f'-DREPLANT_SOURCE="{source}"', f"-DLANES={lanes.LANES}"]
 
 
-def build(path: Path, *, target: str | None = None, keep: Path | None = None) -> None:
+def build(path: Path, *, target: str | None = None, keep: Path | None = None, more: Sequence[Any] = ()) -> None:
     """Make the library.
 
     Parameters
@@ -80,6 +83,8 @@ def build(path: Path, *, target: str | None = None, keep: Path | None = None) ->
         Another system, as zig names it.
     keep : Path, optional
         Folder for the C files.
+    more : sequence of Kernel
+        What the library is to have beside the package's kernels.
 
     Raises
     ------
@@ -87,7 +92,7 @@ def build(path: Path, *, target: str | None = None, keep: Path | None = None) ->
         There is no compiler, or it fails.
     """
     command = compiler(target)
-    files, defined = generate()
+    files, defined = generate(more)
     x86 = (target or platform.machine()).partition("-")[0] in X86
     with tempfile.TemporaryDirectory() as made:
         folder = keep or Path(made)
