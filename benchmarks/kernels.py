@@ -58,8 +58,8 @@ ROUNDS = 3  # what else the machine does for some seconds spoils a third of a ca
 LIMIT, LIMIT_OTHERS = 1.1, 1.25  # of the ratio: the article's four optimizers, the rest
 REGULAR = np.zeros(0)  # time stamps of a regular clock
 
-# What the flags after -march do changes no number: no fused multiply-add, which our
-# library does not use either and which would round differently; no errno and no traps, without which gcc cannot vectorise a square root or a maximum.
+# What the flags after -march do changes no number: no fused multiply-add, which our library does not use either and
+# which would round differently; no errno and no traps, without which gcc cannot vectorise a square root or a maximum.
 FLAGS = "-O3 -march=native -ffp-contract=off -fno-math-errno -fno-trapping-math"
 
 Run = Callable[..., None]

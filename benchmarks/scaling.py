@@ -46,7 +46,8 @@ class Scaling:
 
 @kernel()
 def learn(
-    algorithm: int, theta: Reals, memory: Reals, settings: Reals, buffer: Matrix, rows: IntMatrix, samples: int, batch: int
+    algorithm: int, theta: Reals, memory: Reals, settings: Reals, buffer: Matrix, rows: IntMatrix, samples: int,
+    batch: int,
 ):  # fmt: skip
     """``samples`` times a batch."""
     for k in range(samples):

@@ -79,9 +79,7 @@ def _compile(folder: Path) -> None:
     from replant.kernels import native
 
     made = Path(tempfile.mkdtemp()) / native.LIBRARY.name
-    subprocess.run(
-        [sys.executable, "-m", "translator.library", "--out", str(made)], cwd=folder / "tools", check=True
-    )
+    subprocess.run([sys.executable, "-m", "translator.library", "--out", str(made)], cwd=folder / "tools", check=True)
     native.LIBRARY = made
 
 

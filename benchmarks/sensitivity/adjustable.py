@@ -60,9 +60,7 @@ def _changed(module: str, tree: ast.Module, values: Mapping[str, Any], text: str
     return "".join(lines)
 
 
-def _assignments(
-    module: str, tree: ast.Module, values: Mapping[str, Any], text: str
-) -> Iterator[tuple[ast.expr, str]]:
+def _assignments(module: str, tree: ast.Module, values: Mapping[str, Any], text: str) -> Iterator[tuple[ast.expr, str]]:
     for node in tree.body:
         target = node.targets[0] if isinstance(node, ast.Assign) else getattr(node, "target", None)
         name = f"{module}.{target.id}" if isinstance(target, ast.Name) else ""

@@ -295,9 +295,7 @@ def test_start_imports_nothing_heavy(arguments: list[str]) -> None:
         if arguments[0] == "-m"
         else arguments[1]
     )
-    script += (
-        "\nimport sys; print([m for m in ('scipy', 'matplotlib', 'pyarrow', 'control') if m in sys.modules])"
-    )
+    script += "\nimport sys; print([m for m in ('scipy', 'matplotlib', 'pyarrow', 'control') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
 

@@ -15,7 +15,7 @@ import pytest
 import replant as rp
 from replant.engine.dispatch import step_kernels
 from replant.engine.state import State
-from replant.kernels.filters import autoregression, bank, chain, simulate
+from replant.kernels.filters import autoregression, bank, chain
 from replant.kernels.filters.all_pole import fill_all_pole
 from replant.kernels.filters.play_operator import fill_play
 from replant.kernels.monitoring import interruptions, residual_colour

@@ -41,7 +41,8 @@ def runner(kernel: Any, function: Function, conditions: list[str], head: str) ->
             sizes = ", ".join(f"{given}.n[{axis}]" for axis in range(kind.dimensions))
             lines.append(f"    {kind.name} {name} = {{ {given}.p, {sizes} }};")
         else:
-            lines.append(f"    {_scalar(kind)} {name} = {given}.{'d' if kind == 'd' else 'i'}{' != 0' * (kind == 'b')};")
+            field = "d" if kind == "d" else "i != 0" if kind == "b" else "i"
+            lines.append(f"    {_scalar(kind)} {name} = {given}.{field};")
     for text, condition in zip(kernel.requirements, conditions, strict=True):
         lines += [f"    if (!{condition})", f'        return "{text}";']
     call = f"{function.name}({', '.join(function.parameters)})"
@@ -91,9 +92,7 @@ def steps(every: list[tuple[Any, Function, str]]) -> str:
         f'    {{ "{kernel.name}", {function.name}, {"true" if "collecting" in kernel.name else "false"} }},'
         for kernel, function in found
     ]
-    return "\n".join(
-        [f"static const struct {{ const char *name; {takes}; bool collects; }} steps[] = {{", *rows, "};"]
-    )
+    return "\n".join([f"static const struct {{ const char *name; {takes}; bool collects; }} steps[] = {{", *rows, "};"])
 
 
 def sources(package: str, root: Path, kernels: list[Any]) -> dict[str, str]:

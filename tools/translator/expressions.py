@@ -142,12 +142,12 @@ class Expressions:
             raise UnsupportedError(f"{ast.unparse(node)} is {describe(kind)} and serves as an index")
         return code
 
-    def of_Name(self, node: ast.Name) -> Value:  # noqa: N802
+    def of_Name(self, node: ast.Name) -> Value:
         if node.id not in self.kinds:
             raise UnsupportedError(f"{node.id} is not known here")
         return node.id, self.kinds[node.id]
 
-    def of_Attribute(self, node: ast.Attribute) -> Value:  # noqa: N802
+    def of_Attribute(self, node: ast.Attribute) -> Value:
         code, kind = self.expression(node.value)
         if isinstance(kind, Known):
             return self.constant(getattr(kind.value, node.attr))
@@ -155,7 +155,7 @@ class Expressions:
             raise UnsupportedError(f".{node.attr} of {describe(kind)}")
         return (f"{code}.n0" if kind.dimensions == 1 else f"({product(code, 0, kind.dimensions)})"), "i"
 
-    def of_BinOp(self, node: ast.BinOp) -> Value:  # noqa: N802
+    def of_BinOp(self, node: ast.BinOp) -> Value:
         left, right, operator = self.expression(node.left), self.expression(node.right), type(node.op)
         if operator is ast.Div:
             kind = "l" if "l" in (left[1], right[1]) else "d"
@@ -175,7 +175,7 @@ class Expressions:
             return f"(bool)({left[0]} & {right[0]})", "b"
         return f"({self.cast(left, kind)} {ARITHMETIC[operator]} {self.cast(right, kind)})", kind
 
-    def of_UnaryOp(self, node: ast.UnaryOp) -> Value:  # noqa: N802
+    def of_UnaryOp(self, node: ast.UnaryOp) -> Value:
         if isinstance(node.op, ast.Not):
             return f"(!{self.truth(node.operand)})", "b"
         code, kind = self.expression(node.operand)
@@ -183,11 +183,11 @@ class Expressions:
             return f"(-{code})", kind
         raise UnsupportedError(f"{type(node.op).__name__} of {describe(kind)}")
 
-    def of_BoolOp(self, node: ast.BoolOp) -> Value:  # noqa: N802
+    def of_BoolOp(self, node: ast.BoolOp) -> Value:
         word = " && " if isinstance(node.op, ast.And) else " || "
         return f"({word.join(map(self.truth, node.values))})", "b"
 
-    def of_Compare(self, node: ast.Compare) -> Value:  # noqa: N802
+    def of_Compare(self, node: ast.Compare) -> Value:
         left, parts = self.expression(node.left), []
         for operator, comparator in zip(node.ops, node.comparators, strict=True):
             right = self.expression(comparator)
@@ -198,14 +198,14 @@ class Expressions:
             left = right
         return (parts[0] if len(parts) == 1 else f"({' && '.join(parts)})"), "b"
 
-    def of_IfExp(self, node: ast.IfExp) -> Value:  # noqa: N802
+    def of_IfExp(self, node: ast.IfExp) -> Value:
         one, other = self.expression(node.body), self.expression(node.orelse)
         kind = unify(one[1], other[1])
         if kind == "l":
             return f"lanes_if({self.truth(node.test)}, {self.cast(one, kind)}, {self.cast(other, kind)})", kind
         return f"({self.truth(node.test)} ? {self.cast(one, kind)} : {self.cast(other, kind)})", kind
 
-    def of_Tuple(self, node: ast.Tuple) -> Value:  # noqa: N802
+    def of_Tuple(self, node: ast.Tuple) -> Value:
         return self.tuple_of([self.expression(part) for part in node.elts])
 
     def tuple_of(self, values: list[Value]) -> Value:
@@ -214,7 +214,7 @@ class Expressions:
         codes = ", ".join(code for code, own in values if not isinstance(own, Known))
         return f"({self.program.type_of(kind)}){{ {codes} }}", kind
 
-    def of_Subscript(self, node: ast.Subscript) -> Value:  # noqa: N802
+    def of_Subscript(self, node: ast.Subscript) -> Value:
         if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
             code, kind = self.expression(node.value.value)
             return f"{code}.n{self.known(node.slice)}", "i"
@@ -278,7 +278,7 @@ class Expressions:
 
     # --- calls
 
-    def of_Call(self, node: ast.Call) -> Value:  # noqa: N802
+    def of_Call(self, node: ast.Call) -> Value:
         name = ast.unparse(node.func)
         if node.keywords or any(isinstance(argument, ast.Starred) for argument in node.args):
             raise UnsupportedError(f"a call with names or stars: {name}")

@@ -127,20 +127,20 @@ class Function(Expressions):
             self.statement(statement)
         self.depth -= 1
 
-    def of_statement_Expr(self, node: ast.Expr) -> None:  # noqa: N802
+    def of_statement_Expr(self, node: ast.Expr) -> None:
         if not isinstance(node.value, ast.Constant):
             self.emit(f"{self.expression(node.value)[0]};")
 
-    def of_statement_Pass(self, node: ast.Pass) -> None:  # noqa: N802
+    def of_statement_Pass(self, node: ast.Pass) -> None:
         pass
 
-    def of_statement_Break(self, node: ast.Break) -> None:  # noqa: N802
+    def of_statement_Break(self, node: ast.Break) -> None:
         self.emit("break;")
 
-    def of_statement_Continue(self, node: ast.Continue) -> None:  # noqa: N802
+    def of_statement_Continue(self, node: ast.Continue) -> None:
         self.emit("continue;")
 
-    def of_statement_Return(self, node: ast.Return) -> None:  # noqa: N802
+    def of_statement_Return(self, node: ast.Return) -> None:
         if node.value is None:
             self.emit("return;")
             return
@@ -152,7 +152,7 @@ class Function(Expressions):
         else:
             self.emit(f"return {_bare(self.cast(value, self.returns))};")
 
-    def of_statement_If(self, node: ast.If) -> None:  # noqa: N802
+    def of_statement_If(self, node: ast.If) -> None:
         try:
             known = self.known(node.test)
         except KeyError:
@@ -181,12 +181,12 @@ class Function(Expressions):
             return False
         return True
 
-    def of_statement_While(self, node: ast.While) -> None:  # noqa: N802
+    def of_statement_While(self, node: ast.While) -> None:
         self.emit(f"while ({_bare(self.truth(node.test))}) {{")
         self.block(node.body)
         self.emit("}")
 
-    def of_statement_For(self, node: ast.For) -> None:  # noqa: N802
+    def of_statement_For(self, node: ast.For) -> None:
         over = ast.unparse(node.iter.func) if isinstance(node.iter, ast.Call) else ""
         if over != "range" or not isinstance(node.target, ast.Name):
             self._unrolled(node)
@@ -251,11 +251,11 @@ class Function(Expressions):
 
     # --- assignments
 
-    def of_statement_AugAssign(self, node: ast.AugAssign) -> None:  # noqa: N802
+    def of_statement_AugAssign(self, node: ast.AugAssign) -> None:
         left = ast.copy_location(ast.BinOp(_loaded(node.target), node.op, node.value), node)
         self.store(node.target, self.expression(left))
 
-    def of_statement_Assign(self, node: ast.Assign) -> None:  # noqa: N802
+    def of_statement_Assign(self, node: ast.Assign) -> None:
         if len(node.targets) == 1 and isinstance(node.targets[0], ast.Tuple) and isinstance(node.value, ast.Tuple):
             self._side_by_side(node.targets[0].elts, node.value.elts)
             return
@@ -273,8 +273,10 @@ class Function(Expressions):
         for target, source in zip(targets, sources, strict=True):
             parts = list(ast.walk(source))
             clash |= any(ast.unparse(part) in stored for part in parts if isinstance(part, ast.expr))
-            clash |= bool(stored) and any(isinstance(part, ast.Call) for part in parts) and not all(
-                name.isidentifier() for name in stored
+            clash |= (
+                bool(stored)
+                and any(isinstance(part, ast.Call) for part in parts)
+                and not all(name.isidentifier() for name in stored)
             )
             stored.add(ast.unparse(target))
             if isinstance(target, ast.Subscript):

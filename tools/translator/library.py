@@ -52,7 +52,9 @@ def compiler(target: str | None = None) -> list[str]:
     try:
         importlib.import_module("ziglang")
     except ImportError:
-        raise BuildError("no C compiler: install one (Debian: apt install gcc libc6-dev), or pip install ziglang") from None
+        raise BuildError(
+            "no C compiler: install one (Debian: apt install gcc libc6-dev), or pip install ziglang"
+        ) from None
     return [sys.executable, "-m", "ziglang", "cc", *(["-target", target] if target else [])]
 
 

@@ -1,6 +1,6 @@
 """Whether a state's arrays are as long as its own numbers say: looked at before a compiled kernel runs.
 
-Of the numbers in ``ints`` those count that kernels use as an index; the others are looked at where a checkpoint is read.
+Of the numbers in ``ints`` those count that serve as an index; the others are looked at where a checkpoint is read.
 """
 
 from typing import Final
@@ -21,7 +21,19 @@ AS_MANY: Final = (
 MOST: Final = 1 << 24
 """Sizes beyond which their products might leave int64 [count]."""
 
-_POWERS = ({}, {"n": 1}, {"n": 2}, {"T": 1}, {"T": 2}, {"M": 1}, {"S": 1}, {"RING": 1}, {"Q": 1}, {"L": 1}, {"L": 2})
+_POWERS: Final[tuple[dict[str, int], ...]] = (
+    {},
+    {"n": 1},
+    {"n": 2},
+    {"T": 1},
+    {"T": 2},
+    {"M": 1},
+    {"S": 1},
+    {"RING": 1},
+    {"Q": 1},
+    {"L": 1},
+    {"L": 2},
+)
 
 
 def _shares(block):

@@ -20,7 +20,7 @@ from replant.engine.dispatch import Step, bound_step, step_kernels
 from replant.engine.state import NOTHING, REGULAR, State
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.identified.model import Model
-from replant.kernels.native import OPEN, SHUT
+from replant.kernels.native import OPEN, SHUT, Kernel
 from replant.kernels.schema import BELIEVED, Alarm, Attention
 from replant.limits import stamps_of
 from replant.model.structure import Structure
@@ -190,7 +190,7 @@ class Identifier(Estimate):
         self._gate: IntArray
         self._regular = True  # whether no time stamp has come
         self._mapped: bool  # whether the input map is a function
-        self._kernel: Callable[..., float]
+        self._kernel: Kernel
         self._steps: Callable[..., int]
         self._hold = self._request.first_hold  # measured outputs that the start-up waits for
         self._collect(reference=False)

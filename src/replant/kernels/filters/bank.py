@@ -250,7 +250,7 @@ def fill_known_entries(bank, n, T, inputs, channel, u, constant, nuisances, fixe
     """Fill the regressor's entries that no output enters: those of the input, the constant and the initial state.
 
     The input's are s^m/D u .. s^0/D u; it is in ``channel``, ``u`` being its delayed value now.  Returns the auxiliary
-    model's output: its weights on these entries.  ``bank`` and ``phi`` are pointers.
+    model's output: its weights on these entries.
     """
     characteristic, gain, weights, states = DENOMINATOR + n, at_gain(n), at_weights(n, T), at_states(n, T)
     proper, last = min(inputs, n), n + inputs
@@ -276,8 +276,7 @@ def fill_known_entries(bank, n, T, inputs, channel, u, constant, nuisances, fixe
 def fill_output_entries(bank, n, T, channel, y, phi):
     """Fill the entries -s^(n-1)/D y .. -s^0/D y of the signal in this channel, and return s^n/D y.
 
-    The signal is the measured output or, for instruments, the model's; ``y`` its value now.  ``bank`` and ``phi`` are
-    pointers.
+    The signal is the measured output or, for instruments, the model's; ``y`` its value now.
     """
     characteristic, gain, w = DENOMINATOR + n, at_gain(n), at_states(n, T) + channel * n
     highest = y
@@ -295,7 +294,7 @@ def predicted_output(bank, n, T, solution, last, known, states, new):
 
     ``states`` (n,): the OUTPUT states at the sample before, overwritten by w_0; ``solution``: the discretisation;
     ``known``: the part of the auxiliary model's output that comes from inputs, constant and initial state; ``new`` (n,)
-    is work.  All arrays are pointers.
+    is work.
     """
     characteristic, gain, weights, ramp = DENOMINATOR + n, at_gain(n), at_weights(n, T), n * n + n
     advance_states(n, solution, last, -last, states, new)

@@ -28,7 +28,7 @@ STATES, WEIGHTS, FACTORS, DIAGONAL = (_BEGINS[name] for name in ("states", "weig
 
 
 def advance(reference, r):
-    """Carry the Laguerre functions on by one sample r; ``reference`` is a pointer.
+    """Carry the Laguerre functions on by one sample r.
 
     The first is sqrt(1 - a^2) / (1 - a/z), each other one (1/z - a) / (1 - a/z) of the one before.
     """
@@ -42,7 +42,7 @@ def advance(reference, r):
 
 
 def explained(reference, weights):
-    """Return w' l; ``reference`` is a pointer, the weights lie behind it from ``weights`` on."""
+    """Return w' l; the weights lie in ``reference`` from ``weights`` on."""
     total = 0.0
     for i in range(SIZE):
         total += reference[weights + i] * reference[STATES + i]
@@ -58,7 +58,7 @@ def project(ints, reals):
 
 
 def learn_weights(reference, u, y, work):
-    """Let the weights learn input and output; ``work`` holds 2 (LAGUERRE + 1) numbers.  Arrays are pointers."""
+    """Let the weights learn input and output; ``work`` holds 2 (LAGUERRE + 1) numbers."""
     states, gain = reference[STATES:], work[SIZE:]
     alpha = measurement_update(SIZE, reference[FACTORS:], reference[DIAGONAL:], states, 1.0, work, gain)
     for_input = (u - explained(reference, WEIGHTS)) / alpha

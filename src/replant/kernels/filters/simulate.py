@@ -21,7 +21,7 @@ NOTHING = 1e-200
 
 
 def advance_free(n, solution, free, new):
-    """Carry the responses (n,) to a unit of each state over one interval, free' = free' Ad; all are pointers."""
+    """Carry the responses (n,) to a unit of each state over one interval, free' = free' Ad."""
     for j in range(n):
         total = 0.0
         for i in range(n):
@@ -32,7 +32,7 @@ def advance_free(n, solution, free, new):
 
 
 def lives(n, free):
-    """Say whether a response (n,) behind a pointer has not died out; NaN lives."""
+    """Say whether a response (n,) has not died out; NaN lives."""
     for i in range(n):
         if not abs(free[i]) <= NOTHING:
             return True

@@ -53,8 +53,7 @@ def before(row):
 def filter_row(T, noise, phi, zeta, target):
     """Keep the newest row, and filter it in place; return the filtered target.
 
-    Coefficients beyond the order are zero, so that all four earlier rows can be read at once.  All but ``T`` and
-    ``target`` are pointers.
+    Coefficients beyond the order are zero, so that all four earlier rows can be read at once.
     """
     width, size = 2 * T + 1, LAGS + 1
     newest = int(noise[POSITION]) + 1
@@ -111,8 +110,7 @@ def add_residuals(T, noise, theta, errors, forgetting):
     """Add the products of the newest residual and its LAGS predecessors to the sums, where these are known.
 
     All residuals are those of ``theta``: the estimate moves from sample to sample, by little beside the residual, but
-    not beside what is left of a smooth one once it is filtered.  ``errors`` (LAGS + 1,) is work.  All but ``T`` and
-    ``forgetting`` are pointers.
+    not beside what is left of a smooth one once it is filtered.  ``errors`` (LAGS + 1,) is work.
     """
     size, width, at_row = LAGS + 1, 2 * T + 1, int(noise[POSITION])
     if noise[KNOWN] < size:

@@ -36,7 +36,7 @@ def measurement_update(P, U, D, zeta, noise, projected, gain):
     """Bierman's update of U (P^2) and D (P) for a scalar observation zeta' theta of variance ``noise``.
 
     Fills ``gain`` (P) with P zeta of the old P and returns alpha = noise + zeta' P zeta: the Kalman gain is
-    gain / alpha.  ``projected`` (P) is work.  All are pointers.
+    gain / alpha.  ``projected`` (P) is work.
     """
     for i in range(P):
         total = zeta[i]
@@ -59,10 +59,7 @@ def measurement_update(P, U, D, zeta, noise, projected, gain):
 
 
 def time_update(P, U, D, increase, work):
-    """Thornton's update of U and D for P + diag(increase): weighted Gram-Schmidt; ``work`` holds 2 P^2 + 2 P.
-
-    All are pointers.
-    """
+    """Thornton's update of U and D for P + diag(increase): weighted Gram-Schmidt; ``work`` holds 2 P^2 + 2 P."""
     width, weights = 2 * P, work[2 * P * P :]
     for i in range(P):
         row = work[i * width :]
@@ -196,7 +193,7 @@ def learn(algorithm, theta, memory, settings, buffer, rows, batch, direction, in
 
 
 def own_noise(algorithm, P, memory, settings):
-    """Return what the residual's variance is in the unit of the covariance; ``memory`` and ``settings`` are pointers.
+    """Return what the residual's variance is in the unit of the covariance.
 
     Where U D U' is the covariance itself, that is the variance that the optimizer tracks; else a weight.
     """

@@ -77,5 +77,5 @@ def place(begin, P):
 
 
 def block(memory, begin, P):
-    """Return a pointer to a block of ``memory`` (an array or a pointer), by its place in `Memory.begins`."""
+    """Return ``memory`` from a block on, by its place in `Memory.begins`."""
     return memory[place(begin, P) :]

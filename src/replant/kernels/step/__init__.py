@@ -1,18 +1,16 @@
-"""One sample from its arrival to the new estimate, one file for each compiled variant.
+"""One sample from its arrival to the new estimate, one file for each variant.
 
 ============  ======================================================  ==================================================
 file          what it serves                                          what holds its bits equal
 ============  ======================================================  ==================================================
-collecting    the start-up: samples are kept until there are     tests/online/test_startup.py, chunks beside single
-              settings and a first model                         samples
+collecting    the start-up: samples are kept until there are          tests/online/test_startup.py, chunks beside single
+              settings and a first model                              samples
 gradient      the gradient family: any filter, any clock              NumPy twins, tests/support/references.py
 covariance    optimizers with a covariance, outputs examined          NumPy twins, tests/support/references.py
 fixed_filter  the gradient family, a fixed filter, a regular clock,   tests/kernels/step/test_fixed_filter.py beside
               neither instruments nor dead time                       gradient
-ensemble      sixteen of these at once, one in each SIMD lane         tests/online/test_ensemble.py beside single
+ensemble      eight of these at once, one in each SIMD lane           tests/online/test_ensemble.py beside single
                                                                       members
-by_address    the same kernels, their arrays given once, so that a    tests/online/test_identifier.py, chunks beside
-              call from Python costs less                             single samples
 ============  ======================================================  ==================================================
 
 Arguments of all kernels, as `kernels.schema` and `engine.state.State` describe them: ints (I,) int64, reals (R,), banks
@@ -25,8 +23,8 @@ s, the reference r in a unit of its own; of kernels for K samples also errors (K
 ==========================  ========================  ==================================================================
 what                        where                     why
 ==========================  ========================  ==================================================================
-the order of the stages     `take` of each variant    one function with all branches would be compiled whole for
-                                                      everybody; most identifiers need one variant
+the order of the stages     `take` of each variant    variants differ in most stages: one function for all would be
+                                                      branches throughout
 `update_estimate`           stages, fixed_filter,     the general one calls its parts as functions, that of the fixed
                             ensemble_replay           filter has them in its loop; vectors have no branch on data, so an
                                                       update is undone lane by lane

@@ -168,7 +168,7 @@ def direction_of(ints):
 
 
 def all_finite(size, numbers):
-    """Say whether all numbers behind the pointer are finite."""
+    """Say whether so many numbers are finite."""
     if size <= FEW:
         for i in range(size):
             if not math.isfinite(numbers[i]):
