@@ -58,7 +58,7 @@ class Expressions:
         """Return a constant; one with a name is defined under it."""
         if isinstance(value, bool | np.bool_):
             return ("true" if value else "false"), "b"
-        if isinstance(value, np.unsignedinteger):
+        if isinstance(value, np.unsignedinteger) or (isinstance(value, int) and value >= 2**63):
             code, kind = f"UINT64_C({int(value)})", "u"
         elif isinstance(value, int | np.integer):
             number = int(value)

@@ -7,6 +7,7 @@ from typing import Final
 
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
+from replant.kernels.optimizers import covariance, gradient
 from replant.kernels.schema import FIXED, LAGUERRE, StateSlots
 
 LAID_OUT: Final = "is_laid_out(ints, reals.size, banks.shape[0], banks.shape[1])"
@@ -56,6 +57,27 @@ def _shares(block):
 #: For each block: the slot that says where it begins, and the shares of its size.
 BLOCKS = tuple((block.index, *_shares(block)) for block in StateSlots.blocks)
 
+#: Numbers that an optimizer's settings have at the least, by its code; those of `KALMAN_TRACKING` have T more.
+SETTINGS: Final = {
+    gradient.GRADIENT: 1, gradient.ADAM: 4, gradient.AMSGRAD: 4, gradient.ADAGRAD: 2, gradient.RMSPROP: 3,
+    gradient.NADAM: 4, gradient.ADADELTA: 3, gradient.INTEGRAL_COST: 3, covariance.RECURSIVE_LEAST_SQUARES: 1,
+    covariance.KALMAN_TRACKING: 1,
+}  # fmt: skip
+#: For each optimizer: its code, the size of its memory, that of its settings.
+OPTIMIZERS: Final = tuple(
+    (code, *memory.end, SETTINGS[code]) for code, memory in (gradient.MEMORY | covariance.MEMORY).items()
+)
+
+
+def is_known(ints):
+    """Return whether the optimizer is known, and has as much memory and settings as it needs."""
+    T, M, S = ints[at.ENTRIES], ints[at.MEMORY_SIZE], ints[at.SETTINGS_SIZE]
+    for code, squares, entries, ones, settings in OPTIMIZERS:
+        if ints[at.ALGORITHM] == code:
+            more = T if code == covariance.KALMAN_TRACKING else 0
+            return M >= squares * T * T + entries * T + ones and settings + more <= S
+    return False
+
 
 def is_laid_out(ints, reals, banks, columns):
     """Return whether the blocks lie one after the other within so many ``reals``, and the banks are large enough."""
@@ -98,6 +120,8 @@ def is_sound(ints, reals, banks, buffer, recent):
         return False
     columns = 6 if ints[at.HAS_REFERENCE] == 1 else 5 if ints[at.EXAMINES_OUTPUT] == 1 else 3
     if not (0 <= rows <= recent.shape[0] and recent.shape[1] >= columns):
+        return False
+    if not (is_known(ints) or ints[at.COLLECTS] == 1):
         return False
     heads = 0 <= ints[at.BUFFER_HEAD] < capacity and 0 <= ints[at.BUFFER_FILLED] <= capacity
     return heads and 0 <= ints[at.RECENT_HEAD] < max(rows, 1)

@@ -19,7 +19,7 @@ from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.lanes import LANES, all_within, vectors
 from replant.kernels.native import Cube, IntMatrix, Ints, Matrix, inlined, kernel
-from replant.kernels.soundness import is_laid_out
+from replant.kernels.soundness import is_known, is_laid_out
 from replant.kernels.step import fixed_filter
 from replant.kernels.step.ensemble_lanes import (
     ERROR,
@@ -119,7 +119,7 @@ def are_sound(ints, reals, banks, buffer, recent, apart):
         if not (0 <= rows <= recent.shape[0] and recent.shape[1] >= 3 and 0 <= own[at.RECENT_HEAD] < max(rows, 1)):
             return False
         same = own[at.ENTRIES] == ints[0, at.ENTRIES] and own[at.ORDER] == ints[0, at.ORDER]
-        if not (same and own[at.BATCH_SIZE] == ints[0, at.BATCH_SIZE]):
+        if not (same and is_known(own) and own[at.BATCH_SIZE] == ints[0, at.BATCH_SIZE]):
             return False
     return True
 

@@ -1,0 +1,163 @@
+"""The border between Python and the compiled kernels: what does not fit is an error in one line, and nothing runs."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.engine.state import State
+from replant.kernels import native
+from replant.kernels import schema as at
+from replant.kernels.filters.all_pole import fill_all_pole
+from replant.kernels.filters.autoregression import nested_models
+from replant.kernels.native import KERNELS, Kernel
+from replant.kernels.optimizers import covariance, gradient
+from replant.kernels.schema import Attention
+from replant.kernels.step import fixed_filter
+from replant.model.transfer_function import TransferFunction
+
+Call = tuple[Kernel, tuple[Any, ...]]
+
+
+@pytest.fixture(scope="module")
+def calls() -> list[Call]:
+    """Return one good call of many kernels, as they are called at work."""
+    found: dict[str, Call] = {}
+    call = Kernel.__call__
+
+    def noted(kernel: Kernel, *arguments: Any) -> Any:
+        found[kernel.name] = kernel, tuple(each.copy() if isinstance(each, np.ndarray) else each for each in arguments)
+        return call(kernel, *arguments)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Kernel, "__call__", noted)
+        generator = np.random.default_rng(0)
+        u = np.repeat(generator.choice([-1.0, 1.0], 60), 10)
+        y = TransferFunction([8.0, 40.0], [1.0, 3.0, 25.0]).simulate(u, 0.02) + 0.01 * generator.standard_normal(600)
+        rp.Identifier(rp.Structure(2, 1), 0.02).update_many(u, y)
+        rp.Identifier(rp.Structure(2, 1), 0.02, optimizer="amsgrad", instruments=True).update_many(u, y)
+        fixed = rp.Identifier(
+            rp.Structure(2, 1), 0.02, filter=rp.StateVariableFilter(10.0), scaling=None, optimizer=rp.AMSGrad(0.01),
+            instruments=False, replay=rp.Replay(capacity=40, batch_size=5),
+        )  # fmt: skip
+        fixed.clone().update_many(u, y)
+        rp.Ensemble(fixed, members=8).update_many(u, y)
+        fill_all_pole(np.array([1.0, -0.5]), np.ones((2, 5)), np.zeros((2, 5)), np.zeros(2))
+    return list(found.values())
+
+
+def wrong(arguments: tuple[Any, ...], chance: np.random.Generator) -> list[Any]:
+    """Return arguments of which one array is not as it was: shorter, longer, of another type, read-only, in steps."""
+    own: list[Any] = [each.copy() if isinstance(each, np.ndarray) else each for each in arguments]
+    place = chance.choice([number for number, each in enumerate(own) if isinstance(each, np.ndarray)])
+    array = own[place]
+    axis = int(chance.integers(array.ndim))
+    keep: list[Any] = [slice(None)] * array.ndim
+    keep[axis] = slice(int(chance.integers(array.shape[axis] + 1)))
+    changes = [
+        array[tuple(keep)].copy(),
+        np.concatenate([array, array], axis),
+        array.astype(np.float32),
+        array.astype(complex),
+        array.astype(">f8"),
+        np.asarray(array.tolist(), dtype=object),
+        array[..., None],
+        array.ravel()[:0],
+        np.broadcast_to(array, array.shape),
+        np.repeat(array, 2, axis)[tuple(slice(None, None, 2) if i == axis else slice(None) for i in range(array.ndim))],
+        np.asfortranarray(array),
+        memoryview(b"abc"),
+        None,
+        3.5,
+        "words",
+        list(array.ravel()[:3]),
+    ]
+    own[place] = changes[chance.integers(len(changes))]
+    return own
+
+
+def test_the_calls_are_of_most_kernels(calls: list[Call]) -> None:
+    names = {kernel.name for kernel in KERNELS if kernel.python.__module__.startswith("replant.")}
+    assert len(calls) >= 0.6 * len(names)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_whatever_comes_is_taken_or_refused_in_one_line(calls: list[Call], seed: int) -> None:
+    chance = np.random.default_rng(seed)
+    refused = []
+    for _ in range(700):
+        kernel, arguments = calls[chance.integers(len(calls))]
+        try:
+            kernel(*wrong(arguments, chance))
+        except (TypeError, ValueError) as error:
+            refused.append((kernel.name, str(error)))
+    assert len(refused) > 300
+    assert all(reason.startswith(name) and "\n" not in reason for name, reason in refused)
+
+
+def test_numbers_of_the_state_that_point_beyond_its_arrays_are_refused(calls: list[Call]) -> None:
+    chance = np.random.default_rng(1)
+    for kernel, arguments in calls:
+        if isinstance(arguments[0], np.ndarray) and arguments[0].dtype == np.int64:
+            for _ in range(100):
+                own = [each.copy() if isinstance(each, np.ndarray) else each for each in arguments]
+                slot = chance.integers(own[0].shape[-1])
+                own[0][..., slot] = chance.choice([-1, 10**6, 2**40, -(2**62)])
+                with suppress(ValueError):
+                    kernel(*own)
+
+
+def test_an_optimizer_whose_memory_is_too_small_is_refused(calls: list[Call]) -> None:
+    kernel, arguments = next(call for call in calls if call[0].name == "step.fixed_filter.steps")
+    ints = arguments[0].copy()
+    for code in gradient.MEMORY.keys() | covariance.MEMORY.keys():
+        ints[at.ALGORITHM] = code
+        if gradient.MEMORY.get(code, gradient.INTEGRALS).size(4) > ints[at.MEMORY_SIZE]:
+            with pytest.raises(ValueError, match="it must hold that is_sound"):
+                kernel(ints, *arguments[1:])
+
+
+def test_the_reason_names_kernel_and_argument() -> None:
+    good = [np.zeros(25), 1.0, np.zeros(25), np.zeros(5), np.zeros(30)]
+    for place, bad, reason in (
+        (0, np.zeros(25, np.float32), "sums is not of float64"),
+        (0, np.zeros((5, 5)), "sums has another number of dimensions"),
+        (2, np.zeros(50)[::2], "models is not contiguous, in C order"),
+        (2, np.broadcast_to(np.zeros(25), 25), "models is read-only"),
+        (3, 7, "variances is no array"),
+    ):
+        with pytest.raises(TypeError, match=f"nested_models: {reason}"):
+            nested_models(*good[:place], bad, *good[place + 1 :])
+    with pytest.raises(ValueError, match=r"nested_models: it must hold that work\.size >= "):
+        nested_models(*good[:4], np.zeros(29))
+    with pytest.raises(TypeError, match="takes 5 arguments, not 4"):
+        nested_models(*good[:4])
+    with pytest.raises(TypeError, match="real number"):
+        nested_models(good[0], "one", *good[2:])
+
+
+def test_what_is_only_read_may_lie_in_steps() -> None:
+    signals = np.random.default_rng(0).standard_normal((50, 2))
+    result, same = np.zeros((2, 50)), np.zeros((2, 50))
+    fill_all_pole(np.array([1.0, -0.5]), signals.T, result, np.zeros(2))
+    fill_all_pole(np.array([1.0, -0.5]), signals.T.copy(), same, np.zeros(2))
+    np.testing.assert_array_equal(result, same)
+
+
+def test_a_step_takes_four_numbers_once_its_gate_is_open() -> None:
+    identifier = rp.Identifier(rp.Structure(1), 0.1, filter=rp.StateVariableFilter(1.0), scaling=None, optimizer="adam")
+    state: State = identifier._state.copy()
+    step, gate = native.library().step(fixed_filter.step.name, state.arrays)
+    with pytest.raises(Attention):
+        step(1.0, 1.0, np.nan, np.nan)
+    gate[0] = native.OPEN
+    with pytest.raises(TypeError, match="four numbers"):
+        step(1.0, 1.0)
+    with pytest.raises(TypeError, match="real number"):
+        step(1.0, "one", np.nan, np.nan)
+    assert step(1, np.float64(1.0), np.nan, np.nan) == 1.0
+    assert state.samples == 1

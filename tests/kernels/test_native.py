@@ -1,0 +1,107 @@
+"""The native library: made anew where the kernels have changed, and what is said where it is missing."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.kernels import native
+from replant.kernels.filters.bank import whole_power
+from replant.kernels.filters.play_operator import fill_play, play
+from support.places import ROOT
+
+USE = "import numpy as np; from replant.kernels.filters.play_operator import play; print(play(np.array([3.0]), 1.0))"
+
+
+@pytest.fixture
+def clone(tmp_path: Path) -> Path:
+    """Return a copy of what the library is made of, with the library."""
+    unwanted = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(native.FOLDER, tmp_path / "src/replant/kernels", ignore=unwanted)
+    shutil.copytree(ROOT / "tools/translator", tmp_path / "tools/translator", ignore=unwanted)
+    for name in ("__init__.py", "errors.py"):
+        shutil.copy(native.FOLDER.parent / name, tmp_path / "src/replant")
+    return tmp_path
+
+
+def use(clone: Path, **more: str) -> subprocess.CompletedProcess[str]:
+    """Call a kernel of the copy."""
+    environment = {**os.environ, "PYTHONPATH": str(clone / "src"), **more}
+    return subprocess.run([sys.executable, "-c", USE], env=environment, capture_output=True, text=True, check=False)
+
+
+def test_an_edit_of_a_kernel_takes_effect_and_is_said_once(clone: Path) -> None:
+    assert (use(clone).stdout, use(clone).stderr) == ("[2.]\n", "")
+    edited = clone / "src/replant/kernels/filters/play_operator.py"
+    edited.write_text(edited.read_text().replace("held, v[k] - width)", "held, v[k] - 2.0 * width)"))
+    first, second = use(clone), use(clone)
+    assert (first.stdout, second.stdout) == ("[1.]\n", "[1.]\n")
+    assert re.fullmatch(r"replant: the source of the kernels has changed: compiling it .*\n", first.stderr)
+    assert second.stderr == ""
+
+
+def test_a_clone_without_the_library_makes_it(clone: Path) -> None:
+    shutil.rmtree(clone / "src/replant/kernels/compiled")
+    done = use(clone)
+    assert done.stdout == "[2.]\n"
+    assert "is not compiled yet: compiling it" in done.stderr
+
+
+def test_a_kernel_that_cannot_be_translated_is_named(clone: Path) -> None:
+    edited = clone / "src/replant/kernels/filters/play_operator.py"
+    edited.write_text(edited.read_text().replace("    held = 0.0", "    held = sorted([0.0])"))
+    done = use(clone)
+    assert done.returncode
+    last = done.stderr.strip().splitlines()[-1]
+    assert "the kernels cannot be compiled" in last
+    assert re.search(r"src/replant/kernels/filters/play_operator\.py:\d+: .*List is no part of the subset", last)
+
+
+def test_without_compiler_the_error_says_what_to_install(clone: Path, tmp_path: Path) -> None:
+    shutil.rmtree(clone / "src/replant/kernels/compiled")
+    (tmp_path / "ziglang.py").write_text("raise ImportError")
+    done = use(clone, PATH=str(tmp_path), CC="", PYTHONPATH=f"{clone / 'src'}:{tmp_path}")
+    assert done.stderr.strip().splitlines()[-1].endswith("(Debian: apt install gcc libc6-dev), or pip install ziglang")
+
+
+def test_an_installation_without_the_library_says_so(clone: Path) -> None:
+    shutil.rmtree(clone / "src/replant/kernels/compiled")
+    shutil.rmtree(clone / "tools")
+    done = use(clone)
+    assert "UnsupportedDependencyError: replant is installed without its compiled kernels" in done.stderr
+
+
+def test_interpreted_kernels_are_those_that_are_written() -> None:
+    v = np.array([1.0, -2.0, 3.0])
+    compiled = play(v, 0.5)
+    with native.interpreted():
+        np.testing.assert_array_equal(play(v, 0.5), compiled)
+        with pytest.raises(AttributeError):  # no array, no check
+            fill_play(None, 0.5, None)
+    with pytest.raises(TypeError, match="v is no array"):
+        fill_play(None, 0.5, None)
+
+
+@pytest.mark.parametrize("exponent", [0, 1, 2, 3, 8, 13])
+def test_whole_powers(exponent: int) -> None:
+    assert whole_power(1.5, exponent) == 1.5**exponent
+
+
+def test_a_state_with_shapes_of_its_own_is_sound() -> None:
+    """The size of each block is the polynomial that `soundness` takes it for, whatever the structure."""
+    from replant.kernels.soundness import is_laid_out
+
+    for poles in (1, 2, 5):
+        for zeros in range(poles):
+            identifier = rp.Identifier(rp.Structure(poles, zeros, delay=0.3), 0.1, optimizer="amsgrad")
+            for state in (identifier._state,):
+                assert is_laid_out(state.ints, state.reals.size, *state.banks.shape)
+                assert not is_laid_out(state.ints, state.reals.size - 1, *state.banks.shape)
