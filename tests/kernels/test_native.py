@@ -97,7 +97,7 @@ def test_whole_powers(exponent: int) -> None:
 
 def test_a_state_with_shapes_of_its_own_is_sound() -> None:
     """The size of each block is the polynomial that `soundness` takes it for, whatever the structure."""
-    from replant.kernels.soundness import is_laid_out
+    from replant.kernels.step.soundness import is_laid_out
 
     for poles in (1, 2, 5):
         for zeros in range(poles):

@@ -19,10 +19,10 @@ VARIANTS = ("plain", "avx2", "avx512")
 def entries(program: Program, kernels: list[Any]) -> list[tuple[Any, Function, list[str]]]:
     """Return each kernel with its translation and its requirements in C.
 
-    These may call what `kernels.soundness` has.
+    These may call what `kernels.step.soundness` has.
     """
     found = []
-    soundness = vars(importlib.import_module(f"{program.package}.soundness"))
+    soundness = vars(importlib.import_module(f"{program.package}.step.soundness"))
     for kernel in kernels:
         function = program.function(kernel.python, entry_kinds(kernel.python))
         function.know_arguments_alone()

@@ -251,7 +251,7 @@ class Expressions:
         if axis == kind.dimensions:
             if kind.strided:
                 at = f"({at}) * {code}.stride"
-            return f"{code}.p[{at}]", kind.element
+            return f"{code}.p[{bare(at)}]", kind.element
         if kind.strided and kind.dimensions - axis > 1:
             raise UnsupportedError(f"a part of a lane: {text}")
         own = Array(kind.element, kind.dimensions - axis, kind.strided)
@@ -264,8 +264,8 @@ class Expressions:
             upper = self.whole(part.upper) if part.upper else sizes[0]
             if kind == Array(kind.element, 1):
                 if part.upper:
-                    return f"{kind.name}_part({code}, {lower}, {upper})", own
-                return f"{kind.name}_from({code}, {lower})", own
+                    return f"{kind.name}_part({code}, {bare(lower)}, {bare(upper)})", own
+                return f"{kind.name}_from({code}, {bare(lower)})", own
             if lower != "0":
                 rest = product(code, axis + 1, kind.dimensions)
                 step = f"({lower}) * {rest}" if rest else lower
@@ -330,6 +330,18 @@ class Expressions:
         """Return the parameters whose arrays an expression may look into."""
         names = {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
         return set().union(*(self.roots.get(name, set()) for name in names))
+
+
+def bare(code: str) -> str:
+    """Return an expression without the parentheses around all of it."""
+    if not (code.startswith("(") and code.endswith(")")):
+        return code
+    depth = 0
+    for place, letter in enumerate(code):
+        depth += (letter == "(") - (letter == ")")
+        if depth == 0 and place < len(code) - 1:
+            return code
+    return code[1:-1]
 
 
 def product(code: str, first: int, dimensions: int) -> str:

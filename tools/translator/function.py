@@ -10,7 +10,7 @@ import tokenize
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from translator.expressions import Expressions, Value
+from translator.expressions import Expressions, Value, bare
 from translator.kinds import Array, Kind, Known, Tuple, UnsupportedError, describe, unify
 
 if TYPE_CHECKING:
@@ -150,13 +150,13 @@ class Function(Expressions):
             self.emit(f"{value[0]};")
             self.emit("return;")
         else:
-            self.emit(f"return {_bare(self.cast(value, self.returns))};")
+            self.emit(f"return {bare(self.cast(value, self.returns))};")
 
     def of_statement_If(self, node: ast.If) -> None:
         try:
             known = self.known(node.test)
         except KeyError:
-            self.emit(f"if ({_bare(self.truth(node.test))}) {{")
+            self.emit(f"if ({bare(self.truth(node.test))}) {{")
             self.block(node.body)
             self._otherwise(node.orelse)
             self.emit("}")
@@ -167,7 +167,7 @@ class Function(Expressions):
     def _otherwise(self, body: list[ast.stmt]) -> None:
         """Translate what is done else; ``elif`` stays on the level of its ``if``."""
         if len(body) == 1 and isinstance(body[0], ast.If) and not self._is_known(body[0].test):
-            self.emit(f"}} else if ({_bare(self.truth(body[0].test))}) {{")
+            self.emit(f"}} else if ({bare(self.truth(body[0].test))}) {{")
             self.block(body[0].body)
             self._otherwise(body[0].orelse)
         elif body:
@@ -182,7 +182,7 @@ class Function(Expressions):
         return True
 
     def of_statement_While(self, node: ast.While) -> None:
-        self.emit(f"while ({_bare(self.truth(node.test))}) {{")
+        self.emit(f"while ({bare(self.truth(node.test))}) {{")
         self.block(node.body)
         self.emit("}")
 
@@ -209,7 +209,7 @@ class Function(Expressions):
         self.kinds[name] = "i"
         stop, keep = self.whole(end), ""
         if not stop.isdigit() and not (stop.isidentifier() and stop not in written):
-            keep, stop = f", {name}_end = {_bare(stop)}", f"{name}_end"
+            keep, stop = f", {name}_end = {bare(stop)}", f"{name}_end"
         change = {"1": f"{name}++", "-1": f"{name}--"}.get(step, f"{name} += {step}")
         sign = ">" if step.startswith("-") else "<"
         self.emit(f"for (int64_t {name} = {first}{keep}; {name} {sign} {stop}; {change}) {{")
@@ -290,7 +290,7 @@ class Function(Expressions):
         """Keep a value under a name of its own."""
         self.temporaries += 1
         name = f"kept_{self.temporaries}"
-        self.emit(f"const {self.program.type_of(value[1])} {name} = {_bare(value[0])};")
+        self.emit(f"const {self.program.type_of(value[1])} {name} = {bare(value[0])};")
         return name
 
     def store(self, target: ast.expr, value: Value, source: ast.expr | None = None) -> None:
@@ -310,7 +310,7 @@ class Function(Expressions):
             place, own = self.expression(_loaded(target))
             if not isinstance(own, str):
                 raise UnsupportedError(f"{ast.unparse(target)} is {describe(own)} and is assigned as a whole")
-            self.emit(f"{place} = {_bare(self.cast(value, own))};")
+            self.emit(f"{place} = {bare(self.cast(value, own))};")
         else:
             raise UnsupportedError(f"{type(target).__name__} is assigned")
 
@@ -323,7 +323,7 @@ class Function(Expressions):
             self.roots[name] = self.roots.get(name, set()) | self.roots_of(source)
         if isinstance(kind, Known) or (name not in self.loaded and "(" not in code):
             return
-        text = _bare(self.cast(value, own))
+        text = bare(self.cast(value, own))
         if name in self.parameters or name in self.declared or name in self.hoisted:
             self.emit(f"{name} = {text};")
         elif self.depth == 1:
@@ -341,18 +341,6 @@ def _has_arrays(kind: Kind | None) -> bool:
 def _loaded(target: ast.expr) -> ast.expr:
     """Return what is assigned as what is read."""
     return ast.parse(ast.unparse(target), mode="eval").body
-
-
-def _bare(code: str) -> str:
-    """Return an expression without the parentheses around all of it."""
-    if not (code.startswith("(") and code.endswith(")")):
-        return code
-    depth = 0
-    for place, letter in enumerate(code):
-        depth += (letter == "(") - (letter == ")")
-        if depth == 0 and place < len(code) - 1:
-            return code
-    return code[1:-1]
 
 
 def _comments(source: str) -> dict[int, tuple[str, bool]]:

@@ -168,9 +168,9 @@ def _cuts(kind: Array) -> str:
     """Return the two functions that cut a part out of an array."""
     name = kind.name
     return (
-        f"static inline {name} {name}_from({name} array, int64_t first)\n"
+        f"INLINE {name} {name}_from({name} array, int64_t first)\n"
         f"{{\n    return ({name}){{ array.p + first, array.n0 - first }};\n}}\n"
-        f"static inline {name} {name}_part({name} array, int64_t first, int64_t end)\n"
+        f"INLINE {name} {name}_part({name} array, int64_t first, int64_t end)\n"
         f"{{\n    return ({name}){{ array.p + first, end - first }};\n}}"
     )
 

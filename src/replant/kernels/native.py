@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -34,6 +34,16 @@ INTS, REALS, BANKS, BUFFER, RECENT, GATE, KIND, SIZE = 0, 2, 4, 7, 10, 13, 14, 1
 """Places in the table of a bound step: addresses and shapes of five arrays, the gate, which step; its size [index]."""
 OPEN, SHUT = 0, 1
 """Values of the gate: samples are taken, or refused because another call is under way [number]."""
+
+# What must hold of a state's arrays, see `replant.kernels.step.soundness`.
+LAID_OUT: Final = "is_laid_out(ints, reals.size, banks.shape[0], banks.shape[1])"
+IS_SOUND: Final = "is_sound(ints, reals, banks, buffer, recent)"
+#: Of kernels that take many samples.
+AS_MANY: Final = (
+    "y.size == u.size and errors.size >= u.size",
+    "(t.size == 0 or t.size == u.size) and (r.size == 0 or r.size == u.size)",
+    "parameters.shape[0] >= u.size and 0 <= parameters.shape[1] <= ints[at.ENTRIES]",
+)
 
 _interpreted = False
 
@@ -161,7 +171,7 @@ def library() -> Library:
     builder = _builder()
     if builder is not None and _source_of(LIBRARY) != source_hash(FOLDER, builder):
         reason = "has changed" if LIBRARY.exists() else "is not compiled yet"
-        print(f"replant: the source of the kernels {reason}: compiling it (once, some seconds)", file=sys.stderr)
+        sys.stderr.write(f"replant: the source of the kernels {reason}: compiling it (once, some seconds)\n")
         _build(builder)
     if not LIBRARY.exists():
         raise UnsupportedDependencyError(

@@ -8,8 +8,7 @@ from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters.reflection import reflect
 from replant.kernels.filters.routh import all_left_of, bandwidth, slowest_decay
-from replant.kernels.native import Ints, Matrix, Reals, kernel
-from replant.kernels.soundness import LAID_OUT
+from replant.kernels.native import LAID_OUT, Ints, Matrix, Reals, kernel
 
 WARM_TIME_CONSTANTS = 10.0
 """Time that a bank with a new model warms up before it takes over [slowest time constants of the model].

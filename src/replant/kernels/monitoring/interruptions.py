@@ -9,11 +9,10 @@ from replant.kernels.filters import bank as bk
 from replant.kernels.filters import whitening
 from replant.kernels.filters.routh import slowest_decay
 from replant.kernels.monitoring import residual_colour
-from replant.kernels.native import Ints, Matrix, Reals, kernel
+from replant.kernels.native import LAID_OUT, Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers import covariance as second
 from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
 from replant.kernels.optimizers.memory import place
-from replant.kernels.soundness import LAID_OUT
 
 INPUT_LEAP = 1e3
 """Distance beyond which an input leaps [largest moving standard deviations that it so far had].

@@ -11,9 +11,8 @@ import numpy as np
 
 from replant.kernels import schema as at
 from replant.kernels.monitoring.interruptions import input_leaps, input_rests, interval_of, is_far
-from replant.kernels.native import Ints, Matrix, Reals, kernel
+from replant.kernels.native import AS_MANY, IS_SOUND, Ints, Matrix, Reals, kernel
 from replant.kernels.schema import Doubt
-from replant.kernels.soundness import AS_MANY, IS_SOUND
 from replant.kernels.step.stages import (
     acceptable,
     keep_guarded_sample,

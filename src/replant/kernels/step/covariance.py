@@ -19,10 +19,9 @@ from replant.kernels.monitoring.interruptions import (
     interval_of,
     is_far,
 )
-from replant.kernels.native import Ints, Matrix, Reals, kernel
+from replant.kernels.native import AS_MANY, IS_SOUND, Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers import covariance as loops
 from replant.kernels.schema import Alarm, Doubt
-from replant.kernels.soundness import AS_MANY, IS_SOUND
 from replant.kernels.step.stages import (
     acceptable,
     cut_estimate,

@@ -19,7 +19,6 @@ from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.lanes import LANES, all_within, vectors
 from replant.kernels.native import Cube, IntMatrix, Ints, Matrix, inlined, kernel
-from replant.kernels.soundness import is_known, is_laid_out
 from replant.kernels.step import fixed_filter
 from replant.kernels.step.ensemble_lanes import (
     ERROR,
@@ -36,6 +35,7 @@ from replant.kernels.step.ensemble_lanes import (
 )
 from replant.kernels.step.ensemble_replay import update_estimate
 from replant.kernels.step.ensemble_tiles import deliver, fetch
+from replant.kernels.step.soundness import is_known, is_laid_out
 from replant.kernels.step.stages import cut_estimate, mapped_input
 
 

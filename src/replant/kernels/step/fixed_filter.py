@@ -10,9 +10,8 @@ import numpy as np
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain
-from replant.kernels.native import Ints, Matrix, Reals, inlined, kernel
+from replant.kernels.native import AS_MANY, IS_SOUND, Ints, Matrix, Reals, inlined, kernel
 from replant.kernels.optimizers import gradient as loops
-from replant.kernels.soundness import AS_MANY, IS_SOUND
 from replant.kernels.step.stages import (
     acceptable,
     cut_estimate,

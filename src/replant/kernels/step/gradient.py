@@ -11,9 +11,8 @@ from replant.kernels import schema as at
 from replant.kernels.filters import chain
 from replant.kernels.monitoring import outliers
 from replant.kernels.monitoring.interruptions import input_rests, interval_of
-from replant.kernels.native import Ints, Matrix, Reals, kernel
+from replant.kernels.native import AS_MANY, IS_SOUND, Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers import gradient as loops
-from replant.kernels.soundness import AS_MANY, IS_SOUND
 from replant.kernels.step.stages import (
     acceptable,
     cut_estimate,

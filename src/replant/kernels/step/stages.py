@@ -20,10 +20,9 @@ from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain, whitening
 from replant.kernels.monitoring import residual_colour
-from replant.kernels.native import Ints, Matrix, Reals, inlined, kernel
+from replant.kernels.native import LAID_OUT, Ints, Matrix, Reals, inlined, kernel
 from replant.kernels.optimizers.random_stream import draw_below
 from replant.kernels.schema import LAGS, Doubt
-from replant.kernels.soundness import LAID_OUT
 
 KEEP_AFTER_PART = 8
 """Part by which the samples must have grown until the estimate is kept again [part: one in so many].

@@ -10,15 +10,6 @@ from replant.kernels.filters import bank as bk
 from replant.kernels.optimizers import covariance, gradient
 from replant.kernels.schema import FIXED, LAGUERRE, StateSlots
 
-LAID_OUT: Final = "is_laid_out(ints, reals.size, banks.shape[0], banks.shape[1])"
-IS_SOUND: Final = "is_sound(ints, reals, banks, buffer, recent)"
-#: Of kernels that take many samples.
-AS_MANY: Final = (
-    "y.size == u.size and errors.size >= u.size",
-    "(t.size == 0 or t.size == u.size) and (r.size == 0 or r.size == u.size)",
-    "parameters.shape[0] >= u.size and 0 <= parameters.shape[1] <= ints[at.ENTRIES]",
-)
-
 MOST: Final = 1 << 24
 """Sizes beyond which their products might leave int64 [count]."""
 
