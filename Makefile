@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: demo build test docs docs-serve slow lint types check bench bench-fleet bench-live regression soak fuzz faults accuracy campaign steps recorded public-logs sensitivity pages clean help
+.PHONY: demo build wheels wheels-test test docs docs-serve slow lint types check bench bench-fleet bench-live regression soak fuzz faults accuracy campaign steps recorded public-logs sensitivity pages clean help
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -20,6 +20,16 @@ $(READY): pyproject.toml constraints.txt hatch_build.py
 
 build: $(READY)  ## compile the kernels: after an edit of one; in seconds
 	cd tools && ../$(BIN)/python -m translator.library $(ARGS)
+
+$(VENV)/.wheels: $(READY)
+	$(PIP_INSTALL) --editable '.[wheels]'
+	touch $@
+
+wheels: $(VENV)/.wheels  ## wheels for Linux, macOS and Windows, from this machine; in dist
+	$(BIN)/python tools/wheels.py
+
+wheels-test: $(VENV)/.wheels  ## install the wheel of this system without a compiler, and identify a plant with it
+	$(BIN)/python tools/wheels.py --try
 
 demo: $(READY)   ## identify a simulated actuator while it runs; plots in out/demo
 	$(BIN)/replant demo

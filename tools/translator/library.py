@@ -110,7 +110,7 @@ def build(path: Path, *, target: str | None = None, keep: Path | None = None, mo
                 own = [*FLAGS, *given, *flags, f"-DVARIANT={variant}", "-c", str(folder / "lanes.c")]
                 jobs.append([*command, *own, "-o", str(objects[-1])])
         whole = Path(made, path.name)
-        link = [*command, "-shared", *map(str, objects), "-o", str(whole)]
+        link = [*command, "-shared", "-s", *map(str, objects), "-o", str(whole)]
         if "windows" not in (target or sys.platform).replace("win32", "windows"):
             link.append("-lm")
         _run_together(jobs)
