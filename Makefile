@@ -22,7 +22,7 @@ build: $(READY)  ## compile the kernels: after an edit of one; in seconds
 	cd tools && ../$(BIN)/python -m translator.library $(ARGS)
 
 $(VENV)/.wheels: $(READY)
-	$(PIP_INSTALL) --editable '.[wheels]'
+	$(PIP_INSTALL) auditwheel ziglang
 	touch $@
 
 wheels: $(VENV)/.wheels  ## wheels for Linux, macOS and Windows, from this machine; in dist
