@@ -15,6 +15,7 @@ UPLOT = src/replant/report/assets/uplot
 $(READY): pyproject.toml constraints.txt hatch_build.py
 	$(PYTHON) -m venv $(VENV)
 	$(PIP_INSTALL) --editable '.[dev]'
+	command -v $${CC:-cc} >/dev/null || $(PIP_INSTALL) ziglang  # else edits of a kernel could not be compiled
 	test -d $(UPLOT) || $(PIP_INSTALL) --no-deps uplot-python  # without npm: of this package one file is used
 	touch $@
 

@@ -148,7 +148,7 @@ def ensembles(figures: Figures) -> str:
         return f"{row['ratio']:.2f} ({low:.2f}..{high:.2f})"
 
     text = (
-        "`Ensemble` steps sixteen members in the lanes of one SIMD vector. The table has the updates/s of all "
+        "`Ensemble` steps eight members in the lanes of one SIMD vector. The table has the updates/s of all "
         "members together on one thread, and their ratio to one identifier in the same run, with chunks of the same "
         "length. The data of one identifier fit into the first-level caches, those of many members into the "
         "last-level cache or only into memory. Longer chunks, more members, separate buffers, and other programs "
