@@ -56,6 +56,8 @@ class UPlotHook(BuildHookInterface):  # type: ignore[type-arg]
 class PackageHook(UPlotHook):
     """Compiles the kernels as well, for a wheel or an editable installation."""
 
+    _folder: tempfile.TemporaryDirectory[str] | None = None  # of the library for a wheel
+
     def dependencies(self) -> list[str]:
         """Return what the build needs beside what pyproject.toml says: a compiler, where there is none."""
         own = "REPLANT_WHEEL" not in os.environ and (os.environ.get("CC") or shutil.which("cc"))
@@ -81,6 +83,11 @@ class PackageHook(UPlotHook):
         )
         if done.returncode:
             raise SystemExit(f"replant: the kernels cannot be compiled: {done.stderr.strip()}")
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        """Remove what was made for the wheel, which now has it."""
+        if self._folder is not None:
+            self._folder.cleanup()
 
 
 def get_build_hook() -> type[PackageHook]:

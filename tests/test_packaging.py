@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import io
+import re
 import tarfile
 import tomllib
 import zipfile
@@ -12,6 +13,7 @@ from email import message_from_string
 from importlib import metadata
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import pytest
 from hatchling.builders.sdist import SdistBuilder
@@ -128,6 +130,52 @@ def test_without_npm_or_network_the_build_says_so_and_goes_on(
         f"uPlot is left out: {reason}. The report and the dashboard need it."
         for reason in ("there is no npm", "`npm pack uplot@1.6.32` failed: no network")
     ]
+
+
+# --- the native library
+
+
+def test_a_compiler_is_asked_for_where_there_is_none(
+    hook: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def asked(target: str) -> list[str]:
+        own: list[str] = hook.PackageHook(str(ROOT), {}, None, None, str(tmp_path), target, None).dependencies()
+        return own
+
+    assert hook.get_build_hook() is hook.PackageHook
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.delenv("REPLANT_WHEEL", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert (asked("wheel"), asked("sdist")) == (["ziglang>=0.13"], [])
+    monkeypatch.setenv("CC", "some-cc")
+    assert asked("wheel") == []
+    monkeypatch.setenv("REPLANT_WHEEL", "aarch64-linux-gnu:manylinux_2_17_aarch64")
+    assert asked("wheel") == ["ziglang>=0.13"]
+
+
+def test_the_wheel_of_this_system_has_its_library(
+    hook: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("REPLANT_WHEEL", raising=False)
+    monkeypatch.setattr(hook, "provide", lambda folder: None)
+    monkeypatch.syspath_prepend(str(ROOT / "tools"))
+    import wheels
+
+    build_data: dict[str, Any] = {"force_include": {}}
+    builder = hook.PackageHook(str(ROOT), {}, None, None, str(tmp_path), "wheel", SimpleNamespace())
+    builder.initialize("standard", build_data)
+    assert build_data["pure_python"] is False
+    assert re.fullmatch(r"py3-none-\w+", build_data["tag"])
+    ((library, place),) = build_data["force_include"].items()
+    with zipfile.ZipFile(tmp_path / "good.whl", "w") as archive:
+        archive.write(library, place)
+    builder.finalize("standard", build_data, "")
+    assert not Path(library).exists()
+    wheels.check(tmp_path / "good.whl")
+    with zipfile.ZipFile(tmp_path / "bad.whl", "w") as archive:
+        archive.writestr("replant/__init__.py", "")
+    with pytest.raises(SystemExit, match=r"bad\.whl has no library"):
+        wheels.check(tmp_path / "bad.whl")
 
 
 # --- licences
