@@ -10,6 +10,7 @@ import pytest
 
 import replant as rp
 from replant.assessment import Assessment
+from support.builders import binary
 from support.loops import DT as LOOP_DT
 from support.loops import closed_loop, coloured
 
@@ -170,6 +171,36 @@ def test_an_input_that_never_moved_is_constant() -> None:
     assert verdict.status == "not excited"
     assert said(verdict, NEVER)
     assert not said(verdict, RESTED)
+
+
+# --- a plant that changes half-way
+
+CHANGED = "the plant seems to have changed"
+
+
+def halves(seed: int, gain: float, load: float, what: str = "gain") -> rp.Assessment:
+    """The verdict of `fit` on 2,000 samples, under noise of a quarter of the output."""
+    u, after = binary(seed, 2000, 10), np.arange(2000) >= 1000
+    if what == "input":  # it moves less from then on
+        u = np.where(after, 0.3 * u, u)
+    y = rp.TransferFunction([2.0], [1.0, 1.0]).simulate(u, 0.1) * np.where(after, gain, 1.0) + load * after
+    noise = 0.25 * y.std() * np.random.default_rng([seed, 3]).standard_normal(2000)
+    if what == "noise":
+        noise = np.where(after, 2.0 * noise, noise)
+    return rp.fit(u, y + noise, 0.1, rp.Structure(1)).verdict
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_plant_that_changes_half_way_has_changed(seed: int) -> None:
+    verdict = halves(seed, 1.25, 0.0)
+    assert verdict.status == "inconsistent"
+    assert said(verdict, CHANGED)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("load", "what"), [(0.0, ""), (1.0, ""), (0.0, "noise"), (0.0, "input")])
+def test_a_load_other_noise_or_another_input_is_no_change_of_the_plant(load: float, what: str, seed: int) -> None:
+    assert not said(halves(seed, 1.0, load, what), CHANGED)
 
 
 # --- what makes an estimate better known
