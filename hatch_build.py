@@ -71,16 +71,14 @@ class PackageHook(UPlotHook):
         target, _, tag = os.environ.get("REPLANT_WHEEL", "").partition(":")
         here = sysconfig.get_platform().replace("-", "_").replace(".", "_")
         build_data["pure_python"], build_data["tag"] = False, f"py3-none-{tag or here}"
-        command = [sys.executable, "-m", "translator.library"]
+        command = [sys.executable, str(Path(self.root, "tools/translator/library.py"))]
         if version != "editable":
             self._folder = tempfile.TemporaryDirectory()
             suffix = next((end for word, end in SUFFIXES.items() if word in (target or sys.platform)), "so")
             path = Path(self._folder.name, f"libreplant.{suffix}")
             build_data["force_include"][str(path)] = f"replant/kernels/compiled/{path.name}"
             command += ["--out", str(path), *(["--target", target] if target else [])]
-        done = subprocess.run(
-            command, cwd=Path(self.root, "tools"), capture_output=True, text=True, errors="replace", check=False
-        )
+        done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
         if done.returncode:
             raise SystemExit(f"replant: the kernels cannot be compiled: {done.stderr.strip()}")
 

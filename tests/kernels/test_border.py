@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from contextlib import suppress
 from typing import Any
 
@@ -12,12 +13,14 @@ import replant as rp
 from replant.engine.state import State
 from replant.kernels import native
 from replant.kernels import schema as at
+from replant.kernels.filters import bank
 from replant.kernels.filters.all_pole import fill_all_pole
 from replant.kernels.filters.autoregression import nested_models
 from replant.kernels.native import KERNELS, Kernel
 from replant.kernels.optimizers import covariance, gradient
 from replant.kernels.schema import Attention
-from replant.kernels.step import fixed_filter
+from replant.kernels.step import covariance as covariance_steps
+from replant.kernels.step import fixed_filter, soundness
 from replant.model.transfer_function import TransferFunction
 
 Call = tuple[Kernel, tuple[Any, ...]]
@@ -109,6 +112,47 @@ def test_numbers_of_the_state_that_point_beyond_its_arrays_are_refused(calls: li
                 own[0][..., slot] = chance.choice([-1, 10**6, 2**40, -(2**62)])
                 with suppress(ValueError):
                     kernel(*own)
+
+
+def running(**settings: Any) -> rp.Identifier:
+    """An identifier that has taken some samples one by one."""
+    u = np.where(np.random.default_rng(0).random(700) < 0.5, 1.0, -1.0)
+    identifier = rp.Identifier(rp.Structure(1), 0.1, **settings)
+    identifier.update_many(u, rp.TransferFunction([1.0], [1.0, 1.0]).simulate(u, 0.1))
+    identifier.update(1.0, 1.0)
+    return identifier
+
+
+def damaged(identifier: rp.Identifier, array: str, place: Any, value: float) -> rp.Identifier:
+    """Return what a pickle that has been tampered with gives."""
+    again: rp.Identifier = pickle.loads(pickle.dumps(identifier))
+    getattr(again._state, array)[place] = value
+    return again
+
+
+@pytest.mark.parametrize(
+    "settings", [{}, {"filter": rp.StateVariableFilter(1.0), "optimizer": "adam", "scaling": None}]
+)
+def test_neither_one_sample_nor_many_are_taken_by_a_state_that_points_beyond_its_arrays(settings: dict) -> None:
+    identifier = running(**settings)
+    ints, state = identifier._state.ints, identifier._state
+    wrong = [("ints", slot, 2**40) for slot in (at.RING_HEAD, at.BUFFER_HEAD, at.RECENT_HEAD)]
+    places = soundness.PLACES if not settings else ()
+    wrong += [("reals", ints[begin] + place, bad) for begin, place, _ in places for bad in (1e12, -1.0, np.nan)]
+    wrong += [("banks", (0, bank.NEXT), bad) for bad in (1e12, np.nan)]
+    assert state.arrays[0] is ints
+    for array, place, value in wrong:
+        for take in (lambda own: own.update(1.0, 1.0), lambda own: own.update_many([1.0, 1.0], [1.0, 1.0])):
+            with pytest.raises(ValueError, match=r"the state is damaged|it must hold that is_sound"):
+                take(damaged(identifier, array, place, value))
+
+
+def test_a_state_that_says_that_it_collects_is_not_taken_for_one_that_learns() -> None:
+    state = running()._state
+    state.ints[at.COLLECTS], state.ints[at.RING_HEAD] = 1, 2**40
+    one = np.ones(1)
+    with pytest.raises(ValueError, match="COLLECTS"):
+        covariance_steps.steps(*state.arrays, one, one, np.empty(0), np.empty(0), one.copy(), np.empty((1, 0)))
 
 
 def test_an_optimizer_whose_memory_is_too_small_is_refused(calls: list[Call]) -> None:

@@ -28,13 +28,11 @@ VARIANTS = {"plain": (), "avx2": ("-mavx2",), "avx512": ("-mavx512f", "-mprefer-
 X86 = ("x86_64", "amd64", "AMD64")
 
 
+ADVICE = "install one (Debian: apt install gcc libc6-dev), or pip install ziglang"
+
+
 class BuildError(Exception):
     """The library cannot be made; the message says what to install."""
-
-
-def has_compiler() -> bool:
-    """Return whether a C compiler is there, other than that of ziglang."""
-    return bool(os.environ.get("CC") or shutil.which("cc"))
 
 
 def compiler(target: str | None = None) -> list[str]:
@@ -52,9 +50,7 @@ def compiler(target: str | None = None) -> list[str]:
     try:
         importlib.import_module("ziglang")
     except ImportError:
-        raise BuildError(
-            "no C compiler: install one (Debian: apt install gcc libc6-dev), or pip install ziglang"
-        ) from None
+        raise BuildError(f"there is no C compiler: {ADVICE}") from None
     return [sys.executable, "-m", "ziglang", "cc", *(["-target", target] if target else [])]
 
 
@@ -129,7 +125,9 @@ def _run_together(commands: list[list[str]]) -> None:
     for command, process in zip(commands, running, strict=True):
         said = process.communicate()[0]
         if process.returncode:
-            raise BuildError(f"{shlex.join(command)} failed: {said.strip()[-2000:]}")
+            lines = [line for line in said.splitlines() if line.strip()] or ["it says nothing"]
+            reason = next((line for line in lines if "error" in line or "fatal" in line), lines[0])
+            raise BuildError(f"the C compiler {command[0]} ends with {process.returncode}: {reason.strip()}; {ADVICE}")
 
 
 def main() -> None:
@@ -146,6 +144,9 @@ def main() -> None:
         build(arguments.out or native.LIBRARY, target=arguments.target, keep=arguments.keep)
     except BuildError as error:
         raise SystemExit(str(error)) from None
+    except (OSError, ValueError) as error:
+        reason = f"{error}: see to it that CC names a C compiler, and that the folder can be written"
+        raise SystemExit(reason) from None
 
 
 if __name__ == "__main__":

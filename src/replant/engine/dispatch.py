@@ -48,7 +48,11 @@ def bound_step(state: State, kernel: Kernel, preprocess: Preprocess) -> tuple[St
     preprocess : Preprocess
     """
     from replant.kernels.native import library
+    from replant.kernels.step.soundness import is_sound
 
+    # a step looks at nothing by itself; kernels that take many samples look each time
+    if not is_sound(*state.arrays):
+        raise ValueError("the state is damaged: its arrays are not as long as its own numbers say")
     call, gate = library().step(kernel.name, state.arrays)
     if callable(preprocess.input_map):
         return lambda u, y, t, r: call(float(preprocess.call_map(np.array([u]))[0]), y, t, r), gate

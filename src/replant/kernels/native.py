@@ -38,6 +38,8 @@ OPEN, SHUT = 0, 1
 # What must hold of a state's arrays, see `replant.kernels.step.soundness`.
 LAID_OUT: Final = "is_laid_out(ints, reals.size, banks.shape[0], banks.shape[1])"
 IS_SOUND: Final = "is_sound(ints, reals, banks, buffer, recent)"
+#: Of kernels that go on from an estimate: what a state that still collects has not filled in is looked at as well.
+LEARNS: Final = "ints[at.COLLECTS] == 0"
 #: Of kernels that take many samples.
 AS_MANY: Final = (
     "y.size == u.size and errors.size >= u.size",
@@ -120,7 +122,12 @@ class Library:
     def __init__(self, path: Path) -> None:
         from replant.kernels.schema import Attention
 
-        self._library = ctypes.CDLL(str(path))
+        try:
+            self._library = ctypes.CDLL(str(path))
+        except OSError as error:
+            raise UnsupportedDependencyError(
+                f"the compiled kernels, {path.name}, do not load ({error}): install replant again, or make build"
+            ) from None
         for name in ("replant_source", "replant_name"):
             getattr(self._library, name).restype = ctypes.c_char_p
         for name in ("replant_call_definition", "replant_step_definition"):
@@ -151,10 +158,15 @@ class Library:
         room = bytearray(8 * SIZE)
         table: np.ndarray[Any, np.dtype[np.int64]] = np.frombuffer(room, np.int64)
         numbers: list[int] = []
-        for array in arrays:
-            assert array.flags.c_contiguous
+        for place, array in enumerate(arrays):
+            kind = np.float64 if place else np.int64
+            if array.dtype != kind or not (array.flags.c_contiguous and array.flags.writeable):
+                raise ValueError(f"{name}: array {place} of the state is not {kind.__name__}, contiguous and writable")
             numbers += [array.ctypes.data, *array.shape]
-        table[:] = [*numbers, SHUT, self._library.replant_step_number(name.encode())]
+        number = self._library.replant_step_number(name.encode())
+        if number < 0 or len(numbers) != GATE:
+            raise ValueError(f"{name} is no step kernel, or these are not the arrays of a state")
+        table[:] = [*numbers, SHUT, number]
         call = self._new(self._library.replant_step_definition(), (room, *arrays), None)
         return call, table[GATE : GATE + 1]
 
@@ -171,7 +183,8 @@ def library() -> Library:
     builder = _builder()
     if builder is not None and _source_of(LIBRARY) != source_hash(FOLDER, builder):
         reason = "has changed" if LIBRARY.exists() else "is not compiled yet"
-        sys.stderr.write(f"replant: the source of the kernels {reason}: compiling it (once, some seconds)\n")
+        if sys.stderr is not None:
+            sys.stderr.write(f"replant: the source of the kernels {reason}: compiling it (once, some seconds)\n")
         _build(builder)
     if not LIBRARY.exists():
         raise UnsupportedDependencyError(
@@ -184,7 +197,8 @@ def library() -> Library:
 def source_hash(kernels: Path, builder: Path) -> str:
     """Return the hash of all that the library is made from."""
     digest = hashlib.sha256()
-    for path in sorted([*kernels.rglob("*.py"), *builder.glob("*.[pch]*")]):
+    made_from = [*kernels.rglob("*.py"), *(path for suffix in ("py", "c", "h") for path in builder.glob(f"*.{suffix}"))]
+    for path in sorted(path for path in made_from if not path.name.startswith(".")):  # an editor's locks are no source
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:32]
@@ -206,8 +220,8 @@ def _source_of(path: Path) -> str:
 def _build(builder: Path) -> None:
     import subprocess
 
-    command = [sys.executable, "-m", "translator.library"]
-    done = subprocess.run(command, cwd=builder.parent, capture_output=True, text=True, errors="replace", check=False)
+    command = [sys.executable, str(builder / "library.py")]
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
     if done.returncode:
         said = done.stderr.strip().splitlines() or ["no reason given"]
         raise UnsupportedDependencyError(f"the kernels cannot be compiled: {said[-1]}")

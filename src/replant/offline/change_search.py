@@ -88,13 +88,13 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
 
     Examples
     --------
+    >>> from replant.model.transfer_function import TransferFunction
     >>> u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 300), 10)
     >>> gain = np.where(np.arange(u.size) < 2000, 1.0, 1.1)  # of a plant that follows at once, nearly
-    >>> noise = 0.1 * np.random.default_rng(1).standard_normal(u.size)
-    >>> y = rp.TransferFunction([5.0], [1.0, 5.0]).simulate(u, 0.1)
-    >>> fit = rp.fit(u, gain * y + noise, 0.1, rp.Structure(1))
-    >>> record = Record(u, gain * y + noise, np.array([0.1]))
-    >>> abs(begin_of_change(rp.Structure(1), record, np.append(fit.parameters, [0.0, 0.0])) - 2000) < 100
+    >>> y = gain * TransferFunction([5.0], [1.0, 5.0]).simulate(u, 0.1)
+    >>> record = Record(u, y + 0.1 * np.random.default_rng(1).standard_normal(u.size), np.array([0.1]))
+    >>> model = np.array([5.0, 5.17, 0.0, 0.0])  # of all samples
+    >>> abs(begin_of_change(Structure(1), record, model) - 2000) < 100
     True
     """
     size, fewest = structure.coefficients, least_since(structure)

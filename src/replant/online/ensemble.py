@@ -343,7 +343,7 @@ class Ensemble(Shared):
         """Take the samples from ``start`` on as a single identifier does."""
         u, y, errors, parameters = chunk
         member, end, own_u, own_y = self._members[number], len(u), number * (u.shape[1] > 1), number * (y.shape[1] > 1)
-        if errors.shape[0] == 1 and not parameters.size:  # of one sample alone: many need not compile what takes one
+        if errors.shape[0] == 1 and not parameters.size:
             errors[0, number] = member.update(float(u[0, own_u]), float(y[0, own_y]))
             return
         trace = member.update_many(u[start:, own_u], y[start:, own_y])

@@ -404,8 +404,7 @@ class Identifier(Estimate):
         InvalidArgumentError, ArgumentTypeError
             If shapes or types do not fit; the state stays as it was.
         """
-        # kernels are compiled for arrays that can be written to
-        u, y = (array if array.flags.writeable else array.copy() for array in record(u, y))
+        u, y = record(u, y)
         r = self._references(r, u.size)
         t = self._stamps(t, u.size)
         trace = Trace(self.names, self.parameters, np.empty((u.size, self.structure.size)), np.full(u.size, np.nan),

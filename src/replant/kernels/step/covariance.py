@@ -19,7 +19,7 @@ from replant.kernels.monitoring.interruptions import (
     interval_of,
     is_far,
 )
-from replant.kernels.native import AS_MANY, IS_SOUND, Ints, Matrix, Reals, kernel
+from replant.kernels.native import AS_MANY, IS_SOUND, LEARNS, Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers import covariance as loops
 from replant.kernels.schema import Alarm, Doubt
 from replant.kernels.step.stages import (
@@ -112,7 +112,7 @@ def take(ints, reals, banks, buffer, recent, u, y, t, r):
     return reals[at.ERROR] * reals[at.OUTPUT_SCALE]
 
 
-@kernel(IS_SOUND)
+@kernel(IS_SOUND, LEARNS)
 def step(
     ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: float, y: float, t: float, r: float
 ):  # fmt: skip
@@ -120,7 +120,7 @@ def step(
     return take(ints, reals, banks, buffer, recent, u, y, t, r)
 
 
-@kernel(IS_SOUND, *AS_MANY)
+@kernel(IS_SOUND, LEARNS, *AS_MANY)
 def steps(
     ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: Reals, y: Reals, t: Reals, r: Reals,
     errors: Reals, parameters: Matrix,

@@ -10,7 +10,7 @@ import numpy as np
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain
-from replant.kernels.native import AS_MANY, IS_SOUND, Ints, Matrix, Reals, inlined, kernel
+from replant.kernels.native import AS_MANY, IS_SOUND, LEARNS, Ints, Matrix, Reals, inlined, kernel
 from replant.kernels.optimizers import gradient as loops
 from replant.kernels.step.stages import (
     acceptable,
@@ -225,7 +225,7 @@ def take(ints, reals, banks, buffer, recent, cuts, u, y):
     return error * reals[at.OUTPUT_SCALE]
 
 
-@kernel(IS_SOUND)
+@kernel(IS_SOUND, LEARNS)
 def step(
     ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: float, y: float, t: float, r: float
 ):  # fmt: skip
@@ -238,7 +238,7 @@ def step(
     return take(ints, reals, banks, buffer, recent, cut(ints, reals, banks), u, y)
 
 
-@kernel(IS_SOUND, *AS_MANY)
+@kernel(IS_SOUND, LEARNS, *AS_MANY)
 def steps(
     ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: Reals, y: Reals, t: Reals, r: Reals,
     errors: Reals, parameters: Matrix,

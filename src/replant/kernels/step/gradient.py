@@ -11,7 +11,7 @@ from replant.kernels import schema as at
 from replant.kernels.filters import chain
 from replant.kernels.monitoring import outliers
 from replant.kernels.monitoring.interruptions import input_rests, interval_of
-from replant.kernels.native import AS_MANY, IS_SOUND, Ints, Matrix, Reals, kernel
+from replant.kernels.native import AS_MANY, IS_SOUND, LEARNS, Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers import gradient as loops
 from replant.kernels.step.stages import (
     acceptable,
@@ -61,7 +61,7 @@ def take(ints, reals, banks, buffer, recent, u, y, t, r):
     return error * reals[at.OUTPUT_SCALE]
 
 
-@kernel(IS_SOUND)
+@kernel(IS_SOUND, LEARNS)
 def step(
     ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: float, y: float, t: float, r: float
 ):  # fmt: skip
@@ -69,7 +69,7 @@ def step(
     return take(ints, reals, banks, buffer, recent, u, y, t, r)
 
 
-@kernel(IS_SOUND, *AS_MANY)
+@kernel(IS_SOUND, LEARNS, *AS_MANY)
 def steps(
     ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: Reals, y: Reals, t: Reals, r: Reals,
     errors: Reals, parameters: Matrix,

@@ -8,7 +8,7 @@ from typing import Final
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.optimizers import covariance, gradient
-from replant.kernels.schema import FIXED, LAGUERRE, StateSlots
+from replant.kernels.schema import FIXED, LAGUERRE, ColourSlots, NoiseSlots, PathSlots, StateSlots
 
 MOST: Final = 1 << 24
 """Sizes beyond which their products might leave int64 [count]."""
@@ -58,6 +58,27 @@ SETTINGS: Final = {
 OPTIMIZERS: Final = tuple(
     (code, *memory.end, SETTINGS[code]) for code, memory in (gradient.MEMORY | covariance.MEMORY).items()
 )
+
+
+#: Numbers of `reals` that serve as an index: the slot that says where their block begins, their place, the largest.
+PLACES: Final = tuple(
+    (begin, slot.index, int(slot.most))
+    for begin, slot in (
+        (at.AT_NOISE, NoiseSlots.order), (at.AT_NOISE, NoiseSlots.known), (at.AT_NOISE, NoiseSlots.position),
+        (at.AT_COLOUR, ColourSlots.position), (at.AT_PATH, PathSlots.kept),
+    )
+)  # fmt: skip
+
+
+def are_within(ints, reals, banks):
+    """Return whether the numbers of ``reals`` and of the banks that serve as an index are within their blocks."""
+    for begin, place, most in PLACES:
+        if not 0 <= reals[ints[begin] + place] <= most:  # nor is one that is no number
+            return False
+    for row in range(3):
+        if not 0 <= banks[row, bk.NEXT] < bk.KEPT:
+            return False
+    return True
 
 
 def is_known(ints):
@@ -112,7 +133,7 @@ def is_sound(ints, reals, banks, buffer, recent):
     columns = 6 if ints[at.HAS_REFERENCE] == 1 else 5 if ints[at.EXAMINES_OUTPUT] == 1 else 3
     if not (0 <= rows <= recent.shape[0] and recent.shape[1] >= columns):
         return False
-    if not (is_known(ints) or ints[at.COLLECTS] == 1):
+    if not ((is_known(ints) and are_within(ints, reals, banks)) or ints[at.COLLECTS] == 1):
         return False
     heads = 0 <= ints[at.BUFFER_HEAD] < capacity and 0 <= ints[at.BUFFER_FILLED] <= capacity
     return heads and 0 <= ints[at.RECENT_HEAD] < max(rows, 1)

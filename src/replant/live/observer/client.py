@@ -29,7 +29,7 @@ INTERVAL = 0.2
 SHARE = 0.02
 """Part of the session's time that handing over may take [share]."""
 LAST_VIEW_TIMEOUT = 20.0
-"""Time that the last view may take: the process may just have begun to compile [s]."""
+"""Time that the last view may take: the process may just have begun [s]."""
 STARTING = 120.0
 """Time that the process may take to serve the dashboard: it imports everything anew [s]."""
 TOO_OLD = 5.0
