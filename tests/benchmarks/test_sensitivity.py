@@ -35,7 +35,7 @@ from replant.kernels.monitoring import outliers
 from replant.online import change_response
 import adjusted
 print(estimate_tests.MOST_UNCERTAIN, judge.MOST_UNCERTAIN, assess_online.MOST_UNCERTAIN)
-print(change_response.BEGINNINGS, sum(adjusted.REALS))
+print(change_response.BEGINS, sum(adjusted.REALS))
 """
     seen = []
     for changed in ({}, {"assessment.estimate_tests.MOST_UNCERTAIN": 0.3, "kernels.monitoring.outliers.GATE": 2064.0}):
@@ -45,8 +45,8 @@ print(change_response.BEGINNINGS, sum(adjusted.REALS))
     usual, other = seen
     assert usual[:3] == [measurable()["assessment.estimate_tests.MOST_UNCERTAIN"]] * 3
     assert other[:3] == [0.3] * 3
-    assert other[3:5] == usual[3:5] == list(measurable()["online.change_response.BEGINNINGS"])
-    assert abs(other[5] - usual[5] - 2000.0) < 1.0  # what the kernels read
+    assert other[3:6] == usual[3:6] == list(measurable()["online.change_response.BEGINS"])
+    assert abs(other[6] - usual[6] - 2000.0) < 1.0  # what the kernels read
 
 
 def test_kernels_of_the_copy_read_their_constants_from_memory(tmp_path: Path) -> None:

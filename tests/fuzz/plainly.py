@@ -66,7 +66,7 @@ def make_plain() -> None:
     import replant.kernels
     from replant.engine import dispatch
     from replant.kernels.optimizers import gradient
-    from replant.online import identifier, startup, step_disturbance
+    from replant.online import identifier, startup
 
     for info in pkgutil.walk_packages(replant.kernels.__path__, "replant.kernels."):
         name = info.name.rpartition(".")[2]
@@ -85,7 +85,7 @@ def make_plain() -> None:
     def checked_step_kernels(*args: Any, **how: Any) -> Any:
         return tuple(map(checked, step_kernels(*args, **how)))
 
-    for user in (dispatch, startup, identifier, step_disturbance):
+    for user in (dispatch, startup, identifier):
         user.step_kernels = checked_step_kernels  # type: ignore[attr-defined]
 
 

@@ -19,7 +19,7 @@ from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import GAP, SHORTEST_STEP, State
 from replant.kernels.schema import PAST, Doubt
 from replant.settings import Request, Settings
-from replant.statistics.linear_algebra import quiet
+from replant.statistics.linear_algebra import inverse_of, quiet
 
 MOST_IRREGULAR = 5000
 """Samples that the verdict looks at where each interval costs a discretisation of its own [samples]."""
@@ -164,7 +164,8 @@ def _unsettled(state: State, settings: Settings, known: FloatArray) -> float:
     if not (state.was_revised and _is_after_change(state)):
         return 0.0
     size = settings.structure.coefficients
-    before, std = np.abs(state.prior[:, :size])
+    before = np.abs(state.prior[0, :size])
+    std = np.sqrt(np.maximum(np.diag(inverse_of(state.prior[1 : 1 + size, :size])), 0.0))
     now = np.maximum(np.abs(state.physical)[:size], before)
     share = np.sqrt(np.maximum(np.diag(known)[:size], 0.0)) / np.maximum(now, np.finfo(float).tiny)
     return float(share[std < MOST_UNCERTAIN * before].max(initial=0.0))

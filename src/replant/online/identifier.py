@@ -23,7 +23,7 @@ from replant.identified.model import Model
 from replant.kernels.schema import BELIEVED, Alarm, Attention
 from replant.limits import stamps_of
 from replant.model.structure import Structure
-from replant.online.change_response import first_look, look
+from replant.online.change_response import first_look, look, reconsider
 from replant.online.estimate import Estimate
 from replant.online.kept_model import model_of
 from replant.online.provisional_model import next_provisional
@@ -513,7 +513,8 @@ class Identifier(Estimate):
             state.look_at = first_look(state, settings)
             state.trusted_at = 0
         if samples == self._resolve_at:
-            state = self._go_on_with(solve_again(state, settings) or review(state, settings) or state)
+            solved = (reconsider if state.changed_at else solve_again)(state, settings)
+            state = self._go_on_with(solved or review(state, settings) or state)
             self._resolve_at = next_renewal(state, settings)
             self._note_verdict(state, settings)
         if samples == state.look_at:

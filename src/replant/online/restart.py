@@ -13,7 +13,6 @@ from replant.engine.record import Record
 from replant.engine.state import REGULAR, State
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
-from replant.offline.map_srivc import revise
 from replant.offline.refined import Refined
 from replant.offline.solve import Solution
 from replant.online.begin_recursion import initialize
@@ -69,41 +68,6 @@ def restart_at(old: State, settings: Settings, solution: Solution, origin: int) 
     """Return `restart` at the solution of a record as it was measured; what it left out is in doubt from now on."""
     new = restart(old, settings, solution.found, solution.record, origin)
     note_doubts(new, solution)
-    return new
-
-
-def restart_from_prior(old: State, settings: Settings, kept: RecentSamples, stayed: float = 1.0) -> State | None:
-    """Return the state that begins at the estimate before a change (`State.prior`), revised by the samples after it.
-
-    None where the revised model's residual is larger than usual, or where the probability that no coefficient has moved
-    exceeds ``stayed``.  Later solutions use the same prior.
-
-    Parameters
-    ----------
-    old : State
-    settings : Settings
-    kept : RecentSamples
-        The samples after the change.
-    stayed : float
-        Largest probability that no coefficient has moved.
-    """
-    from replant.kernels.monitoring import outliers
-
-    record = kept.record(settings.dt, settings.filter.input_hold)
-    usual = max(old.usual_variance, outliers.LEAST * old.largest_output) * settings.scaling.output**2
-    before, std = old.prior
-    found = revise(settings.structure, record, before, std, usual, old.stability_margin)
-    if found is None or found[0].variance > outliers.GROWN * usual or found[1] > stayed:
-        return None
-    if not is_driven(settings, found[0], record):
-        return None
-    new = restart(old, settings, found[0], record, old.record_began)
-    new.noise.filters = old.noise.filters
-    new.gap_at = new.revised_from = old.samples - len(kept)
-    # the record is short, and its length no bound for a time constant: the plant may be as slow as before
-    new.stability_margin = min(new.stability_margin, old.stability_margin)
-    new.forget_input = min(new.forget_input, old.forget_input)
-    clear_doubt(new, kept)
     return new
 
 

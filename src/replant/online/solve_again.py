@@ -8,10 +8,9 @@ from replant.arguments import FloatArray
 from replant.engine.dimensions import RECENT
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import State
-from replant.kernels.schema import Alarm
 from replant.offline.solve import Solution, solve
 from replant.online.estimate_movement import asked_for
-from replant.online.restart import SURE, restart_at, restart_from_prior
+from replant.online.restart import SURE, restart_at
 from replant.settings import Settings
 from replant.simulation.prediction import prediction_error
 from replant.statistics.autoregression import likelihood_ratio
@@ -31,12 +30,11 @@ Sensitivity: halved, 48 samples held against 'load step' instead of 49; error of
 doubled, no verdict changes, and no error by a quarter.
 """
 
-MATURE = 8
-"""Length of the record before which its estimate may itself have gone astray, and goes on to be solved again
-[start-ups].
-Origin: three doublings of the start-up, after each of which the record is solved again.
-Sensitivity: halved, 52 samples held against 'load step' instead of 49; error of 'load step' times 0.54; doubled,
-nothing changes on these records.
+AFTER_CHANGE = 1.5
+"""The same of the record since a change that is believed, after which it is asked again what has changed [ratio of
+lengths].
+Derivation: all contests together cost three times the last one.
+Sensitivity: not measured.
 """
 
 
@@ -45,25 +43,17 @@ def next_solution(state: State, settings: Settings) -> int:
 
     The record is solved again when it is twice as long as at the last solution, and before where the estimate moves.
     """
-    origin, samples = _origin(state), state.samples
+    origin, samples = state.changed_at or state.record_began, state.samples
     twice = origin + 2 * (state.solved_at - origin)
-    due = origin + math.ceil(GROWTH * (samples - origin))
+    due = origin + math.ceil((AFTER_CHANGE if state.changed_at else GROWTH) * (samples - origin))
     due = min(due, twice) if twice > samples else due
-    if state.was_revised and samples - origin < RECENT:  # the last one uses all samples kept, as a slow mode needs them
-        due = min(due, origin + RECENT)
     return due if remembers_all(state, settings) and due - origin <= RECENT else 0
-
-
-def _origin(state: State) -> int:
-    """Return the accepted samples before those that a solution uses."""
-    return state.revised_from if state.was_revised else state.record_began
 
 
 def _is_due(state: State, settings: Settings) -> bool:
     """Return whether the record has doubled since the last solution, or the estimate moves beyond chance."""
-    origin, samples = _origin(state), state.samples
-    is_last = state.was_revised and samples - origin == RECENT
-    return is_last or samples - origin >= 2 * (state.solved_at - origin) or asked_for(state, settings) is not None
+    origin = state.record_began
+    return state.samples - origin >= 2 * (state.solved_at - origin) or asked_for(state, settings) is not None
 
 
 def remembers_all(state: State, settings: Settings) -> bool:
@@ -80,11 +70,9 @@ def solve_again(old: State, settings: Settings) -> State | None:
     """
     if not (old.adapt and remembers_all(old, settings) and _is_due(old, settings)):
         return None
-    if old.was_revised:
-        return _revised_again(old, settings)
     origin = old.record_began
     kept = RecentSamples.of(old)
-    if old.gap_at > origin or old.samples - origin > len(kept) or (old.alarm and is_mature(old, settings)):
+    if old.gap_at > origin or old.samples - origin > len(kept) or old.alarm:
         return None
     record = kept[len(kept) - (old.samples - origin) :].record(settings.dt, settings.filter.input_hold, parted=True)
     solution = solve(settings.structure, record, [old.physical], afresh=True)
@@ -103,25 +91,3 @@ def _is_usable(solution: Solution, settings: Settings, present: FloatArray) -> b
     if errors[0] is None or errors[1] is None:
         return errors[0] is not None
     return likelihood_ratio(errors[0], errors[1]) > SURE
-
-
-def _revised_again(old: State, settings: Settings) -> State | None:
-    """Return the state revised anew from the estimate before a change, by all samples since; None where that fails."""
-    begin = old.revised_from
-    kept = RecentSamples.since(old, begin)
-    if old.samples - begin > len(kept) or kept.doubted > MOST_DOUBTED:
-        return None
-    kept.output[:] = kept.bridged
-    new = restart_from_prior(old, settings, kept)
-    if new is not None:
-        new.alarm, new.change_began = Alarm.NONE, new.samples
-    return new
-
-
-def is_mature(state: State, settings: Settings) -> bool:
-    """Return whether the record is so long that a larger residual means a changed plant, not a wrong estimate.
-
-    True as well where the record is not solved again as it grows, as with a forgetting factor.
-    """
-    length = state.samples - state.record_began
-    return length >= MATURE * settings.startup or not next_solution(state, settings)

@@ -40,7 +40,8 @@ def solve_whole(old: State, settings: Settings) -> State | None:
         return None
     found = solution.found
     since = max(old.record_began, old.revised_from, old.change_began if old.alarm else 0)
-    if since and _has_changed(settings, found.theta, old.physical, solution.record.last(old.samples - since)):
+    newest = solution.record.last(old.samples - since)
+    if since and _lasts(old, settings) and _has_changed(settings, found.theta, old.physical, newest):
         return None
     away, left = _rank(settings, found.theta, solution.record)
     present = _rank(settings, old.physical, solution.record)
@@ -51,6 +52,15 @@ def solve_whole(old: State, settings: Settings) -> State | None:
     new.gap_at = 0  # it was where an alarm ended: the record has no gap
     new.outliers, new.stuck = (int((solution.doubt == each).sum()) for each in (Doubt.OUTLIER, Doubt.STUCK))
     return new
+
+
+def _lasts(state: State, settings: Settings) -> bool:
+    """Return whether the records before and since the last change are no shorter than a start-up.
+
+    What changes sooner than it can be identified is no linear plant: its model is that of all samples.
+    """
+    shortest = min(state.changed_at - state.before_began, state.samples - state.changed_at)
+    return state.alarm != Alarm.NONE or not state.changed_at or shortest >= settings.startup
 
 
 def _has_changed(settings: Settings, whole: FloatArray, present: FloatArray, newest: Record) -> bool:
