@@ -90,9 +90,8 @@ class Evidence:
     after_change : bool
         Whether the estimate was begun anew, or revised, after a change of the plant; an estimate that forgets counts as
         such only while the newest samples kept reach back to the change.
-    unsettled : float
-        After a change of the plant, the largest relative standard deviation of a coefficient that was known before;
-        else 0.
+    undecided : bool
+        Whether the samples since the last change do not yet tell what it was.
     after_alarm : bool
         Whether the record begins where an alarm ended without another model.
     trusted_before : bool
@@ -136,7 +135,7 @@ class Evidence:
     disagreement: float = 0.0
     grown: int = 0
     after_change: bool = False
-    unsettled: float = 0.0
+    undecided: bool = False
     after_alarm: bool = False
     trusted_before: bool = False
     since_trusted: int = 0

@@ -120,7 +120,7 @@ class Supposition(IntEnum):
     NOTHING = 0
     NOISE = 1  # its variance or colour
     LOAD = 2  # offset and initial state
-    GAIN = 3  # these and the scale of the numerator
+    PART = 3  # these and some directions of the coefficients, the gain say
     PLANT = 4  # these and every coefficient
     CUT = 5  # the output no longer answers to the input
     WHOLE = 6  # not the plant: the model was wrong
@@ -128,7 +128,7 @@ class Supposition(IntEnum):
     @property
     def is_of_plant(self) -> bool:
         """Whether the output answers to the input otherwise from the change on."""
-        return self in (Supposition.GAIN, Supposition.PLANT, Supposition.CUT)
+        return self in (Supposition.PART, Supposition.PLANT, Supposition.CUT)
 
 
 class Doubt(IntEnum):
@@ -350,6 +350,8 @@ class StateSlots(Table):
         below="samples + 1",
     )
     change = Choice(Supposition, "what changed at the last change that is believed", IDENTIFIER)
+    undecided = Flag("the samples since tell not yet whether G(s) has changed otherwise", IDENTIFIER)
+    change_price = Real("price of the numbers that it has fitted", IDENTIFIER, least=0.0)
     changed_at = Integer("accepted samples before that change; 0: none", IDENTIFIER, below="samples + 1")
     before_began = Integer("accepted samples before the record before it", IDENTIFIER, below="samples + 1")
     variance_ratio = Real("variance of the newest a-priori error, over that of the residual", MONITORING, finite=False)

@@ -5,7 +5,7 @@ A residual that has grown has many causes.  Each is a supposition, fitted to the
     NOTHING   the model goes on, with its offset, its state and its noise
     NOISE     the noise has another variance or colour
     LOAD      offset and initial state are new
-    GAIN      so is the scale of the numerator
+    PART      so are some directions of the coefficients: the gain, or single ones
     PLANT     so is every coefficient
     CUT       the output no longer answers to the input: a cable floats
     WHOLE     one other model holds for these samples and those before: the model was wrong
@@ -34,7 +34,7 @@ from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.kernels.schema import Supposition
 from replant.model.structure import Structure
-from replant.offline.known_before import Known
+from replant.offline.known_before import Known, forget
 from replant.offline.prior import Prior
 from replant.offline.refined import Refined, Root, conclude
 from replant.offline.residual_likelihood import WEAKEST, Stretch
@@ -42,7 +42,7 @@ from replant.offline.solve import Solution
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem, is_long_enough
 from replant.simulation.auxiliary_model import Pass
-from replant.statistics.linear_algebra import least_norm, quiet
+from replant.statistics.linear_algebra import inverse_of, least_norm, quiet
 
 ALPHA = 1e-4
 """Chance that another G(s) is believed of a plant that has not changed [probability].
@@ -73,10 +73,13 @@ class Claim:
     supposition : Supposition
     contest : Contest
         Whose samples it is fitted to.
-    likelihood : float
-        Logarithm of the likelihood ratio to NOTHING, a prior's included.
+    fair : float
+        Logarithm of the likelihood ratio to NOTHING, a prior's included, less the price of the numbers that it has
+        fitted: the evidence before what another G(s) costs.
+    odds : float
+        Logarithm of the odds beforehand: what another G(s) costs.
     price : float
-        Of the numbers that it has fitted.
+        That of the numbers.
     model : (T,) array or None
     root : Root or None
         Where its fit has ended.
@@ -90,8 +93,9 @@ class Claim:
 
     supposition: Supposition
     contest: Contest
-    likelihood: float
-    price: float
+    fair: float
+    odds: float = 0.0
+    price: float = 0.0
     model: FloatArray | None = None
     root: Root | None = None
     prior: Prior | None = None
@@ -99,14 +103,19 @@ class Claim:
     solution: Solution | None = None
 
     @property
-    def fair(self) -> float:
-        """The evidence before what another G(s) costs."""
-        return self.likelihood - self.price
+    def theta(self) -> FloatArray:
+        """The model (T,) that it goes on with; of an output that answers to nothing, without a numerator."""
+        return self.contest.known.mean if self.model is None else self.model
 
     @property
     def evidence(self) -> float:
         """The logarithm of the evidence over that of NOTHING."""
-        return self.fair + (math.log(ALPHA) if self.supposition.is_of_plant else 0.0)
+        return self.fair + self.odds
+
+
+def odds_of(supposition: Supposition) -> float:
+    """Return the logarithm of the odds of a supposition before any sample."""
+    return math.log(ALPHA) if supposition.is_of_plant else 0.0
 
 
 def decided(claims: Sequence[Claim]) -> Claim | None:
@@ -121,6 +130,12 @@ def decided(claims: Sequence[Claim]) -> Claim | None:
     rivals = [claim for claim in claims if not best.supposition.is_of_plant or claim.supposition is Supposition.CUT]
     sure = [-math.log(ALPHA) if claim.supposition is Supposition.CUT else 0.0 for claim in rivals]
     return None if any(claim.fair + more > best.fair for claim, more in zip(rivals, sure, strict=True)) else best
+
+
+def is_sure(claims: Sequence[Claim], best: Claim) -> bool:
+    """Return whether none but the best claim could hold that says something else of G(s)."""
+    close = [claim for claim in claims if claim.fair > best.fair + math.log(ALPHA)]
+    return not any(best.contest.differ(claim.theta, best.theta) for claim in close)
 
 
 class Contest:
@@ -145,11 +160,12 @@ class Contest:
         self.since = record.last(record.u.size - begin)
         self.problem = Problem(structure, self.since)
         self.problem.noise = known.noise
+        self._whole = Problem(structure, record)
         self.rows = self.problem.record.u.size  # those that answer to inputs of the record
         self.count = self.problem.record.count
         middle = max((parted or begin) - (record.u.size - self.rows), 0)
         self.stretch = Stretch.of(self.problem.record, slice(None), middle)
-        self.usual = self.stretch.of_usual(known.error[-self.rows :], known.noise, known.variance)
+        self.usual = self.stretch.of_usual(known.error[known.error.size - self.rows :], known.noise, known.variance)
 
     @property
     def is_long_enough(self) -> bool:
@@ -159,56 +175,60 @@ class Contest:
     @quiet
     def claims(self, *, again: bool = False) -> list[Claim]:
         """Return what can be said of the samples since; ``again``: what a change that is believed may have been."""
-        before = self.known.error[-self.rows :]
+        before = self.known.error[self.known.error.size - self.rows :]
         if not self.is_long_enough:
             return []
         found = []
         if not again:
             noise = self.stretch.of_other(before, self.known.noise) - self.usual
             found = [self._claim(Supposition.NOTHING, 0.0), self._claim(Supposition.NOISE, noise)]
-        if float(np.std(before)) < HARMLESS * float(np.std(self.record.y)):
+        if float(np.std(before)) < HARMLESS * float(np.std(self.problem.record.y)):
             return found
         models = [self.known.mean]
         for claim in self._of_models():
             models.append(claim.model if claim.model is not None else self.known.mean)
             # a load leaves G(s) as it is, and another G(s) makes another output
-            if self.differs(models[-1]) == claim.supposition.is_of_plant:
+            if self.differ(models[-1], self.known.mean) == claim.supposition.is_of_plant:
                 found.append(claim)
         return found if again else [*found, *self._cuts(models)]
 
     def _of_models(self) -> Iterator[Claim]:
-        """Yield the claims of models fitted to the samples since: a load, a gain, another plant."""
+        """Yield the claims of models fitted to the samples since: a load, a part of the plant, another plant."""
         starts = []
-        for supposition, start in ((Supposition.LOAD, self.without_moving()), (Supposition.GAIN, self._scaled())):
+        for supposition, start in ((Supposition.LOAD, self.without_moving()), (Supposition.PART, self._scaled())):
             claim = self._with_prior(supposition, start)
             if claim is not None and claim.model is not None:
                 starts.append(claim.model)
                 yield claim
         plant = self._plant(starts)
-        if plant is not None:
+        if plant is not None and plant.refined is not None:
             yield plant
+            part = self._asked_for(plant.refined)
+            claim = self._with_prior(Supposition.PART, part) if part is not None else None
+            if claim is not None:
+                yield claim
 
     @quiet
-    def whole(self, error: FloatArray) -> Claim:
-        """Return the claim that one other model holds for the samples before as well, by its error over all of them."""
+    def whole(self, solution: Solution) -> Claim:
+        """Return the claim that one other model holds for the samples before as well."""
+        error = self._whole.run_whole(solution.found.theta).ahead
         rows, noise = slice(0, error.size - self.rows), self.known.noise
         before = Stretch.of(self.record, rows)
         likelihood = self.stretch.of_other(error[-self.rows :], noise) - self.usual
         likelihood += before.of_other(error[rows], noise)
         offset = before.measured[:, None].astype(float)
         likelihood -= before.of_other(self.known.error[rows], noise, offset)
-        return self._claim(Supposition.WHOLE, likelihood)
+        return self._claim(Supposition.WHOLE, likelihood, model=solution.found.theta, solution=solution)
 
-    def price(self, supposition: Supposition) -> float:
-        """Return the price of the numbers that a supposition fits: nuisances, and directions of G(s)."""
-        if supposition in (Supposition.NOTHING, Supposition.NOISE, Supposition.WHOLE):
-            return 0.0
-        size = self.structure.coefficients
-        directions = {Supposition.GAIN: 1, Supposition.PLANT: size}.get(supposition, 0)
-        return (self.known.mean.size - size + directions) * self.stretch.price
+    def _claim(self, supposition: Supposition, likelihood: float, numbers: int = 0, **parts: object) -> Claim:
+        """Return a claim that has fitted so many numbers."""
+        price = numbers * self.stretch.price
+        return Claim(supposition, self, likelihood - price, odds_of(supposition), price, **parts)  # type: ignore[arg-type]
 
-    def _claim(self, supposition: Supposition, likelihood: float, **parts: object) -> Claim:
-        return Claim(supposition, self, likelihood, self.price(supposition), **parts)  # type: ignore[arg-type]
+    @property
+    def _nuisances(self) -> int:
+        """How many there are."""
+        return self.known.mean.size - self.structure.coefficients
 
     def _likelihood(self, done: Pass, error: FloatArray | None = None) -> float:
         """Return the log-likelihood ratio to NOTHING of a model's pass, or of another error (K,) of its nuisances."""
@@ -226,19 +246,59 @@ class Contest:
     def _scaled(self) -> tuple[FloatArray, FloatArray]:
         """Return the known model with the gain that explains the samples since best, and the numerator's direction."""
         model, size, numerator = self.known.mean.copy(), self.structure.coefficients, self.structure.numerator
-        still = model.copy()
-        still[size:], still[numerator] = 0.0, 0.0
-        without = self.problem.run(still)
-        moving = still.copy()
-        moving[numerator] = model[numerator]
-        forced = without.error - self.problem.run(moving).error
+        without, forced = self._driven(model)
         columns = np.column_stack([forced, without.phi[:, size:]])
         weights = least_norm(columns, without.error, WEAKEST)[0]
         direction = np.zeros((model.size, 1))
         direction[numerator, 0] = model[numerator]
-        moving[numerator] *= weights[0]
-        moving[size:] = weights[1:]
-        return moving, direction
+        model[numerator] *= weights[0]
+        model[size:] = weights[1:]
+        return model, direction
+
+    def _driven(self, model: FloatArray) -> tuple[Pass, FloatArray]:
+        """Return the pass of a model that does not answer to the input, from rest, and the output (K,) if it does."""
+        still, moving = model.copy(), model.copy()
+        still[self.structure.coefficients :] = moving[self.structure.coefficients :] = 0.0
+        still[self.structure.numerator] = 0.0
+        without = self.problem.run(still)
+        return without, without.error - self.problem.run(moving).error
+
+    def _asked_for(self, plant: Refined) -> tuple[FloatArray, FloatArray] | None:
+        """Return the fewest coefficients to forget that the samples since ask for, and the model then; None for all.
+
+        By the quadratic forms that the two estimates, of before and since, stand for.  Whichever coefficient explains
+        most of how they differ is forgotten next, as long as that is worth its price.
+        """
+        size, mean = self.structure.coefficients, self.known.mean
+        before, since = self.known.information[:size, :size], inverse_of(plant.covariance[:size, :size])
+        units = np.diag(before) ** -0.5  # the coefficients have units of their own
+        before, since = (each * np.outer(units, units) for each in (before, since))
+        away = (plant.theta[:size] - mean[:size]) / units
+        if not (np.isfinite(since).all() and np.isfinite(away).all()):
+            return None
+
+        def left(forgotten: list[int]) -> tuple[float, FloatArray]:
+            prior = forget(before, np.eye(size)[:, forgotten])
+            step = least_norm(since + prior, since @ away, WEAKEST)[0]
+            rest = away - step
+            return 0.5 * float(rest @ since @ rest + step @ prior @ step), step
+
+        forgotten: list[int] = []
+        (cost, step), open_ = left([]), list(range(size))
+        while open_:
+            next_ = min(open_, key=lambda each: left([*forgotten, each])[0])
+            less, there = left([*forgotten, next_])
+            if forgotten and not cost - less > self.stretch.price:
+                break
+            cost, step = less, there
+            forgotten.append(next_)
+            open_.remove(next_)
+        if not (forgotten and open_):
+            return None
+        model, directions = plant.theta.copy(), np.zeros((mean.size, len(forgotten)))
+        model[:size] = mean[:size] + step * units
+        directions[forgotten, range(len(forgotten))] = units[forgotten]
+        return model, directions
 
     def _with_prior(self, supposition: Supposition, start: tuple[FloatArray, FloatArray]) -> Claim | None:
         """Return the claim of a model that was known but for some directions, its fit begun at ``start``."""
@@ -254,9 +314,10 @@ class Contest:
             if not (np.isfinite(model).all() and math.isfinite(done.cost)):
                 continue
             likelihood = self._likelihood(self.problem.run(model)) - 0.5 * prior.cost(model) / prior.variance
-            if best is None or likelihood > best.likelihood:
-                root = self.root(model, done, converged=converged)
-                best = self._claim(supposition, likelihood, model=model, root=root, prior=prior)
+            root = self.root(model, done, converged=converged)
+            numbers = self._nuisances + start[1].shape[1]
+            claim = self._claim(supposition, likelihood, numbers, model=model, root=root, prior=prior)
+            best = claim if best is None or claim.fair > best.fair else best
         return best
 
     def _variance(self, error: FloatArray) -> float:
@@ -294,30 +355,32 @@ class Contest:
             again = conclude(self.structure, problem.record, problem.known, root)
             if again is not None and again.settled:
                 found, run = again, self.problem.run(again.theta)
-        return self._claim(Supposition.PLANT, self._likelihood(run), model=found.theta, refined=found)
+        return self._claim(Supposition.PLANT, self._likelihood(run), found.theta.size, model=found.theta, refined=found)
 
     def _cuts(self, models: Sequence[FloatArray]) -> Iterator[Claim]:
         """Yield the claims that the output decays as a model does, and does not answer to the input."""
-        size = self.structure.coefficients
         for model in models:
-            still = model.copy()
-            still[self.structure.numerator], still[size:] = 0.0, 0.0
-            done = self.problem.run(still)
-            columns, error = done.phi[:, size:], done.ahead
+            done, driven = self._driven(model)
+            columns, error = done.phi[:, self.structure.coefficients :], done.ahead
+            beside = driven - columns @ least_norm(columns, driven, WEAKEST)[0]
+            if not float(np.std(beside)) > HARMLESS * float(np.std(driven)):  # the input rests
+                continue
             left = error - columns @ least_norm(columns, error, WEAKEST)[0]
             # the initial state of an output that wanders is told by the noise model alone
             noise = self.stretch.colour(left)
             white, target = (noise.whiten_known(each, self.problem.known) for each in (columns, error))
             weighed = error - columns @ least_norm(white, target, WEAKEST)[0]
-            yield self._claim(Supposition.CUT, max(self._likelihood(done, left), self._likelihood(done, weighed)))
+            likelihood, still = max(self._likelihood(done, left), self._likelihood(done, weighed)), model.copy()
+            still[self.structure.numerator] = 0.0
+            yield self._claim(Supposition.CUT, likelihood, self._nuisances, model=still)
 
-    def differs(self, model: FloatArray) -> bool:
-        """Return whether the output that a model's G(s) makes of the input differs from the known one's."""
+    def differ(self, model: FloatArray, other: FloatArray) -> bool:
+        """Return whether the outputs that the G(s) of two models make of the record's whole input differ."""
         outputs = []
-        for each in (model, self.known.mean):
+        for each in (model, other):
             bare = each.copy()
             bare[self.structure.coefficients :] = 0.0
-            outputs.append(self.problem.run(bare).output)
+            outputs.append(self._whole.run_whole(bare).output)
         away = float(np.std(outputs[0] - outputs[1]))
         return not away < MATTERS * float(np.std(outputs[1]))
 

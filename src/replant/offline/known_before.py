@@ -7,6 +7,7 @@ A supposition of what has changed forgets some directions V of the information M
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,12 @@ from replant.offline.residual_likelihood import WEAKEST
 from replant.offline.srivc_steps import Problem
 from replant.statistics.autoregression import LEAST, Autoregression, sums_of
 from replant.statistics.linear_algebra import least_norm, quiet
+
+
+UNTOLD = 4.0
+"""Residual beyond which a sample is not what the model tells [standard deviations].
+Level: a normal deviate beyond 4 has the chance 6e-5.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +102,12 @@ class Known:
             noise = Autoregression.of_sums(sums, count)
         white = noise.whiten_known(error[:begin], first.predecessors)
         return cls(mean, information, error, noise, float(white @ white) / (first.count - mean.size), filters)
+
+    def onset(self, record: Record, earliest: int) -> int:
+        """Return the first sample of a record, from ``earliest`` on, that the model does not tell; else ``earliest``."""
+        white = self.noise.whiten_known(self.error[earliest:], record.predecessors[earliest:])
+        untold = np.flatnonzero(np.abs(white) > UNTOLD * math.sqrt(self.variance))
+        return earliest + int(untold[0]) if untold.size else earliest
 
     def without(self, directions: FloatArray) -> Prior:
         """Return the prior in which directions (T, Q) are forgotten."""

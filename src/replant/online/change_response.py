@@ -4,7 +4,7 @@ The samples since the alarm began are looked into at growing intervals: supposit
 (`replant.offline.contest`).  Until one is sure nothing is learned.  The one that wins is where the state goes on:
 
     the noise              its present variance is the usual one
-    a load, the gain       the estimate before the change is revised by the samples since
+    a load, a part         the estimate before the change is revised by the samples since
     the plant              the record begins anew with these
     a cable that floats    nothing is learned until the residual is as usual again, or another one is sure
 
@@ -25,17 +25,17 @@ from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels.schema import Alarm, Supposition
-from replant.offline.contest import ALPHA, Claim, Contest, decided
+from replant.offline.contest import Claim, Contest, decided, is_sure, odds_of
 from replant.offline.known_before import Known
 from replant.offline.solve import solve
-from replant.offline.srivc_steps import Problem
 from replant.online.restart import clear_doubt, restart, restart_at
 from replant.online.solve_again import remembers_all
 from replant.settings import Settings
 from replant.statistics.linear_algebra import inverse_of, quiet
 
 BEGINS = -0.25, 0.0, 0.25
-"""Samples from the alarm's begin to that of the change, those tried [part of the samples since].
+"""Samples from the alarm's begin to that of the change: the onset is looked for from the first on, the others are tried
+[part of the samples since].
 Origin: a sum of what exceeds twice the usual power begins late where a change shows slowly, and early by chance.
 Sensitivity: not measured.
 """
@@ -82,10 +82,12 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     since = kept[begin:]
     if len(since) < _least(settings) or since.stuck > MOST_DOUBTED or _stands(since, settings):
         return old, later
+    earliest, *begins = (max(begin + int(part * len(since)), 1) for part in BEGINS)
+    record = kept.record(settings.dt, settings.filter.input_hold)
     present = Known.before(
         settings.structure,
-        kept.record(settings.dt, settings.filter.input_hold),
-        begin,
+        record,
+        earliest,
         old.physical,
         _information(old, settings),
         _usual(old, settings),
@@ -93,12 +95,11 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     )
     if present is None:
         return old, later
-    record = kept.record(settings.dt, settings.filter.input_hold)
     if old.alarm == Alarm.FLOATS:
-        found = _afloat(settings, record, begin, present)
+        claims, found = _afloat(settings, record, begin, present)
     else:
         claims = []
-        for at in sorted({max(begin + int(part * len(since)), 1) for part in BEGINS}):
+        for at in sorted({present.onset(record, earliest), *begins}):
             claims += Contest(settings.structure, record, at, present).claims()
         if claims and remembers_all(old, settings):
             claims += _one_model(old, settings, present, begin)
@@ -114,20 +115,20 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     if found.supposition is Supposition.CUT:
         old.alarm = Alarm.FLOATS
         return old, later
-    new = _believed(old, settings, found)
+    new = _believed(old, settings, found, undecided=not is_sure(claims, found))
     return (old, later) if new is None else (new, 0)
 
 
-def _afloat(settings: Settings, record: Record, begin: int, present: Known) -> Claim | None:
-    """Return what is sure of the newest samples where the output did not answer to the input; None if that goes on."""
+def _afloat(settings: Settings, record: Record, begin: int, present: Known) -> tuple[list[Claim], Claim | None]:
+    """Return claims of the newest samples where the output did not answer to the input, and the one that is sure."""
     since = record.u.size - begin
     most = int(math.log2(max(since / _least(settings), 1.0)))
     for halvings in range(most, -1, -1):  # the fewest first: they are of one kind
         claims = Contest(settings.structure, record, record.u.size - (since >> halvings), present).claims()
         found = decided(claims) if claims else None
         if found is not None and found.supposition is not Supposition.CUT:
-            return found
-    return None
+            return claims, found
+    return [], None
 
 
 @quiet
@@ -138,17 +139,22 @@ def reconsider(old: State, settings: Settings) -> State | None:
     """
     if old.alarm or old.gap_at > old.changed_at or not (old.adapt and remembers_all(old, settings)):
         return None
-    contest = _since_change(old, settings)
+    contest = since_change(old, settings)
     if contest is None:
         return None
     claims = contest.claims(again=True)
-    found = decided([*claims, *_of_whole(old, settings, contest)]) if claims else None
-    if found is None or found.supposition is old.change is Supposition.LOAD:  # the recursion goes on with all it knew
+    claims += _of_whole(old, settings, contest, old.before_began) if claims else []
+    found = decided(claims) if claims else None
+    if found is None:
         return None
-    return _believed(old, settings, found)
+    undecided = not is_sure(claims, found)
+    if found.supposition is old.change is Supposition.LOAD:  # the recursion goes on with all it knew
+        old.undecided = undecided
+        return None
+    return _believed(old, settings, found, undecided=undecided)
 
 
-def _since_change(old: State, settings: Settings, parted: int = 0) -> Contest | None:
+def since_change(old: State, settings: Settings, parted: int = 0) -> Contest | None:
     """Return the contest over all samples since the last change, which begins behind those before; None without these.
 
     ``parted``: accepted samples before the part of another variance.
@@ -174,30 +180,29 @@ def _since_change(old: State, settings: Settings, parted: int = 0) -> Contest | 
 
 def _one_model(old: State, settings: Settings, present: Known, begin: int) -> list[Claim]:
     """Return what an alarm says of older samples: that the change before was another one, or the model wrong."""
+    if old.gap_at > max(old.record_began, old.changed_at):
+        return []
     if not old.changed_at:
-        if old.gap_at > old.record_began:
-            return []
         record = _kept_since(old, old.record_began)[0].record(settings.dt, settings.filter.input_hold)
-        return _of_whole(old, settings, Contest(settings.structure, record, begin, present))
-    contest = _since_change(old, settings, old.samples - (present.error.size - begin))
+        return _of_whole(old, settings, Contest(settings.structure, record, begin, present), old.record_began)
+    contest = since_change(old, settings, old.samples - (present.error.size - begin))
     if contest is None:
         return []
-    claims = [*contest.claims(again=True), *_of_whole(old, settings, contest)]
+    claims = [*contest.claims(again=True), *_of_whole(old, settings, contest, old.before_began)]
     # they are told beside NOTHING since the change; the others beside the present model, and what it has cost
-    rows = contest.rows
-    cost = contest.price(old.change) - (math.log(ALPHA) if old.change.is_of_plant else 0.0)
-    goes_on = contest.stretch.of_usual(present.error[-rows:], present.noise, present.variance, last=True)
-    base = goes_on - contest.usual - cost
-    return [replace(claim, likelihood=claim.likelihood - base) for claim in claims]
+    goes_on = contest.stretch.of_usual(present.error[-contest.rows :], present.noise, present.variance, last=True)
+    base, odds = goes_on - contest.usual - old.change_price, odds_of(old.change)
+    return [replace(claim, fair=claim.fair - base, odds=claim.odds - odds) for claim in claims]
 
 
-def _of_whole(old: State, settings: Settings, contest: Contest) -> list[Claim]:
-    """Return the claim that one model holds for all samples of a contest's record."""
+def _of_whole(old: State, settings: Settings, contest: Contest, began: int) -> list[Claim]:
+    """Return the claim that one model holds for all samples since some; none where not all are kept."""
+    if old.samples - contest.record.u.size > began:
+        return []
     solution = solve(settings.structure, contest.record, [old.physical, contest.known.mean])
     if solution is None or not solution.found.settled:
         return []
-    error = Problem(settings.structure, contest.record).run_whole(solution.found.theta).ahead
-    return [replace(contest.whole(error), solution=solution)]
+    return [contest.whole(solution)]
 
 
 def _kept_since(state: State, first: int) -> tuple[RecentSamples, int]:
@@ -210,7 +215,9 @@ def _kept_since(state: State, first: int) -> tuple[RecentSamples, int]:
 def _information(state: State, settings: Settings) -> FloatArray:
     """Return the information (T, T) about the coefficients, that of the residual's colour and scatter."""
     size, information = settings.structure.coefficients, np.zeros((state.entries, state.entries))
-    information[:size, :size] = inverse_of(covariance(state, settings)[:size, :size])
+    known = inverse_of(covariance(state, settings)[:size, :size])
+    if np.isfinite(known).all():  # else nothing is known: beyond the range of float64
+        information[:size, :size] = known
     return information
 
 
@@ -227,13 +234,14 @@ def _stands(since: RecentSamples, settings: Settings) -> bool:
     return float(np.ptp(since.output[-_least(settings) :])) == 0.0
 
 
-def _believed(old: State, settings: Settings, found: Claim) -> State | None:
+def _believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -> State | None:
     """Return the state that goes on where a claim has led to; None where that is no estimate."""
     contest = found.contest
     if found.solution is not None:
         begin = old.samples - contest.record.u.size
         new = restart_at(old, settings, found.solution, begin)
         new.change, new.changed_at, new.before_began, new.revised_from = Supposition.NOTHING, 0, 0, 0
+        new.undecided = False
         new.gap_at = min(old.gap_at, begin)
     else:
         refined, begin = contest.estimate(found), old.samples - contest.since.u.size
@@ -243,6 +251,7 @@ def _believed(old: State, settings: Settings, found: Claim) -> State | None:
         of_plant = found.supposition is Supposition.PLANT
         new = restart(old, settings, refined, contest.since, begin if of_plant else before)
         new.change, new.changed_at, new.before_began = found.supposition, begin, before
+        new.change_price, new.undecided = found.price, undecided
         new.prior[0], new.prior[1:] = contest.known.mean, contest.known.information
         new.gap_at = min(old.gap_at, begin) if of_plant else begin
         new.revised_from = 0 if of_plant else begin

@@ -559,7 +559,10 @@ class Identifier(Estimate):
         if self._settings is None:
             if self._state.samples:
                 self._end_startup(at_any_rate=True)
-        elif (found := solve_whole(self._state, self._settings)) is not None:
+            return
+        if self._state.alarm:
+            self._go_on_with(look(self._state, self._settings)[0])
+        if (found := solve_whole(self._state, self._settings)) is not None:
             self._resolve_at = next_renewal(self._go_on_with(found), self._settings)
             self._plan()
 
