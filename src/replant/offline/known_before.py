@@ -21,7 +21,6 @@ from replant.offline.srivc_steps import Problem
 from replant.statistics.autoregression import LEAST, Autoregression, sums_of
 from replant.statistics.linear_algebra import least_norm, quiet
 
-
 UNTOLD = 4.0
 """Residual beyond which a sample is not what the model tells [standard deviations].
 Level: a normal deviate beyond 4 has the chance 6e-5.
@@ -83,14 +82,12 @@ class Known:
         filters : bool
             Whether estimates are filtered by the noise model.
         """
-        size, model, problem = structure.coefficients, mean.copy(), Problem(structure, record)
+        problem = Problem(structure, record)
         first = record.first(begin)
         told = first.count > LEAST + mean.size
         if not (problem.is_usable(mean) and np.isfinite(information).all()):
             return None
-        model[size:], rows = 0.0, slice(0, begin) if told else slice(None)
-        done = problem.run_whole(model)
-        model[size:] = least_norm(done.phi[rows, size:], done.error[rows], WEAKEST)[0]
+        model = with_nuisances(structure, record, mean, slice(0, begin) if told else slice(None))
         error = problem.run_whole(model).ahead
         if not np.isfinite(error).all():
             return None
@@ -104,7 +101,7 @@ class Known:
         return cls(mean, information, error, noise, float(white @ white) / (first.count - mean.size), filters)
 
     def onset(self, record: Record, earliest: int) -> int:
-        """Return the first sample of a record, from ``earliest`` on, that the model does not tell; else ``earliest``."""
+        """Return the first sample, from ``earliest`` on, that is not what the model tells; ``earliest`` without one."""
         white = self.noise.whiten_known(self.error[earliest:], record.predecessors[earliest:])
         untold = np.flatnonzero(np.abs(white) > UNTOLD * math.sqrt(self.variance))
         return earliest + int(untold[0]) if untold.size else earliest
@@ -112,6 +109,15 @@ class Known:
     def without(self, directions: FloatArray) -> Prior:
         """Return the prior in which directions (T, Q) are forgotten."""
         return Prior(self.mean, forget(self.information, directions), max(self.variance, np.finfo(float).tiny))
+
+
+def with_nuisances(structure: Structure, record: Record, model: FloatArray, rows: slice = slice(None)) -> FloatArray:
+    """Return a model (T,) with the offset and the initial state that rows of a record tell."""
+    model, size = model.copy(), structure.coefficients
+    model[size:] = 0.0
+    done = Problem(structure, record).run_whole(model)
+    model[size:] = least_norm(done.phi[rows, size:], done.error[rows], WEAKEST)[0]
+    return model
 
 
 @quiet

@@ -92,6 +92,13 @@ Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 
+SOONEST = 50
+"""Fewest samples before or since a change that are looked into, and between two looks [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: halved, nothing changes on these records; doubled, 48 samples held against 'load step' instead of 49.
+"""
+
+
 class Problem:
     """The fit of one structure to one record: passes of models over it, and the steps from model to model.
 
@@ -412,6 +419,11 @@ class Problem:
 def is_long_enough(structure: Structure, record: Record) -> bool:
     """Return whether a record has more samples that say something than a model has parameters and nuisances."""
     return record.count - record.unknown(structure.delay) > 2 * structure.poles + structure.zeros + 3
+
+
+def least_since(structure: Structure) -> int:
+    """Return the fewest samples before or since a change that are looked into."""
+    return max(4 * (2 * structure.poles + structure.zeros + 2), SOONEST)
 
 
 def _stalls(costs: Sequence[float], least: float) -> bool:

@@ -28,6 +28,7 @@ from replant.kernels.schema import Alarm, Supposition
 from replant.offline.contest import Claim, Contest, decided, is_sure, odds_of
 from replant.offline.known_before import Known
 from replant.offline.solve import solve
+from replant.offline.srivc_steps import SOONEST, least_since
 from replant.online.restart import clear_doubt, restart, restart_at
 from replant.online.solve_again import remembers_all
 from replant.settings import Settings
@@ -38,12 +39,6 @@ BEGINS = -0.25, 0.0, 0.25
 [part of the samples since].
 Origin: a sum of what exceeds twice the usual power begins late where a change shows slowly, and early by chance.
 Sensitivity: not measured.
-"""
-
-SOONEST = 50
-"""Samples between two looks at the least [samples].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved, nothing changes on these records; doubled, 48 samples held against 'load step' instead of 49.
 """
 
 PATIENCE = 1.5
@@ -63,7 +58,7 @@ Sensitivity: not measured.
 def first_look(state: State, settings: Settings) -> int:
     """Return the number of accepted samples at which an alarm is first looked into; until then nothing is learned."""
     state.alarm = Alarm.RESTS
-    return max(_began(state) + _least(settings), state.samples + 1)
+    return max(_began(state) + least_since(settings.structure), state.samples + 1)
 
 
 @quiet
@@ -76,11 +71,11 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         return old, 0
     length = old.samples - _began(old)
     later = old.samples + max(math.ceil((PATIENCE - 1.0) * length), SOONEST)
-    kept, first = _kept_since(old, max(old.gap_at, old.record_began, old.changed_at))
+    kept, first = kept_since(old, max(old.gap_at, old.record_began, old.changed_at))
     begin = max(_began(old) - first, 0)
     begin = len(kept) - len(kept[begin:].after_stuck())
     since = kept[begin:]
-    if len(since) < _least(settings) or since.stuck > MOST_DOUBTED or _stands(since, settings):
+    if len(since) < least_since(settings.structure) or since.stuck > MOST_DOUBTED or _stands(since, settings):
         return old, later
     earliest, *begins = (max(begin + int(part * len(since)), 1) for part in BEGINS)
     record = kept.record(settings.dt, settings.filter.input_hold)
@@ -115,14 +110,14 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     if found.supposition is Supposition.CUT:
         old.alarm = Alarm.FLOATS
         return old, later
-    new = _believed(old, settings, found, undecided=not is_sure(claims, found))
+    new = believed(old, settings, found, undecided=not is_sure(claims, found))
     return (old, later) if new is None else (new, 0)
 
 
 def _afloat(settings: Settings, record: Record, begin: int, present: Known) -> tuple[list[Claim], Claim | None]:
     """Return claims of the newest samples where the output did not answer to the input, and the one that is sure."""
     since = record.u.size - begin
-    most = int(math.log2(max(since / _least(settings), 1.0)))
+    most = int(math.log2(max(since / least_since(settings.structure), 1.0)))
     for halvings in range(most, -1, -1):  # the fewest first: they are of one kind
         claims = Contest(settings.structure, record, record.u.size - (since >> halvings), present).claims()
         found = decided(claims) if claims else None
@@ -151,7 +146,7 @@ def reconsider(old: State, settings: Settings) -> State | None:
     if found.supposition is old.change is Supposition.LOAD:  # the recursion goes on with all it knew
         old.undecided = undecided
         return None
-    return _believed(old, settings, found, undecided=undecided)
+    return believed(old, settings, found, undecided=undecided)
 
 
 def since_change(old: State, settings: Settings, parted: int = 0) -> Contest | None:
@@ -159,7 +154,7 @@ def since_change(old: State, settings: Settings, parted: int = 0) -> Contest | N
 
     ``parted``: accepted samples before the part of another variance.
     """
-    kept, first = _kept_since(old, old.before_began)
+    kept, first = kept_since(old, old.before_began)
     begin = old.changed_at - first
     if begin <= 0:
         return None
@@ -183,7 +178,7 @@ def _one_model(old: State, settings: Settings, present: Known, begin: int) -> li
     if old.gap_at > max(old.record_began, old.changed_at):
         return []
     if not old.changed_at:
-        record = _kept_since(old, old.record_began)[0].record(settings.dt, settings.filter.input_hold)
+        record = kept_since(old, old.record_began)[0].record(settings.dt, settings.filter.input_hold)
         return _of_whole(old, settings, Contest(settings.structure, record, begin, present), old.record_began)
     contest = since_change(old, settings, old.samples - (present.error.size - begin))
     if contest is None:
@@ -205,7 +200,7 @@ def _of_whole(old: State, settings: Settings, contest: Contest, began: int) -> l
     return [contest.whole(solution)]
 
 
-def _kept_since(state: State, first: int) -> tuple[RecentSamples, int]:
+def kept_since(state: State, first: int) -> tuple[RecentSamples, int]:
     """Return the samples since an accepted one, as far as they are kept, and the accepted samples before them."""
     kept = RecentSamples.of(state, STORED).cleaned()
     kept = kept[max(len(kept) - (state.samples - first), 0) :]
@@ -231,10 +226,10 @@ def _usual(state: State, settings: Settings) -> float:
 
 def _stands(since: RecentSamples, settings: Settings) -> bool:
     """Return whether the newest outputs are one number: no gain is zero to the bit, it is a failed sensor."""
-    return float(np.ptp(since.output[-_least(settings) :])) == 0.0
+    return float(np.ptp(since.output[-least_since(settings.structure) :])) == 0.0
 
 
-def _believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -> State | None:
+def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -> State | None:
     """Return the state that goes on where a claim has led to; None where that is no estimate."""
     contest = found.contest
     if found.solution is not None:
@@ -272,12 +267,6 @@ def _believed(old: State, settings: Settings, found: Claim, *, undecided: bool) 
 def _end(state: State) -> None:
     """End an alarm."""
     state.alarm, state.change_began, state.cusum = Alarm.NONE, state.samples, 0.0
-
-
-def _least(settings: Settings) -> int:
-    """Return the fewest samples since an alarm that are looked into."""
-    structure = settings.structure
-    return max(4 * (2 * structure.poles + structure.zeros + 2), SOONEST)
 
 
 def _began(state: State) -> int:

@@ -513,8 +513,9 @@ class Identifier(Estimate):
             state.look_at = first_look(state, settings)
             state.trusted_at = 0
         if samples == self._resolve_at:
-            solved = (reconsider if state.changed_at else solve_again)(state, settings)
-            state = self._go_on_with(solved or review(state, settings) or state)
+            found = reconsider(state, settings) if state.changed_at else None
+            found = found or review(state, settings) or solve_again(state, settings)
+            state = self._go_on_with(found or state)
             self._resolve_at = next_renewal(state, settings)
             self._note_verdict(state, settings)
         if samples == state.look_at:
