@@ -73,7 +73,7 @@ def find_change(structure: Structure, solution: Solution, begin: int) -> tuple[C
 
 @quiet
 def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> int:
-    """Return the sample since which the score of a model (T,) is least that of one plant; 0 where it may be chance.
+    """Return the sample since which a model (T,) is least that of the record; 0 where it may be that of all samples.
 
     Examples
     --------

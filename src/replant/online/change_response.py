@@ -29,8 +29,7 @@ from replant.offline.contest import Claim, Contest, decided, is_sure, odds_of
 from replant.offline.known_before import Known
 from replant.offline.solve import solve
 from replant.offline.srivc_steps import SOONEST, least_since
-from replant.online.restart import clear_doubt, restart, restart_at
-from replant.online.solve_again import remembers_all
+from replant.online.restart import clear_doubt, remembers_all, restart, restart_at
 from replant.settings import Settings
 from replant.statistics.linear_algebra import inverse_of, quiet
 
@@ -49,7 +48,7 @@ Sensitivity: halved or doubled, 48 samples held against 'load step' instead of 4
 
 MOST_DOUBTED = 0.05
 """Share of outputs of a stuck sensor up to which samples are looked into [share of samples].
-Origin: as that of a record that is solved again.
+Origin: not recorded; kept, see sensitivity.
 Sensitivity: not measured.
 """
 

@@ -27,8 +27,7 @@ from replant.online.change_response import first_look, look, reconsider
 from replant.online.estimate import Estimate
 from replant.online.kept_model import model_of
 from replant.online.provisional_model import next_provisional
-from replant.online.review_estimate import is_at_rest, next_renewal, review
-from replant.online.solve_again import solve_again
+from replant.online.renewal import is_at_rest, next_renewal, renew
 from replant.online.startup import (
     begin,
     collected,
@@ -514,8 +513,7 @@ class Identifier(Estimate):
             state.trusted_at = 0
         if samples == self._resolve_at:
             found = reconsider(state, settings) if state.changed_at else None
-            found = found or review(state, settings) or solve_again(state, settings)
-            state = self._go_on_with(found or state)
+            state = self._go_on_with(found or renew(state, settings) or state)
             self._resolve_at = next_renewal(state, settings)
             self._note_verdict(state, settings)
         if samples == state.look_at:

@@ -15,11 +15,11 @@ from replant.online.begin_recursion import initialize
 from replant.online.startup import carry_over, note_doubts, warm_up
 from replant.settings import Settings
 
-SURE = 15.0
-"""Gain in the logarithm of the likelihood below which a change may be chance [nats].
-Derivation: more than as many coefficients as a usual model has would gain by chance.
-Sensitivity: halved, nothing changes on these records; doubled, no verdict changes, and no error by a quarter.
-"""
+
+def remembers_all(state: State, settings: Settings) -> bool:
+    """Return whether the estimate is made from every sample of its record, none forgotten, and solved again."""
+    keeps = settings.optimizer.keeps_colour and float(state.settings[0]) == 1.0
+    return bool(keeps and settings.filter.follows_estimate)
 
 
 def restart(old: State, settings: Settings, refined: Refined, record: Record, origin: int) -> State:

@@ -14,8 +14,7 @@ from replant.engine.state import State
 from replant.kernels.schema import Alarm, Doubt, Supposition
 from replant.offline.solve import Solution, solve
 from replant.online.change_response import since_change
-from replant.online.restart import restart_at
-from replant.online.solve_again import remembers_all
+from replant.online.restart import remembers_all, restart_at
 from replant.settings import Settings
 from replant.simulation.prediction import prediction_error, runs_away
 from replant.statistics.linear_algebra import quiet
