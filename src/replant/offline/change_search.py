@@ -22,7 +22,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
-from replant.offline.contest import ALPHA, Claim, Contest, decided
+from replant.offline.contest import ALPHA, HARMLESS, Claim, Contest, decided
 from replant.offline.known_before import Known, with_nuisances
 from replant.offline.residual_likelihood import Stretch
 from replant.offline.solve import Solution
@@ -91,11 +91,13 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
         return 0
     done = Problem(structure, record).run_whole(with_nuisances(structure, record, model))
     noise = Stretch.of(record, slice(None)).colour(done.ahead)
-    score = noise.whiten_known(done.zeta, record.predecessors)
-    white = noise.whiten_known(done.ahead, record.predecessors)
+    score = noise.whiten_known(done.zeta, record.rough_predecessors)
+    white = noise.whiten_known(done.ahead, record.rough_predecessors)
     lengths = np.linalg.norm(score, axis=0)
     variance = float(white @ white) / max(record.count - model.size, 1)
     if not (np.isfinite(lengths).all() and (lengths[:size] > 0.0).all() and variance > 0.0):
+        return 0
+    if float(np.std(done.ahead)) < HARMLESS * float(np.std(record.y)):
         return 0
     score = score / np.where(lengths > 0.0, lengths, 1.0)
     begins = np.unique(np.linspace(fewest, white.size - fewest, BEGINS).astype(int))

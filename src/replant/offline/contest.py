@@ -56,6 +56,11 @@ Sensitivity: not measured.
 """
 
 
+UNEXPLAINED = 5.0
+"""Power of what a load or a part of the plant leaves, beyond which neither is what has happened [usual power].
+Derivation: the growth that an alarm is raised for.
+"""
+
 HARMLESS = 0.01
 """Residual of the known model below which nothing else than the noise is asked for [part of the output's standard
 deviation].
@@ -80,6 +85,8 @@ class Claim:
         Logarithm of the odds beforehand: what another G(s) costs.
     price : float
         That of the numbers.
+    left : float
+        Variance of what a fit with a prior leaves, over the usual one.
     model : (T,) array or None
     root : Root or None
         Where its fit has ended.
@@ -96,6 +103,7 @@ class Claim:
     fair: float
     odds: float = 0.0
     price: float = 0.0
+    left: float = 1.0
     model: FloatArray | None = None
     root: Root | None = None
     prior: Prior | None = None
@@ -122,11 +130,14 @@ def decided(claims: Sequence[Claim]) -> Claim | None:
     """Return the claim of most evidence; None while it is open.
 
     What says nothing else of G(s) must win without the price of the others, too: it is as sure that it holds.  Beside
-    an output that answers to nothing every other one has to be sure.
+    an output that answers to nothing every other one has to be sure.  What leaves so much of the output that it would
+    raise an alarm again explains nothing.
     """
     best = max(claims, key=lambda claim: claim.evidence)
     if best.supposition is Supposition.CUT:
         return best
+    if best.left > UNEXPLAINED:
+        return None
     rivals = [claim for claim in claims if not best.supposition.is_of_plant or claim.supposition is Supposition.CUT]
     sure = [-math.log(ALPHA) if claim.supposition is Supposition.CUT else 0.0 for claim in rivals]
     return None if any(claim.fair + more > best.fair for claim, more in zip(rivals, sure, strict=True)) else best
@@ -316,13 +327,14 @@ class Contest:
             likelihood = self._likelihood(self.problem.run(model)) - 0.5 * prior.cost(model) / prior.variance
             root = self.root(model, done, converged=converged)
             numbers = self._nuisances + start[1].shape[1]
-            claim = self._claim(supposition, likelihood, numbers, model=model, root=root, prior=prior)
+            left = self._variance(done.ahead) / (self.known.variance + self.stretch.least)
+            claim = self._claim(supposition, likelihood, numbers, model=model, root=root, prior=prior, left=left)
             best = claim if best is None or claim.fair > best.fair else best
         return best
 
     def _variance(self, error: FloatArray) -> float:
         """Return the variance of an error (K,) filtered by the noise model from before."""
-        white = self.known.noise.whiten_known(error, self.problem.known)
+        white = self.known.noise.whiten_known(error, self.stretch.predecessors)
         return float(white @ white) / max(self.count, 1)
 
     def _drifting(self, done: Pass) -> Problem:
@@ -336,7 +348,7 @@ class Contest:
 
     def root(self, model: FloatArray, done: Pass, *, converged: bool) -> Root:
         """Return a model as the end of a fit, filtered by the noise model from before if estimates are."""
-        white = self.known.noise.whiten_known(done.ahead, self.problem.known)
+        white = self.known.noise.whiten_known(done.ahead, self.stretch.predecessors)
         power = float(white @ white)
         innovation = power / max(self.count, 1)
         return Root(model, done, self.known.noise, innovation, power, converged, converged, filters=self.known.filters)
@@ -368,7 +380,7 @@ class Contest:
             left = error - columns @ least_norm(columns, error, WEAKEST)[0]
             # the initial state of an output that wanders is told by the noise model alone
             noise = self.stretch.colour(left)
-            white, target = (noise.whiten_known(each, self.problem.known) for each in (columns, error))
+            white, target = (noise.whiten_known(each, self.stretch.predecessors) for each in (columns, error))
             weighed = error - columns @ least_norm(white, target, WEAKEST)[0]
             likelihood, still = max(self._likelihood(done, left), self._likelihood(done, weighed)), model.copy()
             still[self.structure.numerator] = 0.0

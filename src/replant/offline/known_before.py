@@ -93,16 +93,16 @@ class Known:
             return None
         if not told:
             return cls(mean, information, error, Autoregression.white(usual, 1.0), usual, filters)
-        sums, count = sums_of(error[:begin], first.predecessors)
+        sums, count = sums_of(error[:begin], first.rough_predecessors)
         noise = Autoregression.white(float(error[:begin] @ error[:begin]), first.count)
         if count >= LEAST and np.isfinite(sums).all() and noise.power > 0.0:
             noise = Autoregression.of_sums(sums, count)
-        white = noise.whiten_known(error[:begin], first.predecessors)
+        white = noise.whiten_known(error[:begin], first.rough_predecessors)
         return cls(mean, information, error, noise, float(white @ white) / (first.count - mean.size), filters)
 
     def onset(self, record: Record, earliest: int) -> int:
         """Return the first sample, from ``earliest`` on, that is not what the model tells; ``earliest`` without one."""
-        white = self.noise.whiten_known(self.error[earliest:], record.predecessors[earliest:])
+        white = self.noise.whiten_known(self.error[earliest:], record.rough_predecessors[earliest:])
         untold = np.flatnonzero(np.abs(white) > UNTOLD * math.sqrt(self.variance))
         return earliest + int(untold[0]) if untold.size else earliest
 

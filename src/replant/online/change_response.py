@@ -24,7 +24,8 @@ from replant.engine.dimensions import STORED
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
 from replant.engine.state import State
-from replant.kernels.schema import Alarm, Supposition
+from replant.kernels.schema import Alarm, Doubt, Supposition
+from replant.offline.bad_samples import suspicious
 from replant.offline.contest import Claim, Contest, decided, is_sure, odds_of
 from replant.offline.known_before import Known
 from replant.offline.solve import solve
@@ -74,7 +75,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     begin = max(_began(old) - first, 0)
     begin = len(kept) - len(kept[begin:].after_stuck())
     since = kept[begin:]
-    if len(since) < least_since(settings.structure) or since.stuck > MOST_DOUBTED or _stands(since, settings):
+    if len(since) < least_since(settings.structure) or _is_limited(since):
         return old, later
     earliest, *begins = (max(begin + int(part * len(since)), 1) for part in BEGINS)
     record = kept.record(settings.dt, settings.filter.input_hold)
@@ -93,7 +94,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         claims, found = _afloat(settings, record, begin, present)
     else:
         claims = []
-        for at in sorted({present.onset(record, earliest), *begins}):
+        for at in sorted({min(present.onset(record, earliest), begins[-1]), *begins}):
             claims += Contest(settings.structure, record, at, present).claims()
         if claims and remembers_all(old, settings):
             claims += _one_model(old, settings, present, begin)
@@ -223,9 +224,10 @@ def _usual(state: State, settings: Settings) -> float:
     return float(usual) * settings.scaling.output**2
 
 
-def _stands(since: RecentSamples, settings: Settings) -> bool:
-    """Return whether the newest outputs are one number: no gain is zero to the bit, it is a failed sensor."""
-    return float(np.ptp(since.output[-least_since(settings.structure) :])) == 0.0
+def _is_limited(since: RecentSamples) -> bool:
+    """Return whether too many outputs, or the newest, are those of a stuck sensor, or of one at an end of its scale."""
+    limited = since.is_stuck | (suspicious(since.input, since.output) == Doubt.STUCK)
+    return float(limited.mean()) > MOST_DOUBTED or not np.ptp(since.output[-SOONEST:]) > 0.0
 
 
 def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -> State | None:

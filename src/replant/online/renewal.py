@@ -79,7 +79,9 @@ def renew(old: State, settings: Settings) -> State | None:
     began = max(old.record_began, old.gap_at)
     kept = RecentSamples.of(old, STORED)[-max(old.samples - began, 1) :]
     record = kept.record(settings.dt, settings.filter.input_hold, parted=True)
-    begin, structure = begin_of_change(settings.structure, record, old.physical), settings.structure
+    structure = settings.structure
+    # at rest nothing that comes now could test another model
+    begin = 0 if is_at_rest(old) else begin_of_change(structure, record, old.physical)
     # short: the present estimate then knows more than the samples kept
     is_whole = old.gap_at <= old.record_began and RECENT >= len(kept) == old.samples - began
     has_doubled = is_whole and old.samples - began >= 2 * (old.solved_at - began)

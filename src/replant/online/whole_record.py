@@ -53,12 +53,12 @@ def solve_whole(old: State, settings: Settings) -> State | None:
 
 
 def _lasts(state: State, settings: Settings) -> bool:
-    """Return whether the records before and since the last change are no shorter than a start-up.
+    """Return whether there was one change, and the records before and since are no shorter than a start-up.
 
-    What changes sooner than it can be identified is no linear plant: its model is that of all samples.
+    What changes more often, or sooner than it can be identified, is no linear plant: its model is that of all samples.
     """
-    shortest = min(state.changed_at - state.before_began, state.samples - state.changed_at)
-    return shortest >= settings.startup
+    shortest = min(state.changed_at, state.samples - state.changed_at)
+    return state.before_began == 0 and shortest >= settings.startup
 
 
 def _has_changed(state: State, settings: Settings, whole: Solution) -> bool:
