@@ -68,7 +68,12 @@ def find_change(structure: Structure, solution: Solution, begin: int) -> tuple[C
     claims = contest.claims(again=True)
     claims += [contest.whole(solution)] if claims else []
     found = decided(claims) if claims else None
-    return None if found is None or not found.supposition.is_of_plant else (found, claims)
+    if found is None or not found.supposition.is_of_plant:
+        return None
+    # what changes on and on is no linear plant that has changed
+    changes_on = begin_of_change(structure, record.first(begin), before.theta)
+    changes_on = changes_on or begin_of_change(structure, contest.since, found.theta)
+    return None if changes_on else (found, claims)
 
 
 @quiet
@@ -101,17 +106,23 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
         return 0
     score = score / np.where(lengths > 0.0, lengths, 1.0)
     begins = np.unique(np.linspace(fewest, white.size - fewest, BEGINS).astype(int))
-    largest, found = chi2_quantile(1.0 - ALPHA / begins.size, size) * variance, 0
-    whole = score.T @ score
-    for begin in begins:
-        since, told = score[begin:], score[begin:].T @ white[begin:]
-        square = since.T @ since
-        learned = least_norm(whole, np.column_stack([square, score.T @ white]), SAME)[0]
-        covariance, told = square - square @ learned[:, :-1], told - square @ learned[:, -1]
-        beside = least_norm(covariance[size:, size:], np.column_stack([covariance[size:, :size], told[size:]]), SAME)[0]
-        left = covariance[:size, :size] - covariance[:size, size:] @ beside[:, :-1]
-        rest = told[:size] - covariance[:size, size:] @ beside[:, -1]
-        statistic = float(rest @ least_norm(left, rest, SAME)[0])
-        if statistic > largest:
-            largest, found = statistic, int(begin)
-    return found
+    largest, begin = max((_statistic(score, white, size, each), int(each)) for each in begins)
+    if not largest > chi2_quantile(1.0 - ALPHA / begins.size, size) * variance:
+        return 0
+    step = int(begins[1] - begins[0])
+    nearer = np.unique(
+        np.linspace(max(begin - step, fewest), min(begin + step, white.size - fewest), BEGINS).astype(int)
+    )
+    return max((_statistic(score, white, size, each), int(each)) for each in nearer)[1]
+
+
+def _statistic(score: FloatArray, white: FloatArray, size: int, begin: int) -> float:
+    """Return g' C^-1 g of the first ``size`` scores since a sample, what the nuisances since explain projected out."""
+    since, whole = score[begin:], score.T @ score
+    square, told = since.T @ since, since.T @ white[begin:]
+    learned = least_norm(whole, np.column_stack([square, score.T @ white]), SAME)[0]
+    covariance, told = square - square @ learned[:, :-1], told - square @ learned[:, -1]
+    beside = least_norm(covariance[size:, size:], np.column_stack([covariance[size:, :size], told[size:]]), SAME)[0]
+    left = covariance[:size, :size] - covariance[:size, size:] @ beside[:, :-1]
+    rest = told[:size] - covariance[:size, size:] @ beside[:, -1]
+    return float(rest @ least_norm(left, rest, SAME)[0])
