@@ -27,6 +27,7 @@ def assess_record(
     usual_interval: float | None = None,
     disagreement: float = 0.0,
     left_out: int = 0,
+    since_change: int = 0,
 ) -> Assessment:
     """Return the verdict on a model by a record.
 
@@ -51,6 +52,8 @@ def assess_record(
         By how much two estimates of the record differ that a right structure makes equal, see `Refined.disagreement`.
     left_out : int
         Outputs that were left out because the sensor was stuck or at its limit.
+    since_change : int
+        Samples since the plant has changed within the record; 0 where one model explains it.
 
     Examples
     --------
@@ -78,6 +81,7 @@ def assess_record(
         instruments=instruments,
         disagreement=disagreement,
         left_out=left_out,
+        since_change=since_change,
         usual_interval=usual_interval or (float(np.median(record.intervals[1:])) if irregular else 0.0),
     )
     return judge(evidence)

@@ -93,6 +93,8 @@ class Evidence:
     unsettled : float
         After a change of the plant, the largest relative standard deviation of a coefficient that was known before;
         else 0.
+    since_change : int
+        Samples since the plant has changed within the record, so that no one model explains it; else 0.
     after_alarm : bool
         Whether the record begins where an alarm ended without another model.
     trusted_before : bool
@@ -137,6 +139,7 @@ class Evidence:
     grown: int = 0
     after_change: bool = False
     unsettled: float = 0.0
+    since_change: int = 0
     after_alarm: bool = False
     trusted_before: bool = False
     since_trusted: int = 0

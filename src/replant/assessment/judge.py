@@ -206,6 +206,9 @@ def _of_guard(evidence: Evidence) -> list[Finding]:
     elif evidence.grown:
         reason = f"the residual began to grow {duration(evidence.seconds(evidence.grown))} ago"
         findings.append(Finding("inconsistent", f"{reason}: the plant, the sensor or the disturbances have changed"))
+    if evidence.since_change:
+        reason = f"the plant seems to have changed {duration(evidence.seconds(evidence.since_change))} before the end"
+        findings.append(Finding("inconsistent", f"{reason}: identify the parts before and since by themselves"))
     if evidence.unsettled > MOST_UNCERTAIN:
         std = percent(min(evidence.unsettled, 1.0))
         reason = f"since the plant changed, a coefficient has a standard deviation of {std}"

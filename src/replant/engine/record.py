@@ -33,6 +33,13 @@ MOST_GAPS = 500
 """Gaps that part a record, the longest ones of them: each costs a pass over its part [count]."""
 
 
+JITTER = 0.5
+"""Difference of an interval from the usual one up to which the colour of a residual is told as if there were none [part
+of the usual interval].
+Derivation: beyond half an interval the sample nearest in time is another one.
+"""
+
+
 def gaps_of(intervals: FloatArray, usual: float) -> IntArray:
     """Return the samples (G,) that follow a gap: the input of the meantime is not known, and so is the state.
 
@@ -109,11 +116,20 @@ class Record:
         """How many outputs before each (K,) were measured one sampling time apart, up to LAGS."""
         from replant.kernels.filters.whitening import IRREGULAR
 
+        return self._before(IRREGULAR)
+
+    @property
+    def rough_predecessors(self) -> IntArray:
+        """The same where jitter counts as none: of a residual's colour, which changes little in half an interval."""
+        return self._before(JITTER)
+
+    def _before(self, irregular: float) -> IntArray:
+        """Return how many outputs before each (K,) came at intervals that are irregular by no more than a part."""
         index = np.arange(self.u.size)
         broken = np.isin(index, [0, *self.begins])
         if self.intervals.size > 1:
             nominal = float(np.median(self.intervals[1:]))
-            broken |= np.abs(self.intervals - nominal) > IRREGULAR * nominal
+            broken |= np.abs(self.intervals - nominal) > irregular * nominal
         if self.measured is not None:
             broken[1:] |= ~self.measured[:-1]
         before = np.minimum(index - np.maximum.accumulate(np.where(broken, index, 0)), LAGS)

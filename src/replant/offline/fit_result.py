@@ -10,6 +10,8 @@ import numpy as np
 
 from replant.arguments import FloatArray, IntArray, vector
 from replant.assessment import Assessment, Simulation, assess_record
+from replant.assessment.assess_offline import MOST_SAMPLES
+from replant.engine.dimensions import entries_of
 from replant.engine.record import Record
 from replant.errors import InvalidArgumentError
 from replant.identified.fields import has_rest
@@ -19,6 +21,8 @@ from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
+from replant.offline.change_search import find_change
+from replant.offline.contest import Claim
 from replant.offline.reference_use import ReferenceUse
 from replant.regressor.filters import Filter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess
@@ -115,6 +119,7 @@ class FitResult:
     def verdict(self) -> Assessment:
         """Whether to trust the model, why in plain words, and the figures behind it."""
         assert self.record is not None, "`fit` keeps the record"
+        change = self._change if self.method == "srivc" else None
         verdict = assess_record(
             self.structure,
             self.parameters,
@@ -125,11 +130,20 @@ class FitResult:
             usual_interval=self.usual_interval,
             disagreement=self.disagreement,
             left_out=self.stuck.size,
+            since_change=0 if change is None else change.contest.since.u.size,
         )
         finding = self.reference.finding if self.reference else ""
         if not finding or any(finding.partition(":")[0] in reason for reason in verdict.reasons):
             return verdict
         return dataclasses.replace(verdict, reasons=(*verdict.reasons, finding))
+
+    @property
+    def _change(self) -> Claim | None:
+        """What has changed of the plant within the samples that the verdict looks at."""
+        assert self.record is not None, "`fit` keeps the record"
+        theta = np.zeros(entries_of(self.structure, refined=True))
+        theta[: self.parameters.size] = self.parameters
+        return find_change(self.structure, self.record.last(MOST_SAMPLES), theta)
 
     @cached_property
     def model(self) -> Model:

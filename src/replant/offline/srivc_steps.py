@@ -92,6 +92,13 @@ Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 
+SOONEST = 50
+"""Fewest samples before or since a change that are looked into, and between two looks [samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: halved, nothing changes on these records; doubled, 48 samples held against 'load step' instead of 49.
+"""
+
+
 class Problem:
     """The fit of one structure to one record: passes of models over it, and the steps from model to model.
 
@@ -99,6 +106,9 @@ class Problem:
     ----------
     structure : Structure
     record : Record
+    beside : (K, P) array, optional
+        What explains the output as well, such as a drift: it is taken off all signals, which is what estimating its
+        weights comes to.
 
     Attributes
     ----------
@@ -115,8 +125,9 @@ class Problem:
         D(q) of the residual; it begins as one.
     """
 
-    def __init__(self, structure: Structure, record: Record) -> None:
+    def __init__(self, structure: Structure, record: Record, beside: FloatArray | None = None) -> None:
         self.whole, self._unknown = record, record.unknown(structure.delay)
+        self._beside = beside
         self.structure, self.record = structure, record.last(record.u.size - self._unknown)
         self.slowest, self.fastest = stability_margin(record), FASTEST / record.dt
         self.projection = None if record.r is None else Projection.of(record)
@@ -133,7 +144,8 @@ class Problem:
 
         Rows of outputs that were not measured are zero; the filters see the model's output, or the record's guess.
         """
-        return self.run_whole(model, filled=filled).since(self._unknown)
+        done = self.run_whole(model, filled=filled).since(self._unknown)
+        return done if self._beside is None else done.without(self._beside)
 
     def run_whole(self, model: FloatArray, *, filled: bool = True) -> Pass:
         """Return the same with the samples that answer to unknown inputs."""
@@ -267,7 +279,7 @@ class Problem:
         return best, best_model, current
 
     def polish(
-        self, model: FloatArray, *, stable: bool = False, prior: Prior | None = None
+        self, model: FloatArray, *, stable: bool = False, prior: Prior | None = None, whitened: bool = False
     ) -> tuple[FloatArray, Pass, bool]:
         """Take damped Gauss-Newton steps on the output error; return the model, its pass, whether it converged.
 
@@ -278,16 +290,22 @@ class Problem:
             Whether no step may leave the stable models.
         prior : Prior, optional
             Of which the model is drawn: what is least is then the output error and the distance from its mean.
+        whitened : bool
+            Whether the error is filtered by the noise model, which stays as it is.
         """
         known = Prior.none(model.size) if prior is None else prior
+        white = self.whiten if whitened else np.asarray
 
         def cost(tried: FloatArray, done: Pass) -> float:
-            return math.inf if stable and not self.is_stable(tried) else done.power + known.cost(tried)
+            if stable and not self.is_stable(tried):
+                return math.inf
+            power = float(np.sum(white(done.ahead) ** 2)) if whitened and math.isfinite(done.cost) else done.power
+            return power + known.cost(tried)
 
         done, exact = self.run(model), False
         for _ in range(POLISH):
-            slopes = self._slopes(model, done) if exact else done.zeta
-            gradient = slopes.T @ done.error + known.pull(model)
+            slopes = white(self._slopes(model, done) if exact else done.zeta)
+            gradient = slopes.T @ white(done.error) + known.pull(model)
             direction = solve(slopes.T @ slopes + known.weight, gradient)
             if direction is None:
                 return model, done, False
@@ -295,7 +313,7 @@ class Problem:
             # converged: the step is a thousandth of a standard deviation, or the error is rounding
             if float(direction @ gradient) <= DONE * variance or self.is_rounding(done):
                 return model, done, True
-            better = self._damped(model, direction, cost, done.power + known.cost(model))
+            better = self._damped(model, direction, cost, cost(model, done))
             if better is not None:
                 model, done = better
             elif exact:
@@ -401,6 +419,11 @@ class Problem:
 def is_long_enough(structure: Structure, record: Record) -> bool:
     """Return whether a record has more samples that say something than a model has parameters and nuisances."""
     return record.count - record.unknown(structure.delay) > 2 * structure.poles + structure.zeros + 3
+
+
+def least_since(structure: Structure) -> int:
+    """Return the fewest samples before or since a change that are looked into."""
+    return max(4 * (2 * structure.poles + structure.zeros + 2), SOONEST)
 
 
 def _stalls(costs: Sequence[float], least: float) -> bool:

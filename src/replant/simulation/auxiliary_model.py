@@ -84,6 +84,15 @@ class Pass:
         rows = measured[:, None]
         return Pass(phi * rows, zeta * rows, target * measured, output, error * measured, ahead * measured)
 
+    def without(self, columns: FloatArray) -> Pass:
+        """Return the pass less what columns (K, P) explain of its signals; all of it where these leave float64."""
+        signals = np.column_stack([self.phi, self.zeta, self.target, self.error, self.ahead])
+        if not np.isfinite(signals).all():
+            return self
+        left, count = without(signals, columns), self.phi.shape[1]
+        target, error, ahead = left[:, 2 * count :].T.copy()
+        return Pass(left[:, :count], left[:, count : 2 * count], target, self.output + self.ahead - ahead, error, ahead)
+
     @property
     def signals(self) -> tuple[FloatArray, ...]:
         """All of them, in their order."""

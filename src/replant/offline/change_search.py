@@ -1,0 +1,151 @@
+r"""Search for a change of the plant within a record that one model explains.
+
+A change that is small beside the noise hides from the residual's power, and from a model that has learned on.  The sums
+of the score since each of some samples b,
+
+.. math:: g_b = \sum_{k \ge b} \zeta_k w_k, \quad C_b = M_b - M_b M^{-1} M_b,
+    \quad M_b = \sum_{k \ge b} \zeta_k \zeta_k^T,
+
+are normal with mean zero and covariance :math:`\sigma^2 C_b` where one model holds, so that
+:math:`g_b^T C_b^{-1} g_b / \sigma^2` is chi-squared.  What the nuisances of the samples since explain is projected out:
+a load moves these.  Where the largest over all b is no chance, suppositions since then compete
+(`replant.offline.contest`) with that of one model.
+
+Source: Andrews (1993), "Tests for parameter instability and structural change with unknown change point", Econometrica
+61.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.engine.record import Record
+from replant.model.structure import Structure
+from replant.offline.contest import ALPHA, HARMLESS, Claim, Contest, decided, is_sure
+from replant.offline.known_before import Known, with_nuisances
+from replant.offline.residual_likelihood import Stretch
+from replant.offline.srivc import refine
+from replant.offline.srivc_steps import Problem, least_since
+from replant.statistics.chi2 import chi2_quantile
+from replant.statistics.linear_algebra import inverse_of, least_norm, quiet
+
+BEGINS = 32
+"""Samples since which a change is looked for, evenly spread over the record [count].
+Derivation: a change in between loses a thirty-second of the samples that tell it.
+"""
+
+BLOCKS = 64
+"""Blocks of samples whose scores tell how these scatter [count].
+Derivation: their variance is then known to a sixth, and a block is long beside the colour that a noise model leaves.
+"""
+
+SAME = 1e-9
+"""Singular value of the scores' covariance below which a direction tells nothing [part of the largest].
+Derivation: some hundred thousand times the precision of float64, as sums of squares have half the digits.
+"""
+
+
+@quiet
+def find_change(structure: Structure, record: Record, model: FloatArray) -> Claim | None:
+    """Return what of the plant has changed within a record; None where one model explains it, or that is not sure.
+
+    Parameters
+    ----------
+    structure : Structure
+    record : Record
+        In one piece, and without a reference.
+    model : (T,) array
+        Of all samples.
+    """
+    if record.r is not None or len(record.parts) > 1:
+        return None
+    begin = begin_of_change(structure, record, model)
+    if not begin:
+        return None
+    before = refine(structure, record.first(begin), [model], afresh=True)
+    if before is None or not before.settled:
+        return None
+    size, information = structure.coefficients, np.zeros((model.size, model.size))
+    information[:size, :size] = inverse_of(before.covariance[:size, :size])
+    filters = before.noise.filters > 0.0
+    known = Known.before(structure, record, begin, before.theta, information, before.variance, filters=filters)
+    if known is None:
+        return None
+    contest = Contest(structure, record, begin, known)
+    claims = contest.claims(again=True)
+    claims += [contest.whole(with_nuisances(structure, record, model))] if claims else []
+    found = decided(claims) if claims else None
+    if found is None or not (found.supposition.is_of_plant and is_sure(claims, found)):
+        return None
+    # what changes on and on is no linear plant that has changed
+    changes_on = begin_of_change(structure, record.first(begin), before.theta)
+    changes_on = changes_on or begin_of_change(structure, contest.since, found.theta)
+    return None if changes_on else found
+
+
+@quiet
+def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> int:
+    """Return the sample since which a model (T,) is least that of the record; 0 where it may be that of all samples.
+
+    Examples
+    --------
+    >>> u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 300), 10)
+    >>> gain = np.where(np.arange(u.size) < 2000, 1.0, 1.1)  # of a plant that follows at once, nearly
+    >>> noise = 0.1 * np.random.default_rng(1).standard_normal(u.size)
+    >>> y = rp.TransferFunction([5.0], [1.0, 5.0]).simulate(u, 0.1)
+    >>> fit = rp.fit(u, gain * y + noise, 0.1, rp.Structure(1))
+    >>> record = Record(u, gain * y + noise, np.array([0.1]))
+    >>> abs(begin_of_change(rp.Structure(1), record, np.append(fit.parameters, [0.0, 0.0])) - 2000) < 100
+    True
+    """
+    size, fewest = structure.coefficients, least_since(structure)
+    if record.u.size < 3 * fewest:
+        return 0
+    done = Problem(structure, record).run_whole(with_nuisances(structure, record, model))
+    noise = Stretch.of(record, slice(None)).colour(done.ahead)
+    score = noise.whiten_known(done.zeta, record.rough_predecessors)
+    white = noise.whiten_known(done.ahead, record.rough_predecessors)
+    lengths = np.linalg.norm(score, axis=0)
+    variance = float(white @ white) / max(record.count - model.size, 1)
+    if not (np.isfinite(lengths).all() and (lengths[:size] > 0.0).all() and variance > 0.0):
+        return 0
+    if float(np.std(done.ahead)) < HARMLESS * float(np.std(record.y)):
+        return 0
+    score = score / np.where(lengths > 0.0, lengths, 1.0)
+    begins = np.unique(np.linspace(fewest, white.size - fewest, BEGINS).astype(int))
+    largest, begin = max((_statistic(score, white, size, each), int(each)) for each in begins)
+    limit = chi2_quantile(1.0 - ALPHA / begins.size, size) * variance
+    if not largest > limit * _scatter(score[:, :size] * white[:, None] / math.sqrt(variance), begin):
+        return 0
+    step = int(begins[1] - begins[0])
+    ends = max(begin - step, fewest), min(begin + step, white.size - fewest)
+    nearer = np.unique(np.linspace(*ends, BEGINS).astype(int))
+    return max((_statistic(score, white, size, each), int(each)) for each in nearer)[1]
+
+
+def _scatter(products: FloatArray, begin: int) -> float:
+    """Return the variance of the sums of scores (K, size) over blocks, before and since, beside that of white noise.
+
+    No less than one: what the noise model leaves of the residual's colour makes it larger.
+    """
+    away = []
+    for part in (products[:begin], products[begin:]):
+        count = max(BLOCKS * len(part) // len(products), 2)
+        sums = np.stack([block.sum(axis=0) for block in np.array_split(part, count)])
+        away.append((sums - sums.mean(axis=0)) * math.sqrt(count / (count - 1)))
+    return max(float(np.mean(np.sum(np.concatenate(away) ** 2, axis=0))), 1.0)
+
+
+def _statistic(score: FloatArray, white: FloatArray, size: int, begin: int) -> float:
+    """Return g' C^-1 g of the first ``size`` scores since a sample, what the nuisances since explain projected out."""
+    since, whole = score[begin:], score.T @ score
+    square, told = since.T @ since, since.T @ white[begin:]
+    learned = least_norm(whole, np.column_stack([square, score.T @ white]), SAME)[0]
+    covariance, told = square - square @ learned[:, :-1], told - square @ learned[:, -1]
+    beside = least_norm(covariance[size:, size:], np.column_stack([covariance[size:, :size], told[size:]]), SAME)[0]
+    left = covariance[:size, :size] - covariance[:size, size:] @ beside[:, :-1]
+    rest = told[:size] - covariance[:size, size:] @ beside[:, -1]
+    return float(rest @ least_norm(left, rest, SAME)[0])

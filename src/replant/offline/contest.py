@@ -1,0 +1,418 @@
+"""Contest: which supposition of what has changed in a record explains its newest samples best.
+
+A residual that has grown has many causes.  Each is a supposition, fitted to the samples since some sample b:
+
+    NOTHING   the model goes on, with its offset, its state and its noise
+    NOISE     the noise has another variance or colour
+    LOAD      offset and initial state are new
+    PART      so are some directions of the coefficients: the gain, or single ones
+    PLANT     so is every coefficient
+    CUT       the output no longer answers to the input: a cable floats
+    WHOLE     one other model holds for these samples and those before: the model was wrong
+
+What was known before is a prior, of which a supposition forgets some directions (`replant.offline.known_before`).
+
+All are compared over the same samples by the log-likelihood of their residuals.  These are whitened by the noise model
+from before the change, or at the price of its numbers by one of their own: an autoregression fitted to a step nearly
+explains it.  Each fitted number costs ln(K) / 2 (Bayes' criterion), and what says something else of G(s) beside that
+-ln `ALPHA`: the chance that it is believed of a plant that has not changed.
+
+Source: Schwarz (1978), "Estimating the dimension of a model", Annals of Statistics 6; Willsky and Jones (1976), "A
+generalized likelihood ratio approach to the detection and estimation of jumps", IEEE Transactions on Automatic Control
+21.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.engine.record import Record
+from replant.model.structure import Structure
+from replant.offline.known_before import Known, forget
+from replant.offline.prior import Prior
+from replant.offline.refined import Refined, Root, conclude
+from replant.offline.residual_likelihood import WEAKEST, Stretch
+from replant.offline.srivc import refine
+from replant.offline.srivc_steps import Problem, is_long_enough
+from replant.simulation.auxiliary_model import Pass
+from replant.statistics.linear_algebra import inverse_of, least_norm, quiet
+
+ALPHA = 1e-4
+"""Chance that another G(s) is believed of a plant that has not changed [probability].
+Level: 0.01 %.
+"""
+
+MATTERS = 0.05
+"""Change of the simulated output below which a change of the plant does not matter [part of the output's amplitude].
+Derivation: half of the error of abs G with which a model is trusted.
+Sensitivity: not measured.
+"""
+
+
+UNEXPLAINED = 5.0
+"""Power of what a load or a part of the plant leaves, beyond which neither is what has happened [usual power].
+Derivation: the growth that an alarm is raised for.
+"""
+
+HARMLESS = 0.01
+"""Residual of the known model below which nothing else than the noise is asked for [part of the output's standard
+deviation].
+Derivation: a fifth of what a change must make of the output, so that none that matters is missed.
+Sensitivity: not measured.
+"""
+
+
+class Supposition(IntEnum):
+    """What has changed since a sample."""
+
+    NOTHING = 0
+    NOISE = 1  # its variance or colour
+    LOAD = 2  # offset and initial state
+    PART = 3  # these and some directions of the coefficients, the gain say
+    PLANT = 4  # these and every coefficient
+    CUT = 5  # the output no longer answers to the input
+    WHOLE = 6  # not the plant: the model was wrong
+
+    @property
+    def is_of_plant(self) -> bool:
+        """Whether the output answers to the input otherwise from the change on."""
+        return self in (Supposition.PART, Supposition.PLANT, Supposition.CUT)
+
+
+@dataclass(frozen=True, eq=False)
+class Claim:
+    """A supposition, fitted.
+
+    Attributes
+    ----------
+    supposition : Supposition
+    contest : Contest
+        Whose samples it is fitted to.
+    fair : float
+        Logarithm of the likelihood ratio to NOTHING, a prior's included, less the price of the numbers that it has
+        fitted: the evidence before what another G(s) costs.
+    odds : float
+        Logarithm of the odds beforehand: what another G(s) costs.
+    price : float
+        That of the numbers.
+    left : float
+        Variance of what a fit with a prior leaves, over the usual one.
+    model : (T,) array or None
+    root : Root or None
+        Where its fit has ended.
+    prior : Prior or None
+        Of that fit.
+    refined : Refined or None
+        The estimate, where it is made of the samples alone.
+    """
+
+    supposition: Supposition
+    contest: Contest
+    fair: float
+    odds: float = 0.0
+    price: float = 0.0
+    left: float = 1.0
+    model: FloatArray | None = None
+    root: Root | None = None
+    prior: Prior | None = None
+    refined: Refined | None = None
+
+    @property
+    def theta(self) -> FloatArray:
+        """The model (T,) that it goes on with; of an output that answers to nothing, without a numerator."""
+        return self.contest.known.mean if self.model is None else self.model
+
+    @property
+    def evidence(self) -> float:
+        """The logarithm of the evidence over that of NOTHING."""
+        return self.fair + self.odds
+
+
+def odds_of(supposition: Supposition) -> float:
+    """Return the logarithm of the odds of a supposition before any sample."""
+    return math.log(ALPHA) if supposition.is_of_plant else 0.0
+
+
+def decided(claims: Sequence[Claim]) -> Claim | None:
+    """Return the claim of most evidence; None while it is open.
+
+    What says nothing else of G(s) must win without the price of the others, too: it is as sure that it holds.  Beside
+    an output that answers to nothing every other one has to be sure.  What leaves so much of the output that it would
+    raise an alarm again explains nothing.
+    """
+    best = max(claims, key=lambda claim: claim.evidence)
+    if best.supposition is Supposition.CUT:
+        return best
+    if best.left > UNEXPLAINED:
+        return None
+    rivals = [claim for claim in claims if not best.supposition.is_of_plant or claim.supposition is Supposition.CUT]
+    sure = [-math.log(ALPHA) if claim.supposition is Supposition.CUT else 0.0 for claim in rivals]
+    return None if any(claim.fair + more > best.fair for claim, more in zip(rivals, sure, strict=True)) else best
+
+
+def is_sure(claims: Sequence[Claim], best: Claim) -> bool:
+    """Return whether none but the best claim could hold that says something else of G(s)."""
+    close = [claim for claim in claims if claim.fair > best.fair + math.log(ALPHA)]
+    return not any(best.contest.differ(claim.theta, best.theta) for claim in close)
+
+
+class Contest:
+    """Suppositions of what has changed since a sample of a record.
+
+    Parameters
+    ----------
+    structure : Structure
+    record : Record
+    begin : int
+        The first sample since.
+    known : Known
+        Of the same record, before a sample that is no later.
+    parted : int, optional
+        A later sample, from which on the variance is another one.
+    """
+
+    def __init__(
+        self, structure: Structure, record: Record, begin: int, known: Known, parted: int | None = None
+    ) -> None:
+        self.structure, self.record, self.begin, self.known = structure, record, begin, known
+        self.since = record.last(record.u.size - begin)
+        self.problem = Problem(structure, self.since)
+        self.problem.noise = known.noise
+        self._whole = Problem(structure, record)
+        self.rows = self.problem.record.u.size  # those that answer to inputs of the record
+        self.count = self.problem.record.count
+        middle = max((parted or begin) - (record.u.size - self.rows), 0)
+        self.stretch = Stretch.of(self.problem.record, slice(None), middle)
+        self.usual = self.stretch.of_usual(known.error[known.error.size - self.rows :], known.noise, known.variance)
+
+    @property
+    def is_long_enough(self) -> bool:
+        """Whether the samples since are enough for a model."""
+        return is_long_enough(self.structure, self.since)
+
+    @quiet
+    def claims(self, *, again: bool = False) -> list[Claim]:
+        """Return what can be said of the samples since; ``again``: what a change that is believed may have been."""
+        before = self.known.error[self.known.error.size - self.rows :]
+        if not self.is_long_enough:
+            return []
+        found = []
+        if not again:
+            noise = self.stretch.of_other(before, self.known.noise) - self.usual
+            found = [self._claim(Supposition.NOTHING, 0.0), self._claim(Supposition.NOISE, noise)]
+        if float(np.std(before)) < HARMLESS * float(np.std(self.problem.record.y)):
+            return found
+        models = [self.known.mean]
+        for claim in self._of_models():
+            models.append(claim.model if claim.model is not None else self.known.mean)
+            # a load leaves G(s) as it is, and another G(s) makes another output
+            if self.differ(models[-1], self.known.mean) == claim.supposition.is_of_plant:
+                found.append(claim)
+        return found if again else [*found, *self._cuts(models)]
+
+    def _of_models(self) -> Iterator[Claim]:
+        """Yield the claims of models fitted to the samples since: a load, a part of the plant, another plant."""
+        starts = []
+        for supposition, start in ((Supposition.LOAD, self.without_moving()), (Supposition.PART, self._scaled())):
+            claim = self._with_prior(supposition, start)
+            if claim is not None and claim.model is not None:
+                starts.append(claim.model)
+                yield claim
+        plant = self._plant(starts)
+        if plant is not None and plant.refined is not None:
+            yield plant
+            part = self._asked_for(plant.refined)
+            claim = self._with_prior(Supposition.PART, part) if part is not None else None
+            if claim is not None:
+                yield claim
+
+    @quiet
+    def whole(self, model: FloatArray) -> Claim:
+        """Return the claim that one other model (T,) holds for the samples before as well."""
+        error = self._whole.run_whole(model).ahead
+        rows, noise = slice(0, error.size - self.rows), self.known.noise
+        before = Stretch.of(self.record, rows)
+        likelihood = self.stretch.of_other(error[-self.rows :], noise) - self.usual
+        likelihood += before.of_other(error[rows], noise)
+        offset = before.measured[:, None].astype(float)
+        likelihood -= before.of_other(self.known.error[rows], noise, offset)
+        return self._claim(Supposition.WHOLE, likelihood, model=model)
+
+    def _claim(self, supposition: Supposition, likelihood: float, numbers: int = 0, **parts: object) -> Claim:
+        """Return a claim that has fitted so many numbers."""
+        price = numbers * self.stretch.price
+        return Claim(supposition, self, likelihood - price, odds_of(supposition), price, **parts)  # type: ignore[arg-type]
+
+    @property
+    def _nuisances(self) -> int:
+        """How many there are."""
+        return self.known.mean.size - self.structure.coefficients
+
+    def _likelihood(self, done: Pass, error: FloatArray | None = None) -> float:
+        """Return the log-likelihood ratio to NOTHING of a model's pass, or of another error (K,) of its nuisances."""
+        nuisances = done.phi[:, self.structure.coefficients :]
+        return self.stretch.of_other(done.ahead if error is None else error, self.known.noise, nuisances) - self.usual
+
+    def without_moving(self) -> tuple[FloatArray, FloatArray]:
+        """Return the known model with offset and initial state as the samples since tell them, and no direction."""
+        model, size = self.known.mean.copy(), self.structure.coefficients
+        model[size:] = 0.0
+        done = self.problem.run(model)
+        model[size:] = least_norm(done.phi[:, size:], done.error, WEAKEST)[0]
+        return model, np.zeros((model.size, 0))
+
+    def _scaled(self) -> tuple[FloatArray, FloatArray]:
+        """Return the known model with the gain that explains the samples since best, and the numerator's direction."""
+        model, size, numerator = self.known.mean.copy(), self.structure.coefficients, self.structure.numerator
+        without, forced = self._driven(model)
+        columns = np.column_stack([forced, without.phi[:, size:]])
+        weights = least_norm(columns, without.error, WEAKEST)[0]
+        direction = np.zeros((model.size, 1))
+        direction[numerator, 0] = model[numerator]
+        model[numerator] *= weights[0]
+        model[size:] = weights[1:]
+        return model, direction
+
+    def _driven(self, model: FloatArray) -> tuple[Pass, FloatArray]:
+        """Return the pass of a model that does not answer to the input, from rest, and the output (K,) if it does."""
+        still, moving = model.copy(), model.copy()
+        still[self.structure.coefficients :] = moving[self.structure.coefficients :] = 0.0
+        still[self.structure.numerator] = 0.0
+        without = self.problem.run(still)
+        return without, without.error - self.problem.run(moving).error
+
+    def _asked_for(self, plant: Refined) -> tuple[FloatArray, FloatArray] | None:
+        """Return the fewest coefficients to forget that the samples since ask for, and the model then; None for all.
+
+        By the quadratic forms that the two estimates, of before and since, stand for.  Whichever coefficient explains
+        most of how they differ is forgotten next, as long as that is worth its price.
+        """
+        size, mean = self.structure.coefficients, self.known.mean
+        before, since = self.known.information[:size, :size], inverse_of(plant.covariance[:size, :size])
+        units = np.diag(before) ** -0.5  # the coefficients have units of their own
+        before, since = (each * np.outer(units, units) for each in (before, since))
+        away = (plant.theta[:size] - mean[:size]) / units
+        if not (np.isfinite(since).all() and np.isfinite(away).all()):
+            return None
+
+        def left(forgotten: list[int]) -> tuple[float, FloatArray]:
+            prior = forget(before, np.eye(size)[:, forgotten])
+            step = least_norm(since + prior, since @ away, WEAKEST)[0]
+            rest = away - step
+            return 0.5 * float(rest @ since @ rest + step @ prior @ step), step
+
+        forgotten: list[int] = []
+        (cost, step), open_ = left([]), list(range(size))
+        while open_:
+            next_ = min(open_, key=lambda each: left([*forgotten, each])[0])
+            less, there = left([*forgotten, next_])
+            if forgotten and not cost - less > self.stretch.price:
+                break
+            cost, step = less, there
+            forgotten.append(next_)
+            open_.remove(next_)
+        if not (forgotten and open_):
+            return None
+        model, directions = plant.theta.copy(), np.zeros((mean.size, len(forgotten)))
+        model[:size] = mean[:size] + step * units
+        directions[forgotten, range(len(forgotten))] = units[forgotten]
+        return model, directions
+
+    def _with_prior(self, supposition: Supposition, start: tuple[FloatArray, FloatArray]) -> Claim | None:
+        """Return the claim of a model that was known but for some directions, its fit begun at ``start``."""
+        # in a load that drifts a fit without it may lead astray, and one with it may take for it what is none
+        drifting, best = self._drifting(self.problem.run(start[0])), None
+        for problem in {id(each): each for each in (self.problem, drifting)}.values():
+            prior = self.known.without(start[1])
+            model, done, converged = problem.polish(start[0], prior=prior, whitened=True)
+            variance = self._variance(done.ahead)
+            if variance > prior.variance:  # that of the samples since is what they are to be weighed by
+                prior = replace(prior, variance=variance)
+                model, done, converged = problem.polish(start[0], prior=prior, whitened=True)
+            if not (np.isfinite(model).all() and math.isfinite(done.cost)):
+                continue
+            likelihood = self._likelihood(self.problem.run(model)) - 0.5 * prior.cost(model) / prior.variance
+            root = self.root(model, done, converged=converged)
+            numbers = self._nuisances + start[1].shape[1]
+            left = self._variance(done.ahead) / (self.known.variance + self.stretch.least)
+            claim = self._claim(supposition, likelihood, numbers, model=model, root=root, prior=prior, left=left)
+            best = claim if best is None or claim.fair > best.fair else best
+        return best
+
+    def _variance(self, error: FloatArray) -> float:
+        """Return the variance of an error (K,) filtered by the noise model from before."""
+        white = self.known.noise.whiten_known(error, self.stretch.predecessors)
+        return float(white @ white) / max(self.count, 1)
+
+    def _drifting(self, done: Pass) -> Problem:
+        """Return the problem of the samples since with a load that drifts as a pass shows; the same if it does not."""
+        line = self.stretch.line(done.ahead, self.known.noise, done.phi[:, self.structure.coefficients :])
+        if line.shape[1] == 0:
+            return self.problem
+        problem = Problem(self.structure, self.since, line)
+        problem.noise = self.known.noise
+        return problem
+
+    def root(self, model: FloatArray, done: Pass, *, converged: bool) -> Root:
+        """Return a model as the end of a fit, filtered by the noise model from before if estimates are."""
+        white = self.known.noise.whiten_known(done.ahead, self.stretch.predecessors)
+        power = float(white @ white)
+        innovation = power / max(self.count, 1)
+        return Root(model, done, self.known.noise, innovation, power, converged, converged, filters=self.known.filters)
+
+    def _plant(self, given: Sequence[FloatArray]) -> Claim | None:
+        """Return the claim of a model of the samples since alone."""
+        found = refine(self.structure, self.since, given, afresh=True, filtered=self.known.filters)
+        if found is None or not found.settled:
+            return None
+        run = self.problem.run(found.theta)
+        problem = self._drifting(run)
+        if problem is not self.problem:
+            model, done, converged = problem.polish(found.theta)
+            problem.renew_noise(done)
+            root = Root(model, done, problem.noise, done.cost, done.power, converged, converged, filters=False)
+            again = conclude(self.structure, problem.record, problem.known, root)
+            if again is not None and again.settled:
+                found, run = again, self.problem.run(again.theta)
+        return self._claim(Supposition.PLANT, self._likelihood(run), found.theta.size, model=found.theta, refined=found)
+
+    def _cuts(self, models: Sequence[FloatArray]) -> Iterator[Claim]:
+        """Yield the claims that the output decays as a model does, and does not answer to the input."""
+        for model in models:
+            done, driven = self._driven(model)
+            columns, error = done.phi[:, self.structure.coefficients :], done.ahead
+            beside = driven - columns @ least_norm(columns, driven, WEAKEST)[0]
+            if not float(np.std(beside)) > HARMLESS * float(np.std(driven)):  # the input rests
+                continue
+            left = error - columns @ least_norm(columns, error, WEAKEST)[0]
+            # the initial state of an output that wanders is told by the noise model alone
+            noise = self.stretch.colour(left)
+            white, target = (noise.whiten_known(each, self.stretch.predecessors) for each in (columns, error))
+            weighed = error - columns @ least_norm(white, target, WEAKEST)[0]
+            likelihood, still = max(self._likelihood(done, left), self._likelihood(done, weighed)), model.copy()
+            still[self.structure.numerator] = 0.0
+            yield self._claim(Supposition.CUT, likelihood, self._nuisances, model=still)
+
+    def differ(self, model: FloatArray, other: FloatArray) -> bool:
+        """Return whether the outputs that the G(s) of two models make of the record's whole input differ."""
+        outputs = []
+        for each in (model, other):
+            bare = each.copy()
+            bare[self.structure.coefficients :] = 0.0
+            outputs.append(self._whole.run_whole(bare).output)
+        away = float(np.std(outputs[0] - outputs[1]))
+        return not away < MATTERS * float(np.std(outputs[1]))
+
+    def estimate(self, claim: Claim) -> Refined | None:
+        """Return the estimate of a claim about the samples since, what was known before included."""
+        if claim.refined is not None or claim.root is None:
+            return claim.refined
+        return conclude(
+            self.structure, self.problem.record, self.problem.known, claim.root, self.problem.projection, claim.prior
+        )
