@@ -149,23 +149,18 @@ def test_no_model_off_by_a_tenth_is_trusted_640_samples_after_a_change(change: s
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_gain_that_the_noise_hides_from_the_alarm_is_not_trusted(seed: int) -> None:
-    """A third up under noise of a quarter: the estimate lags behind, and its slopes hide that from the whole record.
-
-    Of the samples since the estimate of before the error makes (1 - 1 / 1.3)^2 / (1 + 1 / 16), 5 %, of the output.
-    """
+def test_a_gain_that_the_noise_hides_from_the_alarm_is_found(seed: int) -> None:
+    """A third up under noise of a quarter: the power of the residual hides it, its score does not."""
     u, samples = binary(seed, 3000, 10), 3000
     low, high = (rp.TransferFunction([gain], [1.0, 1.0]).simulate(u, 0.1) for gain in (2.0, 2.6))
     y = np.where(np.arange(samples) < samples // 2, low, high)
     y = y + 0.25 * high.std() * np.random.default_rng(seed).standard_normal(samples)
     ident = rp.Identifier(rp.Structure(1), 0.1)
-    for k in range(0, samples, 100):
-        ident.update_many(u[k : k + 100], y[k : k + 100])
-        model = ident.transfer_function
-        off = abs(model.dc_gain / (2.6 if k >= samples // 2 else 2.0) - 1.0)
-        if k >= samples // 2 + 300 and off > 0.1:
-            assert ident.assess().status != "trusted", (k, off)
-    assert ident.assess().status != "diverged"
+    ident.update_many(u[:2000], y[:2000])  # the record has grown by a quarter since the change
+    assert ident.transfer_function.dc_gain == pytest.approx(2.6, rel=0.1)
+    ident.update_many(u[2000:], y[2000:])
+    assert ident.transfer_function.dc_gain == pytest.approx(2.6, rel=0.05)
+    assert ident.assess().status == "trusted"
 
 
 def test_the_verdict_can_be_asked_for_at_any_sample_of_an_alarm_and_after() -> None:

@@ -512,7 +512,7 @@ class Identifier(Estimate):
             state.look_at = first_look(state, settings)
             state.trusted_at = 0
         if samples == self._resolve_at:
-            state = self._go_on_with(solve_again(state, settings) or review(state, settings) or state)
+            state = self._go_on_with(review(state, settings) or solve_again(state, settings) or state)
             self._resolve_at = next_renewal(state, settings)
             self._note_verdict(state, settings)
         if samples == state.look_at:
