@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.assessment.score_test import ALPHA
 from replant.engine.record import Record
-from replant.offline.contest import ALPHA, Claim, Contest, Supposition, decided
+from replant.offline.contest import Claim, Contest, Supposition, decided
 from replant.offline.known_before import Known, forget
 from replant.offline.refined import Refined
 from replant.offline.solve import solve

@@ -22,9 +22,10 @@ import math
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.assessment.score_test import ALPHA
 from replant.engine.record import Record
 from replant.model.structure import Structure
-from replant.offline.contest import ALPHA, HARMLESS, Claim, Contest, decided
+from replant.offline.contest import HARMLESS, Claim, Contest, decided
 from replant.offline.known_before import Known, with_nuisances
 from replant.offline.residual_likelihood import Stretch
 from replant.offline.srivc import refine
@@ -84,7 +85,7 @@ def find_change(structure: Structure, record: Record, model: FloatArray) -> Clai
 
 @quiet
 def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> int:
-    """Return the sample since which a model (T,) is least that of the record; 0 where it may be that of all samples.
+    """Return the sample since which a model (T,) fits the record worst; 0 where that may be chance.
 
     Examples
     --------

@@ -29,6 +29,7 @@ from enum import Enum
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.assessment.score_test import ALPHA, MATTERS
 from replant.engine.record import Record
 from replant.model.structure import Structure
 from replant.offline.known_before import Known, forget
@@ -40,21 +41,14 @@ from replant.offline.srivc_steps import Problem, is_long_enough
 from replant.simulation.auxiliary_model import Pass
 from replant.statistics.linear_algebra import inverse_of, least_norm, quiet
 
-ALPHA = 1e-4
-"""Chance that another G(s) is believed of a plant that has not changed [probability].
-Level: 0.01 %.
-"""
-
-MATTERS = 0.05
+NOTICED = 0.5 * math.sqrt(MATTERS)
 """Change of the simulated output below which a change of the plant does not matter [part of the output's amplitude].
-Derivation: half of the error of abs G with which a model is trusted.
-Sensitivity: not measured.
+Derivation: half of the amplitude that matters, as a change must be noticed before it is as large.
 """
 
-HARMLESS = 0.01
+HARMLESS = 0.2 * NOTICED
 """Residual below which no change is looked for [part of the output's standard deviation].
 Derivation: a fifth of what a change must make of the output, so that none that matters is missed.
-Sensitivity: not measured.
 """
 
 
@@ -320,7 +314,7 @@ class Contest:
             bare[self.structure.coefficients :] = 0.0
             outputs.append(self._whole.run_whole(bare).output)
         away = float(np.std(outputs[0] - outputs[1]))
-        return not away < MATTERS * float(np.std(outputs[1]))
+        return not away < NOTICED * float(np.std(outputs[1]))
 
     def estimate(self, claim: Claim) -> Refined | None:
         """Return the estimate of a claim about the samples since, what was known before included."""

@@ -21,6 +21,7 @@ from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels.schema import Alarm, Doubt
 from replant.offline.srivc import refine
+from replant.offline.srivc_steps import SOONEST
 from replant.online.restart import (
     EXPLAINED,
     SURE,
@@ -91,12 +92,6 @@ SETTLED = 10.0
 constants].
 Origin: as WARM_TIME_CONSTANTS: the plant shows what it has become.
 Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-SOONEST = 50
-"""Samples between two looks at the least [samples].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved, nothing changes on these records; doubled, 48 samples held against 'load step' instead of 49.
 """
 
 PATIENCE = 1.5
