@@ -128,7 +128,7 @@ def make(
     source: Source, *, observer: FakeObserver | None = None, path: Path | None = None, every: float = 1e-9,
     identifier: rp.Identifier | None = None, ttl: float = PATIENCE, **arguments: Any,
 ) -> tuple[Session, FakeObserver]:  # fmt: skip
-    """Return a session and its observer; trust does not expire while a busy machine compiles the kernels."""
+    """Return a session and its observer; trust does not expire on a machine that is busy."""
     observer = observer or FakeObserver()
     notices = Notices(observer.show)
     disk_writer = DiskWriter(notices)

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-#: s; only keeps a broken test from hanging.  Kernels may have to be compiled first, on a machine that is busy.
+#: s; only keeps a broken test from hanging, on a machine that is busy.
 PATIENCE = 600.0
 
 

@@ -35,7 +35,7 @@ typedef struct {
     void (*take_back)(void *);
     object *(*call)(object *, ...);
     void (*let_go)(object *);
-    object *none, *type_error, *value_error, *attention, *contiguous;
+    object *type_error, *value_error, *attention, *contiguous;
 } python;
 
 typedef struct { /* PyMethodDef */
@@ -45,7 +45,7 @@ typedef struct { /* PyMethodDef */
     const char *doc;
 } definition;
 
-enum { FAST_CALL = 0x80, WITH_FORMAT = 0x4, WITH_STRIDES = 0x10 | 0x8, WRITABLE = 0x1 };
+enum { FAST_CALL = 0x80, WITH_FORMAT = 0x4, WITH_STRIDES = 0x10 | 0x8 };
 enum { INTS = 0, REALS = 2, BANKS = 4, BUFFER = 7, RECENT = 10, GATE = 13, KIND = 14, SHUT = 1 };
 
 static python py;

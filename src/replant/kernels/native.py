@@ -112,7 +112,7 @@ class Api(ctypes.Structure):
         "Py_DecRef",
     )  # fmt: skip
     _fields_ = [(name, ctypes.c_void_p) for name in NAMES]
-    _fields_ += [("none", ctypes.py_object), ("type_error", ctypes.py_object), ("value_error", ctypes.py_object)]
+    _fields_ += [("type_error", ctypes.py_object), ("value_error", ctypes.py_object)]
     _fields_ += [("attention", ctypes.py_object), ("contiguous", ctypes.py_object)]
 
 
@@ -136,7 +136,7 @@ class Library:
         names = [self._library.replant_name(number) for number in range(self._library.replant_count())]
         self._numbers = {name.decode(): number for number, name in enumerate(names)}
         found = {name: ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value for name in Api.NAMES}
-        given = {"none": None, "type_error": TypeError, "value_error": ValueError, "attention": Attention}
+        given = {"type_error": TypeError, "value_error": ValueError, "attention": Attention}
         self._api = Api(**found, **given, contiguous=np.ascontiguousarray)
         self._library.replant_connect(ctypes.byref(self._api))
         self._new = ctypes.pythonapi.PyCFunction_NewEx
