@@ -104,3 +104,15 @@ def test_a_state_with_shapes_of_its_own_is_sound() -> None:
             state = rp.Identifier(rp.Structure(poles, zeros, delay=0.3), 0.1, optimizer="amsgrad")._state
             assert is_laid_out(state.ints, state.reals.size, *state.banks.shape)
             assert not is_laid_out(state.ints, state.reals.size - 1, *state.banks.shape)
+
+
+@pytest.mark.parametrize("compiler", ["no-such-compiler", "cc 'x", "cc --no-such-option", "false"])
+def test_a_compiler_that_fails_is_said_in_one_line(compiler: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, ROOT / "tools/translator/library.py", "--out", tmp_path / "library.so"],
+        env=os.environ | {"CC": compiler}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode != 0
+    assert len(done.stderr.splitlines()) == 1
+    assert "compiler" in done.stderr
+    assert not list(tmp_path.iterdir())
