@@ -34,7 +34,7 @@ from replant.assessment import assess_online, estimate_tests, judge
 from replant.kernels.monitoring import outliers
 from replant.online import change_response
 print(estimate_tests.MOST_UNCERTAIN, judge.MOST_UNCERTAIN, assess_online.MOST_UNCERTAIN)
-print(change_response.BEGINNINGS, outliers.GATE)
+print(change_response.BEGINS, outliers.GATE)
 """
     seen = []
     for changed in ({}, {"assessment.estimate_tests.MOST_UNCERTAIN": 0.3, "kernels.monitoring.outliers.GATE": 2064.0}):
@@ -44,7 +44,7 @@ print(change_response.BEGINNINGS, outliers.GATE)
     usual, other = seen
     assert usual[:3] == [measurable()["assessment.estimate_tests.MOST_UNCERTAIN"]] * 3
     assert other[:3] == [0.3] * 3
-    assert other[3:5] == usual[3:5] == list(measurable()["online.change_response.BEGINNINGS"])
+    assert other[3:5] == usual[3:5] == list(measurable()["online.change_response.BEGINS"])
     assert (usual[5], other[5]) == (measurable()["kernels.monitoring.outliers.GATE"], 2064.0)
 
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import replant as rp
-from replant.assessment.score_test import ALPHA
 from replant.engine.record import Record
-from replant.offline.contest import Claim, Contest, Supposition, decided
+from replant.kernels.schema import Supposition
+from replant.offline.contest import ALPHA, Claim, Contest, decided, is_sure, odds_of
 from replant.offline.known_before import Known, forget
 from replant.offline.refined import Refined
 from replant.offline.solve import solve
@@ -40,64 +39,46 @@ def changed(what: str, seed: int, since: int = 300) -> tuple[np.ndarray, np.ndar
         y += np.cumsum(after) * 0.004
     if what == "noise":
         noise = np.where(after, 4.0 * noise, noise)
+    if what == "cut":
+        y, noise = np.where(after, 0.3, y), np.where(after, 6.0 * noise, noise)
     return u, y + noise
 
 
-def contest_of(
-    u: np.ndarray, y: np.ndarray, structure: rp.Structure = STRUCTURE, dt: float = DT, begin: int = BEFORE
-) -> tuple[Contest, list[Claim]]:
-    """The contest since a sample, and its claims."""
-    record = Record(u, y, np.array([dt]))
-    before, whole = refine(structure, record.first(begin)), solve(structure, record)
-    assert before is not None
-    assert whole is not None
-    told = Known.before(structure, record, begin, before)
-    assert told is not None
-    trial = Contest(structure, record, begin, told)
-    return trial, trial.claims(whole.found.theta)
-
-
-def estimated(trial: Contest, claims: list[Claim]) -> tuple[Claim, Refined]:
-    """The claim that is decided for, and its estimate."""
-    found = decided(claims)
+def known(record: Record, structure: rp.Structure = STRUCTURE, begin: int = BEFORE) -> tuple[Known, Refined]:
+    """What the samples before tell."""
+    found = refine(structure, record.first(begin))
     assert found is not None
-    refined = trial.estimate(found)
-    assert refined is not None
-    return found, refined
+    size = structure.coefficients
+    information = np.zeros((found.theta.size, found.theta.size))
+    information[:size, :size] = np.linalg.inv(found.covariance[:size, :size])
+    told = Known.before(structure, record, begin, found.theta, information, found.variance)
+    assert told is not None
+    return told, found
+
+
+def contest(what: str, seed: int, since: int = 300) -> Contest:
+    u, y = changed(what, seed, since)
+    record = Record(u, y, np.array([DT]))
+    return Contest(STRUCTURE, record, BEFORE, known(record)[0])
 
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(
     ("what", "supposition"),
     [
+        ("none", Supposition.NOTHING),
+        ("noise", Supposition.NOISE),
         ("load", Supposition.LOAD),
         ("drift", Supposition.LOAD),
         ("gain", Supposition.PART),
         ("plant", Supposition.PLANT),
+        ("cut", Supposition.CUT),
     ],
 )
 def test_what_has_changed_is_found(what: str, supposition: Supposition, seed: int) -> None:
-    found = decided(contest_of(*changed(what, seed))[1])
+    found = decided(contest(what, seed).claims())
     assert found is not None
     assert found.supposition is supposition
-
-
-@pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize("what", ["none", "noise"])
-def test_where_the_plant_has_not_changed_no_change_is_found(what: str, seed: int) -> None:
-    """A load of nothing explains as much as one model of all samples: neither says anything else of G(s)."""
-    found = decided(contest_of(*changed(what, seed))[1])
-    assert found is None or not found.supposition.is_of_plant
-
-
-@pytest.mark.parametrize("what", ["load", "drift", "gain", "plant"])
-def test_the_estimate_is_that_of_the_plant_since(what: str) -> None:
-    """Within four standard deviations, which a gain that is known but for one direction makes small."""
-    _, refined = estimated(*contest_of(*changed(what, 1)))
-    true = np.array({"gain": [4.0, 3.0, 2.8], "plant": [7.0, 6.0, 3.0]}.get(what, [4.0, 3.0, 2.0]))
-    std = np.sqrt(np.diag(refined.covariance)[:3])
-    assert (np.abs(refined.theta[:3] - true) < 4.0 * std).all()
-    assert (std < (0.3 if what == "plant" else 0.1) * true).all()
 
 
 @pytest.mark.parametrize("changed_to", [0, 1, 2])
@@ -109,13 +90,19 @@ def test_of_a_coefficient_that_changes_the_others_are_kept(changed_to: int) -> N
     u, y = changed("none", 4)
     after = np.arange(u.size) >= BEFORE
     y += np.where(after, plant.simulate(u, DT) - PLANT.simulate(u, DT), 0.0)
-    trial, claims = contest_of(u, y)
-    found, refined = estimated(trial, claims)
+    record = Record(u, y, np.array([DT]))
+    told, before = known(record)
+    trial = Contest(STRUCTURE, record, BEFORE, told)
+    claims = trial.claims()
+    found = decided(claims)
+    assert found is not None
     assert found.supposition is Supposition.PART
-    known = np.sqrt(np.diag(np.linalg.inv(trial.known.information[:3, :3])))
-    std = np.sqrt(np.diag(refined.covariance)[:3])
+    assert is_sure(claims, found)
+    refined = trial.estimate(found)
+    assert refined is not None
+    std, std_before = (np.sqrt(np.diag(each.covariance)[:3]) for each in (refined, before))
     assert (np.abs(refined.theta[:3] - coefficients) < 4.0 * std).all()
-    assert ((std < 1.05 * known) == (np.arange(3) != changed_to)).all()
+    assert ((std < 1.05 * std_before) == (np.arange(3) != changed_to)).all()
 
 
 def test_where_the_samples_since_tell_no_slow_mode_it_is_not_sure_that_it_was_a_load() -> None:
@@ -124,9 +111,66 @@ def test_where_the_samples_since_tell_no_slow_mode_it_is_not_sure_that_it_was_a_
     u = binary(0, 20_100, 40)
     y = plant.simulate(u, dt) + 0.01 * np.random.default_rng(0).standard_normal(u.size)
     y[20_000:] += 0.3
-    _, claims = contest_of(u, y, structure, dt, 20_000)
-    assert max(claims, key=lambda claim: claim.evidence).supposition is Supposition.LOAD
-    assert decided(claims) is None
+    record = Record(u, y, np.array([dt]))
+    trial = Contest(structure, record, 20_000, known(record, structure, 20_000)[0])
+    claims = trial.claims()
+    found = max(claims, key=lambda claim: claim.evidence)
+    assert found.supposition is Supposition.LOAD
+    assert not is_sure(claims, found)
+    u, y = changed("load", 0)
+    trial = contest("load", 0)
+    claims = trial.claims()
+    found = decided(claims)
+    assert found is not None
+    assert is_sure(claims, found)
+
+
+def test_a_rest_is_not_taken_for_a_cable_that_is_off() -> None:
+    u, y = changed("noise", 5)
+    rest = slice(BEFORE, None)
+    y[rest] += (
+        PLANT.simulate(np.append(u[:BEFORE], np.full(300, u[BEFORE - 1])), DT)[rest] - PLANT.simulate(u, DT)[rest]
+    )
+    u[rest] = u[BEFORE - 1]
+    record = Record(u, y, np.array([DT]))
+    claims = Contest(STRUCTURE, record, BEFORE + 100, known(record)[0]).claims()
+    assert Supposition.CUT not in {claim.supposition for claim in claims}
+
+
+@pytest.mark.parametrize("what", ["load", "drift", "gain", "plant"])
+def test_the_estimate_is_that_of_the_plant_since(what: str) -> None:
+    """Within four standard deviations, which a gain that is known but for one direction makes small."""
+    trial = contest(what, 1)
+    found = decided(trial.claims())
+    assert found is not None
+    refined = trial.estimate(found)
+    assert refined is not None
+    true = np.array({"gain": [4.0, 3.0, 2.8], "plant": [7.0, 6.0, 3.0]}.get(what, [4.0, 3.0, 2.0]))
+    std = np.sqrt(np.diag(refined.covariance)[:3])
+    assert (np.abs(refined.theta[:3] - true) < 4.0 * std).all()
+    assert (std < (0.3 if what == "plant" else 0.1) * true).all()
+
+
+def test_a_model_that_was_wrong_gives_way_to_one_of_all_samples() -> None:
+    """The estimate of the first 60 samples; the plant has not changed."""
+    u, y = changed("none", 2)
+    record, begin = Record(u, y, np.array([DT])), 60
+    told, _ = known(record, begin=begin)
+    trial = Contest(STRUCTURE, record, begin, told)
+    whole = solve(STRUCTURE, record)
+    assert whole is not None
+    found = decided([*trial.claims(again=True), trial.whole(whole)])
+    assert found is not None
+    assert found.supposition is Supposition.WHOLE
+
+
+def test_after_a_change_one_model_of_all_samples_loses() -> None:
+    trial = contest("gain", 0)
+    whole = solve(STRUCTURE, trial.record)
+    assert whole is not None
+    found = decided([*trial.claims(again=True), trial.whole(whole)])
+    assert found is not None
+    assert found.supposition is Supposition.PART
 
 
 def test_what_the_samples_since_do_not_tell_stays_as_it_was_known() -> None:
@@ -135,8 +179,13 @@ def test_what_the_samples_since_do_not_tell_stays_as_it_was_known() -> None:
     u = binary(0, 40_200, 40)
     y = np.where(np.arange(u.size) < 40_000, 1.0, 1.5) * plant.simulate(u, dt)
     y += 0.01 * np.random.default_rng(0).standard_normal(u.size)
-    trial, claims = contest_of(u, y, structure, dt, 40_000)
-    refined = trial.estimate(next(each for each in claims if each.supposition is Supposition.PART))
+    told, found = known(Record(u[:40_000], y[:40_000], np.array([dt])), structure, 40_000)
+    since = Record(u[39_000:], y[39_000:], np.array([dt]))
+    told = Known.before(structure, since, 1000, found.theta, told.information, found.variance)
+    assert told is not None
+    trial = Contest(structure, since, 1000, told)
+    claim = next(each for each in trial.claims() if each.supposition is Supposition.PART)
+    refined = trial.estimate(claim)
     assert refined is not None
     true = true_parameters(plant, 1) * [1.0, 1.0, 1.5, 1.5]
     assert (np.abs(refined.theta[:4] - true) < 4.0 * np.sqrt(np.diag(refined.covariance)[:4])).all()
@@ -156,14 +205,16 @@ def test_forgetting_a_direction_leaves_the_information_about_the_others() -> Non
 
 
 def test_another_plant_has_to_be_sure_and_so_has_that_there_is_none() -> None:
-    trial, claims = contest_of(*changed("gain", 0))
-    gain = next(each for each in claims if each.supposition is Supposition.PART)
-    whole, sure = replace(claims[-1], fair=20.0, model=trial.known.mean), -math.log(ALPHA)
-    assert decided([whole, replace(gain, fair=20.0 - 1.1 * sure)]) is whole
-    assert decided([whole, replace(gain, fair=20.0 - 0.5 * sure)]) is None
-    assert decided([whole, replace(gain, fair=20.0 + 0.5 * sure)]) is None
-    better = replace(gain, fair=20.0 + 1.1 * sure)
-    assert decided([whole, better]) is better
+    def claim(supposition: Supposition, fair: float) -> Claim:
+        return Claim(supposition, None, fair, odds_of(supposition))  # type: ignore[arg-type]
+
+    load, sure = claim(Supposition.LOAD, 20.0), -math.log(ALPHA)
+    assert decided([load, claim(Supposition.PART, 19.0)]) is load
+    assert decided([load, claim(Supposition.PART, 20.0 + 0.5 * sure)]) is None
+    gain = claim(Supposition.PART, 20.0 + 1.1 * sure)
+    assert decided([load, gain]) is gain
+    assert decided([load, claim(Supposition.CUT, 15.0)]) is None
+    assert decided([load, claim(Supposition.CUT, 20.0 - 1.1 * sure)]) is load
 
 
 def test_columns_beside_a_fit_are_estimated_with_it() -> None:

@@ -195,7 +195,7 @@ def test_a_handler_may_read_and_save_and_may_not_change(monkeypatch: pytest.Monk
     u, y = stream(1)
     plain, ident = identifier(0), identifier(0)
     plain.update_many(u, y)
-    whole, saved = module.solve_again, []
+    whole, saved = module.renew, []
 
     def handled(*given: Any) -> Any:
         saved.append((ident.taken, ident.to_bytes()))
@@ -203,7 +203,7 @@ def test_a_handler_may_read_and_save_and_may_not_change(monkeypatch: pytest.Monk
             ident.update(1.0, 1.0)
         return whole(*given)
 
-    monkeypatch.setattr(module, "solve_again", handled)
+    monkeypatch.setattr(module, "renew", handled)
     ident.update_many(u, y)
     monkeypatch.undo()
     assert equal(ident, plain)

@@ -9,7 +9,6 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
 from replant.assessment import sensor_faults
-from replant.assessment.estimate_tests import MOST_UNCERTAIN
 from replant.assessment.evidence import Evidence
 from replant.assessment.judge import RESTING, judge
 from replant.assessment.verdict import Assessment, Finding, conclude
@@ -107,7 +106,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         largest_power=state.largest_power,
         grown=samples - state.change_began if state.alarm else 0,
         after_change=_is_after_change(state),
-        unsettled=_unsettled(state, settings, known),
+        undecided=state.undecided > 0,
         after_alarm=not finished and _is_after_alarm(state, in_use, kept, dt),
         trusted_before=state.trusted_at > 0,
         since_trusted=samples - state.trusted_at,
@@ -157,17 +156,6 @@ def _is_after_change(state: State) -> bool:
     changed = max(state.revised_from, state.record_began)
     forgotten = state.past_step == SHORTEST_STEP and state.samples - changed > RECENT
     return changed > 0 and not forgotten
-
-
-def _unsettled(state: State, settings: Settings, known: FloatArray) -> float:
-    """Return the largest relative std of a revised estimate's coefficients, among those known before the change."""
-    if not (state.was_revised and _is_after_change(state)):
-        return 0.0
-    size = settings.structure.coefficients
-    before, std = np.abs(state.prior[:, :size])
-    now = np.maximum(np.abs(state.physical)[:size], before)
-    share = np.sqrt(np.maximum(np.diag(known)[:size], 0.0)) / np.maximum(now, np.finfo(float).tiny)
-    return float(share[std < MOST_UNCERTAIN * before].max(initial=0.0))
 
 
 def earlier_estimate(state: State, size: int) -> tuple[int, FloatArray]:

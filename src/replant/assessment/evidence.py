@@ -90,11 +90,10 @@ class Evidence:
     after_change : bool
         Whether the estimate was begun anew, or revised, after a change of the plant; an estimate that forgets counts as
         such only while the newest samples kept reach back to the change.
-    unsettled : float
-        After a change of the plant, the largest relative standard deviation of a coefficient that was known before;
-        else 0.
     since_change : int
         Samples since the plant has changed within the record, so that no one model explains it; else 0.
+    undecided : bool
+        Whether the samples since the last change do not yet tell what it was.
     after_alarm : bool
         Whether the record begins where an alarm ended without another model.
     trusted_before : bool
@@ -138,8 +137,8 @@ class Evidence:
     disagreement: float = 0.0
     grown: int = 0
     after_change: bool = False
-    unsettled: float = 0.0
     since_change: int = 0
+    undecided: bool = False
     after_alarm: bool = False
     trusted_before: bool = False
     since_trusted: int = 0

@@ -97,7 +97,7 @@ def gain_findings(evidence: Evidence, runs: Runs, covariance: FloatArray, alone:
         reason = f"since the plant has changed abs G is known to {percent(worst)} only (standard deviation)"
         findings.append(Finding("converging", f"{reason}, at a frequency that the input excites"))
     if evidence.after_alarm:  # what raised it may have been a change that the offset and initial state hide
-        told = _uncertainty(evidence, alone).response(omega)[0]
+        told = _uncertainty(evidence, alone).response(excited_frequencies(evidence, slowest=True))[0]
         worst = float(told.max()) if np.isfinite(told).all() else np.inf
         if not CONTRADICTS_SIGMAS * worst <= LARGEST_ERROR:
             reason = "the residual is as usual again, but the samples since tell abs G"
@@ -105,15 +105,15 @@ def gain_findings(evidence: Evidence, runs: Runs, covariance: FloatArray, alone:
     return findings
 
 
-def excited_frequencies(evidence: Evidence) -> FloatArray:
+def excited_frequencies(evidence: Evidence, *, slowest: bool = False) -> FloatArray:
     """Return the frequencies (F,), in rad/s, that the input excites.
 
     A record shorter than the slowest mode does not resolve the lowest ones: the density there is taken for that of the
-    lowest frequency that it resolves.
+    lowest frequency that it resolves.  A pole slower than the record counts as one as slow, unless ``slowest``.
     """
     omega, density = _input_spectrum(evidence)
     poles = np.abs(roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])))
-    lowest = SLOWEST * max(float(poles.min()), 1.0 / evidence.record.span)  # a slower pole counts as one as slow
+    lowest = SLOWEST * max(float(poles.min()), 0.0 if slowest else 1.0 / evidence.record.span)
     if 0.0 < lowest < omega[0]:
         below = np.geomspace(lowest, omega[0], SLOW_FREQUENCIES, endpoint=False)
         omega, density = np.concatenate([below, omega]), np.concatenate([np.full(below.size, density[0]), density])

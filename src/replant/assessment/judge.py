@@ -30,7 +30,6 @@ from replant.assessment.alternatives import NEGLIGIBLE, unexplained, unexplained
 from replant.assessment.change_tests import burst_finding, growth_finding
 from replant.assessment.control_loop import COLOURED, Loop
 from replant.assessment.estimate_tests import (
-    MOST_UNCERTAIN,
     Certainty,
     slow_noise,
 )
@@ -209,10 +208,9 @@ def _of_guard(evidence: Evidence) -> list[Finding]:
     if evidence.since_change:
         reason = f"the plant seems to have changed {duration(evidence.seconds(evidence.since_change))} before the end"
         findings.append(Finding("inconsistent", f"{reason}: identify the parts before and since by themselves"))
-    if evidence.unsettled > MOST_UNCERTAIN:
-        std = percent(min(evidence.unsettled, 1.0))
-        reason = f"since the plant changed, a coefficient has a standard deviation of {std}"
-        findings.append(Finding("converging", f"{reason}: its slowest mode needs more samples"))
+    if evidence.undecided:
+        reason = "the residual had grown, and the samples since do not tell yet whether a load or the plant has changed"
+        findings.append(Finding("converging", f"{reason}: move the input"))
     return findings
 
 

@@ -287,11 +287,6 @@ class State(StateSlots):
 
         return bool(self.banks[self.serving_bank, REFLECTED])
 
-    @property
-    def was_revised(self) -> bool:
-        """Whether the estimate is one revised after a change, by a record without a gap since."""
-        return self.revised_from > 0 and self.revised_from == self.gap_at
-
     def install(self, theta: FloatArray) -> None:
         """Make ``theta`` (T,), in physical units, the serving auxiliary model, its filters at rest."""
         from replant.kernels.filters.chain import install_model

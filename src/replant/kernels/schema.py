@@ -114,6 +114,23 @@ class Alarm(IntEnum):
     FLOATS = 4  # no model explains the output, as with a cable that floats: nothing is learned until it ends
 
 
+class Supposition(IntEnum):
+    """What has changed where a residual has grown; see `replant.offline.contest`."""
+
+    NOTHING = 0
+    NOISE = 1  # its variance or colour
+    LOAD = 2  # offset and initial state
+    PART = 3  # these and some directions of the coefficients, the gain say
+    PLANT = 4  # these and every coefficient
+    CUT = 5  # the output no longer answers to the input
+    WHOLE = 6  # not the plant: the model was wrong
+
+    @property
+    def is_of_plant(self) -> bool:
+        """Whether the output answers to the input otherwise from the change on."""
+        return self in (Supposition.PART, Supposition.PLANT, Supposition.CUT)
+
+
 class Doubt(IntEnum):
     """Why the newest output was bridged by the model's."""
 
@@ -332,6 +349,11 @@ class StateSlots(Table):
         IDENTIFIER,
         below="samples + 1",
     )
+    change = Choice(Supposition, "what changed at the last change that is believed", IDENTIFIER)
+    undecided = Flag("the samples since tell not yet whether G(s) has changed otherwise", IDENTIFIER)
+    change_price = Real("price of the numbers that it has fitted", IDENTIFIER, least=0.0)
+    changed_at = Integer("accepted samples before that change; 0: none", IDENTIFIER, below="samples + 1")
+    before_began = Integer("accepted samples before the record before it", IDENTIFIER, below="samples + 1")
     variance_ratio = Real("variance of the newest a-priori error, over that of the residual", MONITORING, finite=False)
     residuals_seen = Real("residuals that the next two variances are made from", MONITORING, least=0.0)
     late_variance = Real(
@@ -371,7 +393,7 @@ class StateSlots(Table):
     work = Block("4 * N * N", "work; N = n + 2", STEP_KERNEL, finite=False)
     past = Block("PAST, 1 + T", "past estimates, each behind the samples that it had taken in", STEP_KERNEL)
     prior = Block(
-        "2, T", "the estimate before a change and its standard deviations, physical", IDENTIFIER, finite=False
+        "1 + T, T", "the estimate before a change, and the information about it, physical", IDENTIFIER, finite=False
     )
     colour = Nested(ColourSlots, "power and colour of the residual")
     path = Nested(PathSlots, "the estimate at some of the samples")

@@ -25,13 +25,13 @@ from replant.arguments import FloatArray
 from replant.assessment.score_test import ALPHA
 from replant.engine.record import Record
 from replant.model.structure import Structure
-from replant.offline.contest import HARMLESS, Claim, Contest, decided
+from replant.offline.contest import HARMLESS, Claim, Contest, decided, is_sure
 from replant.offline.known_before import Known, with_nuisances
 from replant.offline.residual_likelihood import Stretch
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem, least_since
 from replant.statistics.chi2 import chi2_quantile
-from replant.statistics.linear_algebra import least_norm, quiet
+from replant.statistics.linear_algebra import inverse_of, least_norm, quiet
 
 BEGINS = 32
 """Samples since which a change is looked for, evenly spread over the record [count].
@@ -64,23 +64,32 @@ def find_change(structure: Structure, record: Record, model: FloatArray) -> Clai
     if record.r is not None or len(record.parts) > 1:
         return None
     begin = begin_of_change(structure, record, model)
-    if not begin:
-        return None
+    found = change_at(structure, record, model, begin) if begin else None
+    return found[0] if found is not None and is_sure(found[1], found[0]) else None
+
+
+@quiet
+def change_at(structure: Structure, record: Record, model: FloatArray, begin: int) -> tuple[Claim, list[Claim]] | None:
+    """Return what of the plant has changed at a sample, and all claims; None where a model (T,) of all explains it."""
     before = refine(structure, record.first(begin), [model], afresh=True)
     if before is None or not before.settled:
         return None
-    known = Known.before(structure, record, begin, before)
+    size, information = structure.coefficients, np.zeros((model.size, model.size))
+    information[:size, :size] = inverse_of(before.covariance[:size, :size])
+    filters = before.noise.filters > 0.0
+    known = Known.before(structure, record, begin, before.theta, information, before.variance, filters=filters)
     if known is None:
         return None
     contest = Contest(structure, record, begin, known)
-    claims = contest.claims(with_nuisances(structure, record, model))
+    claims = contest.claims(again=True)
+    claims += [contest.whole(with_nuisances(structure, record, model))] if claims else []
     found = decided(claims) if claims else None
     if found is None or not found.supposition.is_of_plant:
         return None
     # what changes on and on is no linear plant that has changed
     changes_on = begin_of_change(structure, record.first(begin), before.theta)
-    changes_on = changes_on or begin_of_change(structure, contest.since, found.model)
-    return None if changes_on else found
+    changes_on = changes_on or begin_of_change(structure, contest.since, found.theta)
+    return None if changes_on else (found, claims)
 
 
 @quiet

@@ -1,11 +1,14 @@
-"""Contest: which supposition of what has changed within a record explains the samples since best.
+"""Contest: which supposition of what has changed in a record explains its newest samples best.
 
-A supposition is fitted to the samples since some sample b:
+A residual that has grown has many causes.  Each is a supposition, fitted to the samples since some sample b:
 
-    LOAD    offset and initial state are new
-    PART    so are some directions of the coefficients: the gain, or single ones
-    PLANT   so is every coefficient
-    WHOLE   one model holds for these samples and those before
+    NOTHING   the model goes on, with its offset, its state and its noise
+    NOISE     the noise has another variance or colour
+    LOAD      offset and initial state are new
+    PART      so are some directions of the coefficients: the gain, or single ones
+    PLANT     so is every coefficient
+    CUT       the output no longer answers to the input: a cable floats
+    WHOLE     one other model holds for these samples and those before: the model was wrong
 
 What was known before is a prior, of which a supposition forgets some directions (`replant.offline.known_before`).
 
@@ -24,18 +27,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 
 import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment.score_test import ALPHA, MATTERS
 from replant.engine.record import Record
+from replant.kernels.schema import Supposition
 from replant.model.structure import Structure
 from replant.offline.known_before import Known, forget
 from replant.offline.prior import Prior
 from replant.offline.refined import Refined, Root, conclude
 from replant.offline.residual_likelihood import WEAKEST, Stretch
+from replant.offline.solve import Solution
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem, is_long_enough
 from replant.simulation.auxiliary_model import Pass
@@ -51,19 +55,10 @@ HARMLESS = 0.2 * NOTICED
 Derivation: a fifth of what a change must make of the output, so that none that matters is missed.
 """
 
-
-class Supposition(Enum):
-    """What has changed since a sample."""
-
-    LOAD = 0  # offset and initial state
-    PART = 1  # these and some directions of the coefficients, the gain say
-    PLANT = 2  # these and every coefficient
-    WHOLE = 3  # nothing: one model holds for all samples
-
-    @property
-    def is_of_plant(self) -> bool:
-        """Whether the output answers to the input otherwise from the change on."""
-        return self in (Supposition.PART, Supposition.PLANT)
+UNEXPLAINED = 5.0
+"""Power of what a load or a part of the plant leaves, beyond which neither is what has happened [usual power].
+Derivation: the growth that an alarm is raised for.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,36 +71,74 @@ class Claim:
     contest : Contest
         Whose samples it is fitted to.
     fair : float
-        Logarithm of the likelihood, a prior's included, less the price of the numbers that it has fitted: the evidence
-        before what another G(s) costs.
-    model : (T,) array
+        Logarithm of the likelihood ratio to NOTHING, a prior's included, less the price of the numbers that it has
+        fitted: the evidence before what another G(s) costs.
+    odds : float
+        Logarithm of the odds beforehand: what another G(s) costs.
+    price : float
+        That of the numbers.
+    left : float
+        Variance of what a fit with a prior leaves, over the usual one.
+    model : (T,) array or None
     root : Root or None
         Where its fit has ended.
     prior : Prior or None
         Of that fit.
     refined : Refined or None
         The estimate, where it is made of the samples alone.
+    solution : Solution or None
+        That of all samples.
     """
 
     supposition: Supposition
     contest: Contest
     fair: float
-    model: FloatArray
+    odds: float = 0.0
+    price: float = 0.0
+    left: float = 1.0
+    model: FloatArray | None = None
     root: Root | None = None
     prior: Prior | None = None
     refined: Refined | None = None
+    solution: Solution | None = None
+
+    @property
+    def theta(self) -> FloatArray:
+        """The model (T,) that it goes on with; of an output that answers to nothing, without a numerator."""
+        return self.contest.known.mean if self.model is None else self.model
 
     @property
     def evidence(self) -> float:
-        """Logarithm of the evidence, up to a constant that all claims share."""
-        return self.fair + (math.log(ALPHA) if self.supposition.is_of_plant else 0.0)
+        """The logarithm of the evidence over that of NOTHING."""
+        return self.fair + self.odds
+
+
+def odds_of(supposition: Supposition) -> float:
+    """Return the logarithm of the odds of a supposition before any sample."""
+    return math.log(ALPHA) if supposition.is_of_plant else 0.0
 
 
 def decided(claims: Sequence[Claim]) -> Claim | None:
-    """Return the claim of most evidence; None while one that says something else of G(s) could hold as well."""
+    """Return the claim of most evidence; None while it is open.
+
+    What says nothing else of G(s) must win without the price of the others, too: it is as sure that it holds.  Beside
+    an output that answers to nothing every other one has to be sure.  What leaves so much of the output that it would
+    raise an alarm again explains nothing.
+    """
     best = max(claims, key=lambda claim: claim.evidence)
+    if best.supposition is Supposition.CUT:
+        return best
+    if best.left > UNEXPLAINED:
+        return None
+    rivals = [claim for claim in claims if not best.supposition.is_of_plant or claim.supposition is Supposition.CUT]
+    sure = [-math.log(ALPHA) if claim.supposition is Supposition.CUT else 0.0 for claim in rivals]
+    return None if any(claim.fair + more > best.fair for claim, more in zip(rivals, sure, strict=True)) else best
+
+
+def is_sure(claims: Sequence[Claim], best: Claim) -> bool:
+    """Return whether none but the best claim could hold that says something else of G(s)."""
     close = [claim for claim in claims if claim.fair > best.fair + math.log(ALPHA)]
-    return None if any(best.contest.differ(claim.model, best.model) for claim in close) else best
+    return not any(best.contest.differ(claim.theta, best.theta) for claim in close)
 
 
 class Contest:
@@ -119,9 +152,13 @@ class Contest:
         The first sample since.
     known : Known
         Of the same record, before a sample that is no later.
+    parted : int, optional
+        A later sample, from which on the variance is another one.
     """
 
-    def __init__(self, structure: Structure, record: Record, begin: int, known: Known) -> None:
+    def __init__(
+        self, structure: Structure, record: Record, begin: int, known: Known, parted: int | None = None
+    ) -> None:
         self.structure, self.record, self.begin, self.known = structure, record, begin, known
         self.since = record.last(record.u.size - begin)
         self.problem = Problem(structure, self.since)
@@ -129,7 +166,9 @@ class Contest:
         self._whole = Problem(structure, record)
         self.rows = self.problem.record.u.size  # those that answer to inputs of the record
         self.count = self.problem.record.count
-        self.stretch = Stretch.of(self.problem.record, slice(None))
+        middle = max((parted or begin) - (record.u.size - self.rows), 0)
+        self.stretch = Stretch.of(self.problem.record, slice(None), middle)
+        self.usual = self.stretch.of_usual(known.error[known.error.size - self.rows :], known.noise, known.variance)
 
     @property
     def is_long_enough(self) -> bool:
@@ -137,24 +176,31 @@ class Contest:
         return is_long_enough(self.structure, self.since)
 
     @quiet
-    def claims(self, whole: FloatArray) -> list[Claim]:
-        """Return what can be said of the samples since, beside a model (T,) of all samples; nothing of too few."""
+    def claims(self, *, again: bool = False) -> list[Claim]:
+        """Return what can be said of the samples since; ``again``: what a change that is believed may have been."""
+        before = self.known.error[self.known.error.size - self.rows :]
         if not self.is_long_enough:
             return []
-        # a load leaves G(s) as it is, and another G(s) makes another output
-        changed = [
-            claim
-            for claim in self._of_models()
-            if self.differ(claim.model, self.known.mean) == claim.supposition.is_of_plant
-        ]
-        return [*changed, self._of_all(whole)]
+        found = []
+        if not again:
+            noise = self.stretch.of_other(before, self.known.noise) - self.usual
+            found = [self._claim(Supposition.NOTHING, 0.0), self._claim(Supposition.NOISE, noise)]
+        if float(np.std(before)) < HARMLESS * float(np.std(self.problem.record.y)):
+            return found
+        models = [self.known.mean]
+        for claim in self._of_models():
+            models.append(claim.model if claim.model is not None else self.known.mean)
+            # a load leaves G(s) as it is, and another G(s) makes another output
+            if self.differ(models[-1], self.known.mean) == claim.supposition.is_of_plant:
+                found.append(claim)
+        return found if again else [*found, *self._cuts(models)]
 
     def _of_models(self) -> Iterator[Claim]:
         """Yield the claims of models fitted to the samples since: a load, a part of the plant, another plant."""
         starts = []
-        for supposition, start in ((Supposition.LOAD, self._without_moving()), (Supposition.PART, self._scaled())):
+        for supposition, start in ((Supposition.LOAD, self.without_moving()), (Supposition.PART, self._scaled())):
             claim = self._with_prior(supposition, start)
-            if claim is not None:
+            if claim is not None and claim.model is not None:
                 starts.append(claim.model)
                 yield claim
         plant = self._plant(starts)
@@ -165,25 +211,34 @@ class Contest:
             if claim is not None:
                 yield claim
 
-    def _of_all(self, model: FloatArray) -> Claim:
-        """Return the claim that one model holds for the samples before as well."""
+    @quiet
+    def whole(self, model: FloatArray, solution: Solution | None = None) -> Claim:
+        """Return the claim that one other model (T,), that of a solution, holds for the samples before as well."""
         error = self._whole.run_whole(model).ahead
         rows, noise = slice(0, error.size - self.rows), self.known.noise
         before = Stretch.of(self.record, rows)
-        likelihood = self.stretch.of_other(error[-self.rows :], noise) + before.of_other(error[rows], noise)
+        likelihood = self.stretch.of_other(error[-self.rows :], noise) - self.usual
+        likelihood += before.of_other(error[rows], noise)
         offset = before.measured[:, None].astype(float)
         likelihood -= before.of_other(self.known.error[rows], noise, offset)
-        return Claim(Supposition.WHOLE, self, likelihood, model)
+        return self._claim(Supposition.WHOLE, likelihood, model=model, solution=solution)
 
-    def _price(self, numbers: int) -> float:
-        """Return the price of so many numbers that are fitted beside the nuisances."""
-        return (self.known.mean.size - self.structure.coefficients + numbers) * self.stretch.price
+    def _claim(self, supposition: Supposition, likelihood: float, numbers: int = 0, **parts: object) -> Claim:
+        """Return a claim that has fitted so many numbers."""
+        price = numbers * self.stretch.price
+        return Claim(supposition, self, likelihood - price, odds_of(supposition), price, **parts)  # type: ignore[arg-type]
 
-    def _likelihood(self, done: Pass) -> float:
-        """Return the log-likelihood of a model's pass."""
-        return self.stretch.of_other(done.ahead, self.known.noise, done.phi[:, self.structure.coefficients :])
+    @property
+    def _nuisances(self) -> int:
+        """How many there are."""
+        return self.known.mean.size - self.structure.coefficients
 
-    def _without_moving(self) -> tuple[FloatArray, FloatArray]:
+    def _likelihood(self, done: Pass, error: FloatArray | None = None) -> float:
+        """Return the log-likelihood ratio to NOTHING of a model's pass, or of another error (K,) of its nuisances."""
+        nuisances = done.phi[:, self.structure.coefficients :]
+        return self.stretch.of_other(done.ahead if error is None else error, self.known.noise, nuisances) - self.usual
+
+    def without_moving(self) -> tuple[FloatArray, FloatArray]:
         """Return the known model with offset and initial state as the samples since tell them, and no direction."""
         model, size = self.known.mean.copy(), self.structure.coefficients
         model[size:] = 0.0
@@ -262,9 +317,10 @@ class Contest:
             if not (np.isfinite(model).all() and math.isfinite(done.cost)):
                 continue
             likelihood = self._likelihood(self.problem.run(model)) - 0.5 * prior.cost(model) / prior.variance
-            root = self._root(model, done, converged=converged)
-            fair = likelihood - self._price(start[1].shape[1])
-            claim = Claim(supposition, self, fair, model, root=root, prior=prior)
+            root = self.root(model, done, converged=converged)
+            numbers = self._nuisances + start[1].shape[1]
+            left = self._variance(done.ahead) / (self.known.variance + self.stretch.least)
+            claim = self._claim(supposition, likelihood, numbers, model=model, root=root, prior=prior, left=left)
             best = claim if best is None or claim.fair > best.fair else best
         return best
 
@@ -282,7 +338,7 @@ class Contest:
         problem.noise = self.known.noise
         return problem
 
-    def _root(self, model: FloatArray, done: Pass, *, converged: bool) -> Root:
+    def root(self, model: FloatArray, done: Pass, *, converged: bool) -> Root:
         """Return a model as the end of a fit, filtered by the noise model from before if estimates are."""
         white = self.known.noise.whiten_known(done.ahead, self.stretch.predecessors)
         power = float(white @ white)
@@ -303,8 +359,24 @@ class Contest:
             again = conclude(self.structure, problem.record, problem.known, root)
             if again is not None and again.settled:
                 found, run = again, self.problem.run(again.theta)
-        fair = self._likelihood(run) - self._price(self.structure.coefficients)
-        return Claim(Supposition.PLANT, self, fair, found.theta, refined=found)
+        return self._claim(Supposition.PLANT, self._likelihood(run), found.theta.size, model=found.theta, refined=found)
+
+    def _cuts(self, models: Sequence[FloatArray]) -> Iterator[Claim]:
+        """Yield the claims that the output decays as a model does, and does not answer to the input."""
+        for model in models:
+            done, driven = self._driven(model)
+            columns, error = done.phi[:, self.structure.coefficients :], done.ahead
+            beside = driven - columns @ least_norm(columns, driven, WEAKEST)[0]
+            if not float(np.std(beside)) > HARMLESS * float(np.std(driven)):  # the input rests
+                continue
+            left = error - columns @ least_norm(columns, error, WEAKEST)[0]
+            # the initial state of an output that wanders is told by the noise model alone
+            noise = self.stretch.colour(left)
+            white, target = (noise.whiten_known(each, self.stretch.predecessors) for each in (columns, error))
+            weighed = error - columns @ least_norm(white, target, WEAKEST)[0]
+            likelihood, still = max(self._likelihood(done, left), self._likelihood(done, weighed)), model.copy()
+            still[self.structure.numerator] = 0.0
+            yield self._claim(Supposition.CUT, likelihood, self._nuisances, model=still)
 
     def differ(self, model: FloatArray, other: FloatArray) -> bool:
         """Return whether the outputs that the G(s) of two models make of the record's whole input differ."""

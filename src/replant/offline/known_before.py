@@ -7,6 +7,7 @@ A supposition of what has changed forgets some directions V of the information M
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,11 +16,15 @@ from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
 from replant.offline.prior import Prior
-from replant.offline.refined import Refined
-from replant.offline.residual_likelihood import WEAKEST, Stretch
+from replant.offline.residual_likelihood import WEAKEST
 from replant.offline.srivc_steps import Problem
-from replant.statistics.autoregression import Autoregression
-from replant.statistics.linear_algebra import inverse_of, least_norm, quiet
+from replant.statistics.autoregression import LEAST, Autoregression, sums_of
+from replant.statistics.linear_algebra import least_norm, quiet
+
+UNTOLD = 4.0
+"""Residual beyond which a sample is not what the model tells [standard deviations].
+Level: a normal deviate beyond 4 has the chance 6e-5.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,22 +52,59 @@ class Known:
     error: FloatArray
     noise: Autoregression
     variance: float
-    filters: bool
+    filters: bool = True
 
     @classmethod
     @quiet
-    def before(cls, structure: Structure, record: Record, begin: int, found: Refined) -> Known | None:
-        """Return what the estimate of the samples before one tells; None where it leaves float64."""
-        size, information = structure.coefficients, np.zeros((found.theta.size, found.theta.size))
-        information[:size, :size] = inverse_of(found.covariance[:size, :size])
-        model = with_nuisances(structure, record, found.theta, slice(0, begin))
-        error, first = Problem(structure, record).run_whole(model).ahead, record.first(begin)
-        if not (np.isfinite(information).all() and np.isfinite(error).all()):
+    def before(
+        cls,
+        structure: Structure,
+        record: Record,
+        begin: int,
+        mean: FloatArray,
+        information: FloatArray,
+        usual: float,
+        *,
+        filters: bool = True,
+    ) -> Known | None:
+        """Return what a model and the information about it tell before a sample of a record; None where they do not.
+
+        Parameters
+        ----------
+        structure : Structure
+        record : Record
+        begin : int
+            The samples before it tell offset, state and noise.
+        mean : (T,) array
+        information : (T, T) array
+        usual : float
+            Variance of the residual, where too few samples are before to tell it.
+        filters : bool
+            Whether estimates are filtered by the noise model.
+        """
+        problem = Problem(structure, record)
+        first = record.first(begin)
+        told = first.count > LEAST + mean.size
+        if not (problem.is_usable(mean) and np.isfinite(information).all()):
             return None
-        noise = Stretch.of(first, slice(None)).colour(error[:begin])
+        model = with_nuisances(structure, record, mean, slice(0, begin) if told else slice(None))
+        error = problem.run_whole(model).ahead
+        if not np.isfinite(error).all():
+            return None
+        if not told:
+            return cls(mean, information, error, Autoregression.white(usual, 1.0), usual, filters)
+        sums, count = sums_of(error[:begin], first.rough_predecessors)
+        noise = Autoregression.white(float(error[:begin] @ error[:begin]), first.count)
+        if count >= LEAST and np.isfinite(sums).all() and noise.power > 0.0:
+            noise = Autoregression.of_sums(sums, count)
         white = noise.whiten_known(error[:begin], first.rough_predecessors)
-        variance = float(white @ white) / max(first.count - model.size, 1)
-        return cls(found.theta, information, error, noise, variance, found.noise.filters > 0.0)
+        return cls(mean, information, error, noise, float(white @ white) / (first.count - mean.size), filters)
+
+    def onset(self, record: Record, earliest: int) -> int:
+        """Return the first sample, from ``earliest`` on, that is not what the model tells; ``earliest`` without one."""
+        white = self.noise.whiten_known(self.error[earliest:], record.rough_predecessors[earliest:])
+        untold = np.flatnonzero(np.abs(white) > UNTOLD * math.sqrt(self.variance))
+        return earliest + int(untold[0]) if untold.size else earliest
 
     def without(self, directions: FloatArray) -> Prior:
         """Return the prior in which directions (T, Q) are forgotten."""

@@ -1,7 +1,7 @@
 """How likely a residual is over a stretch of samples: with the noise known from before, or with other noise at a price.
 
-The variance is the one that makes it most likely.  Another colour, and a load that drifts along a broken line, cost
-ln(K) / 2 for each number, as Bayes' criterion has it.
+A stretch may have parts of which each has a variance of its own.  Another colour, and a load that drifts along a broken
+line, cost ln(K) / 2 for each number, as Bayes' criterion has it.
 """
 
 from __future__ import annotations
@@ -43,20 +43,24 @@ class Stretch:
         Residuals before each that are one sampling time apart.
     measured : (K,) array of bool
         Residuals that count; the others are zero.
+    parts : tuple of slice
+        Those of a variance of their own.
     least : float
         Variance that a residual is not told below.
     """
 
     predecessors: IntArray
     measured: BoolArray
+    parts: tuple[slice, ...]
     least: float
 
     @classmethod
-    def of(cls, record: Record, rows: slice) -> Stretch:
-        """Return the ``rows`` of a record."""
+    def of(cls, record: Record, rows: slice, middle: int = 0) -> Stretch:
+        """Return the ``rows`` of a record, parted behind so many of them."""
         measured = record.is_measured[rows]
+        parts = tuple(part for part in (slice(0, middle), slice(middle, measured.size)) if measured[part].any())
         least = (FINEST * float(np.std(record.y) if record.y.size else 0.0)) ** 2 + np.finfo(float).tiny
-        return cls(record.rough_predecessors[rows], measured, least)
+        return cls(record.rough_predecessors[rows], measured, parts, least)
 
     @property
     def count(self) -> int:
@@ -69,8 +73,29 @@ class Stretch:
         return 0.5 * math.log(max(self.count, 2))
 
     @quiet
+    def of_usual(self, error: FloatArray, noise: Autoregression, variance: float, *, last: bool = False) -> float:
+        """Return the log-likelihood of a residual (K,) of noise that is known, up to a constant that all share.
+
+        Parameters
+        ----------
+        error : (K,) array
+        noise : Autoregression
+        variance : float
+            Of the residual filtered by it.
+        last : bool
+            Whether it is that of the last part alone; each other has the one that makes it most likely.
+        """
+        white, likelihood = noise.whiten_known(error, self.predecessors) ** 2, 0.0
+        for part in self.parts:
+            count = int(self.measured[part].sum())
+            own = float(white[part].sum()) / count + self.least
+            usual = own if last and part is not self.parts[-1] else variance + self.least
+            likelihood -= 0.5 * count * (math.log(usual) + own / usual - 1.0)
+        return likelihood
+
+    @quiet
     def of_other(self, error: FloatArray, noise: Autoregression, beside: FloatArray | None = None) -> float:
-        """Return the log-likelihood of a residual (K,) less the price of what is fitted, up to a shared constant.
+        """Return the same where each part has the variance that makes it most likely, and the price is taken off.
 
         The colour is another one where that pays for itself, and so does a load that drifts, where the nuisances
         ``beside`` it (K, C) are given.
@@ -118,5 +143,8 @@ class Stretch:
         return max(likelihood, self._of_own_variance(error, own) - own.order * self.price)
 
     def _of_own_variance(self, error: FloatArray, noise: Autoregression) -> float:
-        white = noise.whiten_known(error, self.predecessors)
-        return -0.5 * self.count * math.log(float(white @ white) / max(self.count, 1) + self.least)
+        white, likelihood = noise.whiten_known(error, self.predecessors) ** 2, 0.0
+        for part in self.parts:
+            count = int(self.measured[part].sum())
+            likelihood -= 0.5 * count * math.log(float(white[part].sum()) / count + self.least)
+        return likelihood

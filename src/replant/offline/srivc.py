@@ -45,7 +45,6 @@ from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
-from replant.offline.map_srivc import most_likely
 from replant.offline.prior import Prior
 from replant.offline.refined import Refined, Root, conclude
 from replant.offline.specification_test import disagreement, is_answered, is_right
@@ -153,7 +152,7 @@ def refine(
     problem = Problem(structure, record)
     starts = [problem.bounded(np.asarray(theta, np.float64)) for theta in given]
     if prior is not None:
-        return most_likely(problem, [*starts, prior.mean], prior)
+        return _most_likely(problem, [*starts, prior.mean], prior)
     cutoffs = np.geomspace(SLOWEST_CUTOFF / record.span, 1.0 / record.dt, CUTOFFS) if not starts or afresh else ()
     found = (problem.from_cutoff(float(cutoff)) for cutoff in cutoffs)
     starts += [start for start in found if start is not None]
@@ -165,6 +164,15 @@ def refine(
         found = (problem.from_cutoff(float(cutoff), by_reference=False) for cutoff in cutoffs)
         root = _best([root, _by_reference(problem, [start for start in found if start is not None])], referenced=True)
     return None if root is None else _concluded(problem, root)
+
+
+def _most_likely(problem: Problem, starts: Sequence[FloatArray], prior: Prior) -> Refined | None:
+    """Return the estimate of the least J that steps from some starts lead to; None if it is not finite."""
+    ends = [problem.polish(start, prior=prior) for start in starts]
+    model, done, converged = min(ends, key=lambda end: end[1].power + prior.cost(end[0]))
+    noise = Autoregression.white(float(done.error @ done.error), done.error.size)
+    root = Root(model, done, noise, done.cost, done.power, converged, converged)
+    return conclude(problem.structure, problem.record, problem.known, root, problem.projection, prior)
 
 
 def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered: bool) -> Refined | None:

@@ -1,97 +1,44 @@
 """Change response: what is done about an alarm of the residual's CUSUM test.
 
-The samples since the alarm began are looked into at growing intervals.  A look has one of four results:
+The samples since the alarm began are looked into at growing intervals: suppositions of what has changed compete
+(`replant.offline.contest`).  Until one is sure nothing is learned.  The one that wins is where the state goes on:
 
-1. the residual is explained by another constant or initial state: only these are learned anew;
-2. the samples since the alarm, with the estimate before it as a prior, give a model: the estimate is revised;
-3. these samples alone, or the whole record, give a model that predicts much better: the record begins anew there;
-4. none of these: another look follows, until the larger residual is taken for the usual one.
+    the noise              its present variance is the usual one
+    a load, a part         the estimate before the change is revised by the samples since
+    the plant              the record begins anew with these
+    a cable that floats    nothing is learned until the residual is as usual again, or another one is sure
+
+Nothing that is decided is final: see `reconsider`.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.engine.covariance import covariance
-from replant.engine.dimensions import RECENT
+from replant.engine.dimensions import STORED
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
 from replant.engine.state import State
-from replant.kernels.schema import Alarm, Doubt
-from replant.offline.srivc import refine
-from replant.offline.srivc_steps import SOONEST
-from replant.online.restart import (
-    EXPLAINED,
-    SURE,
-    clear_doubt,
-    is_driven,
-    left_by_input,
-    restart,
-    restart_from_prior,
-)
-from replant.online.solve_again import MATURE, MOST_DOUBTED, is_mature
-from replant.online.step_disturbance import only_constant_moved, with_new_constant
+from replant.kernels.schema import Alarm, Doubt, Supposition
+from replant.offline.bad_samples import suspicious
+from replant.offline.contest import Claim, Contest, decided, is_sure, odds_of
+from replant.offline.known_before import Known
+from replant.offline.solve import solve
+from replant.offline.srivc_steps import SOONEST, least_since
+from replant.online.restart import clear_doubt, remembers_all, restart, restart_at
 from replant.settings import Settings
-from replant.statistics.linear_algebra import quiet, roots
+from replant.statistics.linear_algebra import inverse_of, quiet
 
-BETTER = 0.5
-"""Power left of the last third of what came since by a model of the first two, over what the present one leaves, up to
-which a change is believed [ratio of powers].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved, right estimates no longer trusted: 'gain 20 % up'; error of 'gain 20 % up' times 4.8; doubled, 48
-samples held against 'load step' instead of 49.
-"""
-
-LIKELY = 0.8
-"""Probability that no coefficient has moved beyond which only the constant is learned anew [probability].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-BRIEF = 0.25
-"""Length of a record below which it cannot tell the slowest mode [slowest time constants].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-BEGINNINGS = 0.125, 0.25
-"""Parts of what came since an alarm, after which whatever has moved is held to have moved [part of the record since].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-EARLIEST = 0.25
-"""Length of what came since after which it is looked into first [start-ups].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, 48 samples held against 'load step' instead of 49.
-"""
-
-LATEST = 2.0
-"""Length after which a change is no longer believed [start-ups].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-WORSE = 0.8
-"""Ratio of powers as of BETTER from which on a model of what came since is hardly better [ratio of powers].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved, nothing changes on these records; doubled, right estimates no longer trusted: 'load step'; 48
-samples held against 'load step' instead of 49; error of 'load step' times 1.5e+02.
-"""
-
-EARLIER = 0.5
-"""Length after which a change is then no longer believed [start-ups].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-SETTLED = 10.0
-"""Time in which an input that moves seldom must have moved, before a change is no longer believed [slowest time
-constants].
-Origin: as WARM_TIME_CONSTANTS: the plant shows what it has become.
-Sensitivity: halved or doubled, nothing changes on these records.
+BEGINS = -0.25, 0.0, 0.25
+"""Samples from the alarm's begin to that of the change: the onset is looked for from the first on, the others are tried
+[part of the samples since].
+Origin: a sum of what exceeds twice the usual power begins late where a change shows slowly, and early by chance.
+Sensitivity: not measured.
 """
 
 PATIENCE = 1.5
@@ -100,258 +47,239 @@ Origin: not recorded; kept, see sensitivity.
 Sensitivity: halved or doubled, 48 samples held against 'load step' instead of 49.
 """
 
+MOST_DOUBTED = 0.05
+"""Share of outputs of a stuck sensor up to which samples are looked into [share of samples].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: not measured.
+"""
+
 
 @quiet
 def first_look(state: State, settings: Settings) -> int:
-    """Return the number of accepted samples at which an alarm is first looked into.
-
-    Until then a mature estimate (`resolving.is_mature`) does not learn: the samples may be of a failed sensor.
-    """
-    _note_estimate(state, settings)
-    state.alarm = Alarm.RESTS if is_mature(state, settings) else Alarm.LOOKED_INTO
-    return max(_began(state) + _least(settings), state.samples + 1)
-
-
-def _note_estimate(state: State, settings: Settings) -> None:
-    """Store the estimate before a change and its standard deviations: the prior of a revision.
-
-    It is stored at once, before the estimate learns from samples of the changed plant.  Where the estimate was itself
-    revised a short while ago, the older prior stays: it is known better than the revised estimate.
-    """
-    samples = state.samples
-    if state.was_revised and _is_brief(state, settings, samples - state.revised_from):
-        return
-    state.prior[:] = state.physical, np.zeros(state.entries)
-    state.prior[1, : settings.structure.size] = np.sqrt(np.maximum(np.diag(covariance(state, settings)), 0.0))
-    state.revised_from = 0
+    """Return the number of accepted samples at which an alarm is first looked into; until then nothing is learned."""
+    state.alarm = Alarm.RESTS
+    return max(_began(state) + least_since(settings.structure), state.samples + 1)
 
 
 @quiet
 def look(old: State, settings: Settings) -> tuple[State, int]:
-    """Look for a model of the samples since the alarm began.
+    """Look for what has changed since the alarm began.
 
     Returns the state to go on with, and the number of accepted samples at which to look again; 0: no further look.
     """
-    from replant.kernels.monitoring import outliers
-
     if old.alarm == Alarm.NONE:  # the residual is as usual again
         return old, 0
-    samples = old.samples
-    kept = RecentSamples.since(old, _began(old)).after_stuck()
-    length = len(kept)
-    later = samples + max(int((PATIENCE - 1.0) * length), SOONEST)
-    if length < _least(settings) or kept.stuck > MOST_DOUBTED:
+    length = old.samples - _began(old)
+    later = old.samples + max(math.ceil((PATIENCE - 1.0) * length), SOONEST)
+    kept, first = kept_since(old, max(old.gap_at, old.record_began, old.changed_at))
+    begin = max(_began(old) - first, 0)
+    begin = len(kept) - len(kept[begin:].after_stuck())
+    since = kept[begin:]
+    if len(since) < least_since(settings.structure) or _is_limited(since):
         return old, later
-    # a constant output: a gain of zero would explain it, but it is a failed sensor
-    if float(np.ptp(kept.output[-_least(settings) :])) == 0.0:
+    earliest, *begins = (max(begin + int(part * len(since)), 1) for part in BEGINS)
+    record = kept.record(settings.dt, settings.filter.input_hold)
+    present = Known.before(
+        settings.structure,
+        record,
+        earliest,
+        old.physical,
+        _information(old, settings),
+        _usual(old, settings),
+        filters=old.noise.filters > 0.0,
+    )
+    if present is None:
         return old, later
-    mature = is_mature(old, settings)
-    share, explained = _share_left(old, settings, kept.record(settings.dt, settings.filter.input_hold))
-    if mature:
-        renewed = _hardly_changed(old, settings, kept, explained and share >= BETTER)
-        if renewed is not None:
-            return renewed, 0
-    if share < BETTER:
-        # where the samples since the alarm give no model, the whole record may: then not the plant has changed but the
-        # estimate was wrong, and the residual of a model of the whole record is no larger than usual
-        usual = outliers.GROWN * max(old.usual_variance, outliers.LEAST * old.largest_output)
-        whole = max(old.record_began, old.gap_at)
-        for begin, most in ((samples - length, math.inf), (whole, usual * settings.scaling.output**2)):
-            new = _revised_since(old, settings, begin) if begin > whole else None
-            new = new or _solved_since(old, settings, begin, most)
-            if new is not None:
-                return _on_its_own(new), 0
-    rests = mature and not explained and _explained_before(old)
-    rests = rests and length < min(_began(old) - old.record_began, RECENT // 2)
-    old.alarm = Alarm.FLOATS if rests else Alarm.LOOKED_INTO
-    if rests:
+    if old.alarm == Alarm.FLOATS:
+        claims, found = _afloat(settings, record, begin, present)
+    else:
+        claims = []
+        for at in sorted({min(present.onset(record, earliest), begins[-1]), *begins}):
+            claims += Contest(settings.structure, record, at, present).claims()
+        if claims and remembers_all(old, settings):
+            claims += _one_model(old, settings, present, begin)
+        found = decided(claims) if claims else None
+    if found is None:
         return old, later
-    settled = min(_settling(old, settings), RECENT / 2)
-    enough = max((LATEST if share < WORSE else EARLIER) * settings.startup, settled)
-    if share >= BETTER and length >= enough:
+    if found.supposition is Supposition.NOTHING:
+        _end(old)
+        return old, 0
+    if found.supposition is Supposition.NOISE:
         _believe_residual(old)
         return old, 0
-    if length > RECENT // 2:  # the plant may have changed a second time: only the newer half counts
-        old.change_began = samples - RECENT // 4
-        return old, samples + RECENT // 4
-    return old, later
+    if found.supposition is Supposition.CUT:
+        old.alarm = Alarm.FLOATS
+        return old, later
+    new = believed(old, settings, found, undecided=not is_sure(claims, found))
+    return (old, later) if new is None else (new, 0)
 
 
-def _hardly_changed(old: State, settings: Settings, kept: RecentSamples, explained: bool) -> State | None:
-    """Return the state after learning the samples since the alarm, where another constant explains them; else None.
+def _afloat(settings: Settings, record: Record, begin: int, present: Known) -> tuple[list[Claim], Claim | None]:
+    """Return claims of the newest samples where the output did not answer to the input, and the one that is sure."""
+    since = record.u.size - begin
+    most = int(math.log2(max(since / least_since(settings.structure), 1.0)))
+    for halvings in range(most, -1, -1):  # the fewest first: they are of one kind
+        claims = Contest(settings.structure, record, record.u.size - (since >> halvings), present).claims()
+        found = decided(claims) if claims else None
+        if found is not None and found.supposition is not Supposition.CUT:
+            return claims, found
+    return [], None
 
-    An initial state that differs is treated like a constant.  In a record that is brief beside the slowest time
-    constant, a slow mode that has changed looks the same; the coefficients are then revised with a prior, unless they
-    have probably not moved.  A longer record tells the two apart, and there a slow disturbance is no change of G(s).
 
-    Parameters
-    ----------
-    old : State
-    settings : Settings
-    kept : RecentSamples
-        Since the alarm began.
-    explained : bool
-        Whether the present model explains these samples, and no new model predicts them much better.
+@quiet
+def reconsider(old: State, settings: Settings) -> State | None:
+    """Return the state that goes on where the samples since the last change lead to; None where that is open.
+
+    What has changed is asked again of more samples, and whether one model holds for those before as well.
     """
-    brief = _is_brief(old, settings, len(kept))
-    rests = [kept[int(beginning * len(kept)) :] for beginning in BEGINNINGS]
-    for rest in rests:
-        if only_constant_moved(old, settings, rest.record(settings.dt, settings.filter.input_hold)):
-            revised = _revised(old, settings, rest, LIKELY) if brief else None
-            return revised or with_new_constant(old, rest.record(settings.dt, settings.filter.input_hold))
-    tried = (_revised(old, settings, rest, LIKELY) for rest in rests if explained and brief)
-    return next((state for state in tried if state is not None), None)
-
-
-def _revised_since(old: State, settings: Settings, begin: int) -> State | None:
-    """Return the state revised by the samples since ``begin``; None where they are not brief, or give no model.
-
-    Parameters
-    ----------
-    old : State
-    settings : Settings
-    begin : int
-        Accepted samples before the first one used.
-    """
-    kept = RecentSamples.since(old, begin)
-    if _is_guesswork(kept) or not (is_mature(old, settings) and _is_brief(old, settings, len(kept))):
+    if old.alarm or old.gap_at > old.changed_at or not (old.adapt and remembers_all(old, settings)):
         return None
-    tried = (_revised(old, settings, kept[int(beginning * len(kept)) :]) for beginning in (0.0, *BEGINNINGS))
-    return next((state for state in tried if state is not None), None)
+    contest = since_change(old, settings)
+    if contest is None:
+        return None
+    claims = contest.claims(again=True)
+    claims += _of_whole(old, settings, contest, old.before_began) if claims else []
+    found = decided(claims) if claims else None
+    if found is None:
+        return None
+    undecided = not is_sure(claims, found)
+    if found.supposition is old.change is Supposition.LOAD:  # the recursion goes on with all it knew
+        old.undecided = undecided
+        return None
+    return believed(old, settings, found, undecided=undecided)
 
 
-def _is_guesswork(kept: RecentSamples) -> bool:
-    """Return whether too many outputs of a record were bridged rather than measured."""
-    bridged = (kept.doubt > 0) & (kept.output == kept.bridged)
-    return float((bridged | (kept.doubt == Doubt.STUCK)).mean()) > MOST_DOUBTED
+def since_change(old: State, settings: Settings, parted: int = 0) -> Contest | None:
+    """Return the contest over all samples since the last change, which begins behind those before; None without these.
 
-
-def _solved_since(old: State, settings: Settings, begin: int, most: float) -> State | None:
-    """Return the state that begins at a model of the samples since ``begin`` alone.
-
-    None where they give no usable model, or where its residual's variance exceeds ``most``.
-
-    Parameters
-    ----------
-    old : State
-    settings : Settings
-    begin : int
-        Accepted samples before the first one used.
-    most : float
-        In the output's unit squared.
+    ``parted``: accepted samples before the part of another variance.
     """
-    kept = RecentSamples.since(old, begin)
-    if _is_guesswork(kept):
+    kept, first = kept_since(old, old.before_began)
+    begin = old.changed_at - first
+    if begin <= 0:
         return None
     record = kept.record(settings.dt, settings.filter.input_hold)
-    refined = refine(settings.structure, record, filtered=old.noise.filters > 0.0)
-    if refined is None or refined.variance > most:
+    known = Known.before(
+        settings.structure,
+        record,
+        begin,
+        old.prior[0].copy(),
+        old.prior[1:].copy(),
+        _usual(old, settings),
+        filters=old.noise.filters > 0.0,
+    )
+    if known is None:
         return None
-    if not (refined.acceptable or (refined.settled and record.u.size >= MATURE * settings.startup)):
-        return None
-    if not is_driven(settings, refined, record):
-        return None
-    new = restart(old, settings, refined, record, old.samples - len(kept))
-    clear_doubt(new, kept)
+    return Contest(settings.structure, record, begin, known, parted - first if parted else None)
+
+
+def _one_model(old: State, settings: Settings, present: Known, begin: int) -> list[Claim]:
+    """Return what an alarm says of older samples: that the change before was another one, or the model wrong."""
+    if old.gap_at > max(old.record_began, old.changed_at):
+        return []
+    if not old.changed_at:
+        record = kept_since(old, old.record_began)[0].record(settings.dt, settings.filter.input_hold)
+        return _of_whole(old, settings, Contest(settings.structure, record, begin, present), old.record_began)
+    contest = since_change(old, settings, old.samples - (present.error.size - begin))
+    if contest is None:
+        return []
+    claims = [*contest.claims(again=True), *_of_whole(old, settings, contest, old.before_began)]
+    # they are told beside NOTHING since the change; the others beside the present model, and what it has cost
+    goes_on = contest.stretch.of_usual(present.error[-contest.rows :], present.noise, present.variance, last=True)
+    base, odds = goes_on - contest.usual - old.change_price, odds_of(old.change)
+    return [replace(claim, fair=claim.fair - base, odds=claim.odds - odds) for claim in claims]
+
+
+def _of_whole(old: State, settings: Settings, contest: Contest, began: int) -> list[Claim]:
+    """Return the claim that one model holds for all samples since some; none where not all are kept."""
+    if old.samples - contest.record.u.size > began:
+        return []
+    solution = solve(settings.structure, contest.record, [old.physical, contest.known.mean])
+    if solution is None or not solution.found.settled:
+        return []
+    return [contest.whole(solution.found.theta, solution)]
+
+
+def kept_since(state: State, first: int) -> tuple[RecentSamples, int]:
+    """Return the samples since an accepted one, as far as they are kept, and the accepted samples before them."""
+    kept = RecentSamples.of(state, STORED).cleaned()
+    kept = kept[max(len(kept) - (state.samples - first), 0) :]
+    return kept, state.samples - len(kept)
+
+
+def _information(state: State, settings: Settings) -> FloatArray:
+    """Return the information (T, T) about the coefficients, that of the residual's colour and scatter."""
+    size, information = settings.structure.coefficients, np.zeros((state.entries, state.entries))
+    known = inverse_of(covariance(state, settings)[:size, :size])
+    if np.isfinite(known).all():  # else nothing is known: beyond the range of float64
+        information[:size, :size] = known
+    return information
+
+
+def _usual(state: State, settings: Settings) -> float:
+    """Return the usual variance of the residual, in the output's unit squared."""
+    from replant.kernels.monitoring import outliers
+
+    usual = max(state.usual_variance, outliers.LEAST * state.largest_output)
+    return float(usual) * settings.scaling.output**2
+
+
+def _is_limited(since: RecentSamples) -> bool:
+    """Return whether too many outputs, or the newest, are those of a stuck sensor, or of one at an end of its scale."""
+    limited = since.is_stuck | (suspicious(since.input, since.output) == Doubt.STUCK)
+    return float(limited.mean()) > MOST_DOUBTED or not np.ptp(since.output[-SOONEST:]) > 0.0
+
+
+def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -> State | None:
+    """Return the state that goes on where a claim has led to; None where that is no estimate."""
+    contest = found.contest
+    if found.solution is not None:
+        begin = old.samples - contest.record.u.size
+        new = restart_at(old, settings, found.solution, begin)
+        new.change, new.changed_at, new.before_began, new.revised_from = Supposition.NOTHING, 0, 0, 0
+        new.undecided = False
+        new.gap_at = min(old.gap_at, begin)
+    else:
+        refined, begin = contest.estimate(found), old.samples - contest.since.u.size
+        if refined is None:
+            return None
+        before = old.before_began if begin <= old.changed_at else old.record_began
+        of_plant = found.supposition is Supposition.PLANT
+        new = restart(old, settings, refined, contest.since, begin if of_plant else before)
+        new.change, new.changed_at, new.before_began = found.supposition, begin, before
+        new.change_price, new.undecided = found.price, undecided
+        new.prior[0], new.prior[1:] = contest.known.mean, contest.known.information
+        new.gap_at = min(old.gap_at, begin) if of_plant else begin
+        new.revised_from = 0 if of_plant else begin
+        if not of_plant:
+            # the record is short, and its length no bound for a time constant: the plant may be as slow as before
+            new.stability_margin = min(new.stability_margin, old.stability_margin)
+            new.forget_input = min(new.forget_input, old.forget_input)
+        clear_doubt(new, RecentSamples.since(old, begin))
+        # what the claim leaves beyond the usual is another alarm's
+        new.usual_variance = min(new.usual_variance, old.usual_variance)
+        new.usual_innovation = min(new.usual_innovation, old.usual_innovation)
+    if found.supposition is not Supposition.LOAD or not remembers_all(old, settings):  # G(s) may have moved
+        new.past_kept, new.past_due = 0, new.samples
+    _end(new)
     return new
 
 
-def _revised(old: State, settings: Settings, kept: RecentSamples, stayed: float = 1.0) -> State | None:
-    """Return the state revised by samples after a change, its alarm ended.
-
-    None where the revised model's residual is larger than usual, or where the probability that no coefficient has moved
-    exceeds ``stayed``.
-
-    Parameters
-    ----------
-    old : State
-    settings : Settings
-    kept : RecentSamples
-        The samples after the change.
-    stayed : float
-        Largest probability that no coefficient has moved.
-    """
-    new = restart_from_prior(old, settings, kept, stayed)
-    return None if new is None else _on_its_own(new)
-
-
-def _on_its_own(new: State) -> State:
-    """End the alarm of a state that has just begun anew, and forget its past estimates."""
-    samples = new.samples
-    new.past_kept, new.past_due = 0, samples
-    new.alarm, new.change_began = Alarm.NONE, samples
-    return new
-
-
-def _least(settings: Settings) -> int:
-    """Return the fewest samples since an alarm that are looked into."""
-    structure = settings.structure
-    return max(4 * (2 * structure.poles + structure.zeros + 2), int(EARLIEST * settings.startup))
+def _end(state: State) -> None:
+    """End an alarm."""
+    state.alarm, state.change_began, state.cusum = Alarm.NONE, state.samples, 0.0
 
 
 def _began(state: State) -> int:
     """Return the accepted samples before those since the alarm, in one piece."""
-    return max(state.change_began, state.gap_at, state.record_began)
-
-
-def _settling(state: State, settings: Settings) -> float:
-    """Return in how many samples the slowest mode has settled; infinite for a model that is not stable."""
-    denominator = np.concatenate([[1.0], state.physical[: settings.structure.poles]])
-    slowest = -float(roots(denominator).real.max())
-    return SETTLED / (slowest * settings.dt) if slowest > 0.0 else math.inf
-
-
-def _is_brief(state: State, settings: Settings, length: int) -> bool:
-    """Return whether so many samples are too few to identify the slowest mode without a prior."""
-    return length < BRIEF / SETTLED * _settling(state, settings)
-
-
-def _explained_before(state: State) -> bool:
-    """Return whether the model usually explains a part of the output's power, at least `EXPLAINED`."""
-    return bool(state.usual_variance < (1.0 - EXPLAINED) * state.largest_output)
-
-
-def _share_left(state: State, settings: Settings, record: Record) -> tuple[float, bool]:
-    """Return the ratio of two residual variances, and whether the present model explains the output by the input.
-
-    The ratio compares, over the last third of a record, a model identified from the first two thirds with the present
-    one.  It is at least `BETTER` where the difference may be chance, and 1 where no new model explains the output.
-    A model fitted to a few samples always fits these better; only samples that it has not seen tell a change.
-
-    Parameters
-    ----------
-    state : State
-        Of the present model.
-    settings : Settings
-    record : Record
-        The samples since the alarm.
-    """
-    structure, seen = settings.structure, 2 * record.u.size // 3
-    refined = (
-        refine(structure, record.first(seen), filtered=state.noise.filters > 0.0)
-        if float(np.ptp(record.u[:seen])) > 0.0
-        else None
-    )
-    left, explains, power = [math.inf, math.inf], [False, False], float(np.var(record.y[seen:]))
-    for which, parameters in enumerate((refined.theta if refined else None, state.physical)):
-        if parameters is None:
-            continue
-        is_new = which == 0
-        left[which], explains[which] = left_by_input(structure, parameters, record, settings.dt, seen, certain=is_new)
-    if not explains[0]:
-        return 1.0, explains[1]
-    least = np.finfo(float).eps * power  # rounding errors do not count
-    share = (left[0] + least) / (left[1] + least)
-    sure = -(record.u.size - seen) * math.log(max(share, 1e-300)) > SURE
-    return share if sure else max(share, BETTER), explains[1]
+    return max(state.change_began, state.gap_at, state.record_began, state.changed_at)
 
 
 def _believe_residual(state: State) -> None:
-    """Take the residual's present variance for the usual one, as no model explains it, and double the CUSUM limit."""
+    """Take the residual's present variance for the usual one, and double the CUSUM limit."""
     from replant.kernels.monitoring import outliers
 
-    state.alarm = Alarm.NONE
+    _end(state)
     state.usual_variance = max(state.usual_variance, state.late_variance)
     state.usual_innovation = max(state.usual_innovation, state.late_innovation)
-    state.cusum = 0.0
     state.cusum_limit = min(2.0 * state.cusum_limit, outliers.LARGEST_LIMIT)

@@ -24,12 +24,11 @@ from replant.kernels.native import OPEN, SHUT, Kernel
 from replant.kernels.schema import BELIEVED, Alarm, Attention
 from replant.limits import stamps_of
 from replant.model.structure import Structure
-from replant.online.change_response import first_look, look
+from replant.online.change_response import first_look, look, reconsider
 from replant.online.estimate import Estimate
 from replant.online.kept_model import model_of
 from replant.online.provisional_model import next_provisional
-from replant.online.review_estimate import is_at_rest, next_renewal, review
-from replant.online.solve_again import solve_again
+from replant.online.renewal import is_at_rest, next_renewal, renew
 from replant.online.startup import (
     begin,
     collected,
@@ -511,7 +510,8 @@ class Identifier(Estimate):
             state.look_at = first_look(state, settings)
             state.trusted_at = 0
         if samples == self._resolve_at:
-            state = self._go_on_with(solve_again(state, settings) or review(state, settings) or state)
+            found = reconsider(state, settings) if state.changed_at else None
+            state = self._go_on_with(found or renew(state, settings) or state)
             self._resolve_at = next_renewal(state, settings)
             self._note_verdict(state, settings)
         if samples == state.look_at:
@@ -556,7 +556,10 @@ class Identifier(Estimate):
         if self._settings is None:
             if self._state.samples:
                 self._end_startup(at_any_rate=True)
-        elif (found := solve_whole(self._state, self._settings)) is not None:
+            return
+        if self._state.alarm:
+            self._go_on_with(look(self._state, self._settings)[0])
+        if (found := solve_whole(self._state, self._settings)) is not None:
             self._resolve_at = next_renewal(self._go_on_with(found), self._settings)
             self._plan()
 

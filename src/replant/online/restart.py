@@ -2,40 +2,24 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from replant.arguments import FloatArray
 from replant.engine.dimensions import STORED
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
 from replant.engine.state import REGULAR, State
 from replant.kernels.schema import Doubt
-from replant.model.structure import Structure
-from replant.offline.map_srivc import revise
 from replant.offline.refined import Refined
 from replant.offline.solve import Solution
 from replant.online.begin_recursion import initialize
 from replant.online.startup import carry_over, note_doubts, warm_up
 from replant.settings import Settings
-from replant.simulation.auxiliary_model import SLOWEST
-from replant.simulation.model_run import run_model
-from replant.statistics.autoregression import Autoregression
-from replant.statistics.linear_algebra import roots
 
-EXPLAINED = 0.3
-"""Part of the output's power that the input must explain, where a model is to replace another one after a change [part
-of the output's power].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
 
-SURE = 15.0
-"""Gain in the logarithm of the likelihood below which a change may be chance [nats].
-Derivation: more than as many coefficients as a usual model has would gain by chance.
-Sensitivity: halved, nothing changes on these records; doubled, no verdict changes, and no error by a quarter.
-"""
+def remembers_all(state: State, settings: Settings) -> bool:
+    """Return whether the estimate is made from every sample of its record, none forgotten, and solved again."""
+    keeps = settings.optimizer.keeps_colour and float(state.settings[0]) == 1.0
+    return bool(keeps and settings.filter.follows_estimate)
 
 
 def restart(old: State, settings: Settings, refined: Refined, record: Record, origin: int) -> State:
@@ -70,88 +54,6 @@ def restart_at(old: State, settings: Settings, solution: Solution, origin: int) 
     new = restart(old, settings, solution.found, solution.record, origin)
     note_doubts(new, solution)
     return new
-
-
-def restart_from_prior(old: State, settings: Settings, kept: RecentSamples, stayed: float = 1.0) -> State | None:
-    """Return the state that begins at the estimate before a change (`State.prior`), revised by the samples after it.
-
-    None where the revised model's residual is larger than usual, or where the probability that no coefficient has moved
-    exceeds ``stayed``.  Later solutions use the same prior.
-
-    Parameters
-    ----------
-    old : State
-    settings : Settings
-    kept : RecentSamples
-        The samples after the change.
-    stayed : float
-        Largest probability that no coefficient has moved.
-    """
-    from replant.kernels.monitoring import outliers
-
-    record = kept.record(settings.dt, settings.filter.input_hold)
-    usual = max(old.usual_variance, outliers.LEAST * old.largest_output) * settings.scaling.output**2
-    before, std = old.prior
-    found = revise(settings.structure, record, before, std, usual, old.stability_margin)
-    if found is None or found[0].variance > outliers.GROWN * usual or found[1] > stayed:
-        return None
-    if not is_driven(settings, found[0], record):
-        return None
-    new = restart(old, settings, found[0], record, old.record_began)
-    new.noise.filters = old.noise.filters
-    new.gap_at = new.revised_from = old.samples - len(kept)
-    # the record is short, and its length no bound for a time constant: the plant may be as slow as before
-    new.stability_margin = min(new.stability_margin, old.stability_margin)
-    new.forget_input = min(new.forget_input, old.forget_input)
-    clear_doubt(new, kept)
-    return new
-
-
-def left_by_input(
-    structure: Structure, parameters: FloatArray, record: Record, dt: float, seen: int = 0, *, certain: bool = True
-) -> tuple[float, bool]:
-    """Return the variance of a model's residual, and whether the input explains a part of the output.
-
-    What counts is what the model's numerator adds, to the residual and to the residual whitened: of an output that
-    wanders an integrated input explains much by chance, and nothing once both are whitened.  The variance is infinite
-    where a signal leaves float64.
-
-    Parameters
-    ----------
-    structure : Structure
-    parameters : (P,) array or longer
-    record : Record
-    dt : float
-        Sampling time in s.
-    seen : int
-        Samples at the beginning that do not count.
-    certain : bool
-        False for a model that was known before: then the part alone counts, not whether it may be chance.
-    """
-    still = parameters[: structure.size].copy()
-    still[structure.numerator] = 0.0
-    run, alone = (run_model(structure, each, record, dt) for each in (parameters[: structure.size], still))
-    if run is None or alone is None:
-        return math.inf, False
-    errors = [each.error[seen:] - each.error[seen:].mean() for each in (run, alone)]
-    left, power = (float(np.mean(error**2)) for error in errors)
-    if not left < (1.0 - EXPLAINED) * power:
-        return left, False
-    if not certain:
-        return left, True
-    white = [Autoregression.of(error) for error in errors]
-    least = np.finfo(float).tiny
-    gain = math.log(max(white[1].power, least) / max(white[0].power, least))
-    return left, errors[0].size * gain > SURE
-
-
-def is_driven(settings: Settings, refined: Refined, record: Record) -> bool:
-    """Return whether a model is stable, or the input explains what it would not predict without it."""
-    structure = settings.structure
-    poles = roots(np.concatenate([[1.0], refined.theta[structure.denominator]]))
-    if poles.real.max() < -SLOWEST / record.span:
-        return True
-    return left_by_input(structure, refined.theta, record, settings.dt)[1]
 
 
 def clear_doubt(state: State, kept: RecentSamples) -> None:

@@ -247,6 +247,7 @@ def carry_over(old: State, new: State) -> None:
         *(State.time_leaps, State.too_coarse, State.input_leaps, State.no_output, State.no_reference),
         *(State.outliers, State.stuck, State.gaps, State.gap_at, State.adapt, State.drawn, State.samples),
         *(State.past_kept, State.past_due, State.recent_head, State.alarm, State.look_at),
+        *(State.change, State.undecided, State.change_price, State.changed_at, State.before_began),
     )
     new.learned = old.samples
     new.change_began = old.change_began if old.alarm else old.samples

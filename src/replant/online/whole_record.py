@@ -11,13 +11,12 @@ from replant.engine.dimensions import STORED
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
 from replant.engine.state import State
-from replant.kernels.schema import Alarm, Doubt
-from replant.offline.solve import solve
-from replant.online.restart import SURE, restart_at
-from replant.online.solve_again import remembers_all
+from replant.kernels.schema import Alarm, Doubt, Supposition
+from replant.offline.solve import Solution, solve
+from replant.online.change_response import since_change
+from replant.online.restart import remembers_all, restart_at
 from replant.settings import Settings
 from replant.simulation.prediction import prediction_error, runs_away
-from replant.statistics.autoregression import likelihood_ratio
 from replant.statistics.linear_algebra import quiet
 
 
@@ -39,8 +38,7 @@ def solve_whole(old: State, settings: Settings) -> State | None:
     if solution is None:
         return None
     found = solution.found
-    since = max(old.record_began, old.revised_from, old.change_began if old.alarm else 0)
-    if since and _has_changed(settings, found.theta, old.physical, solution.record.last(old.samples - since)):
+    if old.change.is_of_plant and _lasts(old, settings) and _has_changed(old, settings, solution):
         return None
     away, left = _rank(settings, found.theta, solution.record)
     present = _rank(settings, old.physical, solution.record)
@@ -49,25 +47,27 @@ def solve_whole(old: State, settings: Settings) -> State | None:
     new = restart_at(old, settings, solution, 0)
     new.alarm, new.change_began, new.finished_at = Alarm.NONE, new.samples, new.samples
     new.gap_at = 0  # it was where an alarm ended: the record has no gap
+    new.change, new.changed_at, new.undecided = Supposition.NOTHING, 0, False
     new.outliers, new.stuck = (int((solution.doubt == each).sum()) for each in (Doubt.OUTLIER, Doubt.STUCK))
     return new
 
 
-def _has_changed(settings: Settings, whole: FloatArray, present: FloatArray, newest: Record) -> bool:
-    """Return whether the samples since an alarm are those of another plant than the whole record's model.
+def _lasts(state: State, settings: Settings) -> bool:
+    """Return whether there was one change, and the records before and since are no shorter than a start-up.
 
-    It leaves more than `outliers.GROWN` times the power that the present model does, as it makes an alarm, and that is
-    no chance: a residual that drifts differs as much from one stretch to another.
+    What changes more often, or sooner than it can be identified, is no linear plant: its model is that of all samples.
     """
-    from replant.kernels.monitoring import outliers
+    shortest = min(state.changed_at, state.samples - state.changed_at)
+    return state.before_began == 0 and shortest >= settings.startup
 
-    if _left(settings, whole, newest) < outliers.GROWN * _left(settings, present, newest):
-        return False
-    size = settings.structure.size
-    errors = [prediction_error(settings.structure, each[:size], newest, settings.dt) for each in (present, whole)]
-    if errors[0] is None or errors[1] is None:
-        return errors[0] is not None
-    return likelihood_ratio(errors[0], errors[1]) > SURE
+
+def _has_changed(state: State, settings: Settings, whole: Solution) -> bool:
+    """Return whether another plant since the last change explains the record better than one model of all samples."""
+    contest = since_change(state, settings)
+    if contest is None:
+        return True
+    claims = [*contest.claims(again=True), contest.whole(whole.found.theta)]
+    return max(claims, key=lambda claim: claim.evidence).supposition.is_of_plant
 
 
 def _rank(settings: Settings, model: FloatArray, record: Record) -> tuple[bool, float]:

@@ -1,0 +1,110 @@
+"""Renewal: at growing counts the record is solved again, and asked whether the plant has changed within it.
+
+An estimate that forgets nothing follows a change the more slowly, the longer the record is.  A change that makes the
+residual grow is noticed by its CUSUM test (`online.change_response`).  A gain that is off by a tenth, or by a quarter
+where the noise is strong, makes it grow little: it shows in the score (`offline.change_search`).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.assessment.evidence import LEAST_POWER, RESTED
+from replant.assessment.score_test import ALPHA
+from replant.engine.dimensions import RECENT, STORED
+from replant.engine.recent_samples import RecentSamples
+from replant.engine.state import State
+from replant.offline.change_search import begin_of_change, change_at
+from replant.offline.contest import is_sure
+from replant.offline.solve import Solution, solve
+from replant.online.change_response import believed
+from replant.online.restart import remembers_all, restart_at
+from replant.settings import Settings
+from replant.simulation.prediction import prediction_error
+from replant.statistics.autoregression import likelihood_ratio
+from replant.statistics.linear_algebra import quiet
+
+EVERY = RECENT // 2
+"""Samples between two reviews of a long record [samples].
+Derivation: half of the newest samples: as far back as the past estimates reach.
+"""
+
+GROWTH = 1.25
+"""Growth of the record after which it is asked whether one model holds for it [ratio of lengths].
+Origin: three looks between two solutions; on a chirp the last solution of 3,799 samples was at 2,000, and of another
+plant.
+Sensitivity: halved, 48 samples held against 'load step' instead of 49; error of 'stuck, coarse scale' times 2.4;
+doubled, no verdict changes, and no error by a quarter.
+"""
+
+AFTER_CHANGE = 1.5
+"""The same of the record since a change that is believed, after which it is asked again what has changed [ratio of
+lengths].
+Derivation: all contests together cost three times the last one.
+Sensitivity: not measured.
+"""
+
+
+def next_renewal(state: State, settings: Settings) -> int:
+    """Return the number of accepted samples at which the estimate is next looked into; 0: never.
+
+    The record is solved again when it is twice as long as at the last solution, and before where the plant has changed.
+    """
+    origin, samples = state.changed_at or state.record_began, state.samples
+    twice = origin + 2 * (state.solved_at - origin)
+    due = origin + math.ceil((AFTER_CHANGE if state.changed_at else GROWTH) * (samples - origin))
+    due = min(due, twice) if twice > samples else due
+    if remembers_all(state, settings) and due - origin <= RECENT:
+        return due
+    return samples + EVERY if settings.optimizer.keeps_covariance else 0
+
+
+def is_at_rest(state: State) -> bool:
+    """Return whether the input has rested since half of the time between two reviews."""
+    newest = RecentSamples.of(state, RESTED).input
+    return len(newest) == RESTED and float(np.var(newest)) < LEAST_POWER * state.largest_power
+
+
+@quiet
+def renew(old: State, settings: Settings) -> State | None:
+    """Return the state that goes on at a solution of the record as it was measured, or where the plant has changed.
+
+    None where the record is no twice as long as at the last solution and one plant explains it, where no usable model
+    is found, or where older samples are forgotten.
+    """
+    if old.alarm or not (old.adapt and remembers_all(old, settings)):
+        return None
+    began = max(old.record_began, old.gap_at)
+    kept = RecentSamples.of(old, STORED)[-max(old.samples - began, 1) :]
+    record = kept.record(settings.dt, settings.filter.input_hold, parted=True)
+    structure = settings.structure
+    # at rest nothing that comes now could test another model
+    begin = 0 if is_at_rest(old) else begin_of_change(structure, record, old.physical)
+    # short: the present estimate then knows more than the samples kept
+    is_whole = old.gap_at <= old.record_began and RECENT >= len(kept) == old.samples - began
+    has_doubled = is_whole and old.samples - began >= 2 * (old.solved_at - began)
+    if not (begin or has_doubled):
+        return None
+    solution = solve(structure, record, [old.physical], afresh=is_whole)
+    if solution is None:
+        return None
+    found = change_at(structure, solution.record, solution.found.theta, begin) if begin else None
+    if found is not None:
+        return believed(old, settings, found[0], undecided=not is_sure(found[1], found[0]))
+    usable = is_whole and _is_usable(solution, settings, old.physical)
+    return restart_at(old, settings, solution, began) if usable else None
+
+
+def _is_usable(solution: Solution, settings: Settings, present: FloatArray) -> bool:
+    """Return whether an estimate is certain, or explains its record better than the present one, beyond chance."""
+    found = solution.found
+    if found.acceptable or not found.settled:
+        return found.acceptable
+    size, record = settings.structure.size, solution.record
+    errors = [prediction_error(settings.structure, each[:size], record, settings.dt) for each in (found.theta, present)]
+    if errors[0] is None or errors[1] is None:
+        return errors[0] is not None
+    return likelihood_ratio(errors[0], errors[1]) > -math.log(ALPHA)
