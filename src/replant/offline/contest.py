@@ -181,7 +181,7 @@ class Contest:
         before = self.known.error[self.known.error.size - self.rows :]
         if not self.is_long_enough:
             return []
-        found = []
+        found: list[Claim] = []
         if not again:
             noise = self.stretch.of_other(before, self.known.noise) - self.usual
             found = [self._claim(Supposition.NOTHING, 0.0), self._claim(Supposition.NOISE, noise)]
@@ -193,7 +193,20 @@ class Contest:
             # a load leaves G(s) as it is, and another G(s) makes another output
             if self.differ(models[-1], self.known.mean) == claim.supposition.is_of_plant:
                 found.append(claim)
+        found = self._dispersed(found)
         return found if again else [*found, *self._cuts(models)]
+
+    def _dispersed(self, claims: list[Claim]) -> list[Claim]:
+        """Return claims in which another G(s) has to explain more than it would in any stretch before."""
+        if not any(claim.supposition.is_of_plant for claim in claims):
+            return claims
+        dispersion = self.known.dispersion(self._whole.record, self.rows)
+        base = max((claim.fair for claim in claims if not claim.supposition.is_of_plant), default=0.0)
+        return [
+            replace(claim, fair=base + max(claim.fair - base, 0.0) / dispersion)
+            if claim.supposition.is_of_plant and claim.fair > base else claim
+            for claim in claims
+        ]
 
     def _of_models(self) -> Iterator[Claim]:
         """Yield the claims of models fitted to the samples since: a load, a part of the plant, another plant."""

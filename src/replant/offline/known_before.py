@@ -27,6 +27,12 @@ Level: a normal deviate beyond 4 has the chance 6e-5.
 """
 
 
+STRETCHES = 8
+"""Fewest stretches before a change whose scatter is told [count].
+Derivation: what two coefficients explain of them is then known to a third.
+"""
+
+
 @dataclass(frozen=True, eq=False)
 class Known:
     """What is known before a change.
@@ -45,6 +51,8 @@ class Known:
         Of that error filtered by it, in the output's unit squared.
     filters : bool
         Whether estimates are filtered by it.
+    slopes : (B, T) array
+        Of the output before the change, filtered by it; none where too few samples are before.
     """
 
     mean: FloatArray
@@ -52,7 +60,8 @@ class Known:
     error: FloatArray
     noise: Autoregression
     variance: float
-    filters: bool = True
+    filters: bool
+    slopes: FloatArray
 
     @classmethod
     @quiet
@@ -88,17 +97,50 @@ class Known:
         if not (problem.is_usable(mean) and np.isfinite(information).all()):
             return None
         model = with_nuisances(structure, record, mean, slice(0, begin) if told else slice(None))
-        error = problem.run_whole(model).ahead
+        done = problem.run_whole(model)
+        error = done.ahead
         if not np.isfinite(error).all():
             return None
         if not told:
-            return cls(mean, information, error, Autoregression.white(usual, 1.0), usual, filters)
+            known = Autoregression.white(usual, 1.0)
+            return cls(mean, information, error, known, usual, filters, np.zeros((0, mean.size)))
         sums, count = sums_of(error[:begin], first.rough_predecessors)
         noise = Autoregression.white(float(error[:begin] @ error[:begin]), first.count)
         if count >= LEAST and np.isfinite(sums).all() and noise.power > 0.0:
             noise = Autoregression.of_sums(sums, count)
         white = noise.whiten_known(error[:begin], first.rough_predecessors)
-        return cls(mean, information, error, noise, float(white @ white) / (first.count - mean.size), filters)
+        slopes = noise.whiten_known(done.zeta[:begin], first.rough_predecessors)
+        slopes[~first.is_measured] = 0.0
+        variance = float(white @ white) / (first.count - mean.size)
+        return cls(mean, information, error, noise, variance, filters, slopes)
+
+    def dispersion(self, record: Record, length: int) -> float:
+        """Return by how much more another G(s) explains of stretches before the change than chance would; at least 1.
+
+        In each stretch of so many samples, with an offset and an initial state of its own, it would be nothing but
+        chance, if the model were right.  A linear model of a plant that is none fits each stretch differently; a change
+        shows where it explains more than that does.
+        Source: the dispersion of quasi-likelihood, Wedderburn (1974), Biometrika 61.
+        """
+        begin, size = len(self.slopes), self.mean.size
+        length = min(length, begin // STRETCHES)
+        if length < 2 * size:
+            return 1.0
+        white = self.noise.whiten_known(self.error[:begin], record.rough_predecessors[:begin])
+        units = np.linalg.norm(self.slopes, axis=0)
+        slopes = self.slopes / np.where(units > 0.0, units, 1.0)
+        coefficients = np.diag(self.information) > 0.0
+        explained, ranks = 0.0, 0
+        for end in range(begin, length - 1, -length):
+            rows = slice(end - length, end)
+            beside = slopes[:length, ~coefficients]  # of an initial state at the stretch's begin
+            both = np.column_stack([slopes[rows][:, coefficients], white[rows]])
+            both -= beside @ least_norm(beside, both, WEAKEST)[0]
+            directions, values, _ = np.linalg.svd(both[:, :-1], full_matrices=False)
+            told = directions[:, values > WEAKEST * values[0]] if values[0] > 0.0 else directions[:, :0]
+            explained += float(np.sum((told.T @ both[:, -1]) ** 2))
+            ranks += told.shape[1]
+        return max(explained / (ranks * self.variance), 1.0) if ranks and self.variance > 0.0 else 1.0
 
     def onset(self, record: Record, earliest: int) -> int:
         """Return the first sample, from ``earliest`` on, that is not what the model tells; ``earliest`` without one."""

@@ -40,6 +40,11 @@ Sensitivity: halved, 48 samples held against 'load step' instead of 49; error of
 doubled, no verdict changes, and no error by a quarter.
 """
 
+AGAIN = 1.5
+"""Growth of the record after which it is solved again [ratio of lengths].
+Derivation: the last solution has then two thirds of the samples, and all solutions together cost three times the last.
+"""
+
 AFTER_CHANGE = 1.5
 """The same of the record since a change that is believed, after which it is asked again what has changed [ratio of
 lengths].
@@ -54,9 +59,7 @@ def next_renewal(state: State, settings: Settings) -> int:
     The record is solved again when it is twice as long as at the last solution, and before where the plant has changed.
     """
     origin, samples = state.changed_at or state.record_began, state.samples
-    twice = origin + 2 * (state.solved_at - origin)
     due = origin + math.ceil((AFTER_CHANGE if state.changed_at else GROWTH) * (samples - origin))
-    due = min(due, twice) if twice > samples else due
     if remembers_all(state, settings) and due - origin <= RECENT:
         return due
     return samples + EVERY if settings.optimizer.keeps_covariance else 0
@@ -85,8 +88,8 @@ def renew(old: State, settings: Settings) -> State | None:
     begin = 0 if is_at_rest(old) else begin_of_change(structure, record, old.physical)
     # short: the present estimate then knows more than the samples kept
     is_whole = old.gap_at <= old.record_began and RECENT >= len(kept) == old.samples - began
-    has_doubled = is_whole and old.samples - began >= 2 * (old.solved_at - began)
-    if not (begin or has_doubled):
+    has_grown = is_whole and old.samples - began >= AGAIN * (old.solved_at - began)
+    if not (begin or has_grown):
         return None
     solution = solve(structure, record, [old.physical], afresh=is_whole)
     if solution is None:
