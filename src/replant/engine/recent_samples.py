@@ -26,12 +26,6 @@ LONGEST_GAP = 1000.0
 Derivation: a gap of any length begins a new part; what is chosen by the record's duration must not depend on it.
 """
 
-STUCK_RUN = 4
-"""Ties in a row of a sensor that was stuck: what lies before is not looked at after a change [samples].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
 
 @dataclass(frozen=True, eq=False)
 class RecentSamples:
@@ -172,20 +166,20 @@ class RecentSamples:
         return copy
 
     def without_stuck(self) -> RecentSamples:
-        """Return them with the output of a stuck sensor as the filters saw it: it says nothing of a model."""
+        """Return them with the outputs of a stuck sensor as ones that are missing, those before it was noticed too."""
         if not self.is_stuck.any():
             return self
-        return self.with_output(np.where(self.is_stuck, self.bridged, self.output))
+        copy, stuck = RecentSamples(self.values.copy()), self.is_stuck
+        tied = np.append(False, self.output[1:] == self.output[:-1])
+        begins = np.maximum.accumulate(np.where(tied, 0, np.arange(len(self))))  # of the run of equal outputs
+        stuck |= np.isin(begins, begins[stuck])
+        copy.doubt[stuck] = Doubt.MISSING
+        return copy
 
     def since_last_gap(self, dt: float) -> RecentSamples:
         """Return the samples since the last interruption."""
         gaps = np.flatnonzero(self.interval[1:] > GAP * dt)
         return self[gaps[-1] + 1 :] if gaps.size else self
-
-    def after_stuck(self) -> RecentSamples:
-        """Return the samples that came after a sensor was last stuck for a while."""
-        stuck = np.convolve(self.doubt == Doubt.STUCK, np.ones(STUCK_RUN), "valid") == STUCK_RUN
-        return self[int(np.flatnonzero(stuck)[-1]) + STUCK_RUN :] if stuck.any() else self
 
     def is_regular(self, dt: float) -> bool:
         """Return whether every interval is ``dt``."""

@@ -204,7 +204,8 @@ class Contest:
         base = max((claim.fair for claim in claims if not claim.supposition.is_of_plant), default=0.0)
         return [
             replace(claim, fair=base + max(claim.fair - base, 0.0) / dispersion)
-            if claim.supposition.is_of_plant and claim.fair > base else claim
+            if claim.supposition.is_of_plant and claim.fair > base
+            else claim
             for claim in claims
         ]
 

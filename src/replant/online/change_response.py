@@ -47,12 +47,6 @@ Origin: not recorded; kept, see sensitivity.
 Sensitivity: halved or doubled, 48 samples held against 'load step' instead of 49.
 """
 
-MOST_DOUBTED = 0.05
-"""Share of outputs of a stuck sensor up to which samples are looked into [share of samples].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: not measured.
-"""
-
 
 @quiet
 def first_look(state: State, settings: Settings) -> int:
@@ -73,9 +67,10 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     later = old.samples + max(math.ceil((PATIENCE - 1.0) * length), SOONEST)
     kept, first = kept_since(old, max(old.gap_at, old.record_began, old.changed_at))
     begin = max(_began(old) - first, 0)
-    begin = len(kept) - len(kept[begin:].after_stuck())
-    since = kept[begin:]
-    if len(since) < least_since(settings.structure) or _is_limited(since):
+    since, fewest = kept[begin:], least_since(settings.structure)
+    # a sensor that was stuck, or at an end of its scale, has to be well again for as long as that
+    limited = RecentSamples.of(old, fewest).is_stuck | (suspicious(since.input, since.output)[-fewest:] == Doubt.STUCK)
+    if len(since) < fewest or limited.any() or not np.ptp(since.output[-SOONEST:]) > 0.0:
         return old, later
     earliest, *begins = (max(begin + int(part * len(since)), 1) for part in BEGINS)
     record = kept.record(settings.dt, settings.filter.input_hold)
@@ -202,7 +197,7 @@ def _of_whole(old: State, settings: Settings, contest: Contest, began: int) -> l
 
 def kept_since(state: State, first: int) -> tuple[RecentSamples, int]:
     """Return the samples since an accepted one, as far as they are kept, and the accepted samples before them."""
-    kept = RecentSamples.of(state, STORED).cleaned()
+    kept = RecentSamples.of(state, STORED).cleaned().without_stuck()
     kept = kept[max(len(kept) - (state.samples - first), 0) :]
     return kept, state.samples - len(kept)
 
@@ -222,12 +217,6 @@ def _usual(state: State, settings: Settings) -> float:
 
     usual = max(state.usual_variance, outliers.LEAST * state.largest_output)
     return float(usual) * settings.scaling.output**2
-
-
-def _is_limited(since: RecentSamples) -> bool:
-    """Return whether too many outputs, or the newest, are those of a stuck sensor, or of one at an end of its scale."""
-    limited = since.is_stuck | (suspicious(since.input, since.output) == Doubt.STUCK)
-    return float(limited.mean()) > MOST_DOUBTED or not np.ptp(since.output[-SOONEST:]) > 0.0
 
 
 def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -> State | None:
