@@ -124,13 +124,13 @@ class Identifier(Estimate):
     sample whose output alone is missing (NaN) is treated alike, from the first output on.  A single input beyond
     a thousand times its moving standard deviation is taken for misread: the sample is held back, and taken only if the
     next input is as far away.  While it is held back it counts as rejected.
-    Where the residual grows and stays large, `assess` says that something has changed.  A model of the samples since
-    then replaces the present one as soon as it is usable and predicts unseen samples much better.
+    Where the residual grows and stays large, `assess` says that something has changed.  Suppositions of what it was
+    compete by their evidence: see `replant.offline.contest`.
 
-    Each time that the record has doubled, up to 10000 samples, it is solved again as a whole, and before where the
-    estimate moves beyond chance, so that a poor first model has no lasting effect.  Later it is reviewed every 5000
-    samples: where the newest ones contradict the estimate, it begins anew with them.  Such a solution takes some tens
-    of milliseconds, every other update about a microsecond.
+    Each time that the record has grown by half, up to 10000 samples, it is solved again as a whole, so that a poor
+    first model has no lasting effect.  Each time that it has grown by a quarter, later every 5000 samples, it is asked
+    whether the plant has changed within it.  Such a solution takes some tens of milliseconds, every other update about
+    a microsecond.
 
     References
     ----------
