@@ -27,6 +27,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -168,6 +169,7 @@ class Contest:
         self.count = self.problem.record.count
         middle = max((parted or begin) - (record.u.size - self.rows), 0)
         self.stretch = Stretch.of(self.problem.record, slice(None), middle)
+        self._base = 0.0  # evidence of what leaves G(s) as it is
         self.usual = self.stretch.of_usual(known.error[known.error.size - self.rows :], known.noise, known.variance)
 
     @property
@@ -193,21 +195,22 @@ class Contest:
             # a load leaves G(s) as it is, and another G(s) makes another output
             if self.differ(models[-1], self.known.mean) == claim.supposition.is_of_plant:
                 found.append(claim)
-        found = self._dispersed(found)
+        self._base = max((claim.fair for claim in found if not claim.supposition.is_of_plant), default=0.0)
+        found = [self._dispersed(claim) if claim.supposition.is_of_plant else claim for claim in found]
         return found if again else [*found, *self._cuts(models)]
 
-    def _dispersed(self, claims: list[Claim]) -> list[Claim]:
-        """Return claims in which another G(s) has to explain more than it would in any stretch before."""
-        if not any(claim.supposition.is_of_plant for claim in claims):
-            return claims
-        dispersion = self.known.dispersion(self._whole.record, self.rows)
-        base = max((claim.fair for claim in claims if not claim.supposition.is_of_plant), default=0.0)
-        return [
-            replace(claim, fair=base + max(claim.fair - base, 0.0) / dispersion)
-            if claim.supposition.is_of_plant and claim.fair > base
-            else claim
-            for claim in claims
-        ]
+    def _dispersed(self, claim: Claim) -> Claim:
+        """Return a claim of another G(s), whose coefficients have to explain more than they would of stretches before.
+
+        What is divided is what they explain beyond the claims that leave G(s) as it is.
+        """
+        more = claim.fair - self._base
+        return replace(claim, fair=self._base + more / self._dispersion) if more > 0.0 else claim
+
+    @cached_property
+    def _dispersion(self) -> float:
+        """That of stretches as long as the samples since."""
+        return self.known.dispersion(self.record, self.rows)
 
     def _of_models(self) -> Iterator[Claim]:
         """Yield the claims of models fitted to the samples since: a load, a part of the plant, another plant."""
@@ -235,7 +238,7 @@ class Contest:
         likelihood += before.of_other(error[rows], noise)
         offset = before.measured[:, None].astype(float)
         likelihood -= before.of_other(self.known.error[rows], noise, offset)
-        return self._claim(Supposition.WHOLE, likelihood, model=model, solution=solution)
+        return self._dispersed(self._claim(Supposition.WHOLE, likelihood, model=model, solution=solution))
 
     def _claim(self, supposition: Supposition, likelihood: float, numbers: int = 0, **parts: object) -> Claim:
         """Return a claim that has fitted so many numbers."""

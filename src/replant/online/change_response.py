@@ -88,11 +88,11 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     if old.alarm == Alarm.FLOATS:
         claims, found = _afloat(settings, record, begin, present)
     else:
-        claims = []
-        for at in sorted({min(present.onset(record, earliest), begins[-1]), *begins}):
-            claims += Contest(settings.structure, record, at, present).claims()
+        begins = sorted({min(present.onset(record, earliest), begins[-1]), *begins})
+        contests = {at: Contest(settings.structure, record, at, present) for at in begins}
+        claims = [claim for contest in contests.values() for claim in contest.claims()]
         if claims and remembers_all(old, settings):
-            claims += _one_model(old, settings, present, begin)
+            claims += _one_model(old, settings, contests[max(begin, 1)])
         found = decided(claims) if claims else None
     if found is None:
         return old, later
@@ -168,14 +168,14 @@ def since_change(old: State, settings: Settings, parted: int = 0) -> Contest | N
     return Contest(settings.structure, record, begin, known, parted - first if parted else None)
 
 
-def _one_model(old: State, settings: Settings, present: Known, begin: int) -> list[Claim]:
+def _one_model(old: State, settings: Settings, since_alarm: Contest) -> list[Claim]:
     """Return what an alarm says of older samples: that the change before was another one, or the model wrong."""
     if old.gap_at > max(old.record_began, old.changed_at):
         return []
     if not old.changed_at:
-        record = kept_since(old, old.record_began)[0].record(settings.dt, settings.filter.input_hold)
-        return _of_whole(old, settings, Contest(settings.structure, record, begin, present), old.record_began)
-    contest = since_change(old, settings, old.samples - (present.error.size - begin))
+        return _of_whole(old, settings, since_alarm, old.record_began)
+    present = since_alarm.known
+    contest = since_change(old, settings, old.samples - since_alarm.since.u.size)
     if contest is None:
         return []
     claims = [*contest.claims(again=True), *_of_whole(old, settings, contest, old.before_began)]
