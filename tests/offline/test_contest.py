@@ -159,7 +159,7 @@ def test_a_model_that_was_wrong_gives_way_to_one_of_all_samples() -> None:
     trial = Contest(STRUCTURE, record, begin, told)
     whole = solve(STRUCTURE, record)
     assert whole is not None
-    found = decided([*trial.claims(again=True), trial.whole(whole)])
+    found = decided([*trial.claims(again=True), trial.whole(whole.found.theta, whole)])
     assert found is not None
     assert found.supposition is Supposition.WHOLE
 
@@ -168,7 +168,7 @@ def test_after_a_change_one_model_of_all_samples_loses() -> None:
     trial = contest("gain", 0)
     whole = solve(STRUCTURE, trial.record)
     assert whole is not None
-    found = decided([*trial.claims(again=True), trial.whole(whole)])
+    found = decided([*trial.claims(again=True), trial.whole(whole.found.theta, whole)])
     assert found is not None
     assert found.supposition is Supposition.PART
 
