@@ -166,6 +166,12 @@ class RecentSamples:
         return copy
 
     def without_stuck(self) -> RecentSamples:
+        """Return them with the output of a stuck sensor as the filters saw it: it says nothing of a model."""
+        if not self.is_stuck.any():
+            return self
+        return self.with_output(np.where(self.is_stuck, self.bridged, self.output))
+
+    def missing_where_stuck(self) -> RecentSamples:
         """Return them with the outputs of a stuck sensor as ones that are missing, those before it was noticed too."""
         if not self.is_stuck.any():
             return self

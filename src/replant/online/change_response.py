@@ -197,7 +197,7 @@ def _of_whole(old: State, settings: Settings, contest: Contest, began: int) -> l
 
 def kept_since(state: State, first: int) -> tuple[RecentSamples, int]:
     """Return the samples since an accepted one, as far as they are kept, and the accepted samples before them."""
-    kept = RecentSamples.of(state, STORED).cleaned().without_stuck()
+    kept = RecentSamples.of(state, STORED).cleaned().missing_where_stuck()
     kept = kept[max(len(kept) - (state.samples - first), 0) :]
     return kept, state.samples - len(kept)
 
