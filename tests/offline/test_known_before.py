@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -35,7 +37,7 @@ def test_of_a_linear_plant_stretches_are_explained_by_chance(length: int) -> Non
         u = binary(seed, SAMPLES, 10)
         y = PLANT.simulate(u, DT)
         before, record = known(u, y + 0.1 * y.std() * np.random.default_rng([seed, 1]).standard_normal(SAMPLES))
-        found.append(before.dispersion(record, length))
+        found.append(before.dispersion(record, length)[0])
         assert found[-1] >= 1.0
     # cut off at 1 from below: the mean of max(chi-square / n, 1) with n = 2 K / length has half of its deviation more
     deviation = np.sqrt(2.0 / (2.0 * SAMPLES / length))
@@ -47,15 +49,15 @@ def test_of_a_plant_whose_gain_wanders_stretches_differ() -> None:
     gain = 1.0 + 0.2 * np.sin(2.0 * np.pi * np.arange(SAMPLES) / 600.0)
     y = PLANT.simulate(gain * u, DT)
     before, record = known(u, y + 0.02 * y.std() * np.random.default_rng(1).standard_normal(SAMPLES))
-    assert before.dispersion(record, 100) > 10.0
+    assert before.dispersion(record, 100)[0] > 10.0
 
 
 def test_too_few_samples_before_tell_no_dispersion() -> None:
     u = binary(0, SAMPLES, 10)
     y = PLANT.simulate(u, DT) + 0.1 * np.random.default_rng(1).standard_normal(SAMPLES)
     before, record = known(u, y)
-    assert before.dispersion(record, 1) == 1.0
+    assert before.dispersion(record, 1) == (1.0, math.inf)
     record = record.first(60)
     few = Known.before(STRUCTURE, record, 40, before.mean, before.information, before.variance)
     assert few is not None
-    assert few.dispersion(record, 20) == 1.0
+    assert few.dispersion(record, 20) == (1.0, math.inf)

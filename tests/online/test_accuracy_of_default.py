@@ -1,7 +1,8 @@
 """Accuracy of the default identifier, given structure and dt: exact without noise, within its std under noise."""
 
-from __future__ import itertools
+from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 

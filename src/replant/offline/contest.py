@@ -113,6 +113,17 @@ class Claim:
         """The logarithm of the evidence over that of NOTHING."""
         return self.fair + self.odds
 
+    def weighed_beside(self, base: float) -> Claim:
+        """Return the claim with its evidence beyond that of one G(s) as `weighed` has it."""
+        more = self.fair - base
+        if not (self.supposition.is_of_plant and more > 0.0):
+            return self
+        dispersion, numbers = self.contest.dispersion
+        evidence = more / dispersion
+        if math.isfinite(numbers):
+            evidence = 0.5 * numbers * math.log1p(2.0 * evidence / numbers)
+        return replace(self, fair=base + evidence)
+
 
 def odds_of(supposition: Supposition) -> float:
     """Return the logarithm of the odds of a supposition before any sample."""
@@ -126,6 +137,7 @@ def decided(claims: Sequence[Claim]) -> Claim | None:
     an output that answers to nothing every other one has to be sure.  What leaves so much of the output that it would
     raise an alarm again explains nothing.
     """
+    claims = weighed(claims)
     best = max(claims, key=lambda claim: claim.evidence)
     if best.supposition is Supposition.CUT:
         return best
@@ -138,8 +150,22 @@ def decided(claims: Sequence[Claim]) -> Claim | None:
 
 def is_sure(claims: Sequence[Claim], best: Claim) -> bool:
     """Return whether none but the best claim could hold that says something else of G(s)."""
-    close = [claim for claim in claims if claim.fair > best.fair + math.log(ALPHA)]
+    close = [claim for claim in weighed(claims) if claim.fair > best.fair + math.log(ALPHA)]
     return not any(best.contest.differ(claim.theta, best.theta) for claim in close)
+
+
+def weighed(claims: Sequence[Claim]) -> list[Claim]:
+    """Return claims in which a change of G(s) counts beside how differently a model fits any stretch of the record.
+
+    What such a change explains beyond every claim of one G(s) is in the mean the dispersion of the stretches before,
+    times chance.  That is known from n numbers, so that the evidence x / dispersion of a chi-square of two becomes that
+    of an F distribution of 2 and n:
+
+        P{F > f} = (1 + 2 f / n)^(-n / 2),   evidence = (n / 2) ln(1 + (2 / n) x / dispersion)
+    """
+    same = [claim for claim in claims if not (claim.supposition.is_of_plant or claim.supposition is Supposition.CUT)]
+    base = max((claim.fair for claim in same), default=0.0)
+    return [claim.weighed_beside(base) for claim in claims]
 
 
 class Contest:
@@ -169,7 +195,6 @@ class Contest:
         self.count = self.problem.record.count
         middle = max((parted or begin) - (record.u.size - self.rows), 0)
         self.stretch = Stretch.of(self.problem.record, slice(None), middle)
-        self._base = 0.0  # evidence of what leaves G(s) as it is
         self.usual = self.stretch.of_usual(known.error[known.error.size - self.rows :], known.noise, known.variance)
 
     @property
@@ -195,21 +220,11 @@ class Contest:
             # a load leaves G(s) as it is, and another G(s) makes another output
             if self.differ(models[-1], self.known.mean) == claim.supposition.is_of_plant:
                 found.append(claim)
-        self._base = max((claim.fair for claim in found if not claim.supposition.is_of_plant), default=0.0)
-        found = [self._dispersed(claim) if claim.supposition.is_of_plant else claim for claim in found]
         return found if again else [*found, *self._cuts(models)]
 
-    def _dispersed(self, claim: Claim) -> Claim:
-        """Return a claim of another G(s), whose coefficients have to explain more than they would of stretches before.
-
-        What is divided is what they explain beyond the claims that leave G(s) as it is.
-        """
-        more = claim.fair - self._base
-        return replace(claim, fair=self._base + more / self._dispersion) if more > 0.0 else claim
-
     @cached_property
-    def _dispersion(self) -> float:
-        """That of stretches as long as the samples since."""
+    def dispersion(self) -> tuple[float, float]:
+        """That of stretches as long as the samples since, and how many numbers tell it."""
         return self.known.dispersion(self.record, self.rows)
 
     def _of_models(self) -> Iterator[Claim]:
@@ -238,7 +253,7 @@ class Contest:
         likelihood += before.of_other(error[rows], noise)
         offset = before.measured[:, None].astype(float)
         likelihood -= before.of_other(self.known.error[rows], noise, offset)
-        return self._dispersed(self._claim(Supposition.WHOLE, likelihood, model=model, solution=solution))
+        return self._claim(Supposition.WHOLE, likelihood, model=model, solution=solution)
 
     def _claim(self, supposition: Supposition, likelihood: float, numbers: int = 0, **parts: object) -> Claim:
         """Return a claim that has fitted so many numbers."""

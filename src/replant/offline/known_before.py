@@ -114,8 +114,10 @@ class Known:
         variance = float(white @ white) / (first.count - mean.size)
         return cls(mean, information, error, noise, variance, filters, slopes)
 
-    def dispersion(self, record: Record, length: int) -> float:
+    def dispersion(self, record: Record, length: int) -> tuple[float, float]:
         """Return by how much more another G(s) explains of stretches before the change than chance would; at least 1.
+
+        And by how many numbers that is known: where too few samples are before, it counts as certain.
 
         In each stretch of so many samples, with an offset and an initial state of its own, it would be nothing but
         chance, if the model were right.  A linear model of a plant that is none fits each stretch differently; a change
@@ -125,7 +127,7 @@ class Known:
         begin, size = len(self.slopes), self.mean.size
         length = min(length, begin // STRETCHES)
         if length < 2 * size:
-            return 1.0
+            return 1.0, math.inf
         white = self.noise.whiten_known(self.error[:begin], record.rough_predecessors[:begin])
         units = np.linalg.norm(self.slopes, axis=0)
         slopes = self.slopes / np.where(units > 0.0, units, 1.0)
@@ -140,7 +142,9 @@ class Known:
             told = directions[:, values > WEAKEST * values[0]] if values[0] > 0.0 else directions[:, :0]
             explained += float(np.sum((told.T @ both[:, -1]) ** 2))
             ranks += told.shape[1]
-        return max(explained / (ranks * self.variance), 1.0) if ranks and self.variance > 0.0 else 1.0
+        if not (ranks and self.variance > 0.0):
+            return 1.0, math.inf
+        return max(explained / (ranks * self.variance), 1.0), float(ranks)
 
     def onset(self, record: Record, earliest: int) -> int:
         """Return the first sample, from ``earliest`` on, that is not what the model tells; ``earliest`` without one."""

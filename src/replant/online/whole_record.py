@@ -12,6 +12,7 @@ from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
 from replant.engine.state import State
 from replant.kernels.schema import Alarm, Doubt, Supposition
+from replant.offline.contest import weighed
 from replant.offline.solve import Solution, solve
 from replant.online.change_response import since_change
 from replant.online.restart import remembers_all, restart_at
@@ -67,7 +68,7 @@ def _has_changed(state: State, settings: Settings, whole: Solution) -> bool:
     if contest is None:
         return True
     claims = [*contest.claims(again=True), contest.whole(whole.found.theta)]
-    return max(claims, key=lambda claim: claim.evidence).supposition.is_of_plant
+    return max(weighed(claims), key=lambda claim: claim.evidence).supposition.is_of_plant
 
 
 def _rank(settings: Settings, model: FloatArray, record: Record) -> tuple[bool, float]:
