@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import f
 
 import replant as rp
 from replant.engine.record import Record
 from replant.kernels.schema import Supposition
-from replant.offline.contest import ALPHA, Claim, Contest, decided, is_sure, odds_of
+from replant.offline.contest import ALPHA, Claim, Contest, decided, is_sure, odds_of, weighed
 from replant.offline.known_before import Known, forget
 from replant.offline.refined import Refined
 from replant.offline.solve import solve
@@ -205,8 +209,10 @@ def test_forgetting_a_direction_leaves_the_information_about_the_others() -> Non
 
 
 def test_another_plant_has_to_be_sure_and_so_has_that_there_is_none() -> None:
+    linear: Any = SimpleNamespace(dispersion=(1.0, math.inf))
+
     def claim(supposition: Supposition, fair: float) -> Claim:
-        return Claim(supposition, None, fair, odds_of(supposition))  # type: ignore[arg-type]
+        return Claim(supposition, linear, fair, odds_of(supposition))
 
     load, sure = claim(Supposition.LOAD, 20.0), -math.log(ALPHA)
     assert decided([load, claim(Supposition.PART, 19.0)]) is load
@@ -215,6 +221,16 @@ def test_another_plant_has_to_be_sure_and_so_has_that_there_is_none() -> None:
     assert decided([load, gain]) is gain
     assert decided([load, claim(Supposition.CUT, 15.0)]) is None
     assert decided([load, claim(Supposition.CUT, 20.0 - 1.1 * sure)]) is load
+
+
+def test_a_change_counts_beside_how_differently_any_stretch_is_fitted() -> None:
+    """Its evidence is the logarithm of the chance that an F distribution of 2 and n gives what it explains."""
+    contest: Any = SimpleNamespace(dispersion=(4.0, 16.0))
+    load, change = (Claim(each, contest, fair) for each, fair in ((Supposition.LOAD, 10.0), (Supposition.PART, 90.0)))
+    assert weighed([load, change])[0] is load
+    evidence = weighed([load, change])[1].fair - 10.0
+    assert evidence == pytest.approx(-f.logsf((90.0 - 10.0) / 4.0, 2, 16.0))
+    assert weighed([load, replace(change, fair=6.0)])[1].fair == pytest.approx(9.0)  # what is open stays open
 
 
 def test_columns_beside_a_fit_are_estimated_with_it() -> None:

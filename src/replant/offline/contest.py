@@ -115,12 +115,11 @@ class Claim:
 
     def weighed_beside(self, base: float) -> Claim:
         """Return the claim with its evidence beyond that of one G(s) as `weighed` has it."""
-        more = self.fair - base
-        if not (self.supposition.is_of_plant and more > 0.0):
+        if not self.supposition.is_of_plant:
             return self
         dispersion, numbers = self.contest.dispersion
-        evidence = more / dispersion
-        if math.isfinite(numbers):
+        evidence = (self.fair - base) / dispersion
+        if evidence > 0.0 and math.isfinite(numbers):
             evidence = 0.5 * numbers * math.log1p(2.0 * evidence / numbers)
         return replace(self, fair=base + evidence)
 
@@ -149,8 +148,13 @@ def decided(claims: Sequence[Claim]) -> Claim | None:
 
 
 def is_sure(claims: Sequence[Claim], best: Claim) -> bool:
-    """Return whether none but the best claim could hold that says something else of G(s)."""
-    close = [claim for claim in weighed(claims) if claim.fair > best.fair + math.log(ALPHA)]
+    """Return whether none but the best claim could hold that says something else of G(s).
+
+    A load leaves G(s) as it was known, whatever the samples since tell of it.  That is sure once they tell G(s) by
+    themselves: no model of another G(s) may then be as likely, its numbers being free.
+    """
+    is_load, least = best.supposition is Supposition.LOAD, best.fair + math.log(ALPHA)
+    close = [claim for claim in weighed(claims) if claim.fair + (claim.price if is_load else 0.0) > least]
     return not any(best.contest.differ(claim.theta, best.theta) for claim in close)
 
 
