@@ -19,6 +19,7 @@ from urllib.parse import unquote
 import pytest
 
 from support.browsing import chromium, new_page
+from support.cases import every
 from support.places import ROOT
 from support.waiting import PATIENCE
 
@@ -118,8 +119,8 @@ def browser() -> Iterator:
         yield launched
 
 
-@pytest.mark.parametrize("name", PAGES)
-@pytest.mark.parametrize("width", [400, 1280])
+@every("name", PAGES)
+@every("width", [400, 1280])
 def test_a_page_asks_no_other_host_and_fits_its_window(browser, site: Path, name: str, width: int) -> None:
     page = new_page(browser, viewport={"width": width, "height": 900})
     asked: list[str] = []

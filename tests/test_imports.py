@@ -12,6 +12,7 @@ import pytest
 import replant
 from replant import public as exported
 from replant.cli import COMMANDS
+from support.cases import every
 
 HEAVY = {"scipy", "matplotlib", "pyarrow", "control", "pandas", "xarray", "sklearn"}
 HEAVY |= {"distributed", "paho", "serial"}
@@ -49,7 +50,7 @@ def test_asking_for_help_loads_nothing_heavy(arguments: list[str]) -> None:
     assert not modules & {*HEAVY, "numpy", "rich"}
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@every("command", COMMANDS)
 def test_the_help_of_a_command_loads_nothing_heavy(command: str) -> None:
     call = f"main({[command, '--help']})"
     modules = loaded(

@@ -14,6 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from support.cases import every
 from support.places import ROOT
 
 #: Cells show how to use the package, not how to close a file: Python does that where they end.
@@ -49,7 +50,7 @@ def run(cell: str, names: dict[str, Any]) -> None:
 
 
 @pytest.mark.usefixtures("reader")
-@pytest.mark.parametrize("page", CELLS)
+@every("page", CELLS)
 def test_the_cells_of_a_page_run(page: str) -> None:
     names: dict[str, Any] = {"__name__": "__main__"}
     for cell in CELLS[page]:

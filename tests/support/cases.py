@@ -1,0 +1,87 @@
+"""Many cases in one test: all of them run, and its failure holds the failure of each case, by the case's name."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import inspect
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+LONGEST = 60
+Labels = Iterable[Any] | Callable[[Any], Any] | None
+Cases = Iterable[Any] | Callable[[], Iterable[Any]]
+
+
+def every(names: str | Sequence[str], cases: Cases, ids: Labels = None) -> Callable[[Any], Any]:
+    """Call a test once a case, as `pytest.mark.parametrize` would, but as one test.
+
+    A case that fails does not keep the others from running.  Each finds an empty folder in ``tmp_path``, a
+    ``monkeypatch`` of its own and nothing in ``capsys``; other fixtures are shared.  A case that is skipped is said
+    with its reason, and by how many others it was accompanied.  Cases that take time to find are given as a function,
+    which is called when the test runs.
+    """
+    keys = [name.strip() for name in names.split(",")] if isinstance(names, str) else list(names)
+    given = cases if callable(cases) else list(cases)  # an iterator is empty at the second time
+
+    def decorate(test: Callable[..., None]) -> Callable[..., None]:
+        asked = inspect.signature(test)
+
+        @functools.wraps(test)
+        def run(**fixtures: Any) -> None:
+            failed: dict[str, BaseException] = {}
+            skipped: dict[str, str] = {}
+            rows = [(case,) if len(keys) == 1 else tuple(case) for case in (given() if callable(given) else given)]
+            labels = [*map(str, ids)] if isinstance(ids, Iterable) else [label(row, ids) for row in rows]
+            assert rows, "no case at all"
+            for number, (name, row) in enumerate(zip(labels, rows, strict=True)):
+                try:
+                    with of_its_own(fixtures, number) as own:
+                        test(**own, **dict(zip(keys, row, strict=True)))
+                except pytest.skip.Exception as reason:
+                    skipped[name] = str(reason)
+                except (Exception, pytest.fail.Exception) as error:
+                    error.add_note(f"in the case {name}")
+                    failed[f"{number}: {name}"] = error
+            if failed:
+                title = f"{len(failed)} of {len(rows)} cases failed: {', '.join(failed)}"
+                raise BaseExceptionGroup(title, list(failed.values()))
+            if skipped:
+                reasons = ", ".join(sorted(set(skipped.values())))
+                pytest.skip(f"{len(skipped)} of {len(rows)} cases ({', '.join(skipped)}): {reasons}")
+
+        left = [one for name, one in asked.parameters.items() if name not in keys]
+        run.__signature__ = asked.replace(parameters=left)  # type: ignore[attr-defined]  # what pytest looks at
+        return run
+
+    return decorate
+
+
+@contextlib.contextmanager
+def of_its_own(fixtures: dict[str, Any], number: int) -> Iterator[dict[str, Any]]:
+    """The fixtures of one case: those that a case would leave something in are new."""
+    own = dict(fixtures)
+    with contextlib.ExitStack() as stack:
+        if isinstance(folder := fixtures.get("tmp_path"), Path):
+            own["tmp_path"] = folder / str(number)
+            own["tmp_path"].mkdir()
+        if "monkeypatch" in fixtures:
+            own["monkeypatch"] = stack.enter_context(pytest.MonkeyPatch.context())
+        for name in {"capsys", "capfd"} & set(fixtures):
+            fixtures[name].readouterr()
+        yield own
+
+
+def label(row: tuple[Any, ...], ids: Callable[[Any], Any] | None) -> str:
+    """What a case is called: its values in short."""
+    words = [None if ids is None else ids(value) for value in row]
+    words = [word_for(value) if word is None else str(word) for value, word in zip(row, words, strict=True)]
+    return "-".join(words)
+
+
+def word_for(value: Any) -> str:
+    word = getattr(value, "__name__", None) or repr(value)
+    return word if len(word) <= LONGEST else f"{word[:LONGEST]}..."
