@@ -74,3 +74,19 @@ def test_what_a_case_leaves_is_gone_in_the_next(
     monkeypatch.setenv("LEFT", word)
     (tmp_path / word).touch()
     print(word)
+
+
+@pytest.mark.parametrize(("part", "expected"), [("some", [0, 4, 9]), ("all", list(range(10)))])
+def test_of_many_cases_some_are_run_at_once_and_all_by_make_slow(part: str, expected: list[int]) -> None:
+    seen = []
+
+    @every("number", range(10), quick=3)
+    def long(number: int) -> None:
+        seen.append(number)
+
+    long(part_of_cases=part)
+    assert seen == expected
+    (mark,) = long.pytestmark
+    some, everything = mark.args[1]
+    assert some == "some"
+    assert [one.name for one in everything.marks] == ["slow"]
