@@ -15,6 +15,7 @@ from replant.data.logs.merge_rasters import Signal, merge
 from replant.data.logs.rasters import Channel, channel_table, merged, on_one_clock
 from replant.data.logs.table import Table
 from replant.errors import LogError
+from support.cases import every
 
 NAN = np.nan
 
@@ -148,7 +149,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize(("u", "message"), BAD.values(), ids=BAD)
+@every(("u", "message"), BAD.values(), ids=BAD)
 def test_what_cannot_be_merged(u: Signal, message: str) -> None:
     with pytest.raises(LogError, match=message):
         merged(table(y=signal([0, 1, 2], [5, 6, 7]), u=u), {"input": 1, "output": 0})
