@@ -42,8 +42,8 @@ AREAS = {
     "live": (["live"], ["live"], []),
     "fleet": (["fleet"], ["fleet", "cli/test_fleet.py"], []),
 }
-#: Seconds of a run without end: a mutant may make a loop that never ends, which is noticed as well.
-LONGEST = 900.0
+#: Processor time of a process in s, and time of a run in s: a mutant may make a loop without end, which is noticed too.
+MOST_WORK, LONGEST = 600, 7200
 SWAPPED: dict[type, type] = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
     ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In, ast.Add: ast.Sub, ast.Sub: ast.Add,
@@ -124,8 +124,8 @@ def drawn(sample: int, seed: int, areas: list[str]) -> Iterator[dict[str, Any]]:
             yield {"area": area, "path": str(path), "line": line, "new": generator.choice(lines[path, line])}
 
 
-def tests_for(area: str, path: Path) -> list[list[str]]:
-    """The runs of tests that have to notice a change of a module: those that know it, then its folders."""
+def tests_for(area: str, path: Path, near_only: bool) -> list[list[str]]:
+    """The runs of tests that have to notice a change of a module: what knows it, its folders, what uses it."""
     module = ".".join(path.with_suffix("").parts[1:])
     inside = path.relative_to(SOURCE)
     folders = [f"tests/{name.format(folder=inside.parts[0])}" for name in AREAS[area][1]]
@@ -143,7 +143,7 @@ def tests_for(area: str, path: Path) -> list[list[str]]:
         if file.stem == f"test_{path.stem}" or any(words in file.read_text(encoding="utf-8") for words in known)
     ]
     near.sort(key=lambda file: file.stem != f"test_{path.stem}")
-    beyond = [f"tests/{name}" for name in AREAS[area][2] if f"tests/{name}" not in folders]
+    beyond = [f"tests/{name}" for name in AREAS[area][2] if f"tests/{name}" not in folders and not near_only]
     return [run for run in ([str(file.relative_to(ROOT)) for file in near], folders, beyond) if run]
 
 
@@ -160,7 +160,8 @@ def copy_of_all(folder: Path) -> None:
 def passes(folder: Path, tests: list[str]) -> bool:
     """Whether tests pass in a copy; whatever they have started ends with them."""
     environment = os.environ | {"PYTHONPATH": str(folder / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
+    limited = ["sh", "-c", f'ulimit -t {MOST_WORK}; exec "$@"', "sh"]
+    command = [*limited, sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
     with (folder / "last.log").open("wb") as log:
         run = subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log, start_new_session=True)
         try:
@@ -173,7 +174,7 @@ def passes(folder: Path, tests: list[str]) -> bool:
                 run.wait()
 
 
-def tried(mutant: dict[str, Any], copies: SimpleQueue[Path]) -> dict[str, Any]:
+def tried(mutant: dict[str, Any], copies: SimpleQueue[Path], near_only: bool) -> dict[str, Any]:
     """A mutant with the run of tests that noticed it; empty where none did."""
     folder = copies.get()
     try:
@@ -184,7 +185,7 @@ def tried(mutant: dict[str, Any], copies: SimpleQueue[Path]) -> dict[str, Any]:
         lines[mutant["line"] - 1] = mutant["new"] + "\n"
         path.write_text("".join(lines), encoding="utf-8")
         try:
-            runs = tests_for(mutant["area"], Path(mutant["path"]))
+            runs = tests_for(mutant["area"], Path(mutant["path"]), near_only)
             by = next((run for run in runs if not passes(folder, run)), [])
         finally:
             path.write_text(text, encoding="utf-8")
@@ -206,6 +207,7 @@ def main() -> None:
     parser.add_argument("--sample", type=int, default=60, help="mutants in all (60)")
     parser.add_argument("--seed", type=int, default=1, help="other lines (1)")
     parser.add_argument("--jobs", type=int, default=2, help="mutants at a time (2)")
+    parser.add_argument("--near-only", action="store_true", help="leave out the tests of folders that use the code")
     parser.add_argument("--areas", nargs="+", choices=AREAS, default=list(AREAS))
     options = parser.parse_args()
     mutants = list(drawn(options.sample, options.seed, options.areas))
@@ -218,7 +220,7 @@ def main() -> None:
         copies.put(OUT / str(number))
     done: list[dict[str, Any]] = []
     with ThreadPoolExecutor(options.jobs) as pool, (OUT / "results.jsonl").open("a", encoding="utf-8") as results:
-        for found in pool.map(lambda mutant: tried(mutant, copies), mutants):
+        for found in pool.map(lambda mutant: tried(mutant, copies, options.near_only), mutants):
             done.append(found)
             print(json.dumps(found), file=results, flush=True)
             if not found["killed_by"]:
