@@ -18,6 +18,7 @@ from replant.runs.result import Result, result_of_fit
 from replant.runs.run import run_online, run_source
 from replant.settings import Request
 from support.builders import DT, irregular_record, record, two_modes
+from support.cases import every
 
 STRUCTURE, PLANT = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
 REQUEST = Request(STRUCTURE, DT, preprocess=rp.Preprocess("identity", "mean", "mean"))
@@ -79,8 +80,8 @@ def test_the_fits_of_a_run_are_those_of_the_model(make) -> None:
     assert result.verdict.status == "trusted"
 
 
-@pytest.mark.parametrize("make", [noisy, with_gaps])
-@pytest.mark.parametrize("size", [100, 777])
+@every("make", [noisy, with_gaps])
+@every("size", [100, 777], quick=1)
 def test_of_a_record_too_long_to_be_held_the_result_is_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make, size: int
 ) -> None:

@@ -23,6 +23,7 @@ from replant.statistics.batch_means import (
 )
 from replant.statistics.udu import larger
 from support.builders import DT
+from support.cases import every
 from support.inside import path_of, slowness_of, state_of
 
 
@@ -32,8 +33,8 @@ def bridge(scores: np.ndarray, information: np.ndarray) -> tuple[np.ndarray, np.
     return (np.cumsum(scores) * known)[:, None], known[:, None]
 
 
-@pytest.mark.parametrize("blocks", [16, 32])
-@pytest.mark.parametrize("uneven", [False, True])
+@every("blocks", [16, 32])
+@every("uneven", [False, True])
 def test_it_is_unbiased_where_blocks_are_independent(blocks: int, uneven: bool) -> None:
     """The variance told is a quadratic form in the scores; its mean, the trace, is p for scores as large as w."""
     generator = np.random.default_rng(blocks)
