@@ -79,7 +79,9 @@ def expressions(node: ast.AST) -> Iterator[ast.AST]:
 
     Nor the numbers that are named at the top of a module: what changes with those `make sensitivity` measures.
     """
-    if isinstance(node, ast.Raise) or (isinstance(node, ast.Assign) and ast.unparse(node.targets[0]).isupper()):
+    if isinstance(node, ast.Raise) or (isinstance(node, ast.keyword) and node.arg == "strict"):
+        return
+    if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]).isupper():
         return
     for name, value in ast.iter_fields(node):
         if name in ("annotation", "returns", "decorator_list", "type_params"):

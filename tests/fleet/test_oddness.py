@@ -24,6 +24,7 @@ from replant.fleet.result_row import FAILED, Row, table_of
 from replant.fleet.robust import located
 from replant.fleet.watched_record import Movement
 from support.browsing import chromium, contrast, new_page
+from support.cases import every
 
 TWO = rp.Structure(2)
 MOVES = Movement(1.0, 1.0, 0.01)
@@ -69,7 +70,7 @@ def test_a_fleet_without_odd_rigs_names_none_beyond_chance(spread: float) -> Non
     assert named <= 2
 
 
-@pytest.mark.parametrize(
+@every(
     ("gain", "frequency", "damping", "words"),
     [
         (1.0, 17.0, 0.4, r"gain 0.(5|49)\d* times the fleet's median, \d+ standard deviations; natural frequency 1.4"),
@@ -308,8 +309,8 @@ def test_ten_thousand_rows_are_searched_and_sorted(tmp_path: Path) -> None:
         assert mistakes == []
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [1280, 400])
+@every("scheme", ["light", "dark"], quick=1)
+@every("width", [1280, 400], quick=1)
 def test_the_page_can_be_read(tmp_path: Path, scheme: str, width: int) -> None:
     from support.browsing import TEXTS
 
