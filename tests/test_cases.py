@@ -45,6 +45,13 @@ def test_a_test_without_cases_fails() -> None:
         every("a", [])(lambda a: None)()
 
 
+def test_cases_that_only_pytest_knows_fail() -> None:
+    """Their values would be taken for marks and names."""
+    for names, case in (("a", pytest.param(1)), ("a, b, c", pytest.param(1, 2, 3))):
+        with pytest.raises(AssertionError, match=r"pytest\.param is no case"):
+            every(names, [case])(lambda **values: None)()
+
+
 def test_cases_without_values_for_every_name_fail() -> None:
     with pytest.raises(BaseExceptionGroup, match="1 of 1 cases failed"):
         every("a, b", [(1,)])(lambda a, b: None)()

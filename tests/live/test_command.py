@@ -23,6 +23,7 @@ from replant.cli import main
 from replant.data.streams.controlled_motor import controlled
 from replant.online import saving
 from replant.rigs import deap_rig
+from support.cases import every
 from support.live_command import MODEL, ReplayingPeer, estimates, finished, learned, lines, live, sequence_of, wait_for
 from support.live_fakes import DT, record
 from support.places import ROOT
@@ -72,7 +73,7 @@ def test_standard_input_may_have_options(place: str) -> None:
     assert [last["a0"], last["b0"]] == learned(U, Y, T).parameters.tolist()
 
 
-@pytest.mark.parametrize(
+@every(
     ("arguments", "message"),
     [
         (["-?columns=n,q"], "-?columns=n,q: columns=n,q must name u and y"),
@@ -366,7 +367,7 @@ def test_killed_twenty_times_under_load_it_goes_on_to_the_bit(tmp_path: Path) ->
 # --- mistakes
 
 
-@pytest.mark.parametrize(
+@every(
     ("arguments", "message"),
     [
         (("-", "--dt", "0.1"), "--poles is missing"),
@@ -401,9 +402,7 @@ def test_a_mistake_is_one_line(arguments: tuple[str, ...], message: str, capsys:
 # --- the token
 
 
-@pytest.mark.parametrize(
-    "way", ["environment", "file", "option", "option before environment", "file before environment"]
-)
+@every("way", ["environment", "file", "option", "option before environment", "file before environment"])
 def test_the_token_comes_in_without_being_seen_in_the_list_of_processes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, way: str
 ) -> None:

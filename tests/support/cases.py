@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 LONGEST = 60
+ParameterSet = type(pytest.param())
 PART, SOME = "part_of_cases", "some"
 Labels = Iterable[Any] | Callable[[Any], Any] | None
 Cases = Iterable[Any] | Callable[[], Iterable[Any]]
@@ -40,9 +41,12 @@ def every(
         def run(**fixtures: Any) -> None:
             failed: dict[str, BaseException] = {}
             skipped: dict[str, str] = {}
-            rows = [(case,) if len(keys) == 1 else tuple(case) for case in (given() if callable(given) else given)]
+            rows = [(case,) if len(keys) == 1 else case for case in (given() if callable(given) else given)]
             labels = named or [label(row, words) for row in rows]
             assert rows, "no case at all"
+            assert not any(isinstance(one, ParameterSet) for row in (rows, *rows) for one in row), (
+                "pytest.param is no case"
+            )
             assert len(labels) == len(rows)
             numbers = range(len(rows))
             if quick is not None and fixtures[PART] == SOME:
