@@ -12,6 +12,7 @@ import pytest
 
 import replant as rp
 from replant.cli import main
+from support.cases import every
 
 SCHEMA = json.loads(files("replant.identified").joinpath("schema/model-1.json").read_text())
 COLUMNS = ("--input", "voltage [V]", "--output", "speed")
@@ -109,7 +110,7 @@ def test_a_verdict_that_is_required_and_missed_ends_with_3(
     assert call(capsys, "validate", file, other, "--require", "trusted")[0] == 3
 
 
-@pytest.mark.parametrize(
+@every(
     ("arguments", "words"),
     [
         (("show", "none.json"), "none.json: no such file"),

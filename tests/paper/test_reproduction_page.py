@@ -76,6 +76,7 @@ def test_the_page_holds_every_figure_once_and_asks_for_nothing(page):
     assert "<code>replant reproduce</code>" in page
 
 
+@pytest.mark.slow
 def test_its_pictures_are_those_of_the_files(tmp_path):
     """The same curves, to the digits that a picture needs."""
     for name, canvas, paths in save(run(list(FIGURES)), list(FIGURES), tmp_path):
