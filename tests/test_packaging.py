@@ -155,6 +155,7 @@ def test_a_compiler_is_asked_for_where_there_is_none(
     assert asked("wheel") == ["ziglang>=0.13"]
 
 
+@pytest.mark.slow
 def test_the_wheel_of_this_system_has_its_library(
     hook: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

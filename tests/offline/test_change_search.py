@@ -11,6 +11,7 @@ from replant.offline.change_search import begin_of_change, find_change
 from replant.offline.contest import Supposition
 from replant.offline.solve import Solution, solve
 from support.builders import binary
+from support.cases import every
 
 DT, SAMPLES = 0.1, 2000
 
@@ -35,7 +36,7 @@ def test_one_plant_is_not_taken_for_two(load: float) -> None:
     assert not any(begin_in(solved(seed, 2.0, load)) for seed in range(40))
 
 
-@pytest.mark.parametrize("seed", range(5))
+@every("seed", range(5))
 def test_a_gain_a_fifth_up_is_found_where_it_changed(seed: int) -> None:
     """Under noise of a quarter: (.1 / .27)^2 of the noise's power, over 2000 samples, is 137 in chi-squared."""
     solution = solved(seed, 2.4)

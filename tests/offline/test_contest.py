@@ -18,6 +18,7 @@ from replant.offline.solve import solve
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem
 from support.builders import binary, true_parameters
+from support.cases import every
 
 DT, NOISE, BEFORE = 0.05, 0.05, 2000
 PLANT = rp.TransferFunction([2.0], [1.0, 4.0, 3.0])
@@ -66,8 +67,8 @@ def estimated(trial: Contest, claims: list[Claim]) -> tuple[Claim, Refined]:
     return found, refined
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(
+@every("seed", range(3))
+@every(
     ("what", "supposition"),
     [
         ("load", Supposition.LOAD),
@@ -82,15 +83,15 @@ def test_what_has_changed_is_found(what: str, supposition: Supposition, seed: in
     assert found.supposition is supposition
 
 
-@pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize("what", ["none", "noise"])
+@every("seed", range(5))
+@every("what", ["none", "noise"])
 def test_where_the_plant_has_not_changed_no_change_is_found(what: str, seed: int) -> None:
     """A load of nothing explains as much as one model of all samples: neither says anything else of G(s)."""
     found = decided(contest_of(*changed(what, seed))[1])
     assert found is None or not found.supposition.is_of_plant
 
 
-@pytest.mark.parametrize("what", ["load", "drift", "gain", "plant"])
+@every("what", ["load", "drift", "gain", "plant"])
 def test_the_estimate_is_that_of_the_plant_since(what: str) -> None:
     """Within four standard deviations, which a gain that is known but for one direction makes small."""
     _, refined = estimated(*contest_of(*changed(what, 1)))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 import replant as rp
 from replant.engine.record import Record
 from replant.offline.map_srivc import revise
 from replant.offline.refined import Refined
 from support.builders import binary, true_parameters
+from support.cases import every
 
 DT, NOISE = 0.01, 0.01
 #: A fast mode beside one of 20 s: the record lasts a tenth of that.
@@ -30,8 +30,8 @@ def revised(true: np.ndarray, seed: int = 0, samples: int = 200, variance: float
     return found
 
 
-@pytest.mark.parametrize("factor", [0.5, 1.5])
-@pytest.mark.parametrize("entry", [0, 2])
+@every("factor", [0.5, 1.5])
+@every("entry", [0, 2])
 def test_what_the_record_tells_moves_and_what_it_does_not_stays(entry: int, factor: float) -> None:
     """The fast mode's coefficients are told within 2 s; the slow one's stay, as no record of 2 s could place them."""
     true = BEFORE.copy()
