@@ -84,6 +84,7 @@ def test_read_by_a_person(capsys: pytest.CaptureFixture[str], logs: tuple[Path, 
         assert words in out
 
 
+@pytest.mark.slow
 def test_the_report_has_the_other_log_beside_the_first(
     capsys: pytest.CaptureFixture[str], logs: tuple[Path, Path, Path], tmp_path: Path
 ) -> None:

@@ -355,6 +355,7 @@ def killed_and_resumed(tmp_path: Path, times: int) -> None:
     assert saving.load(path).identifier.to_bytes() == learned(u, y, t).to_bytes()
 
 
+@pytest.mark.slow
 def test_killed_under_load_it_goes_on_to_the_bit(tmp_path: Path) -> None:
     killed_and_resumed(tmp_path, times=3)
 

@@ -115,6 +115,7 @@ def test_every_way_to_a_model_ends_in_good_order(kind, seed: int) -> None:
         assert "\n" not in outcome(way)
 
 
+@pytest.mark.slow
 def test_a_walk_that_ended_a_session_is_no_model() -> None:
     generator = np.random.default_rng(0)
     for _ in range(10):

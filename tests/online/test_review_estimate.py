@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 
 import replant as rp
 from support.builders import DT, binary
+from support.cases import every
 
 PLANT = rp.TransferFunction([2.0], [1.0, 4.0, 3.0])
 STEADY, SAMPLES = 30_000, 50_000
@@ -29,8 +30,8 @@ def record(kind: str, gain: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return u, y + scale * noise(kind, seed)
 
 
-@pytest.mark.parametrize("kind", ["white", "coloured"])
-@pytest.mark.parametrize("gain", [0.75, 1.3])
+@every("kind", ["white", "coloured"])
+@every("gain", [0.75, 1.3])
 def test_a_change_that_hardly_shows_in_the_residual_is_learned(kind: str, gain: float) -> None:
     """An estimate that remembers 30,000 samples would need as many again to come half of the way."""
     u, y = record(kind, gain, 1)

@@ -122,6 +122,7 @@ def test_the_demo_in_full_asks_for_the_report(tmp_path, monkeypatch):
     assert asked == {"names": ("fig6", "fig7", "fig8", "actuator"), "out": tmp_path, "report": True}
 
 
+@pytest.mark.slow
 def test_the_demo_writes_its_report_with_the_truth(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("replant.cli.demo.SAMPLES", 20_000)
     main(["demo", "--out", str(tmp_path)])

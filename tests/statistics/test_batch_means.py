@@ -156,6 +156,7 @@ def test_nothing_is_kept_while_nothing_is_learned() -> None:
     np.testing.assert_array_equal(path_of(ident), before)
 
 
+@pytest.mark.slow
 def test_intervals_cover_under_slow_noise() -> None:
     """16 runs, online and offline: the squares of error over standard deviation have a mean near one.
 

@@ -196,7 +196,7 @@ WORKBOOKS: dict[str, dict[str, Any]] = {
 }
 
 
-@every("name", WORKBOOKS)
+@every("name", WORKBOOKS, quick=3)
 def test_a_bomb_of_a_workbook(tmp_path: Path, name: str) -> None:
     pytest.importorskip("openpyxl")
     said = check(workbook(tmp_path / "log.xlsx", **WORKBOOKS[name]), samples=10_000)
