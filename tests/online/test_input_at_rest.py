@@ -101,7 +101,7 @@ def test_without_noise_idle_time_changes_nothing_from_the_first_sample_on() -> N
     assert ident._state.rested > 150_000
 
 
-@pytest.mark.parametrize("name", OPTIMIZERS)
+@every("name", OPTIMIZERS, quick=2)
 def test_two_million_idle_samples_change_nothing(name: str) -> None:
     rest(name, 2_000_000)
 

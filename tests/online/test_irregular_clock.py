@@ -27,8 +27,8 @@ def gaps(ident: rp.Identifier) -> int:
 # --- jitter
 
 
-@every("name", ["order 1", "order 4", "non-minimum phase", "integrator", "feedthrough"])
-@every("hold", ["zoh", "foh"])
+@every("name", ["order 1", "order 4", "non-minimum phase", "integrator", "feedthrough"], quick=3)
+@every("hold", ["zoh", "foh"], quick=1)
 def test_without_noise_jitter_costs_nothing(name: str, hold: str) -> None:
     structure, plant = AWKWARD[name]
     u, y, t = irregular_record(plant, 1, 4000, DT, jitter=0.4, input_hold=hold)
@@ -49,7 +49,7 @@ def test_stamps_that_are_ignored_would_have_cost_much() -> None:
     assert np.abs(ident.parameters / TRUE - 1).max() > 1e-3
 
 
-@every(("delay", "hold"), [(0.3, "zoh"), (1.0, "foh"), (2.38, "foh"), (7.5, "zoh")])
+@every(("delay", "hold"), [(0.3, "zoh"), (1.0, "foh"), (2.38, "foh"), (7.5, "zoh")], quick=2)
 def test_dead_time_on_a_clock_that_jitters(delay: float, hold: str) -> None:
     """Whole samples of dead time there are none then: every interval falls into pieces."""
     plant = rp.TransferFunction(PLANT.num, PLANT.den, delay * DT)

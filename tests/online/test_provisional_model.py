@@ -98,6 +98,7 @@ def test_a_start_up_that_does_not_suffice_is_not_silent() -> None:
     assert trace.parameters[60:].any(axis=1).all()
 
 
+@pytest.mark.slow
 def test_it_is_as_uncertain_as_it_says() -> None:
     """Over 60 records, 3 coefficients each: of 180 normalised errors 0.5 exceed 3 by chance, more than 5 never."""
     far = 0
