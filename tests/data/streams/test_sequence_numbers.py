@@ -131,6 +131,15 @@ def test_a_counter_that_wraps_is_followed(replays: bool, bits: int) -> None:
     assert +counters == {"duplicate": 1, "restarts": 1}
 
 
+@pytest.mark.parametrize("last", [2**16 - 1, 2**32 - 1])
+def test_what_is_sent_again_to_one_that_goes_on_is_no_counter_that_wrapped(last: int) -> None:
+    """Where the last number is that of a checkpoint, none has come over the first connection yet."""
+    numbering = Numbering(counters := Counter(), replays=True)
+    numbering.last = last
+    assert screen(numbering, *([k, k + 1] for k in range(0, 40, 2))) == []
+    assert counters == {"duplicate": 40}
+
+
 @pytest.mark.parametrize("last", [2**16 - 1, 70_000])
 def test_what_a_new_connection_sends_again_is_no_counter_that_wrapped(last: int) -> None:
     """A peer that does not listen to ``after N`` sends all from its beginning."""
