@@ -1,10 +1,10 @@
 """Mutants: single lines of the package are changed one at a time, and the tests have to notice.
 
 `python tools/mutants.py --sample 100` draws lines evenly over the areas below and changes one comparison, sign, factor,
-constant or condition of each, in a copy of the repository.  The tests that import the changed module run first, then
-those of its folder, then those of the folders that use it, up to the first failure.  A mutant that no test notices
-survives: it is printed as a difference, and the share of those killed with its interval (Wilson, 95 %).  Each result is
-a line of out/mutants/results.jsonl.
+constant or condition of each, in a copy of the repository.  Its examples and the tests that import the changed module
+run first, then those of its folder, then those of the folders that use it, up to the first failure.  A mutant that no
+test notices survives: it is printed as a difference, and the share of those killed with its interval (Wilson, 95 %).
+Each result is a line of out/mutants/results.jsonl.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from math import sqrt
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = Path("src/replant")
@@ -146,7 +148,7 @@ def tests_for(area: str, path: Path, near_only: bool) -> list[list[str]]:
     ]
     near.sort(key=lambda file: file.stem != f"test_{path.stem}")
     beyond = [f"tests/{name}" for name in AREAS[area][2] if f"tests/{name}" not in folders and not near_only]
-    return [run for run in ([str(file.relative_to(ROOT)) for file in near], folders, beyond) if run]
+    return [run for run in ([str(path), *(str(file.relative_to(ROOT)) for file in near)], folders, beyond) if run]
 
 
 def copy_of_all(folder: Path) -> None:
@@ -167,7 +169,7 @@ def passes(folder: Path, tests: list[str]) -> bool:
     with (folder / "last.log").open("wb") as log:
         run = subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log, start_new_session=True)
         try:
-            return run.wait(LONGEST) == 0
+            return run.wait(LONGEST) in (0, pytest.ExitCode.NO_TESTS_COLLECTED)
         except subprocess.TimeoutExpired:
             return False
         finally:

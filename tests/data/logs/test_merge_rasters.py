@@ -131,6 +131,7 @@ def test_columns_are_merged_with_the_time_first() -> None:
     found = table(y=signal([0, 1, 2], [5, 6, 7]), u=signal([0, 2], [1, 2]), r=signal([0, 2], [3, 4]))
     one = merged(found, {"input": 1, "output": 0, "reference": 2})
     assert one.names == ("time", "u", "y", "r")
+    assert one.in_seconds == {0}
     assert [column.tolist() for column in one.columns([0, 1, 2, 3])] == [[0, 1, 2], [1, 1, 2], [5, 6, 7], [3, 3, 4]]
 
 
