@@ -83,8 +83,10 @@ def expressions(node: ast.AST) -> Iterator[ast.AST]:
     """
     if isinstance(node, ast.Raise) or (isinstance(node, ast.keyword) and node.arg == "strict"):
         return
-    if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]).isupper():
-        return
+    if isinstance(node, ast.Assign | ast.AnnAssign):
+        (target, *_) = node.targets if isinstance(node, ast.Assign) else [node.target]
+        if ast.unparse(target).isupper():
+            return
     for name, value in ast.iter_fields(node):
         if name in ("annotation", "returns", "decorator_list", "type_params"):
             continue

@@ -47,7 +47,7 @@ def garbled(samples: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 @every("seed", range(6), quick=1)
-@every("name", OPTIMIZERS)
+@every("name", OPTIMIZERS, quick=4)
 def test_chunks_and_checkpoints_at_any_place_change_no_bit(name: str, seed: int) -> None:
     u, y, t = garbled(400, seed)
     whole, loop, parts = (made(name) for _ in range(3))
