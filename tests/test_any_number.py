@@ -298,7 +298,7 @@ def test_calls_with_hostile_arguments() -> None:
     assert min(outcomes["result"], outcomes["refused"]) > CALLS / 6, "what refuses all, or accepts all, tries nothing"
 
 
-@every(("name", "make"), lambda: [*classes(), *FUNCTIONS_OF_ALL.items()])
+@every(("name", "make"), lambda: [*classes(), *FUNCTIONS_OF_ALL.items()], quick=24)
 def test_every_argument_of_every_call_in_its_worst_form(name: str, make: Callable[[], Any]) -> None:
     """A number of more digits than Python prints, also within a list; an array that is none; floats at their ends."""
     with watched():

@@ -153,7 +153,7 @@ KERNELS: dict[str, dict[str, Any]] = {
 }
 
 
-@every("kind", KERNELS, quick=2)
+@every("kind", KERNELS, quick=1)
 def test_forged_positions_do_not_reach_the_kernels(kind: str) -> None:
     """Flip bits of each whole number of the state: it is refused, or runs on inside of its arrays."""
     ident = identifier(dt=0.2, startup=100, **KERNELS[kind])

@@ -41,7 +41,7 @@ def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, s
     return code, captured.out, captured.err
 
 
-@pytest.mark.parametrize("command", ["run", "fit"])
+@every("command", ["run", "fit"], quick=1)
 def test_the_result_says_that_the_clock_is_irregular(capsys, log: Path, tmp_path: Path, command: str) -> None:
     code, out, err = call(capsys, command, log, *OPTIONS, "--json", "--out", tmp_path)
     assert code == 0

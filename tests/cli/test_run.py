@@ -156,7 +156,8 @@ print(next(line for line in status.splitlines() if line.startswith("VmHWM")).spl
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no /proc to read a process's peak memory from")
-@pytest.mark.parametrize("suffix", ["csv", pytest.param("parquet", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
 def test_memory_does_not_grow_with_the_log(tmp_path: Path, suffix: str) -> None:
     """Past a few batches the peak stays: a log held in memory would add three numbers a row, and its text more."""
     pyarrow = pytest.importorskip("pyarrow", reason="pip install 'replant[parquet]'")

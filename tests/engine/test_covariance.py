@@ -44,7 +44,7 @@ def estimate(seed: int, noise: float = 0.1, colour: float = 0.0, **arguments: An
     return ident
 
 
-@every("method", METHODS, quick=3)
+@every("method", METHODS, quick=1)
 @every("colour", [0.9, 0.0], quick=1)
 def test_estimates_scatter_as_the_covariance_says(method: str, colour: float) -> None:
     """24 runs: the mean of chi-square over its P degrees of freedom is 1, within 5 / sqrt(12 P) of it below and above.

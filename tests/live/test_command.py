@@ -93,6 +93,7 @@ def test_what_is_wrong_with_an_address_of_standard_input_is_said(
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_loop_of_the_demo_is_recorded_with_its_reference(tmp_path: Path) -> None:
     folder = tmp_path / "record"
     options = ("--loop", "--dashboard", "off", "--samples", 1500, "--record", folder)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 import replant as rp
 from replant.engine.record import Record
@@ -30,7 +29,7 @@ def begin_in(solution: Solution) -> int:
     return begin_of_change(rp.Structure(1), solution.record, solution.found.theta)
 
 
-@pytest.mark.parametrize("load", [0.0, 2.0])
+@every("load", [0.0, 2.0], quick=1)
 def test_one_plant_is_not_taken_for_two(load: float) -> None:
     """Each record has the chance 1e-4: of 40 none in 99.6 % of all cases."""
     assert not any(begin_in(solved(seed, 2.0, load)) for seed in range(40))

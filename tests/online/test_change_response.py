@@ -27,7 +27,7 @@ def afloat(kind: str, scale: float, samples: int) -> np.ndarray:
     return scale * (noise if kind == "noise" else 0.05 * np.cumsum(noise))
 
 
-@every("optimizer", OPTIMIZERS)
+@every("optimizer", OPTIMIZERS, quick=2)
 @every("plant", [PLANT, LIGHT], ids=["usual", "light"], quick=1)
 @every(("kind", "size"), [("noise", 1.0), ("noise", 0.3), ("walk", 1.0)], quick=2)
 def test_a_cable_that_floats_teaches_nothing(
@@ -121,7 +121,7 @@ CHANGES: dict[str, tuple[list[float], list[float], float, int]] = {
 }
 
 
-@pytest.mark.parametrize("change", CHANGES)
+@every("change", CHANGES, quick=1)
 def test_no_model_off_by_a_tenth_is_trusted_640_samples_after_a_change(change: str) -> None:
     """Three records each, noise of 7 %, looks from 640 samples on at which the estimate is nearly another one.
 

@@ -178,7 +178,7 @@ def failing(y: np.ndarray, fault: str) -> np.ndarray:
     return np.clip(y, -0.8 * y.std(), 0.8 * y.std())
 
 
-@every("kind", ["default", "forgetting", "tracking"])
+@every("kind", ["default", "forgetting", "tracking"], quick=2)
 @every("fault", ["stuck", "off", "at its rail", "saturated"])
 @every(("speed", "dt"), [(20.0, 1e-3), (2.0, 0.02)], ids=["1 kHz", "50 Hz"], quick=1)
 def test_a_dead_sensor_is_said_and_not_learned(kind: str, fault: str, speed: float, dt: float) -> None:

@@ -92,6 +92,7 @@ def test_a_sensor_with_steps_that_fails_is_told_and_not_learned(name: str, fault
         assert np.abs(trace.parameters / before - 1.0).max(initial=0.0) < 0.01
 
 
+@pytest.mark.slow
 def test_a_resonance_whose_crests_are_cut_is_told_and_not_learned() -> None:
     """The demo's rig after a minute: its parameters are known to a third of a percent, and hold within one."""
     for seed, level in ((0, 0.8), (1, 0.5), (2, 1.2)):

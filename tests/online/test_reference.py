@@ -61,7 +61,7 @@ def one_by_one(ident: rp.Identifier, *signals: np.ndarray) -> None:
         ident.update(u[k], y[k], t, r)
 
 
-@pytest.mark.parametrize("stamped", [False, True])
+@every("stamped", [False, True], quick=1)
 def test_single_samples_and_chunks_of_any_size_give_the_same_bits(stamped: bool) -> None:
     u, y, t, r = garbled()
     whole, loop, parts = made(), made(), made()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from scipy.signal import lfilter
 
 import replant as rp
@@ -43,7 +42,7 @@ def test_a_change_that_hardly_shows_in_the_residual_is_learned(kind: str, gain: 
     assert ident.assess().status != "inconsistent"
 
 
-@pytest.mark.parametrize("kind", ["white", "coloured"])
+@every("kind", ["white", "coloured"], quick=1)
 def test_an_estimate_that_holds_keeps_its_whole_record(kind: str) -> None:
     """Of some fifty reviews none begins anew: the chance of one is 1e-7, from the levels of the two tests."""
     for seed in range(3):

@@ -162,7 +162,7 @@ KINDS: dict[str, dict[str, Any]] = {
 }
 
 
-@every("kind", KINDS, quick=2)
+@every("kind", KINDS, quick=1)
 def test_neither_chunks_nor_checkpoints_change_a_bit(kind: str) -> None:
     u, y = measured(10, 420)
     u = u + np.where(np.arange(420) % 2 == 0, 0.1, 0.0)

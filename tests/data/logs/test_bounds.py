@@ -127,6 +127,7 @@ def test_archives_in_archives_are_not_opened(tmp_path: Path) -> None:
     assert "holds another compressed file" in check(tmp_path / "log.zip")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 def test_a_method_without_a_bound_is_not_unpacked(tmp_path: Path, method: int) -> None:
     with zipfile.ZipFile(tmp_path / "log.zip", "w", method) as archive:

@@ -79,7 +79,7 @@ def test_its_batches_are_the_log(tmp_path: Path, suffix: str, timing: dict[str, 
 
 @pytest.mark.usefixtures("small_blocks")
 @every("most_held", [0, ROWS], quick=1)
-@every("row", [1, 63, 64, 65, 300, ROWS - 1])
+@every("row", [1, 63, 64, 65, 300, ROWS - 1], quick=3)
 @every(
     ("kind", "message"),
     [("missing", "time stamp is nan"), ("repeats", "repeats the one before")],
@@ -98,7 +98,7 @@ def test_a_bad_stamp_is_named_wherever_it_is(tmp_path: Path, most_held: int, row
 
 @pytest.mark.usefixtures("small_blocks")
 @every("most_held", [0, ROWS], quick=1)
-@every("row", [1, 63, 64, 65, 300, ROWS - 1])
+@every("row", [1, 63, 64, 65, 300, ROWS - 1], quick=3)
 def test_an_irregular_stamp_is_named_wherever_it_is_and_all_come(tmp_path: Path, most_held: int, row: int) -> None:
     columns = signals()
     regular = save(tmp_path / "regular.csv", columns)

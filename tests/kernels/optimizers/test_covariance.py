@@ -98,7 +98,7 @@ def hardly_different_directions(size: int) -> np.ndarray:
     return directions * 10.0 ** np.linspace(-6, 6, size)
 
 
-@pytest.mark.parametrize("size", [2, 5, 9])
+@every("size", [2, 5, 9], quick=1)
 def test_after_1e5_ill_conditioned_updates_it_is_positive_definite(size: int) -> None:
     """The largest eigenvalue falls, no entry of D leaves the positive numbers, and the product is symmetric.
 

@@ -22,6 +22,7 @@ FOCUS = """() => {
 }"""
 
 
+@pytest.mark.slow
 def test_everything_can_be_done_by_keyboard_and_is_seen_to_be(opened: Page, feed: Feed) -> None:
     met: dict[str, tuple[str, float]] = {}
     for _ in range(6):
@@ -92,6 +93,7 @@ def test_it_can_be_read_and_fits(browser, dashboard: Dashboard, feed: Feed, widt
     assert opened.complaints == []
 
 
+@pytest.mark.slow
 def test_a_narrow_page_has_room_for_fingers(browser, dashboard: Dashboard, feed: Feed) -> None:
     opened = Page(browser, dashboard.url, 400, 860)
     for control in opened.page.locator(".actions > button, .actions summary").all():

@@ -231,6 +231,7 @@ def test_telephone_needs_no_scrolling_sideways(browser, long_report, scheme: str
     page.close()
 
 
+@pytest.mark.slow
 def test_paper_cuts_no_plot_in_two(browser, long_report, tmp_path) -> None:
     """A mark in the first and the last line of each picture: both are on the same page of the PDF."""
     page = opened(browser, long_report, scheme="dark")
