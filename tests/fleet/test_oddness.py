@@ -91,6 +91,12 @@ def test_an_odd_rig_is_first_and_named_by_what_differs(
     assert found.odd.sum() == 1
 
 
+def test_of_a_rig_that_differs_in_everything_the_two_that_differ_most_are_named() -> None:
+    rows = [*fleet(0), row("odd", 1.1, 19.0, 0.9, SURE, np.random.default_rng(9))]
+    said = oddness_of(table_of(rows, TWO), TWO).words[-1].split("; ")
+    assert [each.partition(" times")[0].rpartition(" ")[0] for each in said] == ["damping", "gain"]
+
+
 def test_an_uncertain_rig_is_not_an_odd_one() -> None:
     rng = np.random.default_rng(1)
     sure, unsure = (row(name, 2.0 * math.exp(0.4), 12.0, 0.4, 0.0 * SURE + std, rng) for name, std in
