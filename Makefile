@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: demo build wheels wheels-test test docs docs-serve slow lint types check bench bench-fleet bench-live regression soak fuzz faults accuracy campaign steps recorded public-logs sensitivity pages clean help
+.PHONY: demo build wheels wheels-test test docs docs-serve slow lint types check bench bench-fleet bench-live regression soak fuzz faults accuracy campaign steps recorded public-logs sensitivity mutants pages clean help
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -38,8 +38,8 @@ demo: $(READY)   ## identify a simulated actuator while it runs; plots in out/de
 # one worker more than a small machine has cores: many tests wait; stolen work keeps the tests of a module together, and
 # with them what they share
 # hundreds of tests start a program: without compiled modules each start compiles all of them
-test: export PYTHONDONTWRITEBYTECODE =
-test: lint types $(READY)   ## lint, types, doctests, tests
+test slow: export PYTHONDONTWRITEBYTECODE =
+test: lint types $(READY)   ## lint, types, doctests, tests; some minutes
 	$(BIN)/pytest -n 3 --dist worksteal
 
 docs: $(READY)   ## the site, every block of it executed; in out/docs/html
@@ -48,8 +48,8 @@ docs: $(READY)   ## the site, every block of it executed; in out/docs/html
 docs-serve: docs ## the same on http://127.0.0.1:8000
 	$(BIN)/python -m http.server 8000 --bind 127.0.0.1 --directory out/docs/html
 
-slow: $(READY)   ## the tests that take minutes, such as a hundred million idle samples
-	$(BIN)/pytest -m slow
+slow: $(READY)   ## the tests that take longer: all cases of which `make test` runs some, Dask, kills, the built site
+	$(BIN)/pytest -n 3 --dist worksteal -m slow
 
 lint: $(READY)   ## ruff: style and format
 	$(BIN)/ruff check .
@@ -101,6 +101,9 @@ public-logs: $(READY)  ## `fit` and `run` on public logs beside an output-error 
 
 sensitivity: $(READY)  ## halve and double each tuned constant on a battery of records; an hour of a core; out/sensitivity.jsonl
 	$(BIN)/python benchmarks/sensitivity $(ARGS)
+
+mutants: $(READY)  ## lines changed one at a time, which the tests have to notice: an hour; ARGS="--sample 20 --areas logs"
+	$(BIN)/python tools/mutants.py $(ARGS)
 
 pages: $(READY)  ## what is made from the source: picture of the folders, pages of modules, state, constants, the closed loop
 	$(BIN)/python tools/architecture.py --picture docs/pictures/architecture.svg

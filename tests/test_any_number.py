@@ -41,6 +41,7 @@ from replant.rigs import Rig
 from replant.settings import Request, Settings
 from replant.sklearn import TransferFunctionRegressor
 from support.builders import engine_state, identifier, record, state
+from support.cases import every
 
 WHOLE = [np.int8, np.uint8, np.int16, np.uint16, np.int32, np.uint32, np.int64, np.uint64]
 REAL = [np.float16, np.float32, np.float64, np.longdouble, Decimal, Fraction]
@@ -193,22 +194,26 @@ def test_every_public_class_has_an_example() -> None:
     assert set(KINDS.values()) <= set(EXAMPLES), "what a checkpoint builds"
 
 
-def test_a_number_of_any_type_is_kept_as_a_plain_one() -> None:
+@every(
+    ("build", "arguments"),
+    [*EXAMPLES.items(), *FUNCTIONS.items()],
+    ids=[kind.__name__ for kind in (*EXAMPLES, *FUNCTIONS)],
+)
+def test_a_number_of_any_type_is_kept_as_a_plain_one(build: Callable[..., Any], arguments: dict[str, Any]) -> None:
     """What takes it keeps plain ones, equal to those of the plain type, or refuses it by name."""
-    for build, arguments in [*EXAMPLES.items(), *FUNCTIONS.items()]:
-        for name, example in arguments.items():
-            for kind, convert in TYPES.items() if type(example) in (int, float, list, tuple) else ():
-                case = f"{build.__name__}({name} as {kind})"
-                given = converted(example, convert)
-                # a truth value counts as one or zero, where it counts; nothing stands for itself
-                expected = example if given is not None else None
-                if convert in TRUTHS.values():
-                    expected = converted(example, lambda x: type(x)(bool(x)))
-                got = made(build, {**arguments, name: given}, name)
-                if got is not None:
-                    assert got == made(build, {**arguments, name: expected}, name), case
-                if convert in (*WHOLE, int) and type(example) in (int, float):
-                    assert got is not None, f"{case}: a whole number of NumPy's is one"
+    for name, example in arguments.items():
+        for kind, convert in TYPES.items() if type(example) in (int, float, list, tuple) else ():
+            case = f"{build.__name__}({name} as {kind})"
+            given = converted(example, convert)
+            # a truth value counts as one or zero, where it counts; nothing stands for itself
+            expected = example if given is not None else None
+            if convert in TRUTHS.values():
+                expected = converted(example, lambda x: type(x)(bool(x)))
+            got = made(build, {**arguments, name: given}, name)
+            if got is not None:
+                assert got == made(build, {**arguments, name: expected}, name), case
+            if convert in (*WHOLE, int) and type(example) in (int, float):
+                assert got is not None, f"{case}: a whole number of NumPy's is one"
 
 
 def test_narrow_numbers_of_a_structure_do_not_wrap() -> None:
@@ -293,21 +298,21 @@ def test_calls_with_hostile_arguments() -> None:
     assert min(outcomes["result"], outcomes["refused"]) > CALLS / 6, "what refuses all, or accepts all, tries nothing"
 
 
-def test_every_argument_of_every_call_in_its_worst_form() -> None:
+@every(("name", "make"), lambda: [*classes(), *FUNCTIONS_OF_ALL.items()], quick=24)
+def test_every_argument_of_every_call_in_its_worst_form(name: str, make: Callable[[], Any]) -> None:
     """A number of more digits than Python prints, also within a list; an array that is none; floats at their ends."""
-    for name, make in [*classes(), *FUNCTIONS_OF_ALL.items()]:
-        with watched():
-            function, ordinary = make()
-        for argument, value in ordinary.items():
-            for given in worst(value):
-                case = f"{name}({argument}: {type(value).__name__} as {type(given).__name__})"
-                try:
-                    with contextlib.chdir(folder()), watched(), limited(MOST_MEMORY):
-                        function(**{**ordinary, argument: given})
-                except rp.ReplantError as error:
-                    check_message(error)
-                except Exception as error:
-                    raise AssertionError(case) from error
+    with watched():
+        function, ordinary = make()
+    for argument, value in ordinary.items():
+        for given in worst(value):
+            case = f"{name}({argument}: {type(value).__name__} as {type(given).__name__})"
+            try:
+                with contextlib.chdir(folder()), watched(), limited(MOST_MEMORY):
+                    function(**{**ordinary, argument: given})
+            except rp.ReplantError as error:
+                check_message(error)
+            except Exception as error:
+                raise AssertionError(case) from error
 
 
 def worst(value: Any) -> Iterator[Any]:

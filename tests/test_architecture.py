@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import ast
 import sys
+from functools import cache
 from pathlib import Path
 
-import pytest
-
 import replant
+from support.cases import every
 from support.places import ROOT
 
 sys.path.insert(0, str(ROOT / "tools"))
@@ -81,8 +81,9 @@ FILES = {"pathlib", "os", "io", "shutil", "tempfile", "glob", "socket", "select"
 
 PACKAGE = Package.read()
 MODULES, TREES = PACKAGE.files, PACKAGE.trees
-own, outside, imports = PACKAGE.own, PACKAGE.outside, PACKAGE.imports
-every_module = pytest.mark.parametrize("module", MODULES)
+imports = PACKAGE.imports
+own, outside = cache(PACKAGE.own), cache(PACKAGE.outside)
+every_module = every("module", MODULES)
 
 
 def place_of(module: str) -> int | None:
@@ -147,12 +148,13 @@ def test_levels_and_arrows_of_a_small_graph() -> None:
     assert circle({"a": {"b"}, "b": {"a"}, "c": set()}) == {"a", "b"}
 
 
-@pytest.mark.parametrize("module", [module for module in MODULES if module.partition(".")[0] == "kernels"])
+@every("module", [module for module in MODULES if module.partition(".")[0] == "kernels"])
 def test_kernels_know_numpy_math_errors_and_each_other(module: str) -> None:
     assert outside(module) <= {*PLAIN, "numpy", *LOADS.get(module, ())}
     assert {name.partition(".")[0] for name in own(module)} <= {"kernels", "errors"}
 
 
+@cache
 def is_heavy(module: str) -> bool:
     """Whether importing a module of ours loads a heavy library, by itself or by what it imports."""
     return bool(outside(module, late=False) & HEAVY) or any(map(is_heavy, own(module, late=False)))

@@ -19,9 +19,12 @@ from urllib.parse import unquote
 import pytest
 
 from support.browsing import chromium, new_page
+from support.cases import every
 from support.places import ROOT
 from support.waiting import PATIENCE
 
+#: It takes half a minute of processor time to build it; test_site.py checks the sources, their links among them.
+pytestmark = pytest.mark.slow
 MADE = ROOT / "out" / "docs" / "html"
 #: Where a page loads something by itself: element and attribute.
 LOADED = {("script", "src"), ("img", "src"), ("iframe", "src"), ("source", "src"), ("video", "src"), ("object", "data")}
@@ -118,8 +121,8 @@ def browser() -> Iterator:
         yield launched
 
 
-@pytest.mark.parametrize("name", PAGES)
-@pytest.mark.parametrize("width", [400, 1280])
+@every("name", PAGES)
+@every("width", [400, 1280])
 def test_a_page_asks_no_other_host_and_fits_its_window(browser, site: Path, name: str, width: int) -> None:
     page = new_page(browser, viewport={"width": width, "height": 900})
     asked: list[str] = []

@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 
 import replant
+from support.cases import every
 
 validate = pytest.importorskip("numpydoc.validate", reason="numpydoc is installed by the extra docs").validate
 
@@ -87,7 +88,7 @@ def is_excused(code: str, thing: Any) -> bool:
     return code in ("RT01", "YD01") and bool(re.search(r"\b(return|give)", doc.splitlines()[0], re.IGNORECASE))
 
 
-@pytest.mark.parametrize(("path", "thing"), PUBLIC, ids=[path for path, _ in PUBLIC])
+@every(("path", "thing"), PUBLIC, ids=[path for path, _ in PUBLIC])
 def test_a_public_name_has_a_docstring_that_numpydoc_accepts(path: str, thing: Any) -> None:
     assert (inspect.getdoc(thing) or "").strip()
     leave_out = NOT_MADE | {"PR01", "RT01"} if path.rpartition(".")[2] in OF_EVERY_OPTIMIZER else NOT_MADE

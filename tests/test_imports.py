@@ -12,6 +12,7 @@ import pytest
 import replant
 from replant import public as exported
 from replant.cli import COMMANDS
+from support.waiting import PATIENCE
 
 HEAVY = {"scipy", "matplotlib", "pyarrow", "control", "pandas", "xarray", "sklearn"}
 HEAVY |= {"distributed", "paho", "serial"}
@@ -49,13 +50,26 @@ def test_asking_for_help_loads_nothing_heavy(arguments: list[str]) -> None:
     assert not modules & {*HEAVY, "numpy", "rich"}
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_the_help_of_a_command_loads_nothing_heavy(command: str) -> None:
-    call = f"main({[command, '--help']})"
-    modules = loaded(
-        f"from replant.cli import main\ntry:\n    {call}\nexcept SystemExit as stop:\n    assert not stop.code"
+def test_the_help_of_no_command_loads_anything_heavy() -> None:
+    """One process asks for the help of one after the other: the first that loads something is named."""
+    program = f"""
+import json, sys
+from replant.cli import main
+loaded = {{}}
+for command in {list(COMMANDS)}:
+    try:
+        main([command, "--help"])
+    except SystemExit as stop:
+        assert not stop.code
+    loaded[command] = sorted({{name.partition(".")[0] for name in sys.modules}} & set({sorted(HEAVY)}))
+print(json.dumps(loaded))
+"""
+    run = subprocess.run(
+        [sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=True, timeout=PATIENCE
     )
-    assert not modules & HEAVY
+    of_each: dict[str, list[str]] = json.loads(run.stdout.splitlines()[-1])
+    assert set(of_each) == set(COMMANDS)
+    assert {command: names for command, names in of_each.items() if names} == {}
 
 
 def test_an_identifier_at_work_loads_scipy_and_only_what_it_needs() -> None:

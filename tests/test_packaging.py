@@ -20,6 +20,8 @@ from hatchling.builders.sdist import SdistBuilder
 from hatchling.builders.wheel import WheelBuilder
 from packaging.requirements import Requirement
 
+from support.cases import every
+
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 EXTRAS = PROJECT["project"]["optional-dependencies"]
@@ -104,8 +106,8 @@ def test_uplot_is_fetched_once(hook: ModuleType, tmp_path: Path, monkeypatch: py
     assert found == {Path(name).name: content for name, content in UPLOT.items()}
 
 
-@pytest.mark.parametrize("name", UPLOT)
-@pytest.mark.parametrize("how", ["changed", "missing"])
+@every("name", UPLOT)
+@every("how", ["changed", "missing"])
 def test_what_is_not_uplot_is_refused(
     hook: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, how: str
 ) -> None:
@@ -153,6 +155,7 @@ def test_a_compiler_is_asked_for_where_there_is_none(
     assert asked("wheel") == ["ziglang>=0.13"]
 
 
+@pytest.mark.slow
 def test_the_wheel_of_this_system_has_its_library(
     hook: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -241,7 +244,7 @@ def installed_by(requirement: str, found: dict[str, metadata.Distribution]) -> N
                 installed_by(line, found)
 
 
-@pytest.mark.parametrize("extra", EXTRAS)
+@every("extra", EXTRAS)
 def test_the_licence_of_all_that_an_extra_installs_is_known(extra: str) -> None:
     found: dict[str, metadata.Distribution] = {}
     try:

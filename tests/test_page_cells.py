@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from support.cases import every
 from support.places import ROOT
 
 #: Cells show how to use the package, not how to close a file: Python does that where they end.
@@ -27,7 +29,7 @@ CELLS = {
 }
 
 
-@pytest.fixture
+@contextmanager
 def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A folder and a terminal of one's own; what a page does to matplotlib and NumPy ends with it."""
     monkeypatch.chdir(tmp_path)
@@ -48,12 +50,12 @@ def run(cell: str, names: dict[str, Any]) -> None:
         exec(compile(cell, "cell", "exec"), names)
 
 
-@pytest.mark.usefixtures("reader")
-@pytest.mark.parametrize("page", CELLS)
-def test_the_cells_of_a_page_run(page: str) -> None:
+@every("page", CELLS, quick=6)
+def test_the_cells_of_a_page_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     names: dict[str, Any] = {"__name__": "__main__"}
-    for cell in CELLS[page]:
-        run(cell, names)
+    with reader(tmp_path, monkeypatch):
+        for cell in CELLS[page]:
+            run(cell, names)
 
 
 def test_all_cells_are_found() -> None:

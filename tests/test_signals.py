@@ -10,9 +10,10 @@ import pytest
 
 import replant as rp
 from replant import signals
+from support.cases import every
 
 
-@pytest.mark.parametrize("bits", range(2, 16))
+@every("bits", range(2, 16))
 def test_a_prbs_runs_through_every_state_once(bits: int) -> None:
     """Its period is 2^n - 1 and no less: every word of n successive values but one (all alike) comes exactly once."""
     period = 2**bits - 1
@@ -33,7 +34,7 @@ def test_a_prbs_is_as_white_as_a_binary_signal_can_be(bits: int) -> None:
     np.testing.assert_allclose(correlation, [period] + [-1] * (period - 1), atol=1e-8 * period)
 
 
-@pytest.mark.parametrize("seed", [1, 5, 126, 127, 128, 10**9])
+@every("seed", [1, 5, 126, 127, 128, 10**9])
 def test_the_seed_of_a_prbs_is_where_it_starts(seed: int) -> None:
     once, other = signals.prbs(127, bits=7), signals.prbs(127, bits=7, seed=seed)
     assert any((np.roll(once, shift) == other).all() for shift in range(127))
@@ -100,7 +101,7 @@ def test_white_noise_has_its_rms_and_no_memory() -> None:
     np.testing.assert_array_equal(noise, signals.white_noise(K, rms, seed=1))
 
 
-@pytest.mark.parametrize(
+@every(
     ("call", "named"),
     [
         (lambda: signals.square(10, 0.0, 0.1), "period"),

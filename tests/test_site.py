@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import replant
+from support.cases import every
 from support.places import ROOT
 from test_documentation import PAGES as RUN_HERE
 
@@ -54,7 +55,7 @@ def anchors_of(path: Path) -> set[str]:
     return {anchor_of(heading) for heading in re.findall(r"^#+ (.+)$", text, re.MULTILINE)}
 
 
-@pytest.mark.parametrize("page", PAGES)
+@every("page", PAGES)
 def test_a_page_begins_with_the_question_that_it_answers(page: str) -> None:
     body = re.sub(r"\A---\n.*?^---\n", "", text_of(page), flags=re.DOTALL | re.MULTILINE).strip()
     title, first, *_ = body.split("\n\n")
@@ -62,7 +63,7 @@ def test_a_page_begins_with_the_question_that_it_answers(page: str) -> None:
     assert re.fullmatch(r"\*[^*]+\?\*", first.strip().replace("\n", " ")), f"a question in italics, not: {first}"
 
 
-@pytest.mark.parametrize("page", PAGES)
+@every("page", PAGES)
 def test_every_block_of_code_is_run(page: str) -> None:
     """By test_page_cells.py if it is a code cell, by another test, or not for a reason that stands above it."""
     if page in RUN_HERE or page in RUN_ELSEWHERE:
@@ -75,14 +76,14 @@ def test_every_block_of_code_is_run(page: str) -> None:
     assert left == [], "make it a {code-cell}, or say why above it: <!-- not run: reason -->"
 
 
-@pytest.mark.parametrize("page", PAGES)
+@every("page", PAGES)
 def test_a_page_with_cells_is_executed(page: str) -> None:
     """Without this header MyST-NB shows the cells of a page and executes none of them."""
     text = text_of(page)
     assert "```{code-cell}" not in text or text.startswith(HEADER)
 
 
-@pytest.mark.parametrize("page", WRITTEN)
+@every("page", WRITTEN)
 def test_links_within_the_repository_lead_somewhere(page: str) -> None:
     folder = (ROOT / page).parent
     for found in LINK.finditer(prose_of(page)):

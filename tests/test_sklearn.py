@@ -18,6 +18,7 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 import replant as rp
 from replant.sklearn import TransferFunctionRegressor
 from support.builders import binary, record
+from support.cases import every
 
 PLANT = rp.TransferFunction([2.0], [1.0, 0.5])
 DT = 0.1
@@ -142,7 +143,7 @@ def test_one_column_of_several_is_the_input() -> None:
         TransferFunctionRegressor(dt=DT, column=2).fit(wide, y)
 
 
-@pytest.mark.parametrize(
+@every(
     ("wrong", "name"),
     [({"poles": 0}, "poles"), ({"zeros": 3}, "zeros"), ({"dt": 0.0}, "dt"), ({"delay": -1.0}, "delay"),
      ({"method": "magic"}, "method"), ({"column": -1}, "column")],

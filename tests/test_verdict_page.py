@@ -7,9 +7,10 @@ import itertools
 import re
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
-import pytest
+from support.cases import every
 
 ROOT = Path(__file__).parents[1]
 ROWS = [line.split("|")[1].strip() for line in (ROOT / "docs" / "verdict.md").read_text("utf-8").splitlines()
@@ -25,6 +26,7 @@ def pieces(row: str) -> list[str]:
     return [piece.strip() for piece in re.split(r"x %|the input could|the model explains", row)]
 
 
+@cache
 def said() -> str:
     """Every string of the assessment, figures left out, in one line."""
     parts = []
@@ -37,7 +39,7 @@ def said() -> str:
     return " ".join(" ".join(parts).split())
 
 
-@pytest.mark.parametrize("reason", ROWS)
+@every("reason", ROWS)
 def test_each_reason_is_one_that_is_given(reason: str) -> None:
     """What stands between figures and names of signals occurs in the source, word by word."""
     for piece in pieces(reason):
@@ -103,7 +105,7 @@ def test_the_reasons_are_found() -> None:
     assert any("the input is constant" in text for _, text in GIVEN)
 
 
-@pytest.mark.parametrize(("where", "text"), GIVEN)
+@every(("where", "text"), GIVEN)
 def test_each_reason_that_is_given_has_a_row(where: str, text: str) -> None:
     plain = " ".join(text.split())
     assert any(all(piece in plain for piece in pieces(row)) for row in ROWS), f"{where}: {plain}"

@@ -6,8 +6,9 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
 from hypothesis import HealthCheck, settings
+
+from support.cases import every
 
 TESTS = Path(__file__).parent
 CLOCKS = {f"{name}{end}" for name in ("perf_counter", "process_time", "thread_time") for end in ("", "_ns")}
@@ -30,7 +31,7 @@ def offences(tree: ast.AST) -> Iterator[str]:
                 yield f"line {node.value.lineno}: {node.arg}={limit}: take waiting.PATIENCE"
 
 
-@pytest.mark.parametrize("path", sorted(TESTS.rglob("*.py")), ids=lambda path: str(path.relative_to(TESTS)))
+@every("path", sorted(TESTS.rglob("*.py")), ids=lambda path: str(path.relative_to(TESTS)))
 def test_nothing_is_measured_and_limits_are_generous(path: Path) -> None:
     assert list(offences(ast.parse(path.read_text(encoding="utf-8")))) == []
 

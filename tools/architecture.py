@@ -13,6 +13,7 @@ import ast
 import html
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -125,6 +126,7 @@ def levels(graph: Graph) -> dict[str, int]:
 def reduced(graph: Graph) -> dict[str, set[str]]:
     """Return a graph without the arrows that follow from others."""
 
+    @cache
     def below(name: str) -> set[str]:
         return graph[name].union(*(below(other) for other in graph[name]))
 

@@ -14,6 +14,7 @@ import ast
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +97,7 @@ class Constant:
         return bool(self.meaning and self.unit and origin)
 
 
+@cache
 def constants() -> list[Constant]:
     """Return every numeric constant of the package's modules, in order."""
     return [found for path in sorted(SOURCE.rglob("*.py")) for found in _of_module(path)]

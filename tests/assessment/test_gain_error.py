@@ -15,6 +15,7 @@ from replant.assessment.newton_step import distance
 from replant.engine.record import Record
 from replant.model.uncertainty import Uncertainty
 from support.builders import binary
+from support.cases import every
 
 DT, SAMPLES = 0.05, 4000
 PLANT, STRUCTURE, TRUE = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]), rp.Structure(2), np.array([4.0, 3.0, 2.0])
@@ -76,8 +77,8 @@ def test_the_truth_is_seldom_contradicted() -> None:
     assert sum("inconsistent" in findings(evidence(*noisy(seed))) for seed in range(200)) <= 1
 
 
-@pytest.mark.parametrize("entry", [0, 1, 2])
-@pytest.mark.parametrize("factor", [0.8, 1.25])
+@every("entry", [0, 1, 2])
+@every("factor", [0.8, 1.25])
 def test_a_change_near_the_end_of_a_long_record_is_found(entry: int, factor: float) -> None:
     """The last 400 samples are of another plant: over the whole record that is next to nothing."""
     changed = TRUE.copy()

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import pytest
 
 import replant as rp
 from replant.kernels.filters.play_operator import play
 from replant.signals import random_steps
 from support.builders import DT, binary
+from support.cases import every
 
 PLANT, STRUCTURE = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]), rp.Structure(2)
 SAMPLES = 6000
@@ -35,8 +35,8 @@ def verdict(u: np.ndarray, moved: np.ndarray, seed: int, plant: rp.TransferFunct
     return ident.assess()
 
 
-@pytest.mark.parametrize("gain", [1.0, -3.0])
-@pytest.mark.parametrize("fault", ACTUATORS)
+@every("gain", [1.0, -3.0], quick=1)
+@every("fault", ACTUATORS)
 def test_it_is_named(fault: str, gain: float) -> None:
     """Also behind a plant whose gain is negative: a saturation stays one."""
     u = steps(seed=1)
@@ -45,7 +45,7 @@ def test_it_is_named(fault: str, gain: float) -> None:
     assert any("the actuator" in reason and fault in reason for reason in found.reasons), found.reasons
 
 
-@pytest.mark.parametrize("seed", range(6))
+@every("seed", range(6), quick=3)
 def test_a_linear_one_is_not(seed: int) -> None:
     u = steps(seed, offset=0.4 * seed)
     found = verdict(u, u, seed + 100)

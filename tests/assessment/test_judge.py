@@ -23,6 +23,7 @@ from replant.assessment.verdict import (
 )
 from replant.engine.record import Record
 from support.builders import binary
+from support.cases import every
 
 DT, SAMPLES = 0.05, 4000
 STRUCTURE, TRUE = rp.Structure(2), np.array([4.0, 3.0, 2.0])
@@ -88,7 +89,7 @@ def test_the_distance_to_a_record_is_measured_by_the_scatter_of_the_estimate_mad
     assert "has not converged" in reasons(0.005, finished=False)
 
 
-@pytest.mark.parametrize(
+@every(
     ("changes", "status", "words"),
     [
         ({"refused": True}, "diverged", "float64"),

@@ -14,6 +14,7 @@ from replant.engine.record import Record
 from replant.simulation.model_run import run_model
 from replant.statistics.autoregression import whiteness
 from support.builders import binary
+from support.cases import every
 
 DT, SAMPLES = 0.05, 2000
 PLANT, STRUCTURE, TRUE = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]), rp.Structure(2), np.array([4.0, 3.0, 2.0])
@@ -112,8 +113,8 @@ def test_white_noise_is_called_white() -> None:
     assert whiteness(np.zeros(100)) == 0.0
 
 
-@pytest.mark.parametrize("colour", [0.0, 0.9])
-@pytest.mark.parametrize("tails", [False, True], ids=["normal", "outliers"])
+@every("colour", [0.0, 0.9])
+@every("tails", [False, True], ids=["normal", "outliers"])
 def test_noise_that_does_not_grow_is_not_accused(colour: float, tails: bool) -> None:
     """400 pairs: four of its standard deviations are beyond chance, also for colour and outliers."""
     worst = 0.0

@@ -11,6 +11,7 @@ import pytest
 import replant as rp
 from replant.assessment import Assessment
 from support.builders import binary
+from support.cases import every
 from support.loops import DT as LOOP_DT
 from support.loops import closed_loop, coloured
 
@@ -60,13 +61,13 @@ def rounded(y: np.ndarray, levels: int) -> np.ndarray:
 LIMIT = "a sensor at its limit"
 
 
+@every("seed", range(4), quick=2)
 @pytest.mark.parametrize("judged", [whole, running])
-def test_an_encoder_that_turns_round_is_not_at_its_limit(judged: Callable[..., Assessment]) -> None:
-    for seed in range(4):
-        u, y = slow(seed)
-        assert not said(judged(u, rounded(y, 8)), LIMIT), seed
-        load = np.ptp(y) / 8 * coloured(seed, SAMPLES, 0.98)  # the model errs by steps
-        assert not said(judged(u, rounded(y + load, 12)), LIMIT), seed
+def test_an_encoder_that_turns_round_is_not_at_its_limit(seed: int, judged: Callable[..., Assessment]) -> None:
+    u, y = slow(seed)
+    assert not said(judged(u, rounded(y, 8)), LIMIT), seed
+    load = np.ptp(y) / 8 * coloured(seed, SAMPLES, 0.98)  # the model errs by steps
+    assert not said(judged(u, rounded(y + load, 12)), LIMIT), seed
 
 
 @pytest.mark.parametrize("judged", [whole, running])
@@ -92,20 +93,20 @@ def test_an_output_that_is_cut_off_is() -> None:
 FILLED = "the end of the record is filled up"
 
 
-@pytest.mark.parametrize("coarse", [False, True])
-@pytest.mark.parametrize("both", [False, True])
-def test_an_end_filled_up_with_zeros_is_named(*, coarse: bool, both: bool) -> None:
-    for seed in range(4):
-        u, y = switched(seed) if coarse else noisy(seed)
-        u, y = u + 2.0, (rounded(y, 30) if coarse else y) + 20.0
-        y[-240:] = 0.0
-        u[-240:] = 0.0 if both else u[-240:]
-        verdict = running(u, y)
-        assert said(verdict, FILLED), (seed, verdict.reasons)
-        assert not said(verdict, LIMIT)
-        assert not said(verdict, "stuck")
-        assert said(verdict, f" s of {'input and output' if both else 'the output'} are constant")
-        assert coarse or said(whole(u, y), "240 outputs were left out")
+@every("seed", range(4), quick=1)
+@every("coarse", [False, True])
+@every("both", [False, True])
+def test_an_end_filled_up_with_zeros_is_named(seed: int, *, coarse: bool, both: bool) -> None:
+    u, y = switched(seed) if coarse else noisy(seed)
+    u, y = u + 2.0, (rounded(y, 30) if coarse else y) + 20.0
+    y[-240:] = 0.0
+    u[-240:] = 0.0 if both else u[-240:]
+    verdict = running(u, y)
+    assert said(verdict, FILLED), (seed, verdict.reasons)
+    assert not said(verdict, LIMIT)
+    assert not said(verdict, "stuck")
+    assert said(verdict, f" s of {'input and output' if both else 'the output'} are constant")
+    assert coarse or said(whole(u, y), "240 outputs were left out")
 
 
 def test_a_sensor_that_stays_where_it_was_fills_up_nothing() -> None:
@@ -122,15 +123,17 @@ def test_a_sensor_that_stays_where_it_was_fills_up_nothing() -> None:
 STUCK = "a stuck or saturated sensor"
 
 
-@pytest.mark.parametrize("judged", [whole, running])
-@pytest.mark.parametrize("levels", [6, 26, 40])
-def test_the_plateaus_of_a_coarse_sensor_are_not_stuck(judged: Callable[..., Assessment], levels: int) -> None:
-    for seed in range(3):
-        u, y = switched(seed)
-        for measured in (rounded(y, levels), np.round(rounded(y, levels), 1)):
-            verdict = judged(u, measured)
-            assert not said(verdict, STUCK), (seed, verdict.reasons)
-            assert not said(verdict, "left out")
+@every("seed", range(3), quick=1)
+@every("judged", [whole, running])
+@every("levels", [6, 26, 40])
+def test_the_plateaus_of_a_coarse_sensor_are_not_stuck(
+    seed: int, judged: Callable[..., Assessment], levels: int
+) -> None:
+    u, y = switched(seed)
+    for measured in (rounded(y, levels), np.round(rounded(y, levels), 1)):
+        verdict = judged(u, measured)
+        assert not said(verdict, STUCK), (seed, verdict.reasons)
+        assert not said(verdict, "left out")
 
 
 def test_a_coarse_sensor_that_stands_still_while_the_model_moves_many_steps_is() -> None:
@@ -197,8 +200,8 @@ def test_a_plant_that_changes_half_way_has_changed(seed: int) -> None:
     assert said(verdict, CHANGED)
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(("load", "what"), [(0.0, ""), (1.0, ""), (0.0, "noise"), (0.0, "input")])
+@every("seed", range(3))
+@every(("load", "what"), [(0.0, ""), (1.0, ""), (0.0, "noise"), (0.0, "input")])
 def test_a_load_other_noise_or_another_input_is_no_change_of_the_plant(load: float, what: str, seed: int) -> None:
     assert not said(halves(seed, 1.0, load, what), CHANGED)
 
@@ -252,19 +255,19 @@ def set_points(seed: int, *, jumps: bool) -> tuple[np.ndarray, np.ndarray, np.nd
     return u, y, r
 
 
-@pytest.mark.parametrize("jumps", [False, True])
-@pytest.mark.parametrize("late", [0, 1])  # samples by which the logger is late with the set-point
-def test_a_few_set_points_follow_no_disturbance(late: int, *, jumps: bool) -> None:
-    for seed in range(6):
-        u, y, r = set_points(seed, jumps=jumps)
-        seen = np.concatenate([np.full(late, r[0]), r[: r.size - late]])
-        verdict = rp.fit(u, y, LOOP_DT, rp.Structure(2), reference=seen).verdict
-        assert not said(verdict, FOLLOWS), (seed, verdict.reasons)
+@every("seed", range(6), quick=1)
+@every("jumps", [False, True])
+@every("late", [0, 1])  # samples by which the logger is late with the set-point
+def test_a_few_set_points_follow_no_disturbance(seed: int, late: int, *, jumps: bool) -> None:
+    u, y, r = set_points(seed, jumps=jumps)
+    seen = np.concatenate([np.full(late, r[0]), r[: r.size - late]])
+    verdict = rp.fit(u, y, LOOP_DT, rp.Structure(2), reference=seen).verdict
+    assert not said(verdict, FOLLOWS), (seed, verdict.reasons)
 
 
-def test_what_is_made_from_the_output_does() -> None:
-    for seed in range(6):
-        u, y, r = set_points(seed, jumps=False)
-        for wrong in (r - y, y):
-            verdict = rp.fit(u, y, LOOP_DT, rp.Structure(2), reference=wrong).verdict
-            assert said(verdict, FOLLOWS), (seed, verdict.reasons)
+@every("seed", range(6), quick=1)
+def test_what_is_made_from_the_output_does(seed: int) -> None:
+    u, y, r = set_points(seed, jumps=False)
+    for wrong in (r - y, y):
+        verdict = rp.fit(u, y, LOOP_DT, rp.Structure(2), reference=wrong).verdict
+        assert said(verdict, FOLLOWS), (seed, verdict.reasons)

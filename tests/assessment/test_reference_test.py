@@ -15,6 +15,7 @@ from replant.assessment.reference_test import Reference
 from replant.engine.record import Record
 from replant.simulation.model_run import run_model
 from support.builders import binary
+from support.cases import every
 from support.loops import DT, Loop, coloured, controlled, steps
 
 SAMPLES = 3000
@@ -39,8 +40,8 @@ def said(found: Assessment, words: str) -> bool:
     return words in " ".join(found.reasons)
 
 
-@pytest.mark.parametrize("with_reference", [False, True])
-@pytest.mark.parametrize("colour", [0.0, 0.9])
+@every("with_reference", [False, True])
+@every("colour", [0.0, 0.9])
 def test_the_right_model_of_a_controlled_plant_is_trusted(colour: float, with_reference: bool) -> None:
     for seed in range(2):
         loop = loop_of(seed, 0.1 * coloured(seed, SAMPLES, colour))
@@ -49,8 +50,8 @@ def test_the_right_model_of_a_controlled_plant_is_trusted(colour: float, with_re
         assert said(found, "the loop is closed")
 
 
-@pytest.mark.parametrize("with_reference", [False, True])
-@pytest.mark.parametrize("model", [[2.2, 1.0, 1.0], [1.4, 1.3, 1.0], [1.4, 1.0, 1.3]])
+@every("with_reference", [False, True])
+@every("model", [[2.2, 1.0, 1.0], [1.4, 1.3, 1.0], [1.4, 1.0, 1.3]])
 def test_a_wrong_one_is_not(model: list[float], with_reference: bool) -> None:
     loop = loop_of(1, 0.1 * coloured(1, SAMPLES, 0.0))
     found = verdict(loop, loop.r if with_reference else None, model=model)

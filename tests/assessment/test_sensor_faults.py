@@ -14,6 +14,7 @@ from replant.assessment.sensor_faults import (
 )
 from replant.statistics.still_outputs import usual_step
 from support.builders import G1, binary
+from support.cases import every
 
 DT = 0.1
 U = binary(1, 3000, 20)
@@ -30,7 +31,7 @@ def found(y: np.ndarray, noise: float = float(NOISE.std())) -> list[str]:
     return [finding.reason for finding in findings]
 
 
-@pytest.mark.parametrize(
+@every(
     "y",
     [CLEAN + NOISE, CLEAN, np.round(20 * CLEAN) / 20, np.round(20 * (CLEAN + NOISE)) / 20],
     ids=["noisy", "clean", "coarse", "noisy and coarse"],
@@ -50,8 +51,8 @@ def test_a_plant_at_rest_is_no_stuck_sensor() -> None:
     assert stuck_finding(y, y, 1e-13, resolved, DT * np.arange(4000)) == []
 
 
-@pytest.mark.parametrize("noisy", [True, False])
-@pytest.mark.parametrize("failure", ["stuck", "saturated"])
+@every("noisy", [True, False])
+@every("failure", ["stuck", "saturated"])
 def test_a_failed_sensor_is(failure: str, noisy: bool) -> None:
     y = CLEAN + NOISE if noisy else CLEAN.copy()
     if failure == "stuck":
@@ -79,7 +80,7 @@ def test_swapped_columns_show_by_their_levels() -> None:
     assert level_finding(y, np.ones(3000)) == []
 
 
-@pytest.mark.parametrize(("usual", "wrong"), [(0.1, False), (0.119, False), (0.081, False), (1.0, True), (0.01, True)])
+@every(("usual", "wrong"), [(0.1, False), (0.119, False), (0.081, False), (1.0, True), (0.01, True)])
 def test_a_clock_that_contradicts_the_sampling_time(usual: float, wrong: bool) -> None:
     assert bool(clock_finding(usual, 0.1)) == wrong
 

@@ -22,6 +22,7 @@ import replant as rp
 from replant.engine.record import Record
 from replant.offline.srivc import refine
 from replant.statistics.batch_means import LEAST_BLOCKS
+from support.cases import every
 from support.places import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -33,7 +34,7 @@ from accuracy.summary import summarise
 
 EXPERIMENTS = scenarios.experiments()
 RARE = 1.0 / 16_000
-every_experiment = pytest.mark.parametrize("key", EXPERIMENTS)
+every_experiment = every("key", EXPERIMENTS)
 
 
 # --- the records
@@ -193,6 +194,7 @@ def few(key: str, runs: int) -> None:
             assert abs(away.mean()) < 0.2, (name, figure)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ["A prbs", pytest.param("A random", marks=pytest.mark.slow)])
 def test_scenario_a_on_a_few_runs(key: str) -> None:
     few(key, 40)
@@ -203,14 +205,14 @@ def test_scenario_b_on_a_few_runs() -> None:
     few("B 10dB", 20)
 
 
-@pytest.mark.parametrize("key", [key for key in EXPERIMENTS if key.startswith("E")])
+@every("key", [key for key in EXPERIMENTS if key.startswith("E")], quick=3)
 def test_scenario_e(key: str) -> None:
     experiment = EXPERIMENTS[key]
     summary = summarise(experiment, [experiment.run(0)])
     assert all(promise.is_met for promise in summary.promises)
 
 
-@pytest.mark.parametrize("key", [key for key in EXPERIMENTS if key.startswith("I")])
+@every("key", [key for key in EXPERIMENTS if key.startswith("I")], quick=2)
 def test_scenario_i(key: str, datasets: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("REPLANT_DATA", str(datasets))
     experiment = EXPERIMENTS[key]
@@ -233,7 +235,7 @@ def test_the_cases_are_thirty_each_of_every_kind() -> None:
             assert np.isfinite(case.y).all()
 
 
-@pytest.mark.parametrize("rig", verdicts.RIGS, ids=lambda rig: str(rig.plant))
+@every("rig", verdicts.RIGS, ids=lambda rig: str(rig.plant))
 def test_the_plants_can_be_told_from_their_records(rig: verdicts.Rig) -> None:
     generator = np.random.default_rng(0)
     u = records.random_binary(generator, verdicts.SAMPLES, rig.hold)

@@ -14,6 +14,7 @@ import pytest
 from scipy.linalg import toeplitz
 
 import replant as rp
+from support.cases import every
 from support.places import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -178,7 +179,7 @@ def seen_as(**changed: Any) -> Outcome:
     return replace(usual, **changed)
 
 
-@pytest.mark.parametrize(
+@every(
     ("promised", "kept", "broken"),
     [
         (Promised(bias=2.0), {"bias": {"a0": 2.9}, "standard_error": {"a0": 1.5}}, {"bias": {"a0": -2.9}}),
@@ -207,7 +208,7 @@ def test_nothing_is_said_of_trust_where_the_anchor_is_coarse() -> None:
     assert line[2] is None
 
 
-@pytest.mark.parametrize("key", EXPERIMENTS)
+@every("key", EXPERIMENTS)
 def test_a_loop_has_what_its_promises_name(key: str) -> None:
     experiment = EXPERIMENTS[key]
     feedback = experiment.feedback

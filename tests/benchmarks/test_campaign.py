@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import replant as rp
+from support.cases import every
 from support.places import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -65,7 +66,7 @@ def test_a_record_is_judged() -> None:
     assert 0.0 < found.beside_bound < 6.0
 
 
-@pytest.mark.parametrize("actuator", actuators.ACTUATORS.values(), ids=actuators.ACTUATORS)
+@every("actuator", actuators.ACTUATORS.values(), ids=actuators.ACTUATORS)
 def test_no_actuator_is_linear(actuator: object) -> None:
     u = np.sin(np.linspace(0.0, 20.0, 1000))
     out = actuator(u)  # type: ignore[operator]

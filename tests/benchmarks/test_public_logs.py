@@ -8,10 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 from scipy.io import savemat
 
 import replant as rp
+from support.cases import every
 from support.places import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -41,7 +41,7 @@ def record(name: str, noise: float) -> tuple[OutputError, np.ndarray]:
     return OutputError(u, y, DT, len(denominator) - 1, len(numerator) - 1, delay), np.array(denominator[1:])
 
 
-@pytest.mark.parametrize("name", PLANTS)
+@every("name", PLANTS)
 def test_the_anchor_recovers_a_plant_without_noise(name: str) -> None:
     problem, true = record(name, 0.0)
     found = problem.best()
@@ -49,7 +49,7 @@ def test_the_anchor_recovers_a_plant_without_noise(name: str) -> None:
     assert problem.fit(found) > 99.999
 
 
-@pytest.mark.parametrize("name", PLANTS)
+@every("name", PLANTS)
 def test_the_anchor_fits_noise_no_worse_than_the_plant_does(name: str) -> None:
     problem, true = record(name, 0.3)
     assert problem.fit(problem.best()) >= problem.fit(true)

@@ -9,6 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from support.places import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -27,6 +29,7 @@ def said(**changes: object) -> str:
     return words({"a": dataclasses.asdict(PLAIN)}, {"a": dataclasses.asdict(dataclasses.replace(PLAIN, **changes))})
 
 
+@pytest.mark.slow
 def test_a_copy_takes_a_constant_wherever_it_is_used(tmp_path: Path) -> None:
     make_copy(ROOT / "src" / "replant", tmp_path, measurable())
     look = """
@@ -48,6 +51,7 @@ print(change_response.BEGINS, outliers.GATE)
     assert (usual[5], other[5]) == (measurable()["kernels.monitoring.outliers.GATE"], 2064.0)
 
 
+@pytest.mark.slow
 def test_kernels_of_the_copy_are_compiled_with_its_values(tmp_path: Path) -> None:
     make_copy(ROOT / "src" / "replant", tmp_path, measurable())
     changed = {"kernels.monitoring.outliers.GATE": 2064.0}

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from support.cases import every
 from support.places import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -29,7 +30,7 @@ def test_a_rig_goes_on_where_it_was() -> None:
         np.testing.assert_allclose(one, np.concatenate(other), rtol=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@every("seed", range(6))
 def test_the_error_is_that_of_the_gain_where_the_input_excites(seed: int) -> None:
     rig = a_rig(seed)
     before = rig.plant
@@ -40,7 +41,7 @@ def test_the_error_is_that_of_the_gain_where_the_input_excites(seed: int) -> Non
     assert rig.error(before) > WRONG
 
 
-@pytest.mark.parametrize("name", FAULTS)
+@every("name", FAULTS)
 def test_every_fault_arrives_and_ends(name: str) -> None:
     rig = a_rig(1)
     lasts, fault = FAULTS[name](rig)
@@ -49,6 +50,7 @@ def test_every_fault_arrives_and_ends(name: str) -> None:
     assert lasts >= 0.0
 
 
+@pytest.mark.slow
 def test_no_wrong_model_is_trusted_for_long() -> None:
     watch = watched(0, seed=0, hours=1.0, names=iter(["gain_change", "stuck", "garbled", "restart"] * 5))
     assert len(watch.episodes) >= 1

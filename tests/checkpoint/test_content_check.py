@@ -16,6 +16,7 @@ from replant.kernels.filters import bank
 from replant.kernels.schema import ROOM
 from replant.kernels.slot_tables import Slot
 from support.builders import engine_state, identifier
+from support.cases import every
 
 
 @pytest.fixture(autouse=True)
@@ -50,7 +51,7 @@ def test_a_checkpoint_of_another_layout_is_refused(monkeypatch: pytest.MonkeyPat
         rp.Identifier.from_bytes(data)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@every("kind", KINDS)
 def test_shapes_are_known_from_the_settings_alone(kind: str) -> None:
     for samples in LENGTHS:
         ident = rp.Identifier.from_bytes(seed(kind, samples, False))
@@ -61,8 +62,8 @@ def test_shapes_are_known_from_the_settings_alone(kind: str) -> None:
             }
 
 
-@pytest.mark.parametrize("slot", at.StateSlots.integers, ids=lambda slot: slot.name)
-@pytest.mark.parametrize("value", [-1, 2**62, -(2**63)])
+@every("slot", at.StateSlots.integers, ids=lambda slot: slot.name)
+@every("value", [-1, 2**62, -(2**63)])
 def test_a_whole_number_outside_of_its_range_is_refused(slot: Slot, value: int) -> None:
     ident = identifier()
     ident.update_many(np.ones(20), np.ones(20))
@@ -72,8 +73,8 @@ def test_a_whole_number_outside_of_its_range_is_refused(slot: Slot, value: int) 
         check_state(engine_state(ident), ident.settings, 0)
 
 
-@pytest.mark.parametrize("array", ["reals", "banks", "buffer", "recent"])
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@every("array", ["reals", "banks", "buffer", "recent"])
+@every("value", [np.nan, np.inf, -np.inf])
 def test_a_number_that_must_be_finite_is_refused_where_it_is_not(array: str, value: float) -> None:
     ident = identifier()
     ident.update_many(np.ones(20), np.ones(20))
@@ -100,10 +101,8 @@ def test_an_identifier_without_a_sample_is_assessed() -> None:
     assert identifier().assess().status == "converging"
 
 
-@pytest.mark.parametrize(
-    "slot", ["BUFFER_HEAD", "BUFFER_FILLED", "RING_HEAD", "SERVING_BANK", "WARMING", "RECENT_HEAD", "PAST_KEPT"]
-)
-@pytest.mark.parametrize("value", [-1, 2**40])
+@every("slot", ["BUFFER_HEAD", "BUFFER_FILLED", "RING_HEAD", "SERVING_BANK", "WARMING", "RECENT_HEAD", "PAST_KEPT"])
+@every("value", [-1, 2**40])
 def test_a_position_outside_of_its_array_is_refused(slot: str, value: int) -> None:
     ident = identifier()
     ident.update_many(np.ones(20), np.ones(20))
@@ -114,7 +113,7 @@ def test_a_position_outside_of_its_array_is_refused(slot: str, value: int) -> No
         check_state(engine_state(ident), ident.settings, 0)
 
 
-@pytest.mark.parametrize("value", [-1.0, bank.KEPT, np.nan, np.inf])
+@every("value", [-1.0, bank.KEPT, np.nan, np.inf])
 def test_a_discretisation_outside_of_its_bank_is_refused(value: float) -> None:
     ident = identifier()
     assert ident.settings is not None
@@ -123,7 +122,7 @@ def test_a_discretisation_outside_of_its_bank_is_refused(value: float) -> None:
         check_state(engine_state(ident), ident.settings, 0)
 
 
-@pytest.mark.parametrize("value", [-1.0, ROOM + 1.0, np.nan, np.inf])
+@every("value", [-1.0, ROOM + 1.0, np.nan, np.inf])
 def test_a_path_of_more_rows_than_there_is_room_for_is_refused(value: float) -> None:
     ident = identifier()
     assert ident.settings is not None
@@ -141,7 +140,7 @@ def test_waiting_for_a_sample_that_has_passed_is_refused() -> None:
         check_state(engine_state(ident), ident.settings, 20)
 
 
-@pytest.mark.parametrize("value", [-0.1, 0.31, np.nan, np.inf])
+@every("value", [-0.1, 0.31, np.nan, np.inf])
 def test_inputs_from_before_the_record_act_no_longer_than_the_dead_time(value: float) -> None:
     ident = rp.Identifier(rp.Structure(1, delay=0.3), 0.1)
     u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 100), 10)

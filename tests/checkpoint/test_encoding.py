@@ -25,6 +25,7 @@ from replant.checkpoint.encoding import (
 from replant.kernels import schema as at
 from replant.kernels.schema import BRIDGED, DOUBTED, INPUT, OUTPUT, STEP
 from support.builders import engine_state, identifier, random_plant, record
+from support.cases import every
 
 
 def running(samples: int = 3) -> rp.Identifier:
@@ -113,7 +114,7 @@ def test_any_bytes_are_refused(noise: bytes) -> None:
         assert reason(data)
 
 
-@pytest.mark.parametrize("data", ["text", None, 3, [1, 2]])
+@every("data", ["text", None, 3, [1, 2]])
 def test_what_is_no_bytes_is_a_type_error(data: Any) -> None:
     with pytest.raises(rp.ArgumentTypeError, match="data must be bytes"):
         rp.Identifier.from_bytes(data)
@@ -152,7 +153,7 @@ KERNELS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("kind", KERNELS)
+@every("kind", KERNELS, quick=1)
 def test_forged_positions_do_not_reach_the_kernels(kind: str) -> None:
     """Flip bits of each whole number of the state: it is refused, or runs on inside of its arrays."""
     ident = identifier(dt=0.2, startup=100, **KERNELS[kind])
@@ -190,7 +191,7 @@ def change(path: str, value: Any) -> Callable[[dict[str, Any]], None]:
 BUFFER = 3  # its place in the header's list of arrays
 
 
-@pytest.mark.parametrize(
+@every(
     ("act", "words"),
     [
         (change(f"arrays/{BUFFER}/2", [2**40, 6]), "buffer have the shape"),
@@ -233,7 +234,7 @@ def test_a_forged_entry_is_refused(act: Callable[[dict[str, Any]], None], words:
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize(
+@every(
     "header", [b"[]", b"3", b"{}", b"", b"\xff", b"[" * 100_000, b'{"arrays":' * 50_000, b'{"attributes":{"a":NaN}}']
 )
 def test_a_header_that_is_none_is_refused(header: bytes) -> None:
@@ -251,7 +252,7 @@ def peak_of_refusal(data: bytes, words: str) -> int:
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize("samples", [3, 30_000_000, 2**60, 4.0, True, -1, "4", None])
+@every("samples", [3, 30_000_000, 2**60, 4.0, True, -1, "4", None])
 def test_samples_that_are_not_in_the_file_are_not_collected(samples: Any) -> None:
     """Two thousand bytes that say so take no gigabytes."""
     header, body = parts(SMALL["starting"])
@@ -269,7 +270,7 @@ def test_more_samples_than_are_in_the_file_are_not_collected() -> None:
     assert "fewer samples" in reason(assembled(header, ints.tobytes() + body[ints.nbytes :]))
 
 
-@pytest.mark.parametrize("due", [-1, 0, 4, 30_001, 2**62])
+@every("due", [-1, 0, 4, 30_001, 2**62])
 def test_a_start_up_that_waits_for_a_sample_that_cannot_come_is_refused(due: int) -> None:
     ident = starting()
     ident._state.attention_at = due
@@ -287,8 +288,8 @@ def test_the_order_of_a_filter_is_bounded_before_its_roots_are_looked_for(order:
     assert peak_of_refusal(assembled(header, body), "order 10 at most") < 2**23
 
 
-@pytest.mark.parametrize("where", ["_request/Request", "_settings/Settings"])
-@pytest.mark.parametrize(
+@every("where", ["_request/Request", "_settings/Settings"])
+@every(
     ("path", "value"),
     [
         ("structure/Structure/poles", 1.0),
@@ -314,8 +315,8 @@ def test_a_setting_that_cannot_be_or_stands_alone_is_refused(where: str, path: s
     assert peak_of_refusal(assembled(header, body), ".") < 2**20
 
 
-@pytest.mark.parametrize("name", ["_hold", "_resolve_at"])
-@pytest.mark.parametrize("value", [-1, 0.0, True, 2**64, 10**400, None, [0]], ids=lambda value: str(value)[:30])
+@every("name", ["_hold", "_resolve_at"])
+@every("value", [-1, 0.0, True, 2**64, 10**400, None, [0]], ids=lambda value: str(value)[:30])
 def test_a_count_that_cannot_be_is_refused(name: str, value: Any) -> None:
     for data in SMALL.values():
         header, body = parts(data)
@@ -330,7 +331,7 @@ def test_an_entry_that_comes_twice_is_refused() -> None:
     assert "JSON" in reason(assembled(header[:-1] + b',"progress":{}}', body))
 
 
-@pytest.mark.parametrize(
+@every(
     ("column", "value"),
     [(INPUT, np.nan), (OUTPUT, np.inf), (OUTPUT, 1e200), (STEP, 0.0), (STEP, np.inf), (BRIDGED, np.nan), (DOUBTED, 7)],
 )
@@ -368,7 +369,7 @@ def test_progress_goes_along_exactly() -> None:
     assert decode(running().to_bytes()).progress == {}
 
 
-@pytest.mark.parametrize("progress", [{"a": None}, {"a": True}, {"a": np.int64(3)}, {"a": [1]}, {3: 1}])
+@every("progress", [{"a": None}, {"a": True}, {"a": np.int64(3)}, {"a": [1]}, {3: 1}])
 def test_progress_of_other_kinds_is_refused(progress: Any) -> None:
     with pytest.raises(rp.InvalidArgumentError, match="progress must map names to int, float or str"):
         running().to_bytes(progress)

@@ -20,6 +20,7 @@ from replant.checkpoint.encoding import (
 from replant.online.identifier import DERIVED
 from replant.optimizers import OPTIMIZERS
 from support.builders import random_plant, record
+from support.cases import every
 
 DT, STARTUP, SAMPLES = 0.1, 30, 150
 REPLAY = rp.Replay(capacity=40, batch_size=4, warmup=5, seed=7)
@@ -48,7 +49,7 @@ KINDS: dict[str, dict[str, Any]] = {
     },
     **{f"{name}, instruments": {**FIXED, "optimizer": name, "instruments": True} for name in OPTIMIZERS},
 }
-every_kind = pytest.mark.parametrize("kind", KINDS)
+every_kind = every("kind", KINDS)
 
 
 def fresh(kind: str) -> rp.Identifier:
@@ -102,8 +103,8 @@ def assert_equal(ident: rp.Identifier, other: rp.Identifier) -> None:
     np.testing.assert_array_equal(ident.covariance, other.covariance)
 
 
-@every_kind
-@pytest.mark.parametrize("stamped", [False, True], ids=["regular", "stamped"])
+@every("kind", KINDS, quick=6)
+@every("stamped", [False, True], ids=["regular", "stamped"], quick=1)
 def test_saved_and_loaded_after_every_single_sample(kind: str, stamped: bool) -> None:
     """Through start-up, new solutions of the record, a gap, a pause of adaptation."""
     stamped = stamped and kind != "gbt"  # which knows a regular clock only
@@ -119,7 +120,7 @@ def test_saved_and_loaded_after_every_single_sample(kind: str, stamped: bool) ->
     assert repr(again(whole).assess()) == repr(whole.assess())
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     kind=st.sampled_from(list(KINDS)),
     seed=st.integers(0, 10_000),
@@ -187,8 +188,8 @@ def test_loading_leaves_the_saved_one_alone() -> None:
     assert ident.to_bytes() == before
 
 
-@pytest.mark.parametrize("samples", [0, 10, SAMPLES])
-@pytest.mark.parametrize("kind", ["default", "begins at once", "mean"])
+@every("samples", [0, 10, SAMPLES])
+@every("kind", ["default", "begins at once", "mean"])
 def test_no_attribute_of_an_identifier_is_forgotten(kind: str, samples: int) -> None:
     """A new attribute belongs in the list of `replant.checkpoint.encoding`."""
     ident = fresh(kind)

@@ -16,6 +16,7 @@ import pytest
 
 from replant.checkpoint import files
 from replant.errors import CheckpointError, MissingCheckpointError
+from support.cases import every
 
 FIRST, SECOND, THIRD, LAST = (bytes([n]) * 5_000 for n in range(1, 5))
 
@@ -149,7 +150,7 @@ def test_dying_at_any_step_of_the_first_writing_leaves_nothing_or_all(tmp_path: 
         assert not files.previous(file).exists()
 
 
-@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EIO, errno.EROFS, errno.EDQUOT], ids=errno.errorcode.get)
+@every("code", [errno.ENOSPC, errno.EIO, errno.EROFS, errno.EDQUOT], ids=errno.errorcode.get)
 def test_failing_at_any_step_is_one_error_and_leaves_whole_files(file: Path, code: int) -> None:
     refusals = []
     for step in range(steps(file)):
@@ -246,7 +247,7 @@ def test_a_folder_that_is_gone(tmp_path: Path) -> None:
         files.write(tmp_path / "gone" / "rig", FIRST)
 
 
-@pytest.mark.parametrize("name", ["", "/dev/null", "/proc/rig.checkpoint", "x" * 300, "a\0b", "file/below"])
+@every("name", ["", "/dev/null", "/proc/rig.checkpoint", "x" * 300, "a\0b", "file/below"])
 def test_names_that_cannot_be_written(name: str, tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(CheckpointError) as caught:

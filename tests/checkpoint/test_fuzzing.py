@@ -10,11 +10,12 @@ import pytest
 
 from fuzz.trial import FindingError, Zones, narrow_trial, trial
 from support.builders import identifier
+from support.cases import every
 
 PORTIONS, EACH = 10, 5  # `make fuzz` tries thousands
 
 
-@pytest.mark.parametrize("portion", range(PORTIONS))
+@every("portion", range(PORTIONS))
 def test_mutants_of_checkpoints(portion: int) -> None:
     outcomes = [trial(number) for number in range(portion * EACH, portion * EACH + EACH)]
     assert set(outcomes) <= {"accepted", "refused"}

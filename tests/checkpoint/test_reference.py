@@ -13,6 +13,7 @@ import replant as rp
 from replant.checkpoint.encoding import DIGEST, MAGIC, START, VERSION, decode, encode
 from replant.errors import DamagedCheckpointError
 from replant.kernels.schema import LARGEST, REFERENCE
+from support.cases import every
 
 DT = 0.1
 
@@ -36,15 +37,15 @@ def refusal(ident: rp.Identifier, forge: Callable[[dict[str, Any]], object]) -> 
     return str(caught.value)
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 2.0 * LARGEST])
+@every("value", [np.nan, np.inf, -np.inf, 2.0 * LARGEST])
 def test_one_that_is_collected_can_be_used(value: float) -> None:
     ident = taken(20)
     ident._state.recent[3, REFERENCE] = value
     assert "not accepted" in refusal(ident, lambda attributes: None)
 
 
-@pytest.mark.parametrize("samples", [20, 150])
-@pytest.mark.parametrize("reference", [False, True])
+@every("samples", [20, 150])
+@every("reference", [False, True])
 def test_whether_there_is_one_agrees_with_the_rest(samples: int, reference: bool) -> None:
     def forge(attributes: dict[str, Any]) -> None:
         attributes["_reference"] = not reference

@@ -17,6 +17,7 @@ import replant as rp
 from replant.checkpoint.settings_json import KINDS, from_plain, to_plain
 from replant.optimizers import OPTIMIZERS
 from support.builders import Thing
+from support.cases import every
 
 
 def round_trip(value: Any) -> Any:
@@ -47,12 +48,12 @@ def test_dictionaries_keep_their_order(value: dict[str, int]) -> None:
     assert list(round_trip(value).items()) == list(value.items())
 
 
-@pytest.mark.parametrize("kind", OPTIMIZERS.values(), ids=OPTIMIZERS)
+@every("kind", OPTIMIZERS.values(), ids=OPTIMIZERS)
 def test_every_optimizer(kind: Any) -> None:
     assert round_trip(kind.suggested(1e-3, 5_000)) == kind.suggested(1e-3, 5_000)
 
 
-@pytest.mark.parametrize(
+@every(
     "value",
     [
         rp.Structure(3, 3, 0.1, True, True),
@@ -72,7 +73,7 @@ def test_every_setting(value: Any) -> None:
     assert repr(round_trip(value)) == repr(value)
 
 
-@pytest.mark.parametrize("dtype", ["f4", "f8", ">f8", "i4", "u8", "?"])
+@every("dtype", ["f4", "f8", ">f8", "i4", "u8", "?"])
 def test_numpys_numbers_and_arrays(dtype: str) -> None:
     values = np.array([[0.1, 1.0, 0.0], [7.3, 2.0, 1.0]]).astype(dtype)
     loaded = round_trip(values)
@@ -105,7 +106,7 @@ class Own(rp.Gradient):
 Gradient = dataclass(frozen=True)(type("Gradient", (rp.Gradient,), {"__annotations__": {}}))
 
 
-@pytest.mark.parametrize(
+@every(
     ("changes", "words"),
     [
         ({"preprocess": rp.Preprocess(squared)}, "preprocess.input_map cannot be stored in a checkpoint: squared is"),
@@ -121,13 +122,13 @@ def test_what_cannot_be_told_is_refused_by_name(changes: dict[str, Any], words: 
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("value", [Thing(), b"x", 1j, {1, 2}, np.longdouble(1), np.array(["a"]), np.array([Thing()])])
+@every("value", [Thing(), b"x", 1j, {1, 2}, np.longdouble(1), np.array(["a"]), np.array([Thing()])])
 def test_other_things_are_refused(value: Any) -> None:
     with pytest.raises(rp.InvalidArgumentError, match="thing cannot be stored"):
         to_plain("thing", value)
 
 
-@pytest.mark.parametrize(
+@every(
     "plain",
     [
         {},

@@ -16,6 +16,7 @@ from replant.cli import main
 from replant.model.transfer_function import TransferFunction
 from replant.rigs import DEAP, Rig
 from replant.signals import prbs
+from support.cases import every
 
 
 def call(capsys, *arguments: object) -> tuple[int, str, str]:
@@ -122,8 +123,8 @@ def test_options_reach_the_identifier(capsys, tmp_path: Path) -> None:
     assert answer["parameters"]["b0"]["value"] == pytest.approx(2.0, rel=0.05)
 
 
-@pytest.mark.parametrize("command", ["run", "fit"])
-@pytest.mark.parametrize(
+@every("command", ["run", "fit"])
+@every(
     ("lines", "arguments", "words"),
     [
         ([], COLUMNS, ["empty"]),
@@ -154,7 +155,7 @@ def test_a_mistake_is_one_line_and_exit_code_2(capsys, tmp_path, command, lines,
     assert all(word in err for word in words), err
 
 
-@pytest.mark.parametrize(
+@every(
     ("arguments", "words"),
     [
         (("run", "missing.csv", *COLUMNS), ["missing.csv"]),
@@ -172,8 +173,8 @@ def test_a_wrong_call_is_one_line_and_exit_code_2(capsys, arguments, words) -> N
     assert all(word in err for word in words), err
 
 
-@pytest.mark.parametrize("command", ["run", "fit", "compare", "demo"])
-@pytest.mark.parametrize("blocked", ["", "report.html"])
+@every("command", ["run", "fit", "compare", "demo"])
+@every("blocked", ["", "report.html"], quick=1)
 def test_a_place_that_cannot_be_written_is_one_line(capsys, log: Path, tmp_path, monkeypatch, command, blocked) -> None:
     """A file where the folder should be, or a folder where the report should be."""
     monkeypatch.setattr("replant.cli.demo.SAMPLES", 5_000)
@@ -255,8 +256,8 @@ LIMITS = {
 }
 
 
-@pytest.mark.parametrize("command", ["run", "fit"])
-@pytest.mark.parametrize("name", LIMITS)
+@every("command", ["run", "fit"])
+@every("name", LIMITS)
 def test_defaults_identify_real_rigs(capsys, datasets: Path, name: str, command: str) -> None:
     gain, time_constant, fit = LIMITS[name]
     code, out, err = call(capsys, command, datasets / name, *COLUMNS, "--json")

@@ -13,6 +13,7 @@ from replant.cli import main
 from replant.cli.optimizer_option import OptimizerChoice
 from replant.optimizers import OPTIMIZERS
 from replant.signals import prbs
+from support.cases import every
 
 PLANT = rp.TransferFunction([4.0], [1.0, 2.0])
 DT = 0.01
@@ -61,7 +62,7 @@ def test_a_log_is_resampled_and_detrended_as_in_python(capsys: pytest.CaptureFix
     assert "detrended" in notes
 
 
-@pytest.mark.parametrize(
+@every(
     ("words", "problem"),
     [
         (("--decimate", 1), "--decimate"),
@@ -86,7 +87,7 @@ def test_an_optimizer_takes_its_settings(capsys: pytest.CaptureFixture[str], log
     assert "AMSGrad(step_size=0.003, beta1=0.8" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
+@every(
     ("typed", "problem"),
     [
         ("amsgrad:stepsize=1", "did you mean 'step_size'?"),
@@ -108,7 +109,7 @@ def test_settings_that_cannot_be_are_named(
     assert problem in " ".join(capsys.readouterr().err.split())
 
 
-@pytest.mark.parametrize("name", OPTIMIZERS)
+@every("name", OPTIMIZERS)
 def test_every_optimizer_is_written_as_it_is_read(name: str) -> None:
     option, chosen = OptimizerChoice(), OPTIMIZERS[name].suggested(0.01, 1000)
     assert option.convert(option.written(chosen), None, None) == chosen

@@ -9,6 +9,7 @@ import pytest
 
 import replant as rp
 from replant.cli import main
+from support.cases import every
 from support.fleets import as_csv, recorded, small_fleet
 
 COLUMNS = ("-i", "u", "-o", "y", "-p", "2", "--method", "fit", "--on", "threads:1")
@@ -68,7 +69,7 @@ def test_the_options_of_run_and_fit_are_taken(capsys: pytest.CaptureFixture[str]
     assert [row[name] for name in alone.names] == alone.parameters.tolist()
 
 
-@pytest.mark.parametrize(
+@every(
     ("arguments", "says"),
     [
         ((), "missing --input, --output and --poles; see what is in one of the logs"),

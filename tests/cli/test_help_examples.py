@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import shlex
+from functools import cache
 from pathlib import Path
 
 import click
+import numpy as np
 import pytest
 
 import replant as rp
@@ -14,6 +16,7 @@ from replant.cli import COMMANDS, cli
 from replant.cli.help_examples import EXAMPLES
 from replant.model.transfer_function import TransferFunction
 from replant.signals import prbs
+from support.cases import every
 
 LINES = sorted({line for examples in EXAMPLES.values() for _, line in examples})
 SLOW = ("replant live", "replant demo", "replant reproduce")
@@ -23,7 +26,7 @@ def test_every_command_has_examples() -> None:
     assert set(EXAMPLES) == {"replant", *COMMANDS}
 
 
-@pytest.mark.parametrize("command", EXAMPLES)
+@every("command", EXAMPLES)
 def test_help_ends_in_the_examples_line_by_line(capsys, command: str) -> None:
     code, out, err = call(capsys, *([] if command == "replant" else [command]), "--help")
     assert (code, err) == (0, "")
@@ -31,7 +34,7 @@ def test_help_ends_in_the_examples_line_by_line(capsys, command: str) -> None:
     assert [line for line in shown if line and not line.startswith("#")] == [line for _, line in EXAMPLES[command]]
 
 
-@pytest.mark.parametrize("line", LINES)
+@every("line", LINES)
 def test_every_example_is_a_command_with_options_that_there_are(line: str) -> None:
     _, name, *arguments = shlex.split(line)
     context = click.Context(cli)
@@ -40,37 +43,52 @@ def test_every_example_is_a_command_with_options_that_there_are(line: str) -> No
     assert command.make_context(name, arguments, parent=context).params
 
 
+@cache
+def model() -> rp.Model:
+    return rp.fit(*signals(), 0.05, poles=1).model.of_log("u", "y", "log.csv")
+
+
+@cache
+def signals() -> tuple[np.ndarray, np.ndarray]:
+    u = prbs(600, hold=10)
+    return u, TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.05)
+
+
+def working_folder(folder: Path) -> Path:
+    """Return the folder, with a log of 2/(s + 0.5) under a PRBS, and its model."""
+    u, y = signals()
+    rows = [f"{0.05 * k:.2f},{u[k]:.9g},{y[k]:.9g}" for k in range(u.size)]
+    (folder / "log.csv").write_text("t,u,y\n" + "\n".join(rows) + "\n")
+    model().save(folder / "model.json")
+    return folder
+
+
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the working folder, with a log of 2/(s + 0.5) under a PRBS, and its model."""
-    u = prbs(600, hold=10)
-    y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.05)
-    rows = [f"{0.05 * k:.2f},{u[k]:.9g},{y[k]:.9g}" for k in range(u.size)]
-    (tmp_path / "log.csv").write_text("t,u,y\n" + "\n".join(rows) + "\n")
-    rp.fit(u, y, 0.05, poles=1).model.of_log("u", "y", "log.csv").save(tmp_path / "model.json")
-    monkeypatch.chdir(tmp_path)
+    monkeypatch.chdir(working_folder(tmp_path))
     return tmp_path
 
 
-def run_example(capsys, folder: Path, line: str) -> None:
+def run_example(capsys, monkeypatch: pytest.MonkeyPatch, folder: Path, line: str) -> None:
+    monkeypatch.chdir(working_folder(folder))
     code, out, _ = call(capsys, *shlex.split(line)[1:])
     assert code == 0
     assert out
     assert (folder / "plots").is_dir() == ("--out plots" in line)
 
 
-@pytest.mark.parametrize("line", [line for line in LINES if not line.startswith(SLOW)])
-def test_examples_run(capsys, folder: Path, line: str) -> None:
-    run_example(capsys, folder, line)
+@every("line", [line for line in LINES if not line.startswith(SLOW)], quick=12)
+def test_examples_run(capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str) -> None:
+    run_example(capsys, monkeypatch, tmp_path, line)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("line", [line for line in LINES if line.startswith(SLOW)])
-def test_long_examples_run(capsys, folder: Path, line: str) -> None:
-    run_example(capsys, folder, line)
+def test_long_examples_run(capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str) -> None:
+    run_example(capsys, monkeypatch, tmp_path, line)
 
 
-@pytest.mark.parametrize(
+@every(
     ("arguments", "question"),
     [
         (["fti"], "did you mean 'fit'?"),
@@ -82,7 +100,10 @@ def test_long_examples_run(capsys, folder: Path, line: str) -> None:
         (["reproduce", "tabel1"], "did you mean 'table1'?"),
     ],
 )
-def test_a_misspelled_word_gets_the_nearest_one(capsys, folder: Path, arguments: list[str], question: str) -> None:
+def test_a_misspelled_word_gets_the_nearest_one(
+    capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], question: str
+) -> None:
+    monkeypatch.chdir(working_folder(tmp_path))
     code, out, err = call(capsys, *arguments)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert question in err

@@ -13,6 +13,7 @@ import pytest
 import replant as rp
 from replant.cli import main
 from support.builders import DT, irregular_record, two_modes
+from support.cases import every
 
 PLANT = rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
 OPTIONS = ["--input", "u", "--output", "y", "--poles", "2", "--zeros", "1"]
@@ -40,7 +41,7 @@ def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, s
     return code, captured.out, captured.err
 
 
-@pytest.mark.parametrize("command", ["run", "fit"])
+@every("command", ["run", "fit"], quick=1)
 def test_the_result_says_that_the_clock_is_irregular(capsys, log: Path, tmp_path: Path, command: str) -> None:
     code, out, err = call(capsys, command, log, *OPTIONS, "--json", "--out", tmp_path)
     assert code == 0
@@ -113,8 +114,8 @@ def test_least_squares_is_refused_in_one_line(capsys, log: Path) -> None:
     assert json.loads(out)["clock"]["irregular"] is False
 
 
-@pytest.mark.parametrize(("stamp", "what"), [("10", "repeats the one before"), ("5", "goes back from the one before")])
-@pytest.mark.parametrize("command", ["run", "fit", "compare"])
+@every(("stamp", "what"), [("10", "repeats the one before"), ("5", "goes back from the one before")])
+@every("command", ["run", "fit", "compare"])
 def test_a_stamp_that_does_not_advance_is_named(capsys, tmp_path: Path, command: str, stamp: str, what: str) -> None:
     rows = [f"{10 * k if k != 2 else stamp},{k % 5},{k % 3}" for k in range(50)]
     path = tmp_path / "log.csv"

@@ -13,6 +13,7 @@ import pytest
 from cli.test_commands import call
 from replant.model.transfer_function import TransferFunction
 from replant.signals import prbs
+from support.cases import every
 
 
 @pytest.fixture
@@ -89,7 +90,7 @@ def test_a_folder_that_cannot_be_is_refused(capsys, log: Path) -> None:
     assert err == f"replant: Invalid value for --out: {log} is a file; name a folder\n"
 
 
-@pytest.mark.parametrize(
+@every(
     ("text", "words"),
     [
         ("", "empty"),
@@ -108,7 +109,7 @@ def test_a_file_without_numbers_is_one_line_and_exit_code_2(capsys, tmp_path: Pa
     assert err.count("\n") == 1
 
 
-@pytest.mark.parametrize(
+@every(
     "text",
     ["u\n1\n2\n1\n", "u,y\n1,1\n1,1\n1,1\n", "a,b\nx,1\ny,2\nx,3\n", "t,u\n,\n,\n,\n", "t,u,y\n0,1,2\n"],
     ids=["one column", "constant", "text beside numbers", "empty cells", "one row"],
@@ -142,8 +143,8 @@ def test_without_a_time_column_the_sampling_time_is_asked_for(capsys, tmp_path: 
     assert "put the sampling time in s in place of --dt 1" in " ".join(out.split())
 
 
-@pytest.mark.parametrize("command", ["run", "fit", "compare"])
-@pytest.mark.parametrize("typed", [(), ("-i", "voltage [V]"), ("--bias", "--out", "my plots"), ("-p", "1")])
+@every("command", ["run", "fit", "compare"])
+@every("typed", [(), ("-i", "voltage [V]"), ("--bias", "--out", "my plots"), ("-p", "1")])
 def test_missing_columns_end_in_the_table_and_a_command(capsys, log: Path, command: str, typed: tuple[str]) -> None:
     code, out, err = call(capsys, command, log, *typed)
     assert (code, out) == (2, "")
@@ -183,8 +184,8 @@ def test_a_log_that_cannot_be_read_is_named_beside_what_is_missing(capsys, tmp_p
     assert f"{tmp_path / 'no.csv'}: no such file" in err
 
 
-@pytest.mark.parametrize("command", ["run", "fit"])
-@pytest.mark.parametrize("name", ["timestamp", "time [ms]"])
+@every("command", ["run", "fit"])
+@every("name", ["timestamp", "time [ms]"])
 def test_stamps_beyond_the_calendar_are_refused(capsys, tmp_path: Path, command: str, name: str) -> None:
     """Milliseconds since 1970 that are taken as seconds, or microseconds that the name calls milliseconds."""
     u = prbs(500, hold=10)

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from replant.cli import main
+from support.cases import every
 from support.odd_files import ODD_FILES, OddFile
 
-odd = pytest.mark.parametrize("file", ODD_FILES, ids=lambda file: file.name)
+odd = every("file", ODD_FILES, ids=lambda file: file.name)
 
 
 def test_there_are_sixty_and_each_has_its_name() -> None:
@@ -20,7 +21,7 @@ def test_there_are_sixty_and_each_has_its_name() -> None:
 
 
 @odd
-@pytest.mark.parametrize("command", ["fit", "run"])
+@every("command", ["fit", "run"], quick=1)
 def test_the_plant_comes_out_or_one_line_says_why_not(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, file: OddFile, command: str
 ) -> None:

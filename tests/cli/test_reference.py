@@ -17,6 +17,7 @@ from replant.cli import run as run_command
 from replant.data.logs import open_recording
 from replant.runs import comparison
 from replant.runs import run as online_run
+from support.cases import every
 
 DT, SAMPLES = 0.05, 2000
 PLANT = rp.TransferFunction([2.0], [1.0, 0.5])
@@ -65,12 +66,13 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     return said
 
 
-@pytest.mark.parametrize("held", [True, False])
-@pytest.mark.parametrize("column", ["w [rad/s]", "3"])
+@every("held", [True, False])
+@every("column", ["w [rad/s]", "3"])
 def test_run(
     log: Path, signals: tuple[np.ndarray, ...], given: list[np.ndarray | None], column: str, held: bool,
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
+    given.clear()  # of the case before
     if not held:
         monkeypatch.setattr(options, "open_recording", partial(open_recording, most_held=500))
         monkeypatch.setattr(online_run, "FITTED", 700)

@@ -8,6 +8,7 @@ import pytest
 from replant.cli import main
 from replant.paper.actuator import experiment
 from replant.paper.catalogue import NAMES
+from support.cases import every
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -57,6 +58,7 @@ def test_json_of_the_tables_is_one_object_and_nothing_else(capsys):
     assert buffered["seeds"] == 20
 
 
+@pytest.mark.slow
 def test_without_names_everything_is_reproduced(capsys, tmp_path, monkeypatch, short):
     monkeypatch.chdir(tmp_path)
     main(["reproduce", "--json"])
@@ -134,7 +136,7 @@ def test_out_writes_both_files(capsys, tmp_path):
     assert "| AMSGrad, amplitude 10 | J_a0 | 4.05e+03 | 4.05e+03 | equal |" in (out / "tables.md").read_text()
 
 
-@pytest.mark.parametrize("unknown", ["tabel2", "fig5", "FIG1", "report"])
+@every("unknown", ["tabel2", "fig5", "FIG1", "report"])
 def test_an_unknown_name_lists_the_names(capsys, unknown):
     line = fails(capsys, "table1", unknown)
     assert f"'{unknown}'" in line

@@ -156,6 +156,7 @@ print(next(line for line in status.splitlines() if line.startswith("VmHWM")).spl
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no /proc to read a process's peak memory from")
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
 def test_memory_does_not_grow_with_the_log(tmp_path: Path, suffix: str) -> None:
     """Past a few batches the peak stays: a log held in memory would add three numbers a row, and its text more."""

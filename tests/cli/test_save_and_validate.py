@@ -12,6 +12,7 @@ import pytest
 
 import replant as rp
 from replant.cli import main
+from support.cases import every
 
 SCHEMA = json.loads(files("replant.identified").joinpath("schema/model-1.json").read_text())
 COLUMNS = ("--input", "voltage [V]", "--output", "speed")
@@ -83,6 +84,7 @@ def test_read_by_a_person(capsys: pytest.CaptureFixture[str], logs: tuple[Path, 
         assert words in out
 
 
+@pytest.mark.slow
 def test_the_report_has_the_other_log_beside_the_first(
     capsys: pytest.CaptureFixture[str], logs: tuple[Path, Path, Path], tmp_path: Path
 ) -> None:
@@ -109,7 +111,7 @@ def test_a_verdict_that_is_required_and_missed_ends_with_3(
     assert call(capsys, "validate", file, other, "--require", "trusted")[0] == 3
 
 
-@pytest.mark.parametrize(
+@every(
     ("arguments", "words"),
     [
         (("show", "none.json"), "none.json: no such file"),

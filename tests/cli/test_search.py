@@ -8,6 +8,7 @@ import pytest
 from replant.cli import main
 from replant.model.transfer_function import TransferFunction
 from replant.signals import prbs, white_noise
+from support.cases import every
 
 
 @pytest.fixture
@@ -68,7 +69,7 @@ def test_a_dead_time_is_found_between_the_points_and_the_report_lists_what_was_t
     assert page.count(">chosen<") == 1
 
 
-@pytest.mark.parametrize(
+@every(
     ("arguments", "words"),
     [
         (("--poles", "two"), ["--poles", "'two'", "1:4"]),

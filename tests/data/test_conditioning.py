@@ -11,6 +11,7 @@ import pytest
 import replant as rp
 from replant.data.conditioning import HALF_LENGTH, decimate, detrend, resample
 from replant.signals import prbs, white_noise
+from support.cases import every
 
 G = rp.TransferFunction([4.0], [1.0, 0.8, 4.0])
 TRUE = np.array([0.8, 4.0, 4.0])
@@ -136,8 +137,8 @@ WORST = {
 }
 
 
-@pytest.mark.parametrize("name", WORST)
-@pytest.mark.parametrize("change", [detrend, lambda log: decimate(log, 3), lambda log: resample(log, 0.1)])
+@every("name", WORST)
+@every("change", [detrend, lambda log: decimate(log, 3), lambda log: resample(log, 0.1)])
 def test_the_worst_signals_are_missing_or_refused(name: str, change: Callable[[rp.Log], rp.Log]) -> None:
     try:
         changed = change(log_of(*WORST[name], 0.1))

@@ -6,12 +6,12 @@ import math
 from typing import Any
 
 import numpy as np
-import pytest
 from scipy.signal import lfilter
 
 import replant as rp
 from replant.signals import prbs
 from support.builders import DT, true_parameters, two_modes
+from support.cases import every
 
 STRUCTURE, PLANT = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
 TRUE = true_parameters(PLANT, 1)
@@ -44,8 +44,8 @@ def estimate(seed: int, noise: float = 0.1, colour: float = 0.0, **arguments: An
     return ident
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("colour", [0.0, 0.9])
+@every("method", METHODS, quick=1)
+@every("colour", [0.9, 0.0], quick=1)
 def test_estimates_scatter_as_the_covariance_says(method: str, colour: float) -> None:
     """24 runs: the mean of chi-square over its P degrees of freedom is 1, within 5 / sqrt(12 P) of it below and above.
 
@@ -66,7 +66,7 @@ def test_estimates_scatter_as_the_covariance_says(method: str, colour: float) ->
         assert total > 1 - bound
 
 
-@pytest.mark.parametrize("method", [method for method in METHODS if method != "buffered AMSGrad"])
+@every("method", [method for method in METHODS if method != "buffered AMSGrad"])
 def test_more_noise_makes_it_larger_in_proportion(method: str) -> None:
     """Ten times the noise, ten times the standard deviations: within a third, for the models differ a little.
 
@@ -80,7 +80,7 @@ def test_without_noise_it_vanishes() -> None:
     assert (estimate(0, 0.0).uncertainty.std < 1e-6).all()
 
 
-@pytest.mark.parametrize("method", METHODS)
+@every("method", METHODS)
 def test_it_is_symmetric_and_positive_definite(method: str) -> None:
     ident = estimate(2, **METHODS[method])
     covariance = ident.covariance

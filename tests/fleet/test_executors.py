@@ -21,6 +21,7 @@ import replant as rp
 from replant.errors import InvalidArgumentError, MissingDependencyError, SystemRefusedError
 from replant.fleet.coordinate import MOST_LOST, carried_out
 from replant.fleet.executors import InThisThread, Workers, parsed, processes, workers
+from support.cases import every
 from support.dying import die_first
 from support.fleets import small_fleet
 from support.waiting import PATIENCE
@@ -61,7 +62,8 @@ def test_threads_and_processes_write_the_same_bytes(logs: Path, expected: list[b
     assert fitted(logs, tmp_path / "out", on) == expected
 
 
-@pytest.mark.parametrize("count", [pytest.param(1, marks=pytest.mark.slow), 2])
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [1, 2])
 @pytest.mark.filterwarnings("default")  # Dask's own
 def test_dask_writes_the_same_bytes(logs: Path, expected: list[bytes], tmp_path: Path, count: int) -> None:
     with dask_cluster(count) as cluster:
@@ -69,6 +71,7 @@ def test_dask_writes_the_same_bytes(logs: Path, expected: list[bytes], tmp_path:
         assert fitted(logs, tmp_path / "by-address", f"dask:{address}") == expected
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("default")
 def test_a_worker_of_dask_that_dies_costs_nothing_but_time(logs: Path, expected: list[bytes], tmp_path: Path) -> None:
     from distributed import Client
@@ -198,9 +201,7 @@ def test_a_run_whose_workers_are_killed_ends_with_the_same_bytes(
 # --- how executors are named
 
 
-@pytest.mark.parametrize(
-    "on", ["threads", "threads:0", "threads:x", "processes:-1", "dask:host:1", "dask://host", "mpi:4", ""]
-)
+@every("on", ["threads", "threads:0", "threads:x", "processes:-1", "dask:host:1", "dask://host", "mpi:4", ""])
 def test_an_executor_that_there_is_not_is_refused(on: str) -> None:
     with pytest.raises(InvalidArgumentError, match="threads:N, processes:N or dask://HOST:PORT"):
         parsed(on)

@@ -22,6 +22,7 @@ from replant.fleet.store import Store
 from replant.runs.batches import Arrays
 from replant.runs.run import run_source
 from replant.settings import Request
+from support.cases import every
 from support.fleets import DT, as_csv, as_parquet, as_table, recorded, small_fleet
 from support.full_disk import full_disk
 
@@ -294,7 +295,7 @@ def test_one_run_at_a_time_writes_a_folder(tmp_path: Path) -> None:
         fitted(logs, out)
 
 
-@pytest.mark.parametrize(
+@every(
     ("options", "says"),
     [
         ({"method": "guess"}, "method"),

@@ -16,6 +16,7 @@ from replant.fleet.folder import report_path
 from replant.fleet.job import Job
 from replant.fleet.store import Store
 from replant.operating_system.whole_file import ENDING
+from support.cases import every
 from support.fleets import as_csv, as_parquet, as_table, recorded, small_fleet
 
 
@@ -177,7 +178,7 @@ def test_results_among_the_logs_are_refused(tmp_path: Path) -> None:
     assert rows_of(fitted(logs, tmp_path))["rig0.csv"]["verdict"] == "trusted"  # the folder that holds that of the logs
 
 
-@pytest.mark.parametrize("theirs", ["parts/mine.parquet", "rigs.parquet", "models.jsonl", "manifest/mine.json"])
+@every("theirs", ["parts/mine.parquet", "rigs.parquet", "models.jsonl", "manifest/mine.json"])
 def test_files_of_others_are_neither_overwritten_nor_removed(tmp_path: Path, theirs: str) -> None:
     file = tmp_path / "out" / theirs
     file.parent.mkdir(parents=True)
@@ -222,7 +223,7 @@ def test_reports_of_models_that_are_made_anew_go(tmp_path: Path) -> None:
 # --- arguments
 
 
-@pytest.mark.parametrize(
+@every(
     ("logs", "by", "says"),
     [
         ("", "file", "logs is empty"),

@@ -24,6 +24,7 @@ from replant.fleet.result_row import FAILED, Row, table_of
 from replant.fleet.robust import located
 from replant.fleet.watched_record import Movement
 from support.browsing import chromium, contrast, new_page
+from support.cases import every
 
 TWO = rp.Structure(2)
 MOVES = Movement(1.0, 1.0, 0.01)
@@ -69,7 +70,7 @@ def test_a_fleet_without_odd_rigs_names_none_beyond_chance(spread: float) -> Non
     assert named <= 2
 
 
-@pytest.mark.parametrize(
+@every(
     ("gain", "frequency", "damping", "words"),
     [
         (1.0, 17.0, 0.4, r"gain 0.(5|49)\d* times the fleet's median, \d+ standard deviations; natural frequency 1.4"),
@@ -88,6 +89,12 @@ def test_an_odd_rig_is_first_and_named_by_what_differs(
     assert found.order[0] == len(rows) - 1
     assert re.search(words, found.words[-1]), found.words[-1]
     assert found.odd.sum() == 1
+
+
+def test_of_a_rig_that_differs_in_everything_the_two_that_differ_most_are_named() -> None:
+    rows = [*fleet(0), row("odd", 1.1, 19.0, 0.9, SURE, np.random.default_rng(9))]
+    said = oddness_of(table_of(rows, TWO), TWO).words[-1].split("; ")
+    assert [each.partition(" times")[0].rpartition(" ")[0] for each in said] == ["damping", "gain"]
 
 
 def test_an_uncertain_rig_is_not_an_odd_one() -> None:
@@ -308,8 +315,8 @@ def test_ten_thousand_rows_are_searched_and_sorted(tmp_path: Path) -> None:
         assert mistakes == []
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [1280, 400])
+@every("scheme", ["light", "dark"], quick=1)
+@every("width", [1280, 400], quick=1)
 def test_the_page_can_be_read(tmp_path: Path, scheme: str, width: int) -> None:
     from support.browsing import TEXTS
 

@@ -12,6 +12,7 @@ import replant as rp
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.paper.tables.published import TABLES
 from replant.paper.tables.reproduction import reproduce, runs
+from support.cases import every
 from support.dying import refuse
 from support.fleets import DT, recorded
 
@@ -71,7 +72,7 @@ def test_a_setting_that_cannot_be_run_is_a_trial_with_its_problem() -> None:
     assert "zeros must be fewer than poles" in found.problem
 
 
-@pytest.mark.parametrize(
+@every(
     ("grid", "error", "says"),
     [
         ({}, InvalidArgumentError, "the grid is empty"),

@@ -12,6 +12,7 @@ import pytest
 import replant as rp
 from replant import rigs
 from replant.identified.responses import StepResponse, time_of
+from support.cases import every
 
 TRUE = rp.TransferFunction([2.0, 3.0], [1.0, 1.2, 4.0], delay=0.1)
 DT = 0.05
@@ -217,7 +218,7 @@ def test_an_identifier_gives_one_at_any_time() -> None:
     assert rp.fit_percent(y, model.simulate(np.concatenate([np.full(400, u[0]), u]))[400:]) > 90.0
 
 
-@pytest.mark.parametrize(
+@every(
     ("arguments", "words"),
     [
         ({}, "poles=2"),
@@ -248,7 +249,7 @@ def test_a_log_is_fitted_and_its_names_are_kept() -> None:
         model.validate(u)
 
 
-@pytest.mark.parametrize(
+@every(
     "changes",
     [{"dt": 0.0}, {"parameters": [1.0]}, {"parameters": [np.nan, 1.0]}, {"input_level": np.inf}, {"input_name": 3},
      {"covariance": [[1.0]]}, {"input_hold": "soh"}, {"rejected": (("outlier", -1),)}, {"input_map": "cube"}],

@@ -20,6 +20,7 @@ import replant as rp
 from replant.assessment.verdict import STATUSES, Verdict
 from replant.identified.model_json import as_object
 from replant.identified.provenance import Provenance
+from support.cases import every
 
 SCHEMA = json.loads(files("replant.identified").joinpath("schema/model-1.json").read_text())
 VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
@@ -91,10 +92,8 @@ def paths(where: Any, before: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     return [path for key, value in items for path in ((*before, key), *paths(value, (*before, key)))]
 
 
-@pytest.mark.parametrize("path", paths(OBJECT), ids=lambda path: "/".join(map(str, path)))
-@pytest.mark.parametrize(
-    "value", [None, "x", -1, 1e999, [], {}, True, 10**400, "missing"], ids=lambda value: repr(value)[:9]
-)
+@every("path", paths(OBJECT), ids=lambda path: "/".join(map(str, path)))
+@every("value", [None, "x", -1, 1e999, [], {}, True, 10**400, "missing"], ids=lambda value: repr(value)[:9])
 def test_any_entry_of_another_kind_gives_a_model_or_a_reason(path: tuple[Any, ...], value: Any) -> None:
     changed = copy.deepcopy(OBJECT)
     where = changed
@@ -112,7 +111,7 @@ def test_any_entry_of_another_kind_gives_a_model_or_a_reason(path: tuple[Any, ..
     assert "\n" not in reason
 
 
-@pytest.mark.parametrize(
+@every(
     ("changes", "words"),
     [
         ({"schema_version": 2}, "install a newer replant"),
@@ -136,7 +135,7 @@ def test_what_is_wrong_is_named(changes: dict[str, Any], words: str) -> None:
         rp.Model.from_json(json.dumps({**OBJECT, **changes}))
 
 
-@pytest.mark.parametrize(
+@every(
     ("written", "words"),
     [
         ("", "not JSON"),

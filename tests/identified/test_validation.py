@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import replant as rp
+from support.cases import every
 
 TRUE = rp.TransferFunction([2.0, 3.0], [1.0, 1.2, 4.0], delay=0.1)
 DT = 0.05
@@ -44,7 +45,7 @@ def test_another_working_point_is_no_fault(model: rp.Model) -> None:
     assert shifted.fit == pytest.approx(model.validate(u, y).fit)
 
 
-@pytest.mark.parametrize(
+@every(
     "plant",
     [
         rp.TransferFunction([3.0, 4.5], [1.0, 1.2, 4.0], delay=0.1),  # half as much gain again

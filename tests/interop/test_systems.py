@@ -15,6 +15,7 @@ from scipy import signal
 
 import replant as rp
 from support.builders import random_plant
+from support.cases import every
 
 OMEGA = np.geomspace(0.01, 100.0, 40)
 
@@ -64,7 +65,7 @@ def test_dead_time_is_added_where_it_is_known() -> None:
 TWO = np.eye(2)
 
 
-@pytest.mark.parametrize(
+@every(
     ("system", "words"),
     [
         (control.tf([[[1.0], [1.0]]], [[[1.0, 1.0], [1.0, 2.0]]]), "one input and one output, got 2 and 1"),
@@ -80,7 +81,7 @@ def test_what_python_control_knows_and_we_do_not(system: object, words: str) -> 
     assert words in str(caught.value)
 
 
-@pytest.mark.parametrize(
+@every(
     ("system", "words"),
     [
         (signal.StateSpace(-TWO, TWO, TWO, 0 * TWO), "one input and one output, got 2 and 2"),
@@ -95,7 +96,7 @@ def test_what_scipy_knows_and_we_do_not(system: object, words: str) -> None:
     assert words in str(caught.value)
 
 
-@pytest.mark.parametrize("system", [None, 3.0, ([1.0], [1.0, 1.0]), rp.TransferFunction([1.0], [1.0, 1.0])])
+@every("system", [None, 3.0, ([1.0], [1.0, 1.0]), rp.TransferFunction([1.0], [1.0, 1.0])])
 def test_what_is_no_system_is_named(system: object) -> None:
     for make, kind in ((rp.TransferFunction.from_control, "control."), (rp.TransferFunction.from_scipy, "scipy")):
         with pytest.raises(rp.ArgumentTypeError, match=f"{kind}.* got {type(system).__name__}"):

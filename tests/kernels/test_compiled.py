@@ -23,6 +23,7 @@ from replant.kernels.native import KERNELS, Kernel, interpreted
 from replant.kernels.schema import LAGS
 from replant.kernels.step.stages import regressors
 from replant.model.transfer_function import TransferFunction
+from support.cases import every
 from support.places import ROOT
 
 DT, BEGIN, SAMPLES = 0.02, 700, 160
@@ -231,7 +232,7 @@ def check_simulation(delay: float, straight: bool, regular: bool) -> None:
     check(work)
 
 
-@pytest.mark.parametrize("kind", CASES)
+@every("kind", CASES)
 def test_steps_leave_the_same_bits(kind: str) -> None:
     check_steps(kind)
 
@@ -242,9 +243,9 @@ def test_the_other_kernels_leave_the_same_bits() -> None:
     check_series()
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.033])
-@pytest.mark.parametrize("straight", [False, True])
-@pytest.mark.parametrize("regular", [False, True])
+@every("delay", [0.0, 0.033])
+@every("straight", [False, True])
+@every("regular", [False, True])
 def test_simulations_leave_the_same_bits(delay: float, straight: bool, regular: bool) -> None:
     check_simulation(delay, straight, regular)
 

@@ -16,6 +16,7 @@ import replant as rp
 from replant.kernels import native
 from replant.kernels.filters.bank import whole_power
 from replant.kernels.filters.play_operator import fill_play, play
+from support.cases import every
 from support.places import ROOT
 
 USE = "import numpy as np; from replant.kernels.filters.play_operator import play; print(play(np.array([3.0]), 1.0))"
@@ -48,6 +49,7 @@ def test_an_edit_of_a_kernel_takes_effect_and_is_said_once(clone: Path) -> None:
     assert second.stderr == ""
 
 
+@pytest.mark.slow
 def test_a_clone_without_the_library_makes_it(clone: Path) -> None:
     shutil.rmtree(clone / "src/replant/kernels/compiled")
     done = use(clone)
@@ -90,7 +92,7 @@ def test_interpreted_kernels_are_those_that_are_written() -> None:
         fill_play(None, 0.5, None)
 
 
-@pytest.mark.parametrize("exponent", [0, 1, 2, 3, 8, 13])
+@every("exponent", [0, 1, 2, 3, 8, 13])
 def test_whole_powers(exponent: int) -> None:
     assert whole_power(1.5, exponent) == 1.5**exponent
 
@@ -106,7 +108,7 @@ def test_a_state_with_shapes_of_its_own_is_sound() -> None:
             assert not is_laid_out(state.ints, state.reals.size - 1, *state.banks.shape)
 
 
-@pytest.mark.parametrize("compiler", ["no-such-compiler", "cc 'x", "cc --no-such-option", "false"])
+@every("compiler", ["no-such-compiler", "cc 'x", "cc --no-such-option", "false"], quick=2)
 def test_a_compiler_that_fails_is_said_in_one_line(compiler: str, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, ROOT / "tools/translator/library.py", "--out", tmp_path / "library.so"],

@@ -9,10 +9,11 @@ from replant.engine.dimensions import Dimensions
 from replant.engine.state import State
 from replant.kernels import schema as at
 from replant.kernels.slot_tables import Block, Choice, Flag, Integer, Nested, Part, Real, Table
+from support.cases import every
 
 TABLES = (at.StateSlots, at.ColourSlots, at.PathSlots)
 SLOTS = [(table, slot) for table in TABLES for slot in (*table.integers, *table.scalars, *table.blocks)]
-every_slot = pytest.mark.parametrize(("table", "slot"), SLOTS, ids=[f"{t.__name__}.{s.name}" for t, s in SLOTS])
+every_slot = every(("table", "slot"), SLOTS, ids=[f"{t.__name__}.{s.name}" for t, s in SLOTS])
 INSTRUMENTED = Dimensions(order=2, entries=6, ring=8, memory=48, settings=2, companions=True, guarded=True)
 
 
@@ -44,9 +45,9 @@ def test_integers_and_beginnings_of_blocks_fill_ints_before_the_drawn_rows() -> 
     assert [slot.index for slot in slots] == list(range(at.ROWS))
 
 
-@pytest.mark.parametrize("order", [1, 2, 10])
-@pytest.mark.parametrize("ring", [8, 40])
-@pytest.mark.parametrize("memory", [0, 7, 300])
+@every("order", [1, 2, 10])
+@every("ring", [8, 40])
+@every("memory", [0, 7, 300])
 def test_scalars_and_blocks_fill_reals_without_overlap(order: int, ring: int, memory: int) -> None:
     sizes = Dimensions(order=order, entries=2 * order + 2, ring=ring, memory=memory, settings=3, batch=5)
     uses = np.zeros(sizes.shapes["reals"], int)
@@ -65,7 +66,7 @@ def test_sizes_are_sums_of_products_of_the_dimensions() -> None:
     assert Block("4 * N * N", "", "").size(numbers) == 100
 
 
-@pytest.mark.parametrize("slot", at.StateSlots.integers, ids=lambda slot: slot.name)
+@every("slot", at.StateSlots.integers, ids=lambda slot: slot.name)
 def test_a_property_of_ints_reads_and_writes_its_own_number_alone(slot: Integer, state: State) -> None:
     before = state.ints.copy()
     value = slot.kind(1) if isinstance(slot, Choice) else not before[slot.index] if isinstance(slot, Flag) else 12345
@@ -74,7 +75,7 @@ def test_a_property_of_ints_reads_and_writes_its_own_number_alone(slot: Integer,
     assert np.flatnonzero(state.ints != before).tolist() == [slot.index]
 
 
-@pytest.mark.parametrize("slot", at.StateSlots.scalars, ids=lambda slot: slot.name)
+@every("slot", at.StateSlots.scalars, ids=lambda slot: slot.name)
 def test_a_property_of_reals_reads_and_writes_its_own_number_alone(slot: Real, state: State) -> None:
     before = state.reals.copy()
     setattr(state, slot.name, 0.123)
@@ -82,7 +83,7 @@ def test_a_property_of_reals_reads_and_writes_its_own_number_alone(slot: Real, s
     assert np.flatnonzero(state.reals != before).tolist() == [slot.index]
 
 
-@pytest.mark.parametrize("block", at.StateSlots.blocks, ids=lambda block: block.name)
+@every("block", at.StateSlots.blocks, ids=lambda block: block.name)
 def test_a_block_is_a_view_of_its_shape(block: Block, state: State) -> None:
     if isinstance(block, Nested):
         part = getattr(state, block.name)

@@ -23,6 +23,7 @@ from replant.cli import main
 from replant.data.streams.controlled_motor import controlled
 from replant.online import saving
 from replant.rigs import deap_rig
+from support.cases import every
 from support.live_command import MODEL, ReplayingPeer, estimates, finished, learned, lines, live, sequence_of, wait_for
 from support.live_fakes import DT, record
 from support.places import ROOT
@@ -72,7 +73,7 @@ def test_standard_input_may_have_options(place: str) -> None:
     assert [last["a0"], last["b0"]] == learned(U, Y, T).parameters.tolist()
 
 
-@pytest.mark.parametrize(
+@every(
     ("arguments", "message"),
     [
         (["-?columns=n,q"], "-?columns=n,q: columns=n,q must name u and y"),
@@ -92,6 +93,7 @@ def test_what_is_wrong_with_an_address_of_standard_input_is_said(
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_loop_of_the_demo_is_recorded_with_its_reference(tmp_path: Path) -> None:
     folder = tmp_path / "record"
     options = ("--loop", "--dashboard", "off", "--samples", 1500, "--record", folder)
@@ -354,6 +356,7 @@ def killed_and_resumed(tmp_path: Path, times: int) -> None:
     assert saving.load(path).identifier.to_bytes() == learned(u, y, t).to_bytes()
 
 
+@pytest.mark.slow
 def test_killed_under_load_it_goes_on_to_the_bit(tmp_path: Path) -> None:
     killed_and_resumed(tmp_path, times=3)
 
@@ -366,7 +369,7 @@ def test_killed_twenty_times_under_load_it_goes_on_to_the_bit(tmp_path: Path) ->
 # --- mistakes
 
 
-@pytest.mark.parametrize(
+@every(
     ("arguments", "message"),
     [
         (("-", "--dt", "0.1"), "--poles is missing"),
@@ -401,9 +404,7 @@ def test_a_mistake_is_one_line(arguments: tuple[str, ...], message: str, capsys:
 # --- the token
 
 
-@pytest.mark.parametrize(
-    "way", ["environment", "file", "option", "option before environment", "file before environment"]
-)
+@every("way", ["environment", "file", "option", "option before environment", "file before environment"])
 def test_the_token_comes_in_without_being_seen_in_the_list_of_processes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, way: str
 ) -> None:

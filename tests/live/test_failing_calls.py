@@ -25,6 +25,7 @@ from replant.live.outputs.disk_writer import DiskWriter
 from replant.live.outputs.notices import Notices
 from replant.online import saving
 from replant.online.identifier import Identifier
+from support.cases import every
 from support.live_command import ReplayingPeer, lines
 from support.live_fakes import DT, FakeObserver, FakeSink, FakeSource, make, record
 
@@ -67,7 +68,7 @@ def test_all_kinds_of_calls_are_counted(clean: Outcome) -> None:
     assert clean.fired == 0
 
 
-@pytest.mark.parametrize(("role", "kind"), [(role, kind) for role, kinds in TRIES.items() for kind in kinds])
+@every(("role", "kind"), [(role, kind) for role, kinds in TRIES.items() for kind in kinds])
 def test_a_call_that_fails_neither_kills_nor_hangs_the_session(
     running: Mother, clean: Outcome, role: str, kind: str
 ) -> None:
@@ -189,7 +190,7 @@ def test_jobs_go_on_where_not_even_a_failure_can_be_said() -> None:
     assert done == [1]
 
 
-@pytest.mark.parametrize(
+@every(
     ("error", "words"),
     [
         (MemoryError("Unable to allocate 8 GiB"), "out of memory (Unable to allocate 8 GiB); free memory"),

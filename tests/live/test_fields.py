@@ -26,6 +26,7 @@ from replant.data.streams.reader import Reader
 from replant.data.streams.rows import BY_WIDTH, FIELDS
 from replant.settings import Request
 from support.builders import engine_state
+from support.cases import every
 from support.live_fakes import DT, PLANT, JudgingObserver, make, record
 
 STARTUP, SAMPLES, BLOCK = 100, 390, 10
@@ -180,17 +181,17 @@ def session_of(samples: Sequence[Sample], form: Format, columns: tuple[str, ...]
 
 
 CASES = [
-    pytest.param(form, columns, field, id=f"{form}-{''.join(columns)}-{field}")
+    (form, columns, field)
     for form, columns in itertools.product(FORMATS, COLUMNS)
     for field in columns
     if LONG or form == "csv" or columns == BY_WIDTH[4]
 ]
 
 
-@pytest.mark.parametrize(("form", "columns", "field"), CASES)
+@every(("form", "columns", "field"), CASES, ids=[f"{form}-{''.join(names)}-{field}" for form, names, field in CASES])
 def test_a_number_that_is_misread_once_ends_nothing(form: str, columns: tuple[str, ...], field: str) -> None:
     u, y = record(SAMPLES, seed=3)
-    turn = [case.id for case in CASES].index(f"{form}-{''.join(columns)}-{field}")
+    turn = CASES.index((form, columns, field))
     for number, ((value, misread), when) in enumerate(itertools.product(VALUES.items(), TIMES)):
         if not LONG and (number + number // len(TIMES) + turn) % (2 * len(TIMES)):
             continue

@@ -26,6 +26,7 @@ from replant.live.outputs.message import (
 from replant.live.outputs.notices import Notices
 from replant.live.outputs.publisher import Publisher
 from replant.live.outputs.sinks import LineSink
+from support.cases import every
 from support.live_command import wait_for
 from support.live_fakes import DT, FakeObserver, FakeSink, FakeSource, JudgingObserver, make, record
 from support.waiting import PATIENCE
@@ -88,7 +89,7 @@ def consumers(clock: Clock, generator: np.random.Generator) -> list[Consumer]:
     ]
 
 
-@pytest.mark.parametrize("seed", range(5))
+@every("seed", range(5))
 def test_nobody_trusts_for_longer_than_the_time_to_live(seed: int) -> None:
     """Samples come and stay away, are rejected, verdicts change, the session's thread waits: five minutes at random.
 
@@ -144,7 +145,7 @@ def test_the_rest_of_the_time_to_live_goes_along() -> None:
         assert one.sent == pytest.approx(time.time(), abs=3600.0)
 
 
-@pytest.mark.parametrize("hours", [-1e4, -1.0, 1.0, 1e4])
+@every("hours", [-1e4, -1.0, 1.0, 1e4])
 def test_a_clock_that_is_set_changes_no_trust(hours: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """The system's clock jumps; the time to live goes by one that cannot: trust neither outlives it nor ends sooner."""
     wall = Clock()
@@ -305,7 +306,7 @@ def fails(error: BaseException) -> Callable[[Paced], Iterator[Batch]]:
     return after
 
 
-@pytest.mark.parametrize(
+@every(
     "error",
     [rp.LogError("the wire is gone"), np.linalg.LinAlgError("singular"), MemoryError(), KeyboardInterrupt(),
      SystemExit(3)],

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import replant as rp
+from support.cases import every
 
 
 @pytest.mark.parametrize("model", [[1.0], [1.0, -0.9], [1.0, -1.6, 0.9]], ids=repr)
@@ -34,7 +35,7 @@ def test_its_values_cannot_be_changed_from_outside() -> None:
         noise.coefficients[1] = 3.0
 
 
-@pytest.mark.parametrize(
+@every(
     ("changes", "named"),
     [
         ({"coefficients": [2.0, 1.0]}, "begin with 1"),

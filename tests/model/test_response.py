@@ -12,6 +12,7 @@ import replant as rp
 from replant.model.response import Response
 from replant.model.transfer_function import TransferFunction
 from support.builders import irregular_record
+from support.cases import every
 
 DT = 0.1
 MODELS = {
@@ -27,8 +28,8 @@ MODELS = {
     "late by less than a sample": TransferFunction([2.0], [1.0, 3.0, 4.0], 0.03),
 }
 CUTS = [(200,), (1,) * 200, (3, 0, 150, 47), (199, 1)]
-every_model = pytest.mark.parametrize("name", MODELS)
-every_hold = pytest.mark.parametrize("hold", ["zoh", "foh"])
+every_model = every("name", MODELS)
+every_hold = every("hold", ["zoh", "foh"])
 
 
 def jittering(seed: int = 3, samples: int = 200) -> np.ndarray:

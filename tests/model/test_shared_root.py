@@ -14,6 +14,7 @@ import replant as rp
 from replant.model.shared_root import cancelled_pole
 from replant.model.uncertainty import Uncertainty
 from replant.signals import prbs
+from support.cases import every
 
 DT = 0.1
 LAG = rp.TransferFunction([2.0], [1.0, 0.5])
@@ -27,8 +28,8 @@ def fitted(plant: rp.TransferFunction, poles: int, zeros: int, seed: int, sample
     return rp.fit(u, y, DT, poles=poles, zeros=zeros)
 
 
-@pytest.mark.parametrize(("plant", "poles", "zeros"), [(LAG, 2, 1), (SWINGS, 3, 1), (SWINGS, 4, 2), (LAG, 3, 2)])
-@pytest.mark.parametrize("seed", range(4))
+@every(("plant", "poles", "zeros"), [(LAG, 2, 1), (SWINGS, 3, 1), (SWINGS, 4, 2), (LAG, 3, 2)])
+@every("seed", range(4))
 def test_a_pair_too_many_leaves_the_coefficients_unknown(
     plant: rp.TransferFunction, poles: int, zeros: int, seed: int
 ) -> None:
@@ -45,7 +46,7 @@ def test_a_pair_too_many_leaves_the_coefficients_unknown(
     assert (found.uncertainty.response([0.3, 1.0, 3.0])[0] < 0.1).all(), "what the input excites is known"
 
 
-@pytest.mark.parametrize("seed", range(4))
+@every("seed", range(4))
 def test_a_right_structure_is_told(seed: int) -> None:
     for plant, poles, zeros in (
         (LAG, 1, 0),
@@ -67,9 +68,9 @@ def test_two_poles_and_two_zeros_are_found_together() -> None:
     assert pole == pytest.approx(complex(-0.1, math.sqrt(9.0 - 0.01)))
 
 
-@pytest.mark.parametrize("faster", [1e-6, 1.0, 1e5])
-@pytest.mark.parametrize("larger", [1e-8, 1e9])
-@pytest.mark.parametrize("zero", [0.93, 20.0])
+@every("faster", [1e-6, 1.0, 1e5])
+@every("larger", [1e-8, 1e9])
+@every("zero", [0.93, 20.0])
 def test_units_make_no_difference(faster: float, larger: float, zero: float) -> None:
     structure, parameters = rp.Structure(2, 1), np.array([3.0, 2.0, 1.0, zero])
     covariance = np.diag([0.1, 0.1, 0.05, 0.03]) ** 2
@@ -82,8 +83,8 @@ def test_units_make_no_difference(faster: float, larger: float, zero: float) -> 
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("value", [math.nan, math.inf, 0.0, 1e-300, 1e300])
-@pytest.mark.parametrize("structure", [rp.Structure(2, 1), rp.Structure(10, 9), rp.Structure(1, 1, feedthrough=True)])
+@every("value", [math.nan, math.inf, 0.0, 1e-300, 1e300])
+@every("structure", [rp.Structure(2, 1), rp.Structure(10, 9), rp.Structure(1, 1, feedthrough=True)])
 def test_no_covariance_is_too_odd(structure: rp.Structure, value: float) -> None:
     for parameters in (np.zeros(structure.size), np.ones(structure.size), np.full(structure.size, 1e300)):
         found = Uncertainty(structure, parameters, np.full((structure.size, structure.size), value))

@@ -9,6 +9,7 @@ from scipy import linalg, signal
 from replant.model import state_space
 from support import references
 from support.builders import random_plant
+from support.cases import every
 
 DENOMINATORS = {
     "integrator": [1.0, 0.0],
@@ -19,7 +20,7 @@ DENOMINATORS = {
     "tenfold": np.poly(np.full(10, -50.0)),
     "random": random_plant(1, 6).den,
 }
-every_denominator = pytest.mark.parametrize("denominator", DENOMINATORS.values(), ids=DENOMINATORS)
+every_denominator = every("denominator", DENOMINATORS.values(), ids=DENOMINATORS)
 
 
 @every_denominator
@@ -40,8 +41,8 @@ def test_the_companion_keeps_the_characteristic_polynomial(denominator: np.ndarr
     np.testing.assert_allclose(model.characteristic * model.scale, denominator[1:], rtol=1e-14)
 
 
-@pytest.mark.parametrize("cutoff", [1e-3, 1.0, 50.0, 1e4])
-@pytest.mark.parametrize("order", [1, 2, 4, 10])
+@every("cutoff", [1e-3, 1.0, 50.0, 1e4])
+@every("order", [1, 2, 4, 10])
 def test_scaled_states_are_as_well_conditioned_whatever_the_cutoff(order: int, cutoff: float) -> None:
     """For (s + cutoff)^n time runs cutoff times faster and nothing else changes: matrix and column scale with it.
 
@@ -65,8 +66,8 @@ def test_the_fourth_order_states_have_a_small_condition_number() -> None:
 
 
 @every_denominator
-@pytest.mark.parametrize("dt", [1e-4, 0.01, 0.3])
-@pytest.mark.parametrize("hold", ["zoh", "foh"])
+@every("dt", [1e-4, 0.01, 0.3])
+@every("hold", ["zoh", "foh"])
 def test_exact_equals_the_series_in_extended_precision(denominator: np.ndarray, dt: float, hold: str) -> None:
     model = state_space.companion(np.asarray(denominator))
     transition, before, after = state_space.exact(model.matrix, model.column, dt, hold)
@@ -89,7 +90,7 @@ def test_exact_of_a_first_order_lag_is_the_textbook_formula(hold: str) -> None:
 
 
 @every_denominator
-@pytest.mark.parametrize("alpha", [0.0, 0.3, 0.5, 1.0])
+@every("alpha", [0.0, 0.3, 0.5, 1.0])
 def test_bilinear_equals_scipys_gbt(denominator: np.ndarray, alpha: float) -> None:
     model = state_space.companion(np.asarray(denominator))
     n, dt = model.column.size, 0.01
@@ -102,8 +103,8 @@ def test_bilinear_equals_scipys_gbt(denominator: np.ndarray, alpha: float) -> No
 
 
 @every_denominator
-@pytest.mark.parametrize("hold", ["zoh", "foh"])
-@pytest.mark.parametrize("fraction", [0.0, 1e-6, 0.25, 0.5, 0.9])
+@every("hold", ["zoh", "foh"])
+@every("fraction", [0.0, 1e-6, 0.25, 0.5, 0.9])
 def test_input_taps_move_a_constant_as_no_delay_does(denominator: np.ndarray, hold: str, fraction: float) -> None:
     """A constant input is the same however late it comes: the three taps add up to the step's."""
     model = state_space.companion(np.asarray(denominator))

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import replant as rp
+from support.cases import every
 
 
-@pytest.mark.parametrize("poles", range(1, 11))
+@every("poles", range(1, 11))
 def test_names_count_down_and_agree_with_the_size(poles: int) -> None:
     for zeros in range(poles):
         for bias in (False, True):
@@ -33,7 +34,7 @@ def test_what_is_given_is_kept_and_frozen() -> None:
         structure.poles = 4
 
 
-@pytest.mark.parametrize(
+@every(
     ("arguments", "named", "kind"),
     [
         ({"poles": 0}, "poles", ValueError),

@@ -12,6 +12,7 @@ from scipy import signal
 
 import replant as rp
 from support.builders import G1, G2, Thing, binary, random_plant
+from support.cases import every
 
 DT = 0.1
 
@@ -27,7 +28,7 @@ PLANTS = {
     "sixth order": random_plant(6, 6, 4),
     "tenth order": random_plant(10, 10, 7),
 }
-every_plant = pytest.mark.parametrize("plant", PLANTS.values(), ids=PLANTS)
+every_plant = every("plant", PLANTS.values(), ids=PLANTS)
 
 
 def sorted_roots(roots: np.ndarray) -> np.ndarray:
@@ -127,7 +128,7 @@ def assert_close(computed: np.ndarray, expected: np.ndarray, tolerance: float = 
 
 
 @every_plant
-@pytest.mark.parametrize("hold", ["zoh", "foh"])
+@every("hold", ["zoh", "foh"])
 def test_a_whole_dead_time_shifts_the_output(plant: rp.TransferFunction, hold: str) -> None:
     u = np.random.default_rng(1).standard_normal(80)
     late = rp.TransferFunction(plant.num, plant.den, delay=7 * DT)
@@ -138,8 +139,8 @@ def test_a_whole_dead_time_shifts_the_output(plant: rp.TransferFunction, hold: s
 
 
 @every_plant
-@pytest.mark.parametrize("quarters", [1, 2, 3, 9])
-@pytest.mark.parametrize("hold", ["zoh", "foh"])
+@every("quarters", [1, 2, 3, 9])
+@every("hold", ["zoh", "foh"])
 def test_a_fractional_dead_time_equals_an_oversampled_simulation(
     plant: rp.TransferFunction, quarters: int, hold: str
 ) -> None:
@@ -153,7 +154,7 @@ def test_a_fractional_dead_time_equals_an_oversampled_simulation(
     assert_close(late.simulate(u, DT, input_hold=hold), expected, 1e-10)
 
 
-@pytest.mark.parametrize("delay", [0.0, math.sqrt(2) * DT, math.pi * DT, 1e-7])
+@every("delay", [0.0, math.sqrt(2) * DT, math.pi * DT, 1e-7])
 def test_a_step_after_any_dead_time(delay: float) -> None:
     """1/(s+1): 1 - e^-(t - delay) from the step's arrival on, for either hold: the step is one for both."""
     t = DT * np.arange(100)
@@ -236,7 +237,7 @@ def test_a_dead_time_does_not_get_lost_on_the_way() -> None:
 # --- printing, equality
 
 
-@pytest.mark.parametrize(
+@every(
     ("num", "den", "delay", "text"),
     [
         ([2.0], [1.0, 0.5], 0.0, "2 / (s + 0.5)"),
@@ -302,7 +303,7 @@ def test_it_cannot_be_changed_nor_does_it_follow_its_arguments() -> None:
 # --- bad input
 
 
-@pytest.mark.parametrize(
+@every(
     ("arguments", "named"),
     [
         (([1.0], [0.0, 0.0]), "den"),
@@ -332,7 +333,7 @@ def test_a_bad_transfer_function_is_refused_by_name(arguments: tuple[Any, ...], 
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
+@every(
     ("arguments", "options", "named"),
     [
         (("a", 0.1), {}, "u"),

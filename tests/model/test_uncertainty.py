@@ -11,6 +11,7 @@ import pytest
 import replant as rp
 from replant.model.uncertainty import Uncertainty
 from support.builders import random_plant, true_parameters
+from support.cases import every
 
 #: Structure and plant: real and conjugate poles, zeros on both sides, a bias, as many zeros as poles.
 PLANTS = {
@@ -23,7 +24,7 @@ PLANTS = {
     "with bias": (rp.Structure(2, 1, bias=True), rp.TransferFunction([1.0, 3.0], [1.0, 2.0, 5.0])),
     "random": (rp.Structure(4, 2), random_plant(5, 4, 2)),
 }
-every_plant = pytest.mark.parametrize("name", PLANTS)
+every_plant = every("name", PLANTS)
 OMEGA = np.array([0.1, 0.7, 2.3, 11.0])
 
 
@@ -105,7 +106,7 @@ def test_modes_by_differences(name: str) -> None:
         np.testing.assert_allclose(computed, std, rtol=1e-4, atol=1e-9 * abs(mode.pole))
 
 
-@pytest.mark.parametrize("name", ["first order", "lightly damped", "non-minimum phase", "random"])
+@every("name", ["first order", "lightly damped", "non-minimum phase", "random"])
 def test_figures_of_drawn_models_scatter_as_they_say(name: str) -> None:
     """2000 models drawn from the covariance: a standard deviation out of N draws is good to 1/sqrt(2 N) = 1.6 %.
 
@@ -157,7 +158,7 @@ def test_before_the_first_sample_nothing_is_known_and_nothing_fails() -> None:
     assert all(math.isnan(mode.frequency_std) for mode in modes)
 
 
-@pytest.mark.parametrize("shape", [(2, 2), (4, 4), (3,), (3, 2)])
+@every("shape", [(2, 2), (4, 4), (3,), (3, 2)])
 def test_a_covariance_of_another_shape_is_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(rp.InvalidArgumentError, match=r"covariance must have shape \(3, 3\)"):
         Uncertainty(rp.Structure(2), np.ones(3), np.zeros(shape))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 import replant as rp
 from replant.engine.record import Record
@@ -11,6 +10,7 @@ from replant.offline.change_search import begin_of_change, find_change
 from replant.offline.contest import Supposition
 from replant.offline.solve import Solution, solve
 from support.builders import binary
+from support.cases import every
 
 DT, SAMPLES = 0.1, 2000
 
@@ -29,13 +29,13 @@ def begin_in(solution: Solution) -> int:
     return begin_of_change(rp.Structure(1), solution.record, solution.found.theta)
 
 
-@pytest.mark.parametrize("load", [0.0, 2.0])
+@every("load", [0.0, 2.0], quick=1)
 def test_one_plant_is_not_taken_for_two(load: float) -> None:
     """Each record has the chance 1e-4: of 40 none in 99.6 % of all cases."""
     assert not any(begin_in(solved(seed, 2.0, load)) for seed in range(40))
 
 
-@pytest.mark.parametrize("seed", range(5))
+@every("seed", range(5))
 def test_a_gain_a_fifth_up_is_found_where_it_changed(seed: int) -> None:
     """Under noise of a quarter: (.1 / .27)^2 of the noise's power, over 2000 samples, is 137 in chi-squared."""
     solution = solved(seed, 2.4)

@@ -21,6 +21,7 @@ from replant.offline.solve import solve
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem
 from support.builders import binary, true_parameters
+from support.cases import every
 
 DT, NOISE, BEFORE = 0.05, 0.05, 2000
 PLANT = rp.TransferFunction([2.0], [1.0, 4.0, 3.0])
@@ -66,8 +67,8 @@ def contest(what: str, seed: int, since: int = 300) -> Contest:
     return Contest(STRUCTURE, record, BEFORE, known(record)[0])
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(
+@every("seed", range(3))
+@every(
     ("what", "supposition"),
     [
         ("none", Supposition.NOTHING),

@@ -13,6 +13,7 @@ import replant as rp
 from replant.signals import prbs
 from support import references
 from support.builders import G1, G2, random_plant, record, true_parameters
+from support.cases import every
 
 #: Plants with their zeros and a filter's cutoff near their poles: the article's two, and five random stable ones.
 PLANTS = {"G1": (G1, 0, 1.0), "G2": (G2, 1, 10.0)} | {
@@ -20,7 +21,7 @@ PLANTS = {"G1": (G1, 0, 1.0), "G2": (G2, 1, 10.0)} | {
     for seed, (poles, zeros) in enumerate([(1, 0), (2, 1), (3, 1), (3, 2), (4, 2)])
 }
 LS = "least_squares"
-every_plant = pytest.mark.parametrize("name", PLANTS)
+every_plant = every("name", PLANTS)
 
 
 def held_record(name: str, bit: float, hold: int, bits: int) -> tuple[np.ndarray, np.ndarray, float]:
@@ -42,7 +43,7 @@ def structure_of(name: str) -> rp.Structure:
 # --- noise-free recovery
 
 
-@pytest.mark.parametrize(
+@every(
     ("name", "chosen"), [*((name, "given") for name in PLANTS), ("G1", "auto"), ("G2", "auto"), ("random 3/2", "auto")]
 )
 def test_without_noise_every_coefficient_comes_back_within_half_a_percent(name: str, chosen: str) -> None:
@@ -101,7 +102,7 @@ def test_a_known_dead_time_is_taken_out(delay: float) -> None:
 # --- against other ways to compute the same
 
 
-@pytest.mark.parametrize(
+@every(
     "state_filter",
     [
         rp.StateVariableFilter(2.0),
@@ -111,7 +112,7 @@ def test_a_known_dead_time_is_taken_out(delay: float) -> None:
     ],
     ids=["exact", "foh", "gbt", "denominator"],
 )
-@pytest.mark.parametrize("bias", [False, True])
+@every("bias", [False, True])
 def test_it_solves_the_articles_regression(state_filter: rp.StateVariableFilter, bias: bool) -> None:
     """y = phi_uy' theta_lambda, (4), solved by NumPy, and lambda added again: the same minimum."""
     structure = rp.Structure(2, 1, delay=0.13, bias=bias)
@@ -128,7 +129,7 @@ def test_it_solves_the_articles_regression(state_filter: rp.StateVariableFilter,
 
 #: How far rounding may move a result: directly solved, and searched for.
 ROUNDING = {LS: 1e-9, "srivc": 1e-6}
-both_methods = pytest.mark.parametrize("method", [LS, "srivc"])
+both_methods = every("method", [LS, "srivc"])
 
 
 @both_methods
@@ -172,8 +173,8 @@ def test_a_bias_takes_up_an_offset_that_nobody_knows() -> None:
 # --- samples that cannot be used
 
 
-@pytest.mark.parametrize(("bad", "reason"), [(np.nan, "not finite"), (np.inf, "not finite"), (1e308, "too large")])
-@pytest.mark.parametrize("where", ["u", "y"])
+@every(("bad", "reason"), [(np.nan, "not finite"), (np.inf, "not finite"), (1e308, "too large")])
+@every("where", ["u", "y"])
 @both_methods
 def test_unusable_samples_at_the_end_are_as_if_they_had_not_come(
     bad: float, reason: str, where: str, method: str
@@ -197,10 +198,8 @@ def test_unusable_samples_at_the_end_are_as_if_they_had_not_come(
     assert longer.simulation.fit == pytest.approx(plain.simulation.fit, abs=1e-6)
 
 
-@pytest.mark.parametrize("bad", [np.nan, -1e308])
-@pytest.mark.parametrize(
-    "preprocess", [rp.Preprocess(), rp.Preprocess("square"), rp.Preprocess("identity", "mean", "mean")]
-)
+@every("bad", [np.nan, -1e308])
+@every("preprocess", [rp.Preprocess(), rp.Preprocess("square"), rp.Preprocess("identity", "mean", "mean")])
 @both_methods
 def test_a_spike_in_the_middle_does_little_harm(bad: float, preprocess: rp.Preprocess, method: str) -> None:
     """One sample of 2000 is missing: the estimate moves by less than two percent."""
@@ -223,9 +222,9 @@ def test_a_spike_in_the_middle_does_little_harm(bad: float, preprocess: rp.Prepr
 # --- no excitation
 
 
-@pytest.mark.parametrize("level", [0.0, 1.0, -1e-300, 1e149])
-@pytest.mark.parametrize("structure", [rp.Structure(1), rp.Structure(3, 2, delay=0.05, bias=True)])
-@pytest.mark.parametrize("chosen", ["auto", "given"])
+@every("level", [0.0, 1.0, -1e-300, 1e149])
+@every("structure", [rp.Structure(1), rp.Structure(3, 2, delay=0.05, bias=True)])
+@every("chosen", ["auto", "given"])
 def test_a_constant_record_is_said_not_to_excite(level: float, structure: rp.Structure, chosen: str) -> None:
     """No crash and no warning (it would be an error here): the condition number is infinite."""
     state_filter = rp.StateVariableFilter(2.0) if chosen == "given" else "auto"
@@ -245,7 +244,7 @@ def test_an_input_at_rest_does_not_excite_though_the_output_moves() -> None:
 # --- bad input
 
 
-@pytest.mark.parametrize(
+@every(
     ("changes", "named", "kind"),
     [
         ({"dt": 0.0}, "dt", ValueError),

@@ -10,6 +10,7 @@ from replant.engine.record import MOST_GAPS, Record, gaps_of
 from replant.model.response import Response
 from replant.offline.structure_search import search
 from support.builders import DT, binary, irregular_record, record, true_parameters, two_modes
+from support.cases import every
 
 STRUCTURE, PLANT = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
 TRUE = true_parameters(PLANT, 1)
@@ -43,11 +44,11 @@ def short_gaps(seed: int) -> tuple[np.ndarray, ...]:
     return with_gaps(seed, lost=4, every=100)
 
 
-CLOCKS = pytest.mark.parametrize("make", [jittering, with_gaps, short_gaps, of_two_rates])
+CLOCKS = every("make", [jittering, with_gaps, short_gaps, of_two_rates])
 
 
 @CLOCKS
-@pytest.mark.parametrize("seed", [1, 2])
+@every("seed", [1, 2])
 def test_the_fit_is_as_good_as_its_standard_deviations_say_and_as_on_a_regular_clock(make, seed: int) -> None:
     u, y, t = make(seed)
     fitted = rp.fit(u, y, DT, STRUCTURE, t=t)

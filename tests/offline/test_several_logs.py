@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import replant as rp
+from support.cases import every
 
 TRUE = np.array([0.8, 4.0, 4.0])
 DT = 0.05
@@ -25,8 +26,8 @@ def log(seed: int, noise: float = 0.05, delay: float = 0.0, samples: int = 1000,
     return rp.Log(u[300:], y[300:], DT, None, "u", "y", Path(f"log{seed}.csv"), **more)
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.4])
-@pytest.mark.parametrize("identify", [rp.fit, rp.run])
+@every("delay", [0.0, 0.4])
+@every("identify", [rp.fit, rp.run])
 def test_without_noise_the_plant_comes_out_exactly(identify: Callable[..., Any], delay: float) -> None:
     logs = [log(seed, 0.0, delay) for seed in (1, 2, 3)]
     model = identify(logs, structure=rp.Structure(2, delay=delay)).model

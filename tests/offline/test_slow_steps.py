@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 import replant as rp
 from replant.engine.record import Record
 from replant.offline.srivc import refine
+from support.cases import every
 from support.loops import DT, coloured, controlled, steps
 
 INTEGRATOR = rp.TransferFunction([1.0], [1.0, 1.0, 0.0])
 
 
-@pytest.mark.parametrize("seed", range(6))
+@every("seed", range(6))
 def test_an_integrator_under_a_controller_starts_a_recursion(seed: int) -> None:
     loop = controlled(INTEGRATOR, steps(seed, 3000, hold=40), 0.1 * coloured(seed, 3000, 0.95), gain=0.5)
     found = refine(rp.Structure(2), Record(loop.u, loop.y, np.array([DT])))

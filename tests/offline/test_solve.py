@@ -9,6 +9,7 @@ from scipy.signal import lfilter
 import replant as rp
 from replant.runs.result import result_of_fit
 from support.builders import DT, binary, true_parameters
+from support.cases import every
 
 PLANT, STRUCTURE = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]), rp.Structure(2)
 TRUE, SAMPLES = true_parameters(PLANT, 0), 1500
@@ -85,7 +86,7 @@ def test_a_record_without_any_is_solved_once_and_as_it_is() -> None:
         assert found.outliers.size == 0
 
 
-@pytest.mark.parametrize("seed", range(4))
+@every("seed", range(4))
 def test_on_a_coarse_scale_a_rounded_output_is_no_outlier(seed: int) -> None:
     """A tenth of the output's range is a step: right outputs jump by two of them."""
     u, y = noisy(seed)

@@ -15,8 +15,9 @@ from replant.offline.srivc_steps import Problem
 from replant.signals import prbs
 from replant.statistics.udu import compose
 from support.builders import AWKWARD, DT, binary, irregular_record, random_plant, true_parameters
+from support.cases import every
 
-every_plant = pytest.mark.parametrize("name", AWKWARD)
+every_plant = every("name", AWKWARD)
 
 
 def made(name: str, samples: int = 2000, noise: float = 0.0, seed: int = 0, hold: str = "zoh") -> Record:
@@ -41,7 +42,7 @@ def relative(found: Refined, name: str) -> np.ndarray:
 
 
 @every_plant
-@pytest.mark.parametrize("hold", ["zoh", "foh"])
+@every("hold", ["zoh", "foh"])
 def test_without_noise_it_is_exact(name: str, hold: str) -> None:
     """To rounding: no error of discretisation is left.
 
@@ -56,8 +57,8 @@ def test_without_noise_it_is_exact(name: str, hold: str) -> None:
     assert found.variance < 1e-12 * made(name, hold=hold).y.var()
 
 
-@pytest.mark.parametrize("name", ["order 2", "delay of 2.37 samples", "feedthrough"])
-@pytest.mark.parametrize("hold", ["zoh", "foh"])
+@every("name", ["order 2", "delay of 2.37 samples", "feedthrough"])
+@every("hold", ["zoh", "foh"])
 def test_a_clock_that_jitters_costs_nothing(name: str, hold: str) -> None:
     structure, plant = AWKWARD[name]
     if name.startswith("delay"):  # dead times of the fine grid are exact

@@ -15,9 +15,10 @@ from replant.kernels.filters import bank as bk
 from replant.signals import prbs
 from replant.statistics.udu import compose
 from support.builders import AWKWARD, DT, binary, random_plant, record, state, true_parameters, two_modes
+from support.cases import every
 from support.inside import factors_of, set_covariance, state_of
 
-every_plant = pytest.mark.parametrize("name", AWKWARD)
+every_plant = every("name", AWKWARD)
 SMOOTH = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
 
 
@@ -47,7 +48,7 @@ def covariance_of(ident: rp.Identifier) -> np.ndarray:
 # --- without noise
 
 
-@every_plant
+@every("name", AWKWARD, quick=5)
 def test_without_noise_every_coefficient_is_exact_from_the_first_estimate_on(name: str) -> None:
     """A thousandth was asked for; integrator, damping 0.001, zeros on the right and dead times included.
 
@@ -141,7 +142,7 @@ def test_units_do_not_matter() -> None:
 # --- estimates that cannot serve as a model
 
 
-@pytest.mark.parametrize("a", [[-0.5, 4.0], [2.0, -4.0], [-1.0, -1.0], [0.0, 4.0]], ids=repr)
+@every("a", [[-0.5, 4.0], [2.0, -4.0], [-1.0, -1.0], [0.0, 4.0]], ids=repr)
 def test_an_estimate_that_is_not_stable_is_learned_away_behind_the_last_stable_model(a: list[float]) -> None:
     """Throughout, the bank that serves has every pole on the left; the estimate comes back to the truth."""
     structure, plant = SMOOTH
@@ -215,7 +216,7 @@ def test_a_bad_start_up_waits_for_more() -> None:
 OFFSET_U, OFFSET_Y = 5.0, 8.0
 
 
-@pytest.mark.parametrize(
+@every(
     "preprocess",
     [
         rp.Preprocess(),

@@ -11,6 +11,7 @@ import replant as rp
 from replant.kernels.schema import Alarm
 from replant.online import identifier
 from support.builders import DT, binary, true_parameters
+from support.cases import every
 
 PLANT = rp.TransferFunction([2.0], [1.0, 4.0, 3.0])
 LIGHT = rp.TransferFunction([25.0], [1.0, 0.2, 25.0])
@@ -26,9 +27,9 @@ def afloat(kind: str, scale: float, samples: int) -> np.ndarray:
     return scale * (noise if kind == "noise" else 0.05 * np.cumsum(noise))
 
 
-@pytest.mark.parametrize("optimizer", OPTIMIZERS)
-@pytest.mark.parametrize("plant", [PLANT, LIGHT], ids=["usual", "light"])
-@pytest.mark.parametrize(("kind", "size"), [("noise", 1.0), ("noise", 0.3), ("walk", 1.0)])
+@every("optimizer", OPTIMIZERS, quick=2)
+@every("plant", [PLANT, LIGHT], ids=["usual", "light"], quick=1)
+@every(("kind", "size"), [("noise", 1.0), ("noise", 0.3), ("walk", 1.0)], quick=2)
 def test_a_cable_that_floats_teaches_nothing(
     optimizer: str, plant: rp.TransferFunction, kind: str, size: float
 ) -> None:
@@ -64,8 +65,8 @@ def test_an_alarm_that_goes_as_it_came_costs_little() -> None:
     assert state.alarm == state.record_began == state.gap_at == 0
 
 
-@pytest.mark.parametrize("factor", [0.5, 1.5])
-@pytest.mark.parametrize("entry", [0, 1, 2])
+@every("factor", [0.5, 1.5])
+@every("entry", [0, 1, 2])
 def test_tracking_is_not_trusted_while_it_is_wrong(factor: float, entry: int) -> None:
     """A light mode, a slow walk: after a jump by half no verdict trusts an estimate that is 10 % off."""
     before = true_parameters(LIGHT, 0)
@@ -120,7 +121,7 @@ CHANGES: dict[str, tuple[list[float], list[float], float, int]] = {
 }
 
 
-@pytest.mark.parametrize("change", CHANGES)
+@every("change", CHANGES, quick=1)
 def test_no_model_off_by_a_tenth_is_trusted_640_samples_after_a_change(change: str) -> None:
     """Three records each, noise of 7 %, looks from 640 samples on at which the estimate is nearly another one.
 

@@ -15,6 +15,7 @@ from replant.online.defaults import settle
 from replant.optimizers import OPTIMIZERS
 from replant.settings import Request
 from support.builders import G1, G2, random_plant, record
+from support.cases import every
 
 U, Y = record(G2, seed=1, samples=3000, dt=0.01, hold=20, noise=0.01)
 
@@ -55,7 +56,7 @@ def test_auto_scaling_makes_every_signal_of_size_one() -> None:
     assert np.sqrt(np.mean(((Y - Y.mean()) / settled.scaling.output) ** 2)) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("name", OPTIMIZERS)
+@every("name", OPTIMIZERS)
 def test_an_optimizer_by_name_comes_with_settings_that_can_be_typed_again(name: str) -> None:
     request = Request(rp.Structure(2, 1), 0.01, rp.StateVariableFilter(10.0), scaling=None, optimizer=name)
     for length in (None, 100, 10**7):
@@ -66,7 +67,7 @@ def test_an_optimizer_by_name_comes_with_settings_that_can_be_typed_again(name: 
             assert value is None or value == float(f"{value:.3g}")
 
 
-@pytest.mark.parametrize(
+@every(
     ("optimizer", "instruments", "refined"),
     [
         ("auto", "auto", True),

@@ -10,6 +10,7 @@ from replant.arguments import FloatArray
 from replant.assessment import simulate
 from replant.engine.record import Record
 from replant.simulation.prediction import prediction_error
+from support.cases import every
 
 DT = 0.05
 PLANT = rp.TransferFunction([2.0], [1.0, 0.5], delay=3.0)
@@ -27,8 +28,8 @@ def running(before: float, samples: int = 1200, seed: int = 0, delay: float = 3.
     return u[100:], (y + NOISE * random.standard_normal(y.size))[100:]
 
 
-@pytest.mark.parametrize("before", [0.0, -1.0, 100.0])
-@pytest.mark.parametrize("level", [0.0, 50.0])
+@every("before", [0.0, -1.0, 100.0])
+@every("level", [0.0, 50.0])
 def test_an_estimate_does_not_depend_on_what_acted_before(before: float, level: float) -> None:
     """At the truth within five standard deviations, which the free response of a far state makes small."""
     u, y = running(before)
@@ -147,8 +148,8 @@ def test_a_record_no_longer_than_the_dead_time_gives_no_model(samples: int) -> N
     assert not ident.has_model
 
 
-@pytest.mark.parametrize("hold", ["zoh", "foh"])
-@pytest.mark.parametrize("delay", [0.05, 0.3, 0.32, 0.38])
+@every("hold", ["zoh", "foh"])
+@every("delay", [0.05, 0.3, 0.32, 0.38])
 def test_the_first_sample_that_answers_to_known_inputs_is_exact(hold: str, delay: float) -> None:
     """As many zeros as poles: the output holds the delayed input of the same instant."""
     random = np.random.default_rng(6)

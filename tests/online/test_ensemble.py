@@ -20,6 +20,7 @@ from replant.kernels.lanes import LANES
 from replant.online import ensemble as ensembles
 from replant.optimizers import OPTIMIZERS
 from support.builders import G2, identifier
+from support.cases import every
 
 DT, SAMPLES, STRUCTURE = 0.02, 240, rp.Structure(poles=2, zeros=1)
 MEMBERS = LANES + 3  # a block that is full and one that is not
@@ -95,16 +96,16 @@ def sweep(
 REPLAY = rp.Replay(capacity=60, batch_size=5, warmup=6)
 
 
-@pytest.mark.parametrize("replay", [None, REPLAY], ids=["plain", "replay"])
-@pytest.mark.parametrize("optimizer", GRADIENTS)
+@every("replay", [None, REPLAY], ids=["plain", "replay"])
+@every("optimizer", GRADIENTS)
 def test_every_optimizer_in_a_block_gives_the_same_bits(optimizer: str, replay: rp.Replay | None) -> None:
     ensemble = check_twins(lambda: sweep(optimizer, replay), *streams(MEMBERS))
     assert [block.members for block in ensemble._blocks] == [LANES, 3]
     assert set(ensemble.status) == {"running"}
 
 
-@pytest.mark.parametrize("which", FILTERS)
-@pytest.mark.parametrize("replay", [None, REPLAY], ids=["plain", "replay"])
+@every("which", FILTERS)
+@every("replay", [None, REPLAY], ids=["plain", "replay"])
 def test_rejected_samples_touch_their_own_member_alone(which: str, replay: rp.Replay | None) -> None:
     def make() -> Members:
         return sweep("amsgrad", replay, which, preprocess=rp.Preprocess("square", 0.3, -0.2))
@@ -308,7 +309,7 @@ def test_what_an_ensemble_shows() -> None:
     assert len(rp.Ensemble(mine)) == 1
 
 
-@pytest.mark.parametrize(
+@every(
     ("make", "message"),
     [
         (lambda: rp.Ensemble([]), "empty"),

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import replant as rp
 from replant.statistics.udu import compose
 from support.builders import binary, is_finite, state
+from support.cases import every
 
 DT = 0.05
 PLANT = rp.TransferFunction([2.0], [1.0, 4.0, 3.0])
@@ -28,7 +29,7 @@ KINDS: dict[str, dict[str, Any]] = {
         "instruments": True,
     },
 }
-every_kind = pytest.mark.parametrize("kind", KINDS)
+every_kind = every("kind", KINDS)
 
 
 def made(kind: str = "default", **arguments: Any) -> rp.Identifier:
@@ -58,7 +59,7 @@ def assert_sound(ident: rp.Identifier) -> None:
 
 
 @every_kind
-@pytest.mark.parametrize("spike", [-10.0, 1e4, 1e6, -1e140])
+@every("spike", [-10.0, 1e4, 1e6, -1e140], quick=2)
 def test_a_spike_costs_one_sample(kind: str, spike: float) -> None:
     """Without it the estimate has learned one sample more, of N: it moves by a few standard deviations over N.
 
@@ -113,7 +114,7 @@ def test_a_spike_while_frozen_is_forgotten_at_once() -> None:
     assert np.abs(trace.parameters / TRUE - 1.0).max() < 0.03
 
 
-@pytest.mark.parametrize("places", [[100], [3, 250, 499], [0], [498]])
+@every("places", [[100], [3, 250, 499], [0], [498]])
 def test_a_spike_in_start_up_does_not_spoil_the_first_model(places: list[int]) -> None:
     u, y = measured(3000)
     y[places] = 1e6
@@ -177,9 +178,9 @@ def failing(y: np.ndarray, fault: str) -> np.ndarray:
     return np.clip(y, -0.8 * y.std(), 0.8 * y.std())
 
 
-@pytest.mark.parametrize("kind", ["default", "forgetting", "tracking"])
-@pytest.mark.parametrize("fault", ["stuck", "off", "at its rail", "saturated"])
-@pytest.mark.parametrize(("speed", "dt"), [(20.0, 1e-3), (2.0, 0.02)], ids=["1 kHz", "50 Hz"])
+@every("kind", ["default", "forgetting", "tracking"], quick=2)
+@every("fault", ["stuck", "off", "at its rail", "saturated"])
+@every(("speed", "dt"), [(20.0, 1e-3), (2.0, 0.02)], ids=["1 kHz", "50 Hz"], quick=1)
 def test_a_dead_sensor_is_said_and_not_learned(kind: str, fault: str, speed: float, dt: float) -> None:
     """Not trusted after two seconds of rig time; the parameters hold for as long as it lasts, and after it."""
     plant = rp.TransferFunction([2.0 * speed**2], [1.0, 4.0 * speed, 3.0 * speed**2])
@@ -250,9 +251,9 @@ def jumped(name: str, entry: int, factor: float, at_sample: int, samples: int, d
     return u, y + noise * np.random.default_rng(5).standard_normal(samples), parameters, dt
 
 
-@pytest.mark.parametrize(("name", "entry"), JUMPS)
-@pytest.mark.parametrize("factor", [0.5, 1.5])
-@pytest.mark.parametrize("kind", ["default", "forgetting"])
+@every(("name", "entry"), JUMPS)
+@every("factor", [0.5, 1.5], quick=1)
+@every("kind", ["default", "forgetting"])
 def test_a_jump_by_half_is_noticed_and_learned(name: str, entry: int, factor: float, kind: str) -> None:
     """At 25 dB within 300 samples; within four start-ups the estimate is right again.  Never trusted while wrong."""
     u, y, true, dt = jumped(name, entry, factor, 4000, 7000, 25.0)
@@ -313,8 +314,8 @@ def test_forgetting_stops_before_it_has_forgotten(factor: float) -> None:
     assert (np.abs(ident.parameters - before) < 3.0 * std).all()
 
 
-@pytest.mark.parametrize("plant", [PLANT, rp.TransferFunction([25.0], [1.0, 0.02, 25.0])], ids=["usual", "light"])
-@pytest.mark.parametrize("kind", ["default", "forgetting"])
+@every("plant", [PLANT, rp.TransferFunction([25.0], [1.0, 0.02, 25.0])], ids=["usual", "light"])
+@every("kind", ["default", "forgetting"])
 def test_after_a_gap_learning_goes_on_at_once(plant: rp.TransferFunction, kind: str) -> None:
     u = binary(1, 6000, 8)
     clean = plant.simulate(u, DT)
@@ -347,7 +348,7 @@ def test_the_last_entries_begin_anew_and_the_others_keep_their_covariance() -> N
     np.testing.assert_allclose(compose(flat.reshape(5, 5), D), expected, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("jump", [86_400.0, -86_400.0, -30.0, 2.6])
+@every("jump", [86_400.0, -86_400.0, -30.0, 2.6])
 def test_a_clock_that_is_set_is_followed(jump: float) -> None:
     """Forward it is a gap, and costs no sample; backward ten samples are lost."""
     u, y = measured(4000)

@@ -17,6 +17,7 @@ from replant.live.observer.make_view import make_view
 from replant.live.observer.view import SessionInfo
 from replant.offline.structure_search import search
 from support.builders import random_plant
+from support.cases import every
 
 DT = 0.05
 SAMPLES = 600
@@ -96,8 +97,8 @@ KINDS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
+@every("kind", KINDS, ids=lambda kind: kind.__name__, quick=5)
+@every("seed", range(3), quick=1)
 def test_every_way_to_a_model_ends_in_good_order(kind, seed: int) -> None:
     u, y, structure = kind(np.random.default_rng([seed, KINDS.index(kind)]))
     live = rp.Identifier(structure, DT, startup=100)
@@ -115,6 +116,7 @@ def test_every_way_to_a_model_ends_in_good_order(kind, seed: int) -> None:
         assert "\n" not in outcome(way)
 
 
+@pytest.mark.slow
 def test_a_walk_that_ended_a_session_is_no_model() -> None:
     generator = np.random.default_rng(0)
     for _ in range(10):

@@ -29,9 +29,10 @@ from support.builders import (
     true_parameters,
     with_and_without,
 )
+from support.cases import every
 from support.references import TWINS
 
-every_optimizer = pytest.mark.parametrize("name", OPTIMIZERS)
+every_optimizer = every("name", OPTIMIZERS)
 
 # --- chunks of any size
 
@@ -94,10 +95,8 @@ streams = {
 }
 
 
-@every_optimizer
-@pytest.mark.parametrize("configuration", CONFIGURATIONS)
-@settings(deadline=None, derandomize=True, max_examples=25)
-@given(**streams)
+@settings(deadline=None, derandomize=True, max_examples=160)
+@given(name=st.sampled_from(sorted(OPTIMIZERS)), configuration=st.sampled_from(sorted(CONFIGURATIONS)), **streams)
 def test_chunks_of_any_size_equal_one_call_equal_a_loop(name: str, configuration: str, **stream: Any) -> None:
     assert_chunks_equal(name, configuration, **stream)
 
@@ -259,7 +258,7 @@ def test_what_needs_no_data_waits_for_none() -> None:
 # --- what the settings mean
 
 
-@pytest.mark.parametrize(
+@every(
     ("preprocess", "by_hand"),
     [
         (rp.Preprocess("square"), lambda u, y: (u * u, y)),
@@ -354,8 +353,8 @@ def test_with_defaults_alone_it_finds_the_plants() -> None:
 # --- bad samples
 
 
-@pytest.mark.parametrize(("u", "y"), NO_SAMPLE)
-@pytest.mark.parametrize("many", [False, True], ids=["update", "update_many"])
+@every(("u", "y"), NO_SAMPLE)
+@every("many", [False, True], ids=["update", "update_many"])
 def test_a_rejected_sample_changes_its_count_alone(u: float, y: float, many: bool) -> None:
     ident = identifier(rp.Adam(step_size=0.01))
     ident.update_many(*record(G1, seed=1, samples=70, dt=0.05, noise=0.1))
@@ -370,8 +369,8 @@ def test_a_rejected_sample_changes_its_count_alone(u: float, y: float, many: boo
     assert ident.status == "running"
 
 
-@pytest.mark.parametrize("spike", [1e308, -1e308, 1e151])
-@pytest.mark.parametrize("preprocess", [rp.Preprocess(), rp.Preprocess("square"), rp.Preprocess("square", "mean")])
+@every("spike", [1e308, -1e308, 1e151], quick=1)
+@every("preprocess", [rp.Preprocess(), rp.Preprocess("square"), rp.Preprocess("square", "mean")])
 def test_a_spike_is_counted_and_leaves_the_estimate_alone(spike: float, preprocess: rp.Preprocess) -> None:
     """With the spike in or the sample missing: the same estimate, during start-up and after it."""
     u, y = record(G1, seed=3, samples=200, dt=0.05, noise=0.05)
@@ -383,8 +382,8 @@ def test_a_spike_is_counted_and_leaves_the_estimate_alone(spike: float, preproce
         np.testing.assert_array_equal(spiked.parameters, clean.parameters)
 
 
-@pytest.mark.parametrize("bad", ["a", b"1", None, 1j, np.complex128(1), Thing(), [1.0], np.ones(1), 10**400], ids=repr)
-@pytest.mark.parametrize("ready", [True, False], ids=["running", "starting"])
+@every("bad", ["a", b"1", None, 1j, np.complex128(1), Thing(), [1.0], np.ones(1), 10**400], ids=repr)
+@every("ready", [True, False], ids=["running", "starting"])
 def test_update_refuses_what_is_no_number(bad: Any, ready: bool) -> None:
     ident = identifier() if ready else rp.Identifier(rp.Structure(1), 0.1)
     ident.update(1.0, 0.5)
@@ -397,7 +396,7 @@ def test_update_refuses_what_is_no_number(bad: Any, ready: bool) -> None:
     assert before is None or state(ident) == before
 
 
-@pytest.mark.parametrize(
+@every(
     ("u", "y", "message"),
     [
         ([1.0, 2.0], [1.0], "u and y must have the same length, got 2 and 1 samples"),
@@ -440,7 +439,7 @@ def test_a_map_that_breaks_its_contract_leaves_the_state_alone() -> None:
 # --- bad settings
 
 
-@pytest.mark.parametrize(
+@every(
     ("changes", "named", "kind"),
     [
         ({"structure": "a"}, "structure", TypeError),
@@ -486,7 +485,7 @@ def test_a_bad_setting_is_refused_by_name(changes: dict[str, Any], named: str, k
 
 
 @every_optimizer
-@pytest.mark.parametrize("level", [0.0, 1.0, -1e-200, 1e140])
+@every("level", [0.0, 1.0, -1e-200, 1e140])
 def test_a_constant_input_keeps_everything_finite(name: str, level: float) -> None:
     for ident in (
         rp.Identifier(rp.Structure(2, 1), 0.1, optimizer=name, startup=50),

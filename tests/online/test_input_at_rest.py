@@ -11,6 +11,7 @@ import replant as rp
 from replant.assessment.judge import BEFORE
 from replant.statistics.udu import compose
 from support.builders import DT, identifier, is_finite, record, true_parameters, two_modes
+from support.cases import every
 
 STRUCTURE, PLANT = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
 TRUE = true_parameters(PLANT, 1)
@@ -100,7 +101,7 @@ def test_without_noise_idle_time_changes_nothing_from_the_first_sample_on() -> N
     assert ident._state.rested > 150_000
 
 
-@pytest.mark.parametrize("name", OPTIMIZERS)
+@every("name", OPTIMIZERS, quick=2)
 def test_two_million_idle_samples_change_nothing(name: str) -> None:
     rest(name, 2_000_000)
 
@@ -137,8 +138,8 @@ def test_an_input_that_moves_a_little_does_not_rest() -> None:
 # --- without the guard: no instruments, nothing that says whether the input rests
 
 
-@pytest.mark.parametrize("forgetting", [0.9, 0.99, 0.9999])
-@pytest.mark.parametrize("level", [0.0, 1.0])
+@every("forgetting", [0.9, 0.99, 0.9999])
+@every("level", [0.0, 1.0])
 def test_forgetting_stops_at_its_cap(forgetting: float, level: float) -> None:
     """A million samples; unbounded, P would have left float64 after 70 000 at 0.99.  U stays tame too."""
     optimizer = rp.RecursiveLeastSquares(forgetting, initial_covariance=1e4)

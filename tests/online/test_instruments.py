@@ -12,6 +12,7 @@ import replant as rp
 from replant.optimizers import OPTIMIZERS
 from replant.signals import prbs
 from support.builders import DT, binary, true_parameters, two_modes
+from support.cases import every
 from support.references import TWINS
 
 PLANT, STRUCTURE = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]), rp.Structure(2)
@@ -67,7 +68,7 @@ def test_the_second_order_is_unbiased_with_instruments_and_not_without(optimizer
     assert (np.abs(plain.mean(axis=0) - TRUE)[0] > 8 * error[0]).all()
 
 
-@pytest.mark.parametrize("name", OPTIMIZERS)
+@every("name", OPTIMIZERS)
 def test_every_optimizer_runs_with_instruments_and_stays_at_the_truth(name: str) -> None:
     """Noise-free, from the start-up's estimate on: within the error of the straight lines between samples of y."""
     settings = dict(TWINS[name].settings)
@@ -82,7 +83,7 @@ def test_every_optimizer_runs_with_instruments_and_stays_at_the_truth(name: str)
     np.testing.assert_allclose(ident.parameters, TRUE, rtol=0.02)
 
 
-@pytest.mark.parametrize("name", OPTIMIZERS)
+@every("name", OPTIMIZERS)
 def test_zeta_is_free_of_the_outputs_noise(name: str) -> None:
     """The same input with other noise: phi differs by the noise, zeta by what the estimates differ alone."""
     gains = []
@@ -115,11 +116,9 @@ def test_zeta_is_free_of_the_outputs_noise(name: str) -> None:
 SMOOTH = rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
 
 
-@pytest.mark.parametrize(
-    "optimizer", [rp.RecursiveLeastSquares(), rp.KalmanTracking(1e-6)], ids=lambda v: type(v).__name__
-)
-@pytest.mark.parametrize("offset", [0.0, 3.0, -50.0])
-@pytest.mark.parametrize("cutoff", [2.0, 5.0])
+@every("optimizer", [rp.RecursiveLeastSquares(), rp.KalmanTracking(1e-6)], ids=lambda v: type(v).__name__)
+@every("offset", [0.0, 3.0, -50.0])
+@every("cutoff", [2.0, 5.0])
 def test_a_bias_takes_up_the_outputs_offset(optimizer: Any, offset: float, cutoff: float) -> None:
     """(24): with y + c the filtered equation gains c a0 / lambda0, once the filters have settled.
 

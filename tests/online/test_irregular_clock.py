@@ -13,6 +13,7 @@ import replant as rp
 from replant.engine.state import GAP
 from replant.online.estimate import REASONS
 from support.builders import AWKWARD, DT, identifier, irregular_record, record, state, true_parameters, two_modes
+from support.cases import every
 
 STRUCTURE, PLANT = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
 TRUE = true_parameters(PLANT, 1)
@@ -26,8 +27,8 @@ def gaps(ident: rp.Identifier) -> int:
 # --- jitter
 
 
-@pytest.mark.parametrize("name", ["order 1", "order 4", "non-minimum phase", "integrator", "feedthrough"])
-@pytest.mark.parametrize("hold", ["zoh", "foh"])
+@every("name", ["order 1", "order 4", "non-minimum phase", "integrator", "feedthrough"], quick=3)
+@every("hold", ["zoh", "foh"], quick=1)
 def test_without_noise_jitter_costs_nothing(name: str, hold: str) -> None:
     structure, plant = AWKWARD[name]
     u, y, t = irregular_record(plant, 1, 4000, DT, jitter=0.4, input_hold=hold)
@@ -48,7 +49,7 @@ def test_stamps_that_are_ignored_would_have_cost_much() -> None:
     assert np.abs(ident.parameters / TRUE - 1).max() > 1e-3
 
 
-@pytest.mark.parametrize(("delay", "hold"), [(0.3, "zoh"), (1.0, "foh"), (2.38, "foh"), (7.5, "zoh")])
+@every(("delay", "hold"), [(0.3, "zoh"), (1.0, "foh"), (2.38, "foh"), (7.5, "zoh")], quick=2)
 def test_dead_time_on_a_clock_that_jitters(delay: float, hold: str) -> None:
     """Whole samples of dead time there are none then: every interval falls into pieces."""
     plant = rp.TransferFunction(PLANT.num, PLANT.den, delay * DT)
@@ -138,8 +139,8 @@ def with_gap(seconds: float, before: int = 3000, after: int = 3000, noise: float
     return u[kept], y[kept], (DT * np.arange(u.size))[kept], before
 
 
-@pytest.mark.parametrize("seconds", [1.2, 5.0, 500.0, 1e7 * DT])
-@pytest.mark.parametrize("optimizer", [rp.KalmanTracking(1e-3)])
+@every("seconds", [1.2, 5.0, 500.0, 1e7 * DT])
+@every("optimizer", [rp.KalmanTracking(1e-3)])
 def test_over_a_gap_parameters_stay_and_learning_waits(seconds: float, optimizer: Any) -> None:
     """Until five of the slowest time constants have gone by since the gap's *end*, however long it was."""
     if seconds > 1000:
@@ -207,8 +208,8 @@ def test_without_instruments_a_gap_waits_for_the_fixed_filter(name: str) -> None
 BAD_STAMPS = [math.nan, math.inf, -math.inf]
 
 
-@pytest.mark.parametrize("many", [False, True], ids=["update", "update_many"])
-@pytest.mark.parametrize("ready", [False, True], ids=["starting", "running"])
+@every("many", [False, True], ids=["update", "update_many"])
+@every("ready", [False, True], ids=["starting", "running"])
 def test_a_bad_stamp_is_rejected_counted_and_leaves_no_trace(many: bool, ready: bool) -> None:
     u, y, t = irregular_record(PLANT, 8, 1500, DT)
     spoiled, clean = rp.Identifier(STRUCTURE, DT), rp.Identifier(STRUCTURE, DT)
@@ -252,7 +253,7 @@ def test_start_up_takes_a_chunk_as_it_takes_sample_by_sample() -> None:
     assert state(whole) == state(parts) == state(one_by_one)
 
 
-@pytest.mark.parametrize("t", ["a", None.__class__, [1.0], 1j], ids=repr)
+@every("t", ["a", None.__class__, [1.0], 1j], ids=repr)
 def test_a_stamp_that_is_no_number_is_refused(t: Any) -> None:
     ident = identifier()
     ident.update(1.0, 0.5, 0.0)
@@ -262,7 +263,7 @@ def test_a_stamp_that_is_no_number_is_refused(t: Any) -> None:
     assert state(ident) == before
 
 
-@pytest.mark.parametrize("t", [[0.0], [0.0, 1.0, 2.0], [[0.0], [1.0]], ["a", "b"], [None, None]], ids=repr)
+@every("t", [[0.0], [0.0, 1.0, 2.0], [[0.0], [1.0]], ["a", "b"], [None, None]], ids=repr)
 def test_stamps_of_another_shape_or_kind_are_refused(t: Any) -> None:
     ident = identifier()
     ident.update(1.0, 0.5, 0.0)

@@ -11,6 +11,7 @@ import pytest
 import replant as rp
 from replant.kernels import schema as at
 from support.builders import state
+from support.cases import every
 
 DT, PLANT, STRUCTURE = 0.05, rp.TransferFunction([2.0], [1.0, 0.5]), rp.Structure(1)
 OPTIMIZERS: dict[str, dict[str, Any]] = {
@@ -45,8 +46,8 @@ def garbled(samples: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return u, y, t
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))])
-@pytest.mark.parametrize("name", OPTIMIZERS)
+@every("seed", range(6), quick=1)
+@every("name", OPTIMIZERS, quick=4)
 def test_chunks_and_checkpoints_at_any_place_change_no_bit(name: str, seed: int) -> None:
     u, y, t = garbled(400, seed)
     whole, loop, parts = (made(name) for _ in range(3))
@@ -62,7 +63,7 @@ def test_chunks_and_checkpoints_at_any_place_change_no_bit(name: str, seed: int)
     assert whole.to_bytes() == loop.to_bytes() == parts.to_bytes()
 
 
-@pytest.mark.parametrize("seed", range(6))
+@every("seed", range(6), quick=2)
 def test_every_sample_is_accepted_or_counted(seed: int) -> None:
     ident = made()
     ident.update_many(*garbled(600, seed))
@@ -70,8 +71,8 @@ def test_every_sample_is_accepted_or_counted(seed: int) -> None:
     assert ident.samples + sum(n for reason, n in ident.rejected.items() if reason not in bridged) == 600
 
 
-@pytest.mark.parametrize("name", OPTIMIZERS)
-@pytest.mark.parametrize("gap", [60 * DT, 3600.0, 1e7])
+@every("name", OPTIMIZERS)
+@every("gap", [60 * DT, 3600.0, 1e7])
 def test_a_gap_costs_no_sample(name: str, gap: float) -> None:
     """Held back and taken is the same as taken at once."""
     u, y, t = measured(500)
@@ -112,9 +113,9 @@ def test_stamps_that_always_leap_are_followed_one_sample_late() -> None:
     assert ident.samples >= 290
 
 
-@pytest.mark.parametrize("where", [0, 1, 50, 99, 100, 101, 250])
-@pytest.mark.parametrize("stamp", [1e12, 1e16, 1e300, -1e300])
-@pytest.mark.parametrize("times", [1, 2])
+@every("where", [0, 1, 50, 99, 100, 101, 250])
+@every("stamp", [1e12, 1e16, 1e300, -1e300])
+@every("times", [1, 2], quick=1)
 def test_stamps_that_are_misread_end_nothing(where: int, stamp: float, times: int) -> None:
     u, y, t = measured(400)
     t[where : where + times] = stamp + DT * np.arange(times)
@@ -126,9 +127,9 @@ def test_stamps_that_are_misread_end_nothing(where: int, stamp: float, times: in
     assert (np.abs(away) < 5.0).all()
 
 
-@pytest.mark.parametrize("regular", [True, False])
-@pytest.mark.parametrize("where", [0, 50, 99, 100, 101, 250])
-@pytest.mark.parametrize("value", [1e4, 2.0**32, -1e16, 1e149])
+@every("regular", [True, False], quick=1)
+@every("where", [0, 50, 99, 100, 101, 250])
+@every("value", [1e4, 2.0**32, -1e16, 1e149])
 def test_an_input_that_is_misread_is_left_out(where: int, value: float, regular: bool) -> None:
     u, y, t = measured(400)
     u[where] = value

@@ -10,6 +10,7 @@ import pytest
 import replant as rp
 from replant.arguments import FloatArray
 from replant.online.provisional_model import next_provisional
+from support.cases import every
 
 DT = 0.02
 PLANT = rp.TransferFunction([4.0], [1.0, 1.2, 4.0])
@@ -97,6 +98,7 @@ def test_a_start_up_that_does_not_suffice_is_not_silent() -> None:
     assert trace.parameters[60:].any(axis=1).all()
 
 
+@pytest.mark.slow
 def test_it_is_as_uncertain_as_it_says() -> None:
     """Over 60 records, 3 coefficients each: of 180 normalised errors 0.5 exceed 3 by chance, more than 5 never."""
     far = 0
@@ -124,7 +126,7 @@ def test_an_input_at_rest_gives_none() -> None:
     assert np.isnan(ident.covariance).all()
 
 
-@pytest.mark.parametrize("startup", [1, 24, 60, 500, 20_000])
+@every("startup", [1, 24, 60, 500, 20_000])
 def test_each_is_solved_for_with_twice_the_samples_at_most_and_late_ones_with_a_quarter_more(startup: int) -> None:
     request = rp.Identifier(rp.Structure(poles=2), DT, startup=startup).request
     sizes = [next_provisional(request, 0)]

@@ -11,6 +11,7 @@ import replant as rp
 from replant.data.streams.demo import demo_voltage
 from replant.rigs import deap_rig
 from support.builders import true_parameters
+from support.cases import every
 
 RIG = deap_rig()
 PLANTS = {  # plant, sampling time, how long the input is held at the least and at the most
@@ -48,10 +49,8 @@ def measured(name: str, samples: int, noise: float) -> tuple[rp.Identifier, np.n
     return rp.Identifier(rp.Structure(plant.den.size - 1), dt), u, y, true_parameters(plant, 0)
 
 
-@pytest.mark.parametrize("scale", SCALES)
-@pytest.mark.parametrize(
-    ("name", "noise"), [("slow", 0.0), ("slow", 0.003), ("settles", 0.0), ("settles", 0.003), ("demo", 1e-3)]
-)
+@every("scale", SCALES, quick=2)
+@every(("name", "noise"), [("slow", 0.0), ("slow", 0.003), ("settles", 0.0), ("settles", 0.003), ("demo", 1e-3)])
 def test_what_is_rounded_is_not_stuck(name: str, noise: float, scale: str) -> None:
     """A number that comes twice by chance, and an output that has settled between two steps: none is bridged."""
     ident, u, y, true = measured(name, 20_000, noise)
@@ -72,7 +71,7 @@ def test_outliers_do_not_make_a_scale_finer() -> None:
     assert ident.rejected["stuck"] == 0
 
 
-@pytest.mark.parametrize("scale", SCALES)
+@every("scale", SCALES, quick=2)
 @pytest.mark.parametrize("fault", ["stuck", "off", "at its rail", "saturated"])
 @pytest.mark.parametrize("name", ["slow", pytest.param("settles", marks=pytest.mark.slow)])
 def test_a_sensor_with_steps_that_fails_is_told_and_not_learned(name: str, fault: str, scale: str) -> None:
@@ -93,6 +92,7 @@ def test_a_sensor_with_steps_that_fails_is_told_and_not_learned(name: str, fault
         assert np.abs(trace.parameters / before - 1.0).max(initial=0.0) < 0.01
 
 
+@pytest.mark.slow
 def test_a_resonance_whose_crests_are_cut_is_told_and_not_learned() -> None:
     """The demo's rig after a minute: its parameters are known to a third of a percent, and hold within one."""
     for seed, level in ((0, 0.8), (1, 0.5), (2, 1.2)):

@@ -13,6 +13,7 @@ from replant.engine.dimensions import RECENT
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.kernels.schema import LARGEST
 from replant.online.ensemble import Ensemble
+from support.cases import every
 
 DT, STARTUP, SAMPLES = 0.05, 100, 1000
 PLANT, STRUCTURE = rp.TransferFunction([2.0], [1.0, 0.5]), rp.Structure(1)
@@ -60,7 +61,7 @@ def one_by_one(ident: rp.Identifier, *signals: np.ndarray) -> None:
         ident.update(u[k], y[k], t, r)
 
 
-@pytest.mark.parametrize("stamped", [False, True])
+@every("stamped", [False, True], quick=1)
 def test_single_samples_and_chunks_of_any_size_give_the_same_bits(stamped: bool) -> None:
     u, y, t, r = garbled()
     whole, loop, parts = made(), made(), made()
@@ -76,7 +77,7 @@ def test_single_samples_and_chunks_of_any_size_give_the_same_bits(stamped: bool)
     assert whole.to_bytes() == loop.to_bytes() == parts.to_bytes()
 
 
-@pytest.mark.parametrize("samples", [0, 50, 300, 503, 521, 601, 702, 999])
+@every("samples", [0, 50, 300, 503, 521, 601, 702, 999], quick=3)
 def test_a_checkpoint_continues_to_the_bit(samples: int) -> None:
     """During the start-up, between two solutions, and while a sample is held back."""
     u, y, t, r = garbled()
@@ -112,7 +113,7 @@ def test_more_samples_than_are_kept() -> None:
     assert ident.recent.shape == (RECENT, 3)
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 2.0 * LARGEST])
+@every("value", [np.nan, np.inf, -np.inf, 2.0 * LARGEST])
 def test_one_that_cannot_be_used_is_held_at_the_last_and_counted(value: float) -> None:
     u, y, _, r = measured()
     spoiled = r.copy()
@@ -144,8 +145,8 @@ def test_a_sample_that_is_rejected_leaves_none_behind() -> None:
     assert ident.recent_reference[-1] == r[299]
 
 
-@pytest.mark.parametrize("taken", [1, STARTUP - 1, STARTUP, 700])
-@pytest.mark.parametrize("first", [False, True])
+@every("taken", [1, STARTUP - 1, STARTUP, 700])
+@every("first", [False, True])
 def test_with_every_sample_or_with_none(first: bool, taken: int) -> None:
     u, y, _, r = measured()
     ident = made()
@@ -183,7 +184,7 @@ def test_an_empty_chunk_decides_nothing() -> None:
     ident.update(1.0, 0.0)
 
 
-@pytest.mark.parametrize("name", NO_USE)
+@every("name", NO_USE)
 def test_what_cannot_use_it_says_so(name: str) -> None:
     u, y, _, r = measured()
     ident = made(**NO_USE[name])

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from scipy.signal import lfilter
 
 import replant as rp
 from support.builders import DT, binary
+from support.cases import every
 
 PLANT = rp.TransferFunction([2.0], [1.0, 4.0, 3.0])
 STEADY, SAMPLES = 30_000, 50_000
@@ -29,8 +29,8 @@ def record(kind: str, gain: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return u, y + scale * noise(kind, seed)
 
 
-@pytest.mark.parametrize("kind", ["white", "coloured"])
-@pytest.mark.parametrize("gain", [0.75, 1.3])
+@every("kind", ["white", "coloured"])
+@every("gain", [0.75, 1.3])
 def test_a_change_that_hardly_shows_in_the_residual_is_learned(kind: str, gain: float) -> None:
     """An estimate that remembers 30,000 samples would need as many again to come half of the way."""
     u, y = record(kind, gain, 1)
@@ -42,7 +42,7 @@ def test_a_change_that_hardly_shows_in_the_residual_is_learned(kind: str, gain: 
     assert ident.assess().status != "inconsistent"
 
 
-@pytest.mark.parametrize("kind", ["white", "coloured"])
+@every("kind", ["white", "coloured"], quick=1)
 def test_an_estimate_that_holds_keeps_its_whole_record(kind: str) -> None:
     """Of some fifty reviews none begins anew: the chance of one is 1e-7, from the levels of the two tests."""
     for seed in range(3):

@@ -15,6 +15,7 @@ import replant as rp
 from replant.checkpoint import files
 from replant.online import saving
 from support.builders import identifier
+from support.cases import every
 from support.waiting import PATIENCE
 
 
@@ -26,23 +27,28 @@ def run(samples: int) -> rp.Identifier:
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
+    return saved_twice(tmp_path)
+
+
+def saved_twice(folder: Path) -> Path:
     """Return a file saved after 10 samples, then after 20."""
-    file = tmp_path / "rig.checkpoint"
+    file = folder / "rig.checkpoint"
     for samples in (10, 20):
         saving.save(file, run(samples), {"sequence": samples})
     return file
 
 
-def test_two_hundred_kills_leave_a_checkpoint_each(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kills", [20, pytest.param(200, marks=pytest.mark.slow)])
+def test_kills_leave_a_checkpoint_each(tmp_path: Path, kills: int) -> None:
     """At random moments, most of them in the middle of a saving; what goes on from there is right to the bit."""
     script = Path(__file__).parents[1] / "support" / "killed.py"
     done = subprocess.run(
-        [sys.executable, script, tmp_path / "rig", "200", "1"], capture_output=True, text=True, timeout=PATIENCE
+        [sys.executable, script, tmp_path / "rig", str(kills), "1"], capture_output=True, text=True, timeout=PATIENCE
     )
     assert done.returncode == 0, done.stderr
     outcome = json.loads(done.stdout)
     assert outcome["different"] == outcome["previous"] == 0
-    assert outcome["samples"] >= 1_200  # each saved at least once
+    assert outcome["samples"] >= 6 * kills  # each saved at least once
     assert outcome["during"] > 0
 
 
@@ -62,8 +68,9 @@ def test_the_short_way(tmp_path: Path) -> None:
     assert saving.load(file).progress == {"sequence": 8}
 
 
-@pytest.mark.parametrize("damage", [b"", b"t,u,y\n1,2,3\n", b"\x89replant", "cut", "flipped", "gone"], ids=str)
-def test_a_damaged_file_is_refused_and_the_previous_one_is_used(file: Path, damage: bytes | str) -> None:
+@every("damage", [b"", b"t,u,y\n1,2,3\n", b"\x89replant", "cut", "flipped", "gone"], ids=str)
+def test_a_damaged_file_is_refused_and_the_previous_one_is_used(tmp_path: Path, damage: bytes | str) -> None:
+    file = saved_twice(tmp_path)
     data = file.read_bytes()
     if damage == "gone":
         file.unlink()
@@ -113,7 +120,7 @@ def test_the_previous_one_is_found_through_a_link(file: Path, tmp_path: Path) ->
     assert saving.load(link).identifier.samples == 10
 
 
-@pytest.mark.parametrize("name", ["log.csv", "log.npz", "log.parquet", "log.mat"])
+@every("name", ["log.csv", "log.npz", "log.parquet", "log.mat"])
 def test_a_log_is_no_checkpoint_and_the_message_says_what_reads_it(tmp_path: Path, name: str) -> None:
     file = tmp_path / name
     if name == "log.npz":

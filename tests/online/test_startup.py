@@ -12,6 +12,7 @@ import replant as rp
 from replant.arguments import BoolArray, FloatArray
 from replant.engine.dimensions import STORED
 from support.builders import state
+from support.cases import every
 
 DT, STRUCTURE = 0.05, rp.Structure(2)
 PLANT, TRUE = rp.TransferFunction([4.0], [1.0, 1.2, 4.0]), np.array([1.2, 4.0, 4.0])
@@ -37,8 +38,8 @@ def until(outputs: int, lost: BoolArray) -> int:
 # --- outputs that are missing
 
 
-@pytest.mark.parametrize("share", [0.05, 0.15])
-@pytest.mark.parametrize("stamped", [False, True])
+@every("share", [0.05, 0.15])
+@every("stamped", [False, True])
 def test_with_missing_outputs_the_first_model_is_that_of_fit(share: float, stamped: bool) -> None:
     for seed in range(3):
         u, y = measured(seed, 800)
@@ -161,7 +162,7 @@ KINDS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@every("kind", KINDS, quick=1)
 def test_neither_chunks_nor_checkpoints_change_a_bit(kind: str) -> None:
     u, y = measured(10, 420)
     u = u + np.where(np.arange(420) % 2 == 0, 0.1, 0.0)

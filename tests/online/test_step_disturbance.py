@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 import replant as rp
 from support.builders import DT, binary, state, true_parameters
+from support.cases import every
 
 PLANTS = {
     "two poles": rp.TransferFunction([2.0], [1.0, 4.0, 3.0]),
@@ -30,9 +30,9 @@ def made(name: str, **arguments: object) -> rp.Identifier:
     return rp.Identifier(rp.Structure(plant.den.size - 1, delay=plant.delay), DT, **arguments)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("name", PLANTS)
-@pytest.mark.parametrize(("where", "size"), [("output", 2.0), ("output", 0.3), ("input", 3.0)])
-@pytest.mark.parametrize("forgetting", [1.0, 0.999])
+@every("name", PLANTS)
+@every(("where", "size"), [("output", 2.0), ("output", 0.3), ("input", 3.0)])
+@every("forgetting", [1.0, 0.999], quick=1)
 def test_a_step_of_a_disturbance_leaves_the_plant_as_it_is(
     name: str, where: str, size: float, forgetting: float
 ) -> None:

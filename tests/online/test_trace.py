@@ -7,6 +7,7 @@ import pytest
 
 import replant as rp
 from support.builders import G1, identifier, record
+from support.cases import every
 
 U, Y = record(G1, seed=1, samples=60, dt=0.05, noise=0.1)
 
@@ -35,7 +36,7 @@ def test_the_index_follows_a_plant_that_changes() -> None:
     np.testing.assert_array_equal(trace.index([[3.0], [5.0]]), [(0 - 3.0) ** 2 + (1 - 5.0) ** 2])
 
 
-@pytest.mark.parametrize("cut", [0, 1, 25, 60])
+@every("cut", [0, 1, 25, 60])
 def test_joined_chunks_are_the_whole(cut: int) -> None:
     whole, ident = identifier().update_many(U, Y), identifier()
     joined = ident.update_many(U[:cut], Y[:cut]) + ident.update_many(U[cut:], Y[cut:])
@@ -55,13 +56,13 @@ def test_indices_of_chunks_add_up_also_over_an_empty_one() -> None:
     )
 
 
-@pytest.mark.parametrize("true", [[1.0], [1.0] * 5, 1.0, np.ones((3, 4)), np.ones((60, 3))], ids=np.shape)
+@every("true", [[1.0], [1.0] * 5, 1.0, np.ones((3, 4)), np.ones((60, 3))], ids=np.shape)
 def test_true_parameters_of_a_wrong_shape_are_refused(true: object) -> None:
     with pytest.raises(rp.InvalidArgumentError, match="true must have shape"):
         identifier().update_many(U, Y).index(true)
 
 
-@pytest.mark.parametrize("true", ["abcd", None, [None] * 4, np.ones(4) * 1j], ids=repr)
+@every("true", ["abcd", None, [None] * 4, np.ones(4) * 1j], ids=repr)
 def test_true_parameters_that_are_no_numbers_are_refused(true: object) -> None:
     with pytest.raises(rp.ArgumentTypeError, match="true"):
         identifier().update_many(U, Y).index(true)

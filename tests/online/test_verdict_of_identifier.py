@@ -22,6 +22,7 @@ from replant.runs.run import run_online
 from replant.settings import Request
 from support import live_fakes
 from support.builders import AWKWARD, DT, binary, irregular_record, state
+from support.cases import every
 from support.places import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -56,14 +57,14 @@ def assert_trusted(verdict: Assessment, *, without_caveat: bool = True) -> None:
 # --- thirty right, thirty wrong
 
 
-@pytest.mark.parametrize("number", range(verdicts.CASES))
+@every("number", range(verdicts.CASES), quick=8)
 def test_a_right_model_is_trusted(number: int) -> None:
     """Each plant can be told from its record, so all thirty are; the promise is 27."""
     status, reasons = verdicts.right(number).assessed
     assert status == "trusted", reasons
 
 
-@pytest.mark.parametrize("number", range(verdicts.CASES))
+@every("number", range(verdicts.CASES), quick=8)
 def test_a_wrong_model_is_not(number: int) -> None:
     status, reasons = verdicts.wrong(number).assessed
     assert status in ("not excited", "inconsistent", "converging"), reasons
@@ -82,8 +83,8 @@ def test_without_time_stamps_no_one_can_know_the_sampling_time() -> None:
 # --- other plants, inputs, clocks, optimizers
 
 
-@pytest.mark.parametrize("decibels", [30.0, math.inf])
-@pytest.mark.parametrize("name", AWKWARD)
+@every("decibels", [30.0, math.inf])
+@every("name", AWKWARD, quick=4)
 def test_awkward_plants_are_trusted(name: str, decibels: float) -> None:
     structure, plant = AWKWARD[name]
     verdict = identified(*noisy(plant, 4000, DT, decibels, seed=3, hold=7), structure=structure).assess()
@@ -107,7 +108,7 @@ def test_the_colour_of_the_noise_is_its_own_business(colour: float) -> None:
     assert verdict.whiteness > 1.0
 
 
-@pytest.mark.parametrize("name", OPTIMIZERS)
+@every("name", OPTIMIZERS)
 def test_with_instruments_every_optimizer_is_trusted_without_them_none(name: str) -> None:
     """At 10 dB least squares is an eighth off: the identifier must say so of itself.
 
@@ -222,8 +223,8 @@ def test_after_a_cable_has_floated_a_slow_plant_is_trusted_when_its_gain_shows()
     assert_trusted(said[-1])
 
 
-@pytest.mark.parametrize("decibels", [15.0, math.inf])
-@pytest.mark.parametrize("failure", ["sticks", "saturates", "falls off", "floats"])
+@every("decibels", [15.0, math.inf], quick=1)
+@every("failure", ["sticks", "saturates", "falls off", "floats"])
 def test_a_failing_sensor_loses_trust_within_two_seconds(failure: str, decibels: float) -> None:
     dt, known = 0.01, 6000
     for seed in range(3):
@@ -302,7 +303,7 @@ LOGS = {
 }
 
 
-@pytest.mark.parametrize(("name", "delay"), LOGS)
+@every(("name", "delay"), LOGS)
 def test_one_pole_for_a_real_rig_is_trusted_with_a_caveat_or_not_at_all(
     datasets: Path, name: str, delay: float
 ) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 import replant as rp
 from replant.arguments import FloatArray
+from support.cases import every
 
 DT = 0.02
 PLANT = rp.TransferFunction([4.0], [1.0, 1.2, 4.0])
@@ -29,7 +30,7 @@ def learned(u: FloatArray, y: FloatArray, **settings: object) -> rp.Identifier:
     return ident
 
 
-@pytest.mark.parametrize("samples", [60, 300, 700, 3000, 9999, 25_000])
+@every("samples", [60, 300, 700, 3000, 9999, 25_000])
 def test_it_is_what_fit_gives(samples: int) -> None:
     u, y = noisy(0, samples)
     ident = learned(u, y)
@@ -88,7 +89,7 @@ def test_outputs_of_a_stuck_sensor_stay_bridged() -> None:
     assert (np.abs(ident.parameters - TRUE) < 5.0 * ident.uncertainty.std).all()
 
 
-@pytest.mark.parametrize("seed", range(4))
+@every("seed", range(4))
 def test_nonlinear_plants_do_not_end_behind_fit(seed: int) -> None:
     """Of a plant that saturates, alarms leave an estimate of the newest samples; the whole record tells more."""
     random = np.random.default_rng(seed)

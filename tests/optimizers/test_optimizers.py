@@ -11,9 +11,10 @@ import pytest
 import replant as rp
 from replant.optimizers import OPTIMIZERS
 from support.builders import G1, identifier, random_plant, record, true_parameters, with_and_without
+from support.cases import every
 from support.references import TWINS, identify, regressor
 
-every_optimizer = pytest.mark.parametrize("name", OPTIMIZERS)
+every_optimizer = every("name", OPTIMIZERS)
 DT, SAMPLES = 0.2, 120
 REPLAY = rp.Replay(capacity=45, batch_size=4, warmup=6, seed=7)  # wraps twice within the record
 
@@ -64,7 +65,7 @@ def worst_error(name: str, seed: int, **changes: Any) -> tuple[float, float]:
 
 
 @with_and_without(REPLAY)
-@pytest.mark.parametrize("order", range(1, 7))
+@every("order", range(1, 7))
 def test_kernel_equals_its_twin(name: str, order: int, replay: rp.Replay | None) -> None:
     parameters, errors = worst_error(name, seed=order, order=order, replay=replay)
     assert parameters < 1e-12
@@ -93,7 +94,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@every("variant", VARIANTS)
 def test_every_setting_of_the_schema_equals_the_twin(variant: str) -> None:
     parameters, errors = worst_error("amsgrad", seed=11, order=3, **{"replay": REPLAY, **VARIANTS[variant]})
     assert parameters < 1e-12
@@ -139,7 +140,7 @@ MEANT = {("time_constant", "None"), ("process_noise", "[0.1]")}
 
 
 @every_optimizer
-@pytest.mark.parametrize("bad", [-1.0, float("nan"), float("inf"), "a", None, 1j, [0.1]], ids=repr)
+@every("bad", [-1.0, float("nan"), float("inf"), "a", None, 1j, [0.1]], ids=repr)
 def test_bad_settings_are_refused_by_name(name: str, bad: Any) -> None:
     for field in dataclasses.fields(OPTIMIZERS[name]):
         if (field.name, repr(bad)) in MEANT:
@@ -149,8 +150,8 @@ def test_bad_settings_are_refused_by_name(name: str, bad: Any) -> None:
         assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("optimizer", [rp.Adam, rp.AMSGrad, rp.NAdam])
-@pytest.mark.parametrize("field", ["beta1", "beta2"])
+@every("optimizer", [rp.Adam, rp.AMSGrad, rp.NAdam])
+@every("field", ["beta1", "beta2"])
 def test_moments_that_never_move_are_refused(optimizer: Any, field: str) -> None:
     with pytest.raises(rp.InvalidArgumentError, match=field):
         optimizer(step_size=0.1, **{field: 1.0})

@@ -9,9 +9,10 @@ import pytest
 
 import replant as rp
 from support.builders import G1, identifier, record, true_parameters
+from support.cases import every
 
 
-@pytest.mark.parametrize(
+@every(
     ("arguments", "named", "kind"),
     [
         ({"capacity": 0}, "capacity", ValueError),

@@ -5,6 +5,7 @@ import pytest
 from replant.paper import NAMES
 from replant.paper.actuator import experiment
 from replant.paper.catalogue import is_figure, run, steps
+from support.cases import every
 
 
 def test_the_names_are_the_articles_and_one_more():
@@ -13,7 +14,8 @@ def test_the_names_are_the_articles_and_one_more():
     assert [name for name in NAMES if is_figure(name)] == [name for name in NAMES if name.startswith("fig")]
 
 
-@pytest.mark.parametrize(
+@pytest.mark.slow
+@every(
     "names",
     [("table2",), ("fig1",), ("fig6",), ("actuator",), ("fig6", "fig7", "fig8", "actuator"), ("table4", "fig4")],
 )

@@ -76,6 +76,7 @@ def test_the_page_holds_every_figure_once_and_asks_for_nothing(page):
     assert "<code>replant reproduce</code>" in page
 
 
+@pytest.mark.slow
 def test_its_pictures_are_those_of_the_files(tmp_path):
     """The same curves, to the digits that a picture needs."""
     for name, canvas, paths in save(run(list(FIGURES)), list(FIGURES), tmp_path):
@@ -121,6 +122,7 @@ def test_the_demo_in_full_asks_for_the_report(tmp_path, monkeypatch):
     assert asked == {"names": ("fig6", "fig7", "fig8", "actuator"), "out": tmp_path, "report": True}
 
 
+@pytest.mark.slow
 def test_the_demo_writes_its_report_with_the_truth(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("replant.cli.demo.SAMPLES", 20_000)
     main(["demo", "--out", str(tmp_path)])

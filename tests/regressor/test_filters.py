@@ -15,6 +15,7 @@ from replant.engine.record_regressors import regressors
 from replant.model.dead_time import split_delay
 from replant.regressor.preprocess import Preprocess
 from support.builders import binary, random_plant
+from support.cases import every
 
 DT = 0.1
 
@@ -42,8 +43,8 @@ def assert_close(computed: np.ndarray, expected: np.ndarray, tolerance: float = 
     np.testing.assert_allclose(computed / abs(expected).max(axis=0), expected / abs(expected).max(axis=0), 0, tolerance)
 
 
-@pytest.mark.parametrize("poles", [1, 2, 3, 6])
-@pytest.mark.parametrize("hold", ["zoh", "foh"])
+@every("poles", [1, 2, 3, 6])
+@every("hold", ["zoh", "foh"])
 def test_exact_filters_equal_the_solution_of_their_differential_equation(poles: int, hold: str) -> None:
     state_filter = rp.StateVariableFilter(cutoff=2.0, input_hold=hold)
     u, y = binary(poles, 300, 7), np.random.default_rng(poles).standard_normal(300)
@@ -79,8 +80,8 @@ def test_the_filters_of_a_sine_converge_to_its_steady_state_at_second_order() ->
 # --- dead time
 
 
-@pytest.mark.parametrize("numerator", [0, 1, 3, 4, 7, 10, 13])
-@pytest.mark.parametrize("hold", ["zoh", "foh"])
+@every("numerator", [0, 1, 3, 4, 7, 10, 13])
+@every("hold", ["zoh", "foh"])
 def test_a_dead_time_equals_an_oversampled_simulation(numerator: int, hold: str) -> None:
     """A delay of numerator/4 samples is whole on a grid four times finer, where the same input is simulated."""
     finer = 4
@@ -95,7 +96,7 @@ def test_a_dead_time_equals_an_oversampled_simulation(numerator: int, hold: str)
     assert_close(wu, expected)
 
 
-@pytest.mark.parametrize("delay", [0.0, 1e-7, math.sqrt(2) * DT, math.pi * DT, 0.9999999 * DT, 5 * DT, 123.456 * DT])
+@every("delay", [0.0, 1e-7, math.sqrt(2) * DT, math.pi * DT, 0.9999999 * DT, 5 * DT, 123.456 * DT])
 def test_a_step_arrives_exactly_as_late_as_the_dead_time(delay: float) -> None:
     """The step at t0 = 1 through 1/(s+3): (1 - e^(-3 (t - t0 - delay)))/3 after it has arrived, for any real delay."""
     t = DT * np.arange(400)
@@ -126,7 +127,7 @@ def test_the_input_stood_at_its_first_value_before_the_record() -> None:
         np.testing.assert_allclose(late, early, rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize(("delay", "expected"), [(0.0, (0, 0.0)), (0.3, (3, 0.0)), (0.7, (7, 0.0)), (12.3, (123, 0.0))])
+@every(("delay", "expected"), [(0.0, (0, 0.0)), (0.3, (3, 0.0)), (0.7, (7, 0.0)), (12.3, (123, 0.0))])
 def test_rounding_does_not_make_a_fraction_of_a_whole_delay(delay: float, expected: tuple[int, float]) -> None:
     assert split_delay(delay, 0.1) == expected
 
@@ -141,8 +142,8 @@ def test_a_split_delay_adds_up() -> None:
 # --- the article's transform
 
 
-@pytest.mark.parametrize("poles", [1, 2, 3, 6])
-@pytest.mark.parametrize("alpha", [0.0, 0.25, 0.5, 0.75, 1.0])
+@every("poles", [1, 2, 3, 6])
+@every("alpha", [0.0, 0.25, 0.5, 0.75, 1.0])
 def test_gbt_is_scipys_transform_of_appendix_a(poles: int, alpha: float) -> None:
     """(7) with F and l of (29), cut out of SciPy: after the change of states the very same difference equations."""
     cutoff = 4.0
@@ -169,8 +170,8 @@ def test_gbt_is_strictly_causal() -> None:
         np.testing.assert_array_equal(before, after)
 
 
-@pytest.mark.parametrize("alpha", [0.0, 0.25, 0.4])
-@pytest.mark.parametrize("poles", [1, 3, 10])
+@every("alpha", [0.0, 0.25, 0.4])
+@every("poles", [1, 3, 10])
 def test_gbt_is_refused_exactly_beyond_its_limit_of_stability(alpha: float, poles: int) -> None:
     limit = 2 / (1 - 2 * alpha)
     beyond = rp.StateVariableFilter(cutoff=1.0, method="gbt", alpha=alpha)
@@ -191,8 +192,8 @@ def test_tustin_warns_exactly_where_it_rings(poles: int) -> None:
     tustin.discretize(poles, 1.999)  # a warning would be an error
 
 
-@pytest.mark.parametrize("poles", [1, 3, 10])
-@pytest.mark.parametrize("dt", [1e-8, 1e-3, 1.0, 1e3])
+@every("poles", [1, 3, 10])
+@every("dt", [1e-8, 1e-3, 1.0, 1e3])
 def test_backward_euler_and_exact_never_ring(poles: int, dt: float) -> None:
     for state_filter in (
         rp.StateVariableFilter(cutoff=1.0, method="gbt", alpha=1.0),
@@ -209,7 +210,7 @@ def test_an_unstable_filter_is_refused_when_the_identifier_is_made() -> None:
 # --- bad input
 
 
-@pytest.mark.parametrize(
+@every(
     ("settings", "named"),
     [
         ({}, "cutoff"),
@@ -245,7 +246,7 @@ def test_a_bad_filter_is_refused_by_name(settings: dict[str, Any], named: str) -
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
+@every(
     ("arguments", "named"),
     [((0, 0.1), "poles"), ((1, 0.0), "dt"), ((1, -1.0), "dt"), ((1, math.nan), "dt"), ((1, 0.1, -1.0), "delay")],
 )

@@ -10,6 +10,7 @@ import pytest
 
 import replant as rp
 from replant.regressor.preprocess import screen
+from support.cases import every
 
 U, Y = np.random.default_rng(0).normal(3.0, 1.0, (2, 100))
 
@@ -34,9 +35,9 @@ def test_the_working_point_is_taken_after_the_map(input_map: Any) -> None:
     assert first.input_map is input_map
 
 
-@pytest.mark.parametrize(("bad_u", "bad_y"), [(np.nan, 1.0), (1.0, np.inf), (1e308, 1.0), (1.0, -1e308)])
-@pytest.mark.parametrize("word", ["first", "mean"])
-@pytest.mark.parametrize("input_map", ["identity", "square"])
+@every(("bad_u", "bad_y"), [(np.nan, 1.0), (1.0, np.inf), (1e308, 1.0), (1.0, -1e308)])
+@every("word", ["first", "mean"])
+@every("input_map", ["identity", "square"])
 def test_a_rejected_sample_has_no_part_in_the_working_point(
     bad_u: float, bad_y: float, word: str, input_map: str
 ) -> None:
@@ -45,14 +46,14 @@ def test_a_rejected_sample_has_no_part_in_the_working_point(
     assert preprocess.resolve(u, y) == preprocess.resolve(U, Y)
 
 
-@pytest.mark.parametrize("word", ["first", "mean"])
-@pytest.mark.parametrize("record", [([], []), ([np.nan], [1.0]), ([1e200], [1.0])], ids=repr)
+@every("word", ["first", "mean"])
+@every("record", [([], []), ([np.nan], [1.0]), ([1e200], [1.0])], ids=repr)
 def test_a_working_point_needs_a_sample(word: str, record: tuple[list[float], list[float]]) -> None:
     with pytest.raises(rp.InvalidArgumentError, match="working point"):
         rp.Preprocess(output_offset=word).resolve(*map(np.array, record))
 
 
-@pytest.mark.parametrize(
+@every(
     ("offsets", "needs"),
     [
         ((0.0, 1.0), "nothing"),
@@ -73,7 +74,7 @@ def test_samples_are_screened_and_counted_by_reason() -> None:
     assert rejected == {"not finite": 3, "too large": 2}
 
 
-@pytest.mark.parametrize(
+@every(
     ("arguments", "named"),
     [
         ({"input_map": "cube"}, "input_map"),
@@ -94,7 +95,7 @@ def test_a_bad_preprocess_is_refused_by_name(arguments: dict[str, Any], named: s
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
+@every(
     "bad_map",
     [lambda v: v[:-1], lambda v: 1.0, lambda v: v[:, None], lambda v: None, lambda v: "a", lambda v: v * 1j],
 )

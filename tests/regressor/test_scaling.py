@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import replant as rp
+from support.cases import every
 
 GENERATOR = np.random.default_rng(0)
 Y, PHI = GENERATOR.standard_normal(500), GENERATOR.standard_normal((500, 3)) * [1.0, 1e-3, 1e5]
@@ -20,7 +21,7 @@ def test_a_record_gives_its_root_mean_squares() -> None:
     np.testing.assert_allclose(scaling.regressor, np.sqrt(np.mean(PHI**2, axis=0)), rtol=1e-14)
 
 
-@pytest.mark.parametrize("factor", [1e-300, 1e-160, 1e150, 1e300])
+@every("factor", [1e-300, 1e-160, 1e150, 1e300])
 def test_the_unit_does_not_matter_at_the_ends_of_float64(factor: float) -> None:
     """Squares of such signals leave float64; their root mean square does not."""
     plain, scaled = rp.Scaling.from_record(Y, PHI[:, :1]), rp.Scaling.from_record(factor * Y, factor * PHI[:, :1])
@@ -50,7 +51,7 @@ def test_none_changes_nothing() -> None:
     np.testing.assert_array_equal(scaling.sigmas(structure), np.ones(6))
 
 
-@pytest.mark.parametrize(
+@every(
     ("output", "regressor", "named"),
     [
         (0.0, [1.0], "scaling output"),

@@ -125,7 +125,10 @@ BAD: dict[str, Callable[[], Case]] = {
 }
 
 
-@pytest.fixture(scope="session", params=BAD)
+@pytest.fixture(
+    scope="session",
+    params=[pytest.param(name, marks=() if name in ("diverged", "empty") else pytest.mark.slow) for name in BAD],
+)
 def bad(request: pytest.FixtureRequest) -> tuple[str, Case]:
     """Every way in which a record or a run goes wrong."""
     return request.param, BAD[request.param]()

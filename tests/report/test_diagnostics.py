@@ -6,6 +6,7 @@ from scipy.signal import lfilter
 
 from replant.report.diagnostics import excitation
 from replant.statistics.correlations import BAND_95, correlation_lags, correlations
+from support.cases import every
 
 
 def white(*shape: int, seed: int = 0) -> np.ndarray:
@@ -49,7 +50,7 @@ def test_a_residual_that_follows_the_input_is_found_out() -> None:
     assert found.cross.max() > 5 * BAND_95 * found.cross_std
 
 
-@pytest.mark.parametrize(
+@every(
     ("e", "u"),
     [
         (np.full(100, np.nan), white(100)),

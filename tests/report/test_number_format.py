@@ -8,6 +8,7 @@ import pytest
 
 import replant as rp
 from replant.report.number_format import grouped, mathml, number, uncertain, with_prefix, with_std
+from support.cases import every
 
 
 def written(math: str) -> str:
@@ -15,7 +16,7 @@ def written(math: str) -> str:
     return "".join(ElementTree.fromstring(math).itertext()).replace(" ", "")
 
 
-@pytest.mark.parametrize(
+@every(
     ("model", "text"),
     [
         (rp.TransferFunction([3602.0], [1.0, 2.058]), "G(s)=3602s+2.058"),
@@ -38,7 +39,7 @@ def test_long_polynomials_break_into_lines() -> None:
     ElementTree.fromstring(math)
 
 
-@pytest.mark.parametrize(
+@every(
     ("value", "std", "text"),
     [
         (1234.5678, 0.0456, "1234.568 ± 0.046"),
@@ -55,7 +56,7 @@ def test_standard_deviation_sets_the_digits(value: float, std: float, text: str)
     assert uncertain(value, std) == text
 
 
-@pytest.mark.parametrize("value", [0.0, -1e300, 1e-300, 5e-324, 1.7976931348623157e308, 99999.5, 0.00099999])
+@every("value", [0.0, -1e300, 1e-300, 5e-324, 1.7976931348623157e308, 99999.5, 0.00099999])
 def test_any_number_can_be_written(value: float) -> None:
     assert number(value)
     assert uncertain(value, abs(value) / 7 or 1.0)
@@ -66,7 +67,7 @@ def test_a_rate_in_three_digits(value: float, text: str) -> None:
     assert with_prefix(value) == text
 
 
-@pytest.mark.parametrize("value", [0.0, -1e300, 1e-300, 5e-324, 1.7976931348623157e308, np.nan, np.inf, 10**400])
+@every("value", [0.0, -1e300, 1e-300, 5e-324, 1.7976931348623157e308, np.nan, np.inf, 10**400])
 def test_a_number_at_the_terminal_is_short_whatever_its_size(value: float) -> None:
     assert len(grouped(value)) < 25
     if isinstance(value, float):

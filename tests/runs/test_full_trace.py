@@ -13,6 +13,7 @@ from replant.data.logs import read_columns
 from replant.errors import LogError, MissingDependencyError
 from replant.runs import full_trace
 from replant.runs.full_trace import FullTrace
+from support.cases import every
 from support.full_disk import full_disk
 
 pytest.importorskip("pyarrow", reason="pyarrow is not installed: pip install 'replant[parquet]'")
@@ -23,8 +24,8 @@ def trace(rows: int) -> rp.Trace:
     return rp.Trace(("a0", "b0"), np.zeros(2), rng.standard_normal((rows, 2)), rng.standard_normal(rows))
 
 
-@pytest.mark.parametrize("group_rows", [1, 70, 1000])
-@pytest.mark.parametrize("chunk", [1, 33, 200])
+@every("group_rows", [1, 70, 1000])
+@every("chunk", [1, 33, 200])
 def test_it_is_the_trace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chunk: int, group_rows: int) -> None:
     monkeypatch.setattr(full_trace, "GROUP_ROWS", group_rows)
     whole, path = trace(200), tmp_path / "new" / "trace.parquet"
@@ -53,8 +54,8 @@ def test_after_an_error_no_file_is_left(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit to a file's size")
-@pytest.mark.parametrize("room", [0, 3, 100, 2000, 4000])
-@pytest.mark.parametrize("group_rows", [100, 1000])
+@every("room", [0, 3, 100, 2000, 4000])
+@every("group_rows", [100, 1000])
 def test_on_a_full_disk_no_file_is_left(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int, group_rows: int
 ) -> None:

@@ -18,6 +18,7 @@ from replant.runs.result import Result, result_of_fit
 from replant.runs.run import run_online, run_source
 from replant.settings import Request
 from support.builders import DT, irregular_record, record, two_modes
+from support.cases import every
 
 STRUCTURE, PLANT = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
 REQUEST = Request(STRUCTURE, DT, preprocess=rp.Preprocess("identity", "mean", "mean"))
@@ -42,7 +43,7 @@ def as_csv(path: Path, u: np.ndarray, y: np.ndarray, t: np.ndarray, begin: float
     return path
 
 
-@pytest.mark.parametrize("startup", [None, 300])
+@every("startup", [None, 300], quick=1)
 def test_a_run_over_a_file_is_the_identifier_with_the_same_stamps(tmp_path: Path, startup: int | None) -> None:
     """To the bit."""
     u, y, t = noisy(dropped=0.05)
@@ -79,8 +80,8 @@ def test_the_fits_of_a_run_are_those_of_the_model(make) -> None:
     assert result.verdict.status == "trusted"
 
 
-@pytest.mark.parametrize("make", [noisy, with_gaps])
-@pytest.mark.parametrize("size", [100, 777])
+@every("make", [noisy, with_gaps])
+@every("size", [100, 777], quick=1)
 def test_of_a_record_too_long_to_be_held_the_result_is_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make, size: int
 ) -> None:

@@ -9,9 +9,10 @@ import pytest
 
 from replant.runs import overview
 from replant.runs.overview import Recorder
+from support.cases import every
 
 
-@pytest.mark.parametrize("cuts", [[], [1], [400, 401, 700], [999]])
+@every("cuts", [[], [1], [400, 401, 700], [999]])
 def test_newest_samples_and_every_peak_are_kept(monkeypatch: pytest.MonkeyPatch, cuts: list[int]) -> None:
     monkeypatch.setattr(overview, "POINTS", 50)
     u, y = np.random.default_rng(0).standard_normal((2, 1000))

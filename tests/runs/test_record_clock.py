@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from replant.runs.record_clock import Clock, ClockRecorder
+from support.cases import every
 
 STAMPS = np.array([5.0, 6.0, 7.2, 8.0, 40.0, 41.0, 42.0])
 
@@ -31,7 +32,7 @@ def test_on_an_irregular_clock_it_is_its_stamp() -> None:
     assert float(clock.at(3.5)) == 3.5
 
 
-@pytest.mark.parametrize("size", [1, 3, 50, 1000])
+@every("size", [1, 3, 50, 1000])
 def test_the_batches_do_not_matter(size: int) -> None:
     stamps = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, 1000))
     whole, parts = Clock.of(1.0, stamps), ClockRecorder(1.0, 1000, 1000)

@@ -16,6 +16,7 @@ from replant.runs.run import run_online, run_source
 from replant.settings import Request
 from replant.signals import prbs
 from replant.simulation.stretches import flags_of
+from support.cases import every
 
 DT = 0.05
 PLANT = rp.TransferFunction([3.0, 6.0], [1.0, 1.6, 4.0])
@@ -68,9 +69,9 @@ def assert_same(one: Result, other: Result) -> None:
     np.testing.assert_array_equal(one.history.std, other.history.std)
 
 
-@pytest.mark.parametrize("optimizer", ["auto", "amsgrad"])
-@pytest.mark.parametrize("size", [1, 333, 1000, 6000])
-@pytest.mark.parametrize("fitted", [1000, 1 << 18])
+@every("optimizer", ["auto", "amsgrad"])
+@every("size", [1, 333, 1000, 6000], quick=3)
+@every("fitted", [1000, 1 << 18], quick=1)
 def test_the_size_of_the_batches_does_not_matter(
     monkeypatch: pytest.MonkeyPatch, size: int, fitted: int, optimizer: str
 ) -> None:

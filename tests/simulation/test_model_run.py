@@ -14,10 +14,11 @@ from replant.simulation.model_run import ModelRun, run_model
 from replant.statistics.autoregression import whiteness
 from replant.statistics.projections import products, without
 from support.builders import AWKWARD, DT, binary, irregular_record, true_parameters
+from support.cases import every
 from support.loops import DT as STEP
 from support.loops import coloured, controlled, steps
 
-every_plant = pytest.mark.parametrize("name", AWKWARD)
+every_plant = every("name", AWKWARD)
 
 
 def run_of(name: str, u: np.ndarray, y: np.ndarray) -> ModelRun:
@@ -36,7 +37,7 @@ def test_its_output_is_that_of_the_transfer_function(name: str) -> None:
     assert np.abs(run.error).max() < 1e-9 * np.abs(y).max()
 
 
-@pytest.mark.parametrize("name", [name for name, (structure, _) in AWKWARD.items() if not structure.delay])
+@every("name", [name for name, (structure, _) in AWKWARD.items() if not structure.delay])
 def test_offset_and_initial_state_are_none_of_its_error(name: str) -> None:
     """A record that begins in the midst of motion, about another working point.
 

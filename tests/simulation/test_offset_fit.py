@@ -12,6 +12,7 @@ from scipy import signal
 import replant as rp
 from replant.assessment import simulate
 from support.builders import G1, G2, binary, random_plant
+from support.cases import every
 
 Y = np.random.default_rng(0).standard_normal(300)
 
@@ -42,7 +43,7 @@ def test_samples_that_are_not_finite_are_left_out() -> None:
     assert rp.fit_percent(holes_y, holes_model) == rp.fit_percent(Y[kept], model[kept])
 
 
-@pytest.mark.parametrize("constant", [0.0, 0.1, -1e300, 1e-300])
+@every("constant", [0.0, 0.1, -1e300, 1e-300])
 def test_a_constant_output_has_no_fit(constant: float) -> None:
     """Also where its mean is not exactly its value: 1000 times 0.1."""
     assert math.isnan(rp.fit_percent(np.full(1000, constant), np.zeros(1000)))
@@ -58,7 +59,7 @@ def test_a_model_that_left_float64_fits_infinitely_badly() -> None:
     assert rp.fit_percent(Y, np.full(300, 1e300)) < -1e100
 
 
-@pytest.mark.parametrize(
+@every(
     ("measured", "modelled", "named"),
     [
         ([1.0, 2.0], [1.0], "measured and modelled must have the same length, got 2 and 1 samples"),
@@ -77,8 +78,8 @@ def test_bad_arguments_are_refused_by_name(measured: Any, modelled: Any, named: 
 # --- the free run
 
 
-@pytest.mark.parametrize("plant", [G1, G2, random_plant(1, 4, 2), rp.TransferFunction([1.0], [1.0, 0.3, 0.0])])
-@pytest.mark.parametrize("offset", [0.0, -7.0])
+@every("plant", [G1, G2, random_plant(1, 4, 2), rp.TransferFunction([1.0], [1.0, 0.3, 0.0])])
+@every("offset", [0.0, -7.0])
 def test_offset_and_initial_state_are_found_exactly(plant: rp.TransferFunction, offset: float) -> None:
     """SciPy's run from a random state, plus a constant: the model explains it all."""
     dt, u = 0.05, binary(2, 400, 7)
@@ -135,7 +136,7 @@ def with_gaps(plant: rp.TransferFunction, dt: float) -> tuple[np.ndarray, np.nda
     return u[kept], plant.simulate(u, dt)[kept], dt * kept
 
 
-@pytest.mark.parametrize("plant", [G1, G2, random_plant(1, 4, 2), rp.TransferFunction([1.0, 2.0], [1.0, 0.7], 0.23)])
+@every("plant", [G1, G2, random_plant(1, 4, 2), rp.TransferFunction([1.0, 2.0], [1.0, 0.7], 0.23)])
 def test_behind_each_gap_the_state_is_found_anew_and_the_offset_is_common(plant: rp.TransferFunction) -> None:
     u, y, t = with_gaps(plant, 0.1)
     simulation = simulate(plant, u, y + 3.0, 0.1, t=t)
@@ -156,8 +157,8 @@ def test_the_offset_of_an_integrator_is_that_of_its_states() -> None:
     assert simulation.fit > 99.99999
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.3, 0.32])
-@pytest.mark.parametrize("hold", ["zoh", "foh"])
+@every("delay", [0.0, 0.3, 0.32])
+@every("hold", ["zoh", "foh"])
 def test_a_regular_clock_given_as_stamps_is_the_regular_clock(delay: float, hold: str) -> None:
     plant = rp.TransferFunction([2.0, 1.0], [1.0, 0.5], delay)
     u = np.random.default_rng(0).standard_normal(300)

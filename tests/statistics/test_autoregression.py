@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 
 from replant.kernels.schema import LAGS
 from replant.statistics.autoregression import Autoregression, likelihood_ratio, one_step, sums_of
+from support.cases import every
 
 SMOOTH = np.convolve([1.0, -1.9, 0.95], [1.0, -0.95])  # as behind a disturbance of the plant's input
 
@@ -19,7 +20,7 @@ def coloured(model: list[float] | np.ndarray, samples: int, seed: int = 0) -> np
     return np.asarray(lfilter([1.0], model, np.random.default_rng(seed).standard_normal(samples + 500))[500:])
 
 
-@pytest.mark.parametrize("model", [[1.0], [1.0, -0.9], [1.0, -1.6, 0.9], SMOOTH], ids=range(4))
+@every("model", [[1.0], [1.0, -0.9], [1.0, -1.6, 0.9], SMOOTH], ids=range(4))
 def test_it_finds_the_model_that_made_the_residual(model: np.ndarray) -> None:
     """Coefficients within five of their standard deviations, sqrt(diag(G^-1)) for an innovation of variance one."""
     found = Autoregression.of(coloured(model, 20_000))
@@ -87,7 +88,7 @@ def test_models_of_every_order_are_kept() -> None:
     assert found.variances[found.order] == pytest.approx(found.power / found.count)
 
 
-@pytest.mark.parametrize(
+@every(
     ("error", "other", "sign"),
     [
         (1e160, 1.0, -1),

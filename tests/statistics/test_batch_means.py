@@ -23,6 +23,7 @@ from replant.statistics.batch_means import (
 )
 from replant.statistics.udu import larger
 from support.builders import DT
+from support.cases import every
 from support.inside import path_of, slowness_of, state_of
 
 
@@ -32,8 +33,8 @@ def bridge(scores: np.ndarray, information: np.ndarray) -> tuple[np.ndarray, np.
     return (np.cumsum(scores) * known)[:, None], known[:, None]
 
 
-@pytest.mark.parametrize("blocks", [16, 32])
-@pytest.mark.parametrize("uneven", [False, True])
+@every("blocks", [16, 32])
+@every("uneven", [False, True])
 def test_it_is_unbiased_where_blocks_are_independent(blocks: int, uneven: bool) -> None:
     """The variance told is a quadratic form in the scores; its mean, the trace, is p for scores as large as w."""
     generator = np.random.default_rng(blocks)
@@ -155,6 +156,7 @@ def test_nothing_is_kept_while_nothing_is_learned() -> None:
     np.testing.assert_array_equal(path_of(ident), before)
 
 
+@pytest.mark.slow
 def test_intervals_cover_under_slow_noise() -> None:
     """16 runs, online and offline: the squares of error over standard deviation have a mean near one.
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from replant.kernels.schema import LAGUERRE
 from replant.statistics.laguerre import POLES, best_pole, laguerre
 from replant.statistics.projections import widening
+from support.cases import every
 
 
-@pytest.mark.parametrize("pole", POLES)
+@every("pole", POLES)
 def test_their_impulse_responses_are_orthonormal(pole: float) -> None:
     pulse = np.zeros(20_000)
     pulse[0] = 1.0

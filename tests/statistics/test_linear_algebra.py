@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from replant.model.transfer_function import TransferFunction
 from replant.statistics.linear_algebra import (
@@ -13,12 +12,13 @@ from replant.statistics.linear_algebra import (
     roots,
     solve,
 )
+from support.cases import every
 
 NOT_NUMBERS = [np.nan, np.inf, -np.inf]
 
 
-@pytest.mark.parametrize("value", NOT_NUMBERS)
-@pytest.mark.parametrize("place", range(3))
+@every("value", NOT_NUMBERS)
+@every("place", range(3))
 def test_numbers_that_are_none_give_no_answer(value: float, place: int) -> None:
     matrix = np.diag([3.0, 2.0, 1.0])
     matrix[place, place] = value
@@ -31,7 +31,7 @@ def test_numbers_that_are_none_give_no_answer(value: float, place: int) -> None:
     assert roots(np.array([1.0, *np.where(np.arange(3) == place, value, 1.0)])).shape == (3,)
 
 
-@pytest.mark.parametrize("size", [1, 2, 5, 20])
+@every("size", [1, 2, 5, 20])
 def test_singular_matrices_and_all_scales_are_answered(size: int) -> None:
     generator = np.random.default_rng(size)
     for scale in (1e-300, 1e-160, 1.0, 1e160, 1e300):

@@ -12,6 +12,7 @@ from replant.statistics.udu import (
     factor_information,
     larger,
 )
+from support.cases import every
 
 SIZES = [1, 2, 3, 5, 8, 13]
 
@@ -27,7 +28,7 @@ def assert_factors(upper: np.ndarray, diagonal: np.ndarray) -> None:
     assert (diagonal > 0).all()
 
 
-@pytest.mark.parametrize("size", SIZES)
+@every("size", SIZES)
 def test_a_covariance_comes_back(size: int) -> None:
     covariance = positive(size, size)
     upper, diagonal = factor_covariance(covariance)
@@ -38,7 +39,7 @@ def test_a_covariance_comes_back(size: int) -> None:
     np.testing.assert_allclose(again_upper, upper, atol=1e-8 * np.abs(upper).max())
 
 
-@pytest.mark.parametrize("size", SIZES)
+@every("size", SIZES)
 def test_an_information_matrix_is_inverted(size: int) -> None:
     information = positive(size, size)
     upper, diagonal = factor_information(information)
@@ -85,7 +86,7 @@ def test_no_information_at_all() -> None:
     assert np.isfinite(compose(upper, diagonal)).all()
 
 
-@pytest.mark.parametrize("seed", range(5))
+@every("seed", range(5))
 def test_the_larger_of_two_covariances_has_the_larger_variances(seed: int) -> None:
     """And the first one's correlations; where the first is larger in every variance it is left as it is."""
     one, other = positive(seed, 4), positive(seed + 100, 4, 10.0)
@@ -106,7 +107,7 @@ def test_a_covariance_that_vanishes_yields_to_the_other(nothing: float) -> None:
     np.testing.assert_array_equal(larger(vanishing, white), white)
 
 
-@pytest.mark.parametrize("seed", range(40))
+@every("seed", range(40))
 def test_information_of_any_rank_has_factors(seed: int) -> None:
     """Directions that are told by rounding alone, entries beside a floored pivot that are not zero."""
     generator = np.random.default_rng(seed)

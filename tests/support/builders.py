@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import pytest
 
 import replant as rp
 from replant.engine.state import State
 from replant.optimizers import OPTIMIZERS
 from replant.runs.result import Result
+from support.cases import every
 
 #: The article's G1 and G2, (20) and (22).
 G1 = rp.TransferFunction([1.25], [1.0, 0.5])
@@ -119,15 +120,11 @@ def is_finite(arrays: State) -> bool:
     return all(np.isfinite(array).all() for array in (reals, arrays.banks, arrays.buffer, arrays.recent))
 
 
-def with_and_without(replay: rp.Replay) -> pytest.MarkDecorator:
+def with_and_without(replay: rp.Replay) -> Callable[[Any], Any]:
     """Every optimizer alone, and with a buffer those that can have one."""
-    pairs = [pytest.param(name, None, id=f"{name}-plain") for name in OPTIMIZERS]
-    pairs += [
-        pytest.param(name, replay, id=f"{name}-replay")
-        for name, kind in OPTIMIZERS.items()
-        if not kind.keeps_covariance
-    ]
-    return pytest.mark.parametrize(("name", "replay"), pairs)
+    pairs: list[tuple[str, rp.Replay | None]] = [(name, None) for name in OPTIMIZERS]
+    pairs += [(name, replay) for name, kind in OPTIMIZERS.items() if not kind.keeps_covariance]
+    return every(("name", "replay"), pairs, ids=[f"{name}-{'replay' if buffer else 'plain'}" for name, buffer in pairs])
 
 
 DT = 0.05  # s, of the plants below

@@ -13,6 +13,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from support.cases import every
 from support.places import ROOT
 
 sys.path.insert(0, str(ROOT / "tools"))
@@ -90,7 +91,7 @@ MEANINGS = {
 }
 
 
-@pytest.mark.parametrize("source", MEANINGS.values(), ids=MEANINGS)
+@every("source", MEANINGS.values(), ids=MEANINGS)
 @pytest.mark.filterwarnings("ignore:overflow encountered")
 def test_a_function_means_the_same_in_c(source: str, tmp_path: Path) -> None:
     plain, in_c = compiled(source, tmp_path)
@@ -114,7 +115,7 @@ REFUSED: dict[str, tuple[str, str]] = {
 }
 
 
-@pytest.mark.parametrize(("source", "reason"), REFUSED.values(), ids=REFUSED)
+@every(("source", "reason"), REFUSED.values(), ids=REFUSED)
 def test_what_cannot_be_translated_is_named_with_file_and_line(source: str, reason: str, tmp_path: Path) -> None:
     with pytest.raises(UnsupportedError, match=reason) as refused:
         text_of(source, tmp_path)

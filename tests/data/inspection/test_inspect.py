@@ -12,6 +12,7 @@ from replant.data.inspection.columns import Kind
 from replant.errors import LogError
 from replant.model.transfer_function import TransferFunction
 from replant.signals import prbs, random_steps
+from support.cases import every
 
 DT = 0.02
 Signals = dict[str, np.ndarray]
@@ -47,9 +48,9 @@ def closed_loop(samples: int = 3000, noise: float = 0.005) -> Signals:
     return {"a": DT * np.arange(samples), "b": r, "c": measured, "d": u}
 
 
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("noise", [0.0, 0.2])
-@pytest.mark.parametrize("order", [("t", "u", "y"), ("t", "y", "u"), ("y", "u", "t")])
+@every("seed", range(4))
+@every("noise", [0.0, 0.2])
+@every("order", [("t", "u", "y"), ("t", "y", "u"), ("y", "u", "t")])
 def test_without_telling_names_the_direction_is_that_of_the_plant(
     tmp_path: Path, order: tuple[str, ...], noise: float, seed: int
 ) -> None:
@@ -110,8 +111,8 @@ def test_without_its_set_point_the_controller_is_noticed(tmp_path: Path) -> None
     assert found.roles.answers or found.response.peak == 0
 
 
-@pytest.mark.parametrize("delay", [0.2, 0.5])
-@pytest.mark.parametrize("noise", [0.0, 0.05])
+@every("delay", [0.2, 0.5])
+@every("noise", [0.0, 0.05])
 def test_a_dead_time_is_seen_and_searched_for(tmp_path: Path, delay: float, noise: float) -> None:
     found = inspect(save(tmp_path / "log.csv", open_loop(delay=delay, noise=noise)))
     assert found.delay == pytest.approx(delay, abs=2 * DT)
@@ -159,7 +160,7 @@ def test_a_damaged_cell_makes_its_column_text_and_names_the_place(tmp_path: Path
     assert options_of(found) == ()
 
 
-@pytest.mark.parametrize(
+@every(
     ("text", "message"),
     [
         ("", "empty"),
@@ -175,7 +176,7 @@ def test_a_file_without_numbers_is_refused(tmp_path: Path, text: str, message: s
         inspect(path)
 
 
-@pytest.mark.parametrize(
+@every(
     "text",
     [
         "u\n1\n2\n1\n",
@@ -192,7 +193,7 @@ def test_odd_files_are_described_without_a_warning(tmp_path: Path, text: str) ->
     assert inspect(path).contents.columns
 
 
-@pytest.mark.parametrize(
+@every(
     ("name", "scale", "unit"),
     [
         ("t_ms", 1e3, 1e-3),
@@ -263,7 +264,7 @@ REAL = {
 }
 
 
-@pytest.mark.parametrize("name", REAL)
+@every("name", REAL)
 def test_real_logs(datasets: Path, name: str) -> None:
     roles = inspect(datasets / name).roles
     if roles.reference is None:  # all of these are open loops
@@ -272,7 +273,7 @@ def test_real_logs(datasets: Path, name: str) -> None:
     assert tuple(chosen) == REAL[name]
 
 
-@pytest.mark.parametrize("name", [name for name in REAL if "open" in name or "random" in name])
+@every("name", [name for name in REAL if "open" in name or "random" in name])
 def test_real_logs_without_their_names(datasets: Path, tmp_path: Path, name: str) -> None:
     found = inspect(datasets / name)
     assert found.clock is not None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import io
 import tempfile
 from collections.abc import Callable, Iterator
@@ -12,13 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.io
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from fuzz.files import finding
 from replant.data.logs import csv, read_log
 from replant.data.logs.formats import FORMATS
 from replant.errors import LogError
+from support.cases import every
 from support.damage import damaged
 from support.forks import Forks
 
@@ -88,7 +90,7 @@ MAKERS = [
     (csv_file, ".csv"),
     (lambda: csv_file().decode().encode("utf-16"), ".csv"),
 ]
-TRIES = 200  # of each
+TRIES = 20  # of each; ten times as many in `make slow`
 
 
 @pytest.fixture(scope="module")
@@ -97,19 +99,20 @@ def forks() -> Iterator[Forks]:
         yield process
 
 
-@pytest.mark.parametrize(("make", "suffix"), MAKERS)
-def test_a_damaged_file(make: Callable[[], bytes], suffix: str, tmp_path: Path, forks: Forks) -> None:
+@pytest.mark.parametrize("tries", [TRIES, pytest.param(10 * TRIES, marks=pytest.mark.slow)])
+@every(("make", "suffix"), MAKERS)
+def test_a_damaged_file(make: Callable[[], bytes], suffix: str, tries: int, tmp_path: Path, forks: Forks) -> None:
     """In forks, as a parser may crash; the fuzz's mutants of every format are tried in `test_fuzz`."""
     content, path = make(), tmp_path / f"log{suffix}"
     path.write_bytes(content)
     assert forks.read(path).kind == "read"
-    for seed in range(TRIES):
+    for seed in range(tries):
         path.write_bytes(damaged(content, seed))
         outcome = forks.read(path)
         assert not finding(path, outcome), (seed, outcome)
 
 
-@settings(derandomize=True, max_examples=300, deadline=None)
+@settings(derandomize=True, max_examples=150, deadline=None)
 @given(st.lists(CELLS | MARKS, max_size=60).map("".join))
 def test_any_text(text: str) -> None:
     read_or_refuse(text.encode(), ".csv")
@@ -137,7 +140,7 @@ ODD += ["x" * 70_000, '"' + "x" * 140_000 + '"', '"' * 70_001, " " * 70_000, "["
 BLOCKS = st.sampled_from([1, 50, 100_000])
 
 
-@settings(derandomize=True, max_examples=300, deadline=None)
+@settings(derandomize=True, max_examples=150, deadline=None)
 @given(data=st.data(), block=BLOCKS)
 def test_any_table_in_text(data: st.DataObject, block: int) -> None:
     """Rows of cells that are nearly all numbers, under every delimiter, decimal mark, line end and encoding."""
@@ -170,12 +173,12 @@ def test_any_table_in_text(data: st.DataObject, block: int) -> None:
 NEEDED = {".parquet": ["pyarrow"], ".pq": ["pyarrow"], ".tdms": ["nptdms"], ".mf4": ["asammdf"], ".mdf": ["asammdf"]}
 
 
-@pytest.mark.parametrize("suffix", FORMATS)
-@settings(derandomize=True, max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(content=st.binary(max_size=300))
+@settings(
+    derandomize=True, max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(suffix=st.sampled_from(sorted(FORMATS)), content=st.binary(max_size=300))
 def test_any_bytes(suffix: str, content: bytes, tmp_path: Path, forks: Forks) -> None:
-    for package in NEEDED.get(suffix, ()):
-        pytest.importorskip(package)
+    assume(all(importlib.util.find_spec(package) for package in NEEDED.get(suffix, ())))
     path = tmp_path / f"log{suffix}"
     path.write_bytes(content)
     assert not finding(path, forks.read(path))

@@ -12,6 +12,7 @@ import pytest
 
 from replant.data.logs import read_columns, read_log
 from replant.errors import LogError, MissingDependencyError
+from support.cases import every
 
 pa = pytest.importorskip("pyarrow")
 feather = pytest.importorskip("pyarrow.feather")
@@ -35,7 +36,7 @@ def save(folder: Path, form: str) -> Path:
     return path
 
 
-FORMS = pytest.mark.parametrize("form", ["lz4", "zstd", "uncompressed", "file", "stream"])
+FORMS = every("form", ["lz4", "zstd", "uncompressed", "file", "stream"])
 
 
 @FORMS

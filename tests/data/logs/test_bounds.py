@@ -19,6 +19,7 @@ import pytest
 
 from replant.data.logs import read_columns, read_log
 from replant.errors import LogError
+from support.cases import every
 from support.places import ROOT
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="other systems count no peak of memory like this")
@@ -108,7 +109,7 @@ TEXTS: dict[str, Callable[[], bytes]] = {
 }
 
 
-@pytest.mark.parametrize("name", TEXTS)
+@every("name", TEXTS, quick=4)
 def test_a_bomb_of_text(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_bytes(TEXTS[name]())
@@ -126,6 +127,7 @@ def test_archives_in_archives_are_not_opened(tmp_path: Path) -> None:
     assert "holds another compressed file" in check(tmp_path / "log.zip")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 def test_a_method_without_a_bound_is_not_unpacked(tmp_path: Path, method: int) -> None:
     with zipfile.ZipFile(tmp_path / "log.zip", "w", method) as archive:
@@ -195,7 +197,7 @@ WORKBOOKS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("name", WORKBOOKS)
+@every("name", WORKBOOKS, quick=3)
 def test_a_bomb_of_a_workbook(tmp_path: Path, name: str) -> None:
     pytest.importorskip("openpyxl")
     said = check(workbook(tmp_path / "log.xlsx", **WORKBOOKS[name]), samples=10_000)
@@ -277,7 +279,7 @@ def one_chunk_of_many(file: Any, name: str) -> None:
 HDF5["partly written"] = lambda file: both(file, partial(one_chunk_of_many, file))
 
 
-@pytest.mark.parametrize("name", HDF5)
+@every("name", HDF5, quick=2)
 def test_a_bomb_of_hdf5(tmp_path: Path, name: str) -> None:
     assert check(hdf5(tmp_path / "log.h5", HDF5[name]))
 
@@ -342,7 +344,7 @@ NPZ: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("name", NPZ)
+@every("name", NPZ, quick=2)
 def test_a_bomb_of_numpy(tmp_path: Path, name: str) -> None:
     assert check(npz(tmp_path / "log.npz", **NPZ[name]))
 
@@ -354,6 +356,7 @@ def mat(path: Path, **variables: Any) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_bomb_of_matlab(tmp_path: Path) -> None:
     """What is no signal is not kept: a cube, a text, cells."""
     cells = np.full(50_000, 0.0, object)
@@ -361,6 +364,7 @@ def test_a_bomb_of_matlab(tmp_path: Path) -> None:
         assert check(mat(tmp_path / "log.mat", **variables))
 
 
+@pytest.mark.slow
 def test_a_bomb_of_parquet_or_arrow(tmp_path: Path) -> None:
     pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     nulls = pa.table({name: pa.nulls(20_000_000, pa.float64()) for name in ("u", "y")})
@@ -405,7 +409,7 @@ def constant(path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("suffix", [".csv.gz", ".csv.zst", ".npz", ".mat", ".h5", ".parquet"])
+@every("suffix", [".csv.gz", ".csv.zst", ".npz", ".mat", ".h5", ".parquet"], quick=1)
 def test_a_log_of_constant_columns_is_read(tmp_path: Path, suffix: str) -> None:
     path = constant(tmp_path / f"log{suffix}")
     assert path.stat().st_size < 2 * 8 * ROWS / 100

@@ -16,6 +16,7 @@ from replant.data.logs import text_layout as layout_module
 from replant.data.logs.csv import parse_block
 from replant.data.logs.text_layout import Layout, sniff
 from replant.errors import LogError
+from support.cases import every
 
 Write = Callable[..., Path]
 
@@ -45,7 +46,7 @@ WELL_FORMED = {
 }
 
 
-@pytest.mark.parametrize("text", WELL_FORMED.values(), ids=WELL_FORMED.keys())
+@every("text", WELL_FORMED.values(), ids=WELL_FORMED.keys())
 def test_layout_does_not_change_the_samples(write: Write, text: str) -> None:
     table = read_columns(write(text))
     assert table.names == ("t", "u", "y")
@@ -56,12 +57,12 @@ def test_layout_does_not_change_the_samples(write: Write, text: str) -> None:
     assert y.tolist() == [2.0, 4.0]
 
 
-@pytest.mark.parametrize("name", ["log.csv", "log.txt", "log.tsv", "log.dat", "LOG.CSV"])
+@every("name", ["log.csv", "log.txt", "log.tsv", "log.dat", "LOG.CSV"])
 def test_suffixes_of_text(write: Write, name: str) -> None:
     assert read_columns(write("u,y\n1,2\n3,4\n", name)).column("y").tolist() == [2.0, 4.0]
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16"])
+@every("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16"])
 def test_encodings(write: Write, encoding: str) -> None:
     table = read_columns(write("time [s];T [°C]\n0;20,5\n1;21,5\n".encode(encoding)))
     assert table.names == ("time [s]", "T [°C]")
@@ -109,12 +110,12 @@ def test_text_in_a_column_that_is_not_asked_for_does_not_matter(write: Write) ->
 
 
 #: Bytes of a block: a line or less, some lines, and an odd number that cuts lines anywhere.
-block_sizes = pytest.mark.parametrize("size", [1, 7, 64, 1009])
+block_sizes = every("size", [1, 7, 64, 1009])
 
 
 @block_sizes
-@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@every("end", ["\n", "\r\n", "\r"])
+@every("encoding", ["utf-8", "utf-8-sig", "utf-16"])
 def test_blocks_join_without_a_seam(
     write: Write, monkeypatch: pytest.MonkeyPatch, size: int, end: str, encoding: str
 ) -> None:
@@ -129,7 +130,7 @@ def test_blocks_join_without_a_seam(
     np.testing.assert_array_equal(read, values)
 
 
-@pytest.mark.parametrize("form", WELL_FORMED)
+@every("form", WELL_FORMED)
 def test_every_form_reads_alike_in_small_blocks(write: Write, monkeypatch: pytest.MonkeyPatch, form: str) -> None:
     text = WELL_FORMED[form].rstrip("\n") + "\n"
     path = write(text + 40 * text.splitlines(keepends=True)[-1])
@@ -140,9 +141,7 @@ def test_every_form_reads_alike_in_small_blocks(write: Write, monkeypatch: pytes
     np.testing.assert_array_equal(np.hstack([np.array(block) for block in blocks]), whole)
 
 
-@pytest.mark.parametrize(
-    "cell", ["+1.5", " 1.5 ", "1e400", "1e-400", "-nan", "INF", "NA", "null", "", "1.", ".5", "4.9e-324", "1" * 40]
-)
+@every("cell", ["+1.5", " 1.5 ", "1e400", "1e-400", "-nan", "INF", "NA", "null", "", "1.", ".5", "4.9e-324", "1" * 40])
 def test_a_cell_is_the_same_number_in_a_long_file(write: Write, monkeypatch: pytest.MonkeyPatch, cell: str) -> None:
     """To pyarrow as to Python."""
     path = write("u;y\n" + f"{cell};1\n" * 30)
@@ -151,7 +150,7 @@ def test_a_cell_is_the_same_number_in_a_long_file(write: Write, monkeypatch: pyt
     np.testing.assert_array_equal(read_columns(path).column("u"), expected)
 
 
-@pytest.mark.parametrize("cell", ["nan(1)", "1_0", "0x1p3", "1,5,5", "1.2.3", "--1", "1 2", "١"])
+@every("cell", ["nan(1)", "1_0", "0x1p3", "1,5,5", "1.2.3", "--1", "1 2", "١"])
 def test_what_is_no_number_is_none_in_a_long_file(write: Write, monkeypatch: pytest.MonkeyPatch, cell: str) -> None:
     monkeypatch.setattr(csv_module, "BLOCK_BYTES", 20)
     path = write("u;y\n" + "1;1\n" * 30 + f"{cell};1\n" + "1;1\n" * 30)
@@ -232,7 +231,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize(("content", "message"), BAD.values(), ids=BAD.keys())
+@every(("content", "message"), BAD.values(), ids=BAD.keys())
 def test_a_bad_file_is_refused_in_one_line(write: Write, content: str | bytes, message: str) -> None:
     path = write(content)
     with pytest.raises(LogError, match=re.escape(message)) as caught:
@@ -260,8 +259,8 @@ HEADERLESS = {
 }
 
 
-@pytest.mark.parametrize("text", HEADERLESS.values(), ids=HEADERLESS.keys())
-@pytest.mark.parametrize("how", ["replaced", "inserted", "removed"])
+@every("text", HEADERLESS.values(), ids=HEADERLESS.keys())
+@every("how", ["replaced", "inserted", "removed"])
 def test_a_damaged_first_row_is_never_taken_for_names(write: Write, text: str, how: str) -> None:
     """Each character of it in turn; it is data, or the file is refused."""
     for at in range(text.index("\n")):
@@ -278,7 +277,7 @@ def test_a_damaged_first_row_is_never_taken_for_names(write: Write, text: str, h
                 assert layout.names_line is None, path.read_text()
 
 
-@pytest.mark.parametrize(
+@every(
     ("text", "names"),
     [
         ("t,2,1\n0.0,1.5,2\n0.1,2.5,4\n", ("t", "2", "1")),
@@ -301,7 +300,7 @@ def test_names_that_may_be_a_damaged_row_say_what_to_do(write: Write) -> None:
         read_columns(write("0,1.5x,2\n0.1,2.5,4\n"))
 
 
-@pytest.mark.parametrize("header", ["{}", '"{}"', "c{}", None], ids=["numbers", "quoted", "names", "none"])
+@every("header", ["{}", '"{}"', "c{}", None], ids=["numbers", "quoted", "names", "none"])
 def test_a_hundred_thousand_columns_are_opened(write: Write, header: str | None) -> None:
     """That it takes time in proportion to the columns is measured by benchmarks/wide_logs.py."""
     names = "" if header is None else "t," + ",".join(header.format(k) for k in range(1, 100_000)) + "\n"
@@ -328,7 +327,7 @@ def test_one_text_cell_in_row_5000(write: Write) -> None:
 
 
 @block_sizes
-@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@every("end", ["\n", "\r\n", "\r"])
 def test_an_error_beyond_the_first_block_has_its_line(
     write: Write, monkeypatch: pytest.MonkeyPatch, size: int, end: str
 ) -> None:

@@ -8,13 +8,15 @@ import pytest
 
 from fuzz.files import run_file
 from fuzz.seeds_of_files import FORMATS
+from support.cases import every
 
-TRIES = 40
+TRIES = 10  # four times as many in `make slow`, and as many as one likes in `make fuzz`
 
 
-@pytest.mark.parametrize("name", FORMATS)
-def test_mutants_of_a_format(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("tries", [TRIES, pytest.param(4 * TRIES, marks=pytest.mark.slow)])
+@every("name", FORMATS)
+def test_mutants_of_a_format(name: str, tries: int, capsys: pytest.CaptureFixture[str]) -> None:
     for package in FORMATS[name][2]:
         if importlib.util.find_spec(package.partition(".")[0]) is None:
             pytest.skip(f"{package} is not installed")
-    assert run_file(name, 0, 0.0, TRIES) == 0, capsys.readouterr().out
+    assert run_file(name, 0, 0.0, tries) == 0, capsys.readouterr().out

@@ -12,6 +12,7 @@ import pytest
 
 from replant.data.logs import jsonl, read_columns, read_log
 from replant.errors import LogError
+from support.cases import every
 
 Write = Callable[..., Path]
 
@@ -20,8 +21,8 @@ def lines(*rows: object) -> str:
     return "".join(json.dumps(row) + "\n" for row in rows)
 
 
-@pytest.mark.parametrize("name", ["log.jsonl", "log.NDJSON"])
-@pytest.mark.parametrize("rows", [1, 3, 1 << 14])
+@every("name", ["log.jsonl", "log.NDJSON"])
+@every("rows", [1, 3, 1 << 14])
 def test_objects_are_rows(write: Write, monkeypatch: pytest.MonkeyPatch, name: str, rows: int) -> None:
     monkeypatch.setattr(jsonl, "BLOCK_ROWS", rows)
     u = np.random.default_rng(0).standard_normal(20)
@@ -77,7 +78,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize(("text", "message"), BAD.values(), ids=BAD)
+@every(("text", "message"), BAD.values(), ids=BAD)
 def test_a_bad_file_is_refused_in_one_line(write: Write, text: str, message: str) -> None:
     path = write(text, "log.jsonl")
     with pytest.raises(LogError, match=re.escape(message)) as caught:

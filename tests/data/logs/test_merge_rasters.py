@@ -15,6 +15,7 @@ from replant.data.logs.merge_rasters import Signal, merge
 from replant.data.logs.rasters import Channel, channel_table, merged, on_one_clock
 from replant.data.logs.table import Table
 from replant.errors import LogError
+from support.cases import every
 
 NAN = np.nan
 
@@ -130,6 +131,7 @@ def test_columns_are_merged_with_the_time_first() -> None:
     found = table(y=signal([0, 1, 2], [5, 6, 7]), u=signal([0, 2], [1, 2]), r=signal([0, 2], [3, 4]))
     one = merged(found, {"input": 1, "output": 0, "reference": 2})
     assert one.names == ("time", "u", "y", "r")
+    assert one.in_seconds == {0}
     assert [column.tolist() for column in one.columns([0, 1, 2, 3])] == [[0, 1, 2], [1, 1, 2], [5, 6, 7], [3, 3, 4]]
 
 
@@ -148,7 +150,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize(("u", "message"), BAD.values(), ids=BAD)
+@every(("u", "message"), BAD.values(), ids=BAD)
 def test_what_cannot_be_merged(u: Signal, message: str) -> None:
     with pytest.raises(LogError, match=message):
         merged(table(y=signal([0, 1, 2], [5, 6, 7]), u=u), {"input": 1, "output": 0})

@@ -19,6 +19,7 @@ import pytest
 from replant.cli import main
 from replant.data.logs import read_columns, read_log
 from replant.errors import LogError, MissingDependencyError
+from support.cases import every
 from support.damage import damaged
 
 Write = Callable[..., Path]
@@ -46,7 +47,7 @@ PACKERS: dict[str, Callable[[bytes], bytes]] = {
 }
 
 
-@pytest.mark.parametrize(("name", "pack"), PACKERS.items(), ids=PACKERS)
+@every(("name", "pack"), PACKERS.items(), ids=PACKERS)
 def test_a_compressed_log_is_read_as_the_log(write: Write, name: str, pack: Callable[[bytes], bytes]) -> None:
     path = write(pack(TEXT.encode()), name)
     log, plain = read_log(path, input="u", output="y"), read_log(write(TEXT), input="u", output="y")
@@ -68,7 +69,7 @@ def test_every_format_may_be_compressed(write: Write) -> None:
     assert read_log(write(gzip.compress(file.getvalue()), "log.npz.gz"), input="u", output="y").dt == 1.0
 
 
-@pytest.mark.parametrize(("name", "pack"), PACKERS.items(), ids=PACKERS)
+@every(("name", "pack"), PACKERS.items(), ids=PACKERS)
 def test_errors_name_the_file_that_was_given(write: Write, name: str, pack: Callable[[bytes], bytes]) -> None:
     path = write(pack(TEXT.replace("\n9,", "\n9,x").encode()), name)
     with pytest.raises(LogError, match=r"line 11, column 'u': 'x4' is not a number") as caught:
@@ -102,7 +103,7 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("name", "content", "message"), REFUSED.values(), ids=REFUSED)
+@every(("name", "content", "message"), REFUSED.values(), ids=REFUSED)
 def test_what_cannot_be_unpacked(write: Write, name: str, content: bytes, message: str) -> None:
     if name.endswith("zst"):
         pytest.importorskip("zstandard")
@@ -114,7 +115,7 @@ def test_what_cannot_be_unpacked(write: Write, name: str, content: bytes, messag
 
 
 @pytest.mark.filterwarnings("ignore:.* cut off .* left out:UserWarning")
-@pytest.mark.parametrize(("name", "pack"), PACKERS.items(), ids=PACKERS)
+@every(("name", "pack"), PACKERS.items(), ids=PACKERS)
 def test_damaged_bytes_are_noticed(write: Write, name: str, pack: Callable[[bytes], bytes]) -> None:
     """Gzip, zip and Zstandard frames of more than one block have checksums, or say where they end."""
     whole = pack(TEXT.encode())

@@ -12,6 +12,7 @@ import pytest
 
 from replant.data.logs import parser_child, parser_process, read_columns, read_log
 from replant.errors import LogError
+from support.cases import every
 
 U = np.arange(200_000.0)
 
@@ -36,7 +37,7 @@ FATES = {
 }
 
 
-@pytest.mark.parametrize(("fate", "message"), FATES.items(), ids=FATES)
+@every(("fate", "message"), FATES.items(), ids=FATES)
 def test_however_the_process_ends_it_is_one_line(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fate: str, message: str
 ) -> None:

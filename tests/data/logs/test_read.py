@@ -17,12 +17,13 @@ import replant as rp
 import replant.data.logs
 from replant.data.logs import read_columns, read_log
 from replant.errors import ArgumentTypeError, LogError
+from support.cases import every
 
 Write = Callable[..., Path]
 TEXT = "t,u,y\n0,1,2\n0.1,2,3\n0.2,3,5\n"
 
 
-@pytest.mark.parametrize(("one", "other"), [("u", "y"), (1, 2), ("1", "2"), (" U ", "Y"), (np.int64(1), "y")])
+@every(("one", "other"), [("u", "y"), (1, 2), ("1", "2"), (" U ", "Y"), (np.int64(1), "y")])
 def test_columns_by_name_or_number(write: Write, one: str | int, other: str | int) -> None:
     path = write(TEXT)
     log = read_log(path, input=one, output=other, time="t")
@@ -72,13 +73,13 @@ def test_a_number_out_of_range(write: Write, number: int | str) -> None:
         read_log(write(TEXT), input=number, output="y")
 
 
-@pytest.mark.parametrize("key", [1.0, None, True, ["u"]])
+@every("key", [1.0, None, True, ["u"]])
 def test_a_column_is_a_name_or_a_number(write: Write, key: object) -> None:
     with pytest.raises(ArgumentTypeError, match="a column is chosen by name"):
         read_columns(write(TEXT)).find(key)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
+@every(
     ("choice", "message"),
     [
         ({"input": "u", "output": "u"}, "input and output are the same column 'u'"),
@@ -92,7 +93,7 @@ def test_a_column_chosen_twice(write: Write, choice: dict[str, str], message: st
         read_log(write(TEXT), **choice)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mat", ".npz"])
+@every("suffix", [".csv", ".parquet", ".mat", ".npz"])
 def test_files_that_are_not_there(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"none{suffix}"
     with pytest.raises(LogError, match=f"none{suffix}: no such file; check the path"):

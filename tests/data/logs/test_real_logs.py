@@ -10,6 +10,7 @@ import pytest
 
 from replant.data.logs import read_columns, read_log
 from replant.errors import LogError
+from support.cases import every
 
 LOGS = [
     ("un_dcmotor/DCmotor_prbs_open_exp.csv", {"input": "u", "output": "y"}, 4093, 0.02),
@@ -28,7 +29,7 @@ LOGS = [
 ]
 
 
-@pytest.mark.parametrize(("name", "choice", "samples", "dt"), LOGS, ids=[name for name, *_ in LOGS])
+@every(("name", "choice", "samples", "dt"), LOGS, ids=[name for name, *_ in LOGS])
 def test_length_and_sampling_time(datasets: Path, name: str, choice: dict[str, Any], samples: int, dt: float) -> None:
     log = read_log(datasets / name, **choice)
     assert (len(log), log.dt) == (samples, dt)

@@ -14,6 +14,7 @@ from replant.data.logs import csv as csv_logs
 from replant.data.logs import open_recording, parquet, read_log
 from replant.data.logs import sampling_time as clock
 from replant.errors import LogError
+from support.cases import every
 
 ROWS = 500
 Write = Callable[..., Path]
@@ -54,9 +55,9 @@ def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("small_blocks")
-@pytest.mark.parametrize("most_held", [0, ROWS - 1, ROWS])
-@pytest.mark.parametrize("timing", [{}, {"dt": 0.5}], ids=["time stamps", "dt"])
-@pytest.mark.parametrize("suffix", [".csv", ".txt", ".parquet", ".npz", ".mat"])
+@every("most_held", [0, ROWS - 1, ROWS], quick=2)
+@every("timing", [{}, {"dt": 0.5}], ids=["time stamps", "dt"])
+@every("suffix", [".csv", ".txt", ".parquet", ".npz", ".mat"])
 def test_its_batches_are_the_log(tmp_path: Path, suffix: str, timing: dict[str, float], most_held: int) -> None:
     columns = signals()
     path = save(tmp_path / f"log{suffix}", columns)
@@ -77,9 +78,9 @@ def test_its_batches_are_the_log(tmp_path: Path, suffix: str, timing: dict[str, 
 
 
 @pytest.mark.usefixtures("small_blocks")
-@pytest.mark.parametrize("most_held", [0, ROWS])
-@pytest.mark.parametrize("row", [1, 63, 64, 65, 300, ROWS - 1])
-@pytest.mark.parametrize(
+@every("most_held", [0, ROWS], quick=1)
+@every("row", [1, 63, 64, 65, 300, ROWS - 1], quick=3)
+@every(
     ("kind", "message"),
     [("missing", "time stamp is nan"), ("repeats", "repeats the one before")],
 )
@@ -96,8 +97,8 @@ def test_a_bad_stamp_is_named_wherever_it_is(tmp_path: Path, most_held: int, row
 
 
 @pytest.mark.usefixtures("small_blocks")
-@pytest.mark.parametrize("most_held", [0, ROWS])
-@pytest.mark.parametrize("row", [1, 63, 64, 65, 300, ROWS - 1])
+@every("most_held", [0, ROWS], quick=1)
+@every("row", [1, 63, 64, 65, 300, ROWS - 1], quick=3)
 def test_an_irregular_stamp_is_named_wherever_it_is_and_all_come(tmp_path: Path, most_held: int, row: int) -> None:
     columns = signals()
     regular = save(tmp_path / "regular.csv", columns)

@@ -13,6 +13,7 @@ import scipy.io
 import replant as rp
 from replant.data.logs import open_recording
 from replant.errors import LogError
+from support.cases import every
 
 T, U, Y = np.array([[0.0, 0.1, 0.2, 0.3], [1.0, 2.0, 3.0, 4.0], [5.0, 6.0, 7.0, 8.0]])
 R = np.array([9.0, 10.0, np.nan, 12.0])
@@ -33,7 +34,7 @@ def log(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("most_held", [0, 4])
+@every("most_held", [0, 4])
 def test_it_is_read_beside_the_others(log: Path, most_held: int) -> None:
     name = "set_point" if log.suffix == ".mat" else "set point [V]"
     recording = open_recording(log, input="u", output="y", reference=name, most_held=most_held)
@@ -58,7 +59,7 @@ def test_by_number_and_without_a_clock(tmp_path: Path) -> None:
     assert rp.read_log(path, input=0, output=1, dt=0.5).reference is None
 
 
-@pytest.mark.parametrize(
+@every(
     ("reference", "words"),
     [
         ("r", "no column 'r'; there are"),

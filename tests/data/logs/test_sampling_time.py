@@ -22,6 +22,7 @@ from replant.data.logs.sampling_time import (
 )
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
 from replant.time_stamps import StampResolution, is_regular
+from support.cases import every
 
 Write = Callable[..., Path]
 
@@ -137,7 +138,7 @@ def test_irregular_stamps_come_with_the_log_and_the_line_is_named(write: Write) 
     assert given.stamps is None
 
 
-@pytest.mark.parametrize(("begin", "dt"), [(0.0, 0.05), (1.7e9, 0.25), (65_000.1, 1e-3), (0.0, 1 / 3)])
+@every(("begin", "dt"), [(0.0, 0.05), (1.7e9, 0.25), (65_000.1, 1e-3), (0.0, 1 / 3)])
 def test_the_interval_of_an_irregular_clock_has_no_digits_of_rounding(begin: float, dt: float) -> None:
     stamps = begin + dt * np.delete(np.arange(2000), 70)
     assert step_of_irregular(stamps) == pytest.approx(dt, rel=1e-9 + 1e-7 * (begin > 1e6))
@@ -160,7 +161,7 @@ def test_irregular_stamps_in_another_unit(write: Write) -> None:
     np.testing.assert_allclose(log.stamps, [0.0, 0.1, 0.2, 0.45], rtol=1e-12)
 
 
-@pytest.mark.parametrize("stamps", [[], [1.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.5], [0.0, math.nan, 2.0]])
+@every("stamps", [[], [1.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.5], [0.0, math.nan, 2.0]])
 def test_what_is_no_increasing_time_is_no_regular_clock(stamps: list[float]) -> None:
     assert is_regular(np.array(stamps)) == (len(stamps) < 2)
 
@@ -171,7 +172,7 @@ def test_a_column_that_has_another_role_is_not_looked_for_as_the_time(write: Wri
         read_log(path, input="t", output="y")
 
 
-@pytest.mark.parametrize(
+@every(
     ("stamps", "message"),
     [
         (["0", "0.1", "0.1", "0.2"], "line 4, column 't': the time stamp 0.1 repeats the one before"),
@@ -190,9 +191,7 @@ def test_stamps_that_are_no_times(write: Write, stamps: list[str], message: str)
         read_log(write(log_text(stamps)), input="u", output="y")
 
 
-@pytest.mark.parametrize(
-    "name", ["t", "T", "time", "Time", "TIMESTAMP", "time [s]", "t (s)", "Time(s)", "t/s", "time_s", " time "]
-)
+@every("name", ["t", "T", "time", "Time", "TIMESTAMP", "time [s]", "t (s)", "Time(s)", "t/s", "time_s", " time "])
 def test_a_column_called_time_is_found(write: Write, name: str) -> None:
     log = read_log(write(log_text(["0", "0.5", "1"], name)), input="u", output="y")
     assert log.dt == 0.5
@@ -200,7 +199,7 @@ def test_a_column_called_time_is_found(write: Write, name: str) -> None:
     assert log.time.tolist() == [0.0, 0.5, 1.0]
 
 
-@pytest.mark.parametrize(
+@every(
     ("name", "dt"),
     [
         ("t [ms]", 5e-4),
@@ -247,13 +246,13 @@ def test_time_and_dt_together(write: Write) -> None:
         read_log(write(log_text(["0", "1"])), input="u", output="y", time="t", dt=1.0)
 
 
-@pytest.mark.parametrize("dt", [0.0, -0.1, math.nan, math.inf])
+@every("dt", [0.0, -0.1, math.nan, math.inf])
 def test_dt_must_be_positive(write: Write, dt: float) -> None:
     with pytest.raises(InvalidArgumentError, match=r"\(dt, --dt\) must be finite and positive"):
         read_log(write(log_text(["0", "1"])), input="u", output="y", dt=dt)
 
 
-@pytest.mark.parametrize("dt", ["0.1", True, 1j, [0.1]])
+@every("dt", ["0.1", True, 1j, [0.1]])
 def test_dt_must_be_a_number(dt: object) -> None:
     with pytest.raises(ArgumentTypeError, match=r"\(dt, --dt\) must be a number"):
         check_dt(dt)

@@ -11,15 +11,16 @@ import pytest
 from replant.data.logs import csv as csv_module
 from replant.data.logs import read_columns, read_log
 from replant.errors import LogError
+from support.cases import every
 
 Write = Callable[..., Path]
 WHOLE = "t,u,y\n0,1.5,2\n1,2.5,3\n2,3.5,4\n"
 
 
-@pytest.mark.parametrize("end", ["3", "3,", "3,4.5", '3,4.5,"2', "3,4.5,-", "3,4.5,2e-"])
-@pytest.mark.parametrize("line_end", ["\n", "\r\n", "\r"])
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
-@pytest.mark.parametrize("size", [1, 30, 1 << 20])
+@every("end", ["3", "3,", "3,4.5", '3,4.5,"2', "3,4.5,-", "3,4.5,2e-"])
+@every("line_end", ["\n", "\r\n", "\r"])
+@every("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@every("size", [1, 30, 1 << 20])
 def test_a_line_that_was_cut_off_is_left_out(
     write: Write, monkeypatch: pytest.MonkeyPatch, end: str, line_end: str, encoding: str, size: int
 ) -> None:
@@ -31,7 +32,7 @@ def test_a_line_that_was_cut_off_is_left_out(
     assert log.output.tolist() == [2.0, 3.0, 4.0]
 
 
-@pytest.mark.parametrize("end", ["", "3,4.5,5", "3,4.5,", "# end", "   ", "3,4.5,5\n"])
+@every("end", ["", "3,4.5,5", "3,4.5,", "# end", "   ", "3,4.5,5\n"])
 def test_a_whole_line_is_none(write: Write, end: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -11,6 +11,7 @@ import pytest
 from replant.data.logs import csv as csv_module
 from replant.data.logs import read_columns
 from replant.errors import LogError
+from support.cases import every
 
 Write = Callable[..., Path]
 
@@ -24,9 +25,9 @@ READ = {
 }
 
 
-@pytest.mark.parametrize(("cells", "values"), READ.values(), ids=READ)
-@pytest.mark.parametrize("size", [10, 1 << 20])
-@pytest.mark.parametrize("order", [1, -1])
+@every(("cells", "values"), READ.values(), ids=READ)
+@every("size", [10, 1 << 20])
+@every("order", [1, -1])
 def test_thousands_are_read(
     write: Write, monkeypatch: pytest.MonkeyPatch, cells: list[str], values: list[float], size: int, order: int
 ) -> None:
@@ -64,8 +65,8 @@ AMBIGUOUS = {
 }
 
 
-@pytest.mark.parametrize(("text", "message"), AMBIGUOUS.values(), ids=AMBIGUOUS)
-@pytest.mark.parametrize("size", [1, 1 << 20])
+@every(("text", "message"), AMBIGUOUS.values(), ids=AMBIGUOUS)
+@every("size", [1, 1 << 20])
 def test_what_may_be_two_numbers_is_refused(
     write: Write, monkeypatch: pytest.MonkeyPatch, text: str, message: str, size: int
 ) -> None:

@@ -16,6 +16,7 @@ from replant.data.logs import csv as csv_module
 from replant.data.logs import read_columns, read_log, stamped_interval
 from replant.data.logs.text_times import find_format, parse_stamp
 from replant.errors import LogError
+from support.cases import every
 
 Write = Callable[..., Path]
 
@@ -38,8 +39,8 @@ FORMS = {
 }
 
 
-@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
-@pytest.mark.parametrize("mark", [".", ","])
+@every("form", FORMS.values(), ids=FORMS)
+@every("mark", [".", ","])
 def test_stamps_become_exact_seconds(write: Write, form: str, mark: str) -> None:
     cells = [form.format(0.001 * k) for k in range(1, 40)]
     rows = [f"{cell[:-4] + cell[-4:].replace('.', mark)};1;2" for cell in cells]
@@ -148,8 +149,8 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("forms", "message"), REFUSED.values(), ids=REFUSED)
-@pytest.mark.parametrize("size", [100, 1 << 20])
+@every(("forms", "message"), REFUSED.values(), ids=REFUSED)
+@every("size", [100, 1 << 20])
 def test_a_clock_that_jumps_is_said(
     write: Write, monkeypatch: pytest.MonkeyPatch, forms: list[str], message: str, size: int
 ) -> None:
@@ -164,7 +165,7 @@ def test_a_clock_that_jumps_is_said(
     assert len(read_log(path, input="u", output="y", dt=1.0)) == 120
 
 
-@pytest.mark.parametrize(
+@every(
     "cell",
     ["12.5", "1.2.3", "10:5", "10:60:00", "10:00:60", "2024-13-01", "24-05-01", "10:00:00+01:00", "13:00 PM", "", "x"],
 )

@@ -9,6 +9,7 @@ import pytest
 
 from replant.data.logs import read_columns, read_log
 from replant.data.logs.text_units import units_in
+from support.cases import every
 
 Write = Callable[..., Path]
 
@@ -22,8 +23,8 @@ UNITS = {
 }
 
 
-@pytest.mark.parametrize("head", UNITS.values(), ids=UNITS)
-@pytest.mark.parametrize("row", ["{};1,5;2\n", "{};1.5;2\n"])
+@every("head", UNITS.values(), ids=UNITS)
+@every("row", ["{};1,5;2\n", "{};1.5;2\n"])
 def test_a_row_of_units_joins_the_names(write: Write, head: str, row: str) -> None:
     path = write(head + row.format(0) + row.format(1))
     assert read_columns(path).names == ("t [s]", "u [V]", "y [mm]")
@@ -44,11 +45,11 @@ def test_a_name_without_its_unit_must_be_of_one_column(write: Write) -> None:
         table.find("u")
 
 
-@pytest.mark.parametrize("row", ["0,V,mm", "RUN,STOP,OFF", "x,x,x", ",,", "nan,na,null", "1,2,3", "u,y,z", "1.5x,2,V"])
+@every("row", ["0,V,mm", "RUN,STOP,OFF", "x,x,x", ",,", "nan,na,null", "1,2,3", "u,y,z", "1.5x,2,V"])
 def test_rows_that_are_none_of_units(row: str) -> None:
     assert units_in(row.split(",")) is None
 
 
-@pytest.mark.parametrize("unit", ["m/s^2", "N*m", "kg m^2", "°C", "U/min", "%", "mV/V", "µs", "nA", "rad/s", "m³/h"])
+@every("unit", ["m/s^2", "N*m", "kg m^2", "°C", "U/min", "%", "mV/V", "µs", "nA", "rad/s", "m³/h"])
 def test_units(unit: str) -> None:
     assert units_in(["s", unit]) == ["s", unit]

@@ -10,6 +10,7 @@ import pytest
 
 from replant.data.logs import open_recording, read_log
 from replant.errors import InvalidArgumentError, LogError
+from support.cases import every
 
 Write = Callable[..., Path]
 
@@ -18,8 +19,8 @@ def text(samples: int, *, dt: float = 0.1, start: float = 0.0, name: str = "t") 
     return f"{name},u,y\n" + "".join(f"{start + dt * k:.15g},{k % 7},{k}\n" for k in range(samples))
 
 
-@pytest.mark.parametrize("start", [0.0, 1234.5, 1.7e9])
-@pytest.mark.parametrize(
+@every("start", [0.0, 1234.5, 1.7e9])
+@every(
     ("begin", "end", "first", "last"),
     [
         (None, None, 0, 99),
@@ -74,9 +75,7 @@ def test_a_fault_outside_of_the_part_does_no_harm_and_one_inside_names_its_line(
         read_log(path, input="u", output="y", begin=2.0)
 
 
-@pytest.mark.parametrize(
-    ("begin", "end"), [(-1.0, None), (2.0, 2.0), (3.0, 2.0), (float("nan"), None), (0.0, float("nan"))]
-)
+@every(("begin", "end"), [(-1.0, None), (2.0, 2.0), (3.0, 2.0), (float("nan"), None), (0.0, float("nan"))])
 def test_an_impossible_range_is_refused(write: Write, begin: float, end: float | None) -> None:
     with pytest.raises(InvalidArgumentError, match=r"time range .* \(begin, --from\)"):
         read_log(write(text(10)), input="u", output="y", begin=begin, end=end)

@@ -14,6 +14,7 @@ import pytest
 
 from replant.data.logs import read_columns, read_log
 from replant.errors import LogError, MissingDependencyError
+from support.cases import every
 
 openpyxl = pytest.importorskip("openpyxl")
 ROWS = [[k / 10, k % 3, k * 1.5] for k in range(20)]
@@ -67,7 +68,7 @@ STAMPS: dict[str, list[Any]] = {
 }
 
 
-@pytest.mark.parametrize(("kind", "dt"), [*zip(STAMPS, [0.5, 86400.0, 1.0, 60.0, 1.0], strict=True)])
+@every(("kind", "dt"), [*zip(STAMPS, [0.5, 86400.0, 1.0, 60.0, 1.0], strict=True)])
 def test_cells_of_dates_and_times(tmp_path: Path, kind: str, dt: float) -> None:
     stamps = STAMPS[kind]
     path = save(tmp_path, [["when", "u", "y"], *([stamp, k, k] for k, stamp in enumerate(stamps))])
@@ -101,7 +102,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize(("rows", "message"), BAD.values(), ids=BAD)
+@every(("rows", "message"), BAD.values(), ids=BAD)
 def test_a_bad_workbook_is_refused_in_one_line(tmp_path: Path, rows: list[list[Any]], message: str) -> None:
     path = save(tmp_path, rows)
     with pytest.raises(LogError, match=re.escape(message)) as caught:

@@ -21,6 +21,7 @@ from replant.data.streams.controlled_motor import (
 )
 from replant.errors import InvalidArgumentError
 from replant.rigs import motor_rig
+from support.cases import every
 
 RIG = motor_rig()
 URL = "demo?speed=max&loop=pi"
@@ -79,7 +80,7 @@ def test_the_speed_follows_a_set_point_that_moves() -> None:
     assert np.count_nonzero(np.diff(r)) > r.size / 20  # it never rests
 
 
-@pytest.mark.parametrize("after", [-1, 0, 99, BLOCK - 1, BLOCK + 77])
+@every("after", [-1, 0, 99, BLOCK - 1, BLOCK + 77])
 def test_it_goes_on_after_any_number_to_the_bit(after: int) -> None:
     whole = first(BLOCK + 300)
     for all_of_it, later in zip(whole, first(200, seek=after), strict=True):

@@ -14,6 +14,7 @@ from replant.data.streams import Batch, demo, open_source
 from replant.data.streams.demo import BLOCK, simulated
 from replant.errors import InvalidArgumentError
 from replant.rigs import deap_rig
+from support.cases import every
 from support.wires import Reading, wait_until
 
 FIELDS = ("u", "y", "t", "sequence")
@@ -53,7 +54,7 @@ def test_blocks_join_exactly(monkeypatch: pytest.MonkeyPatch) -> None:
     assert np.allclose(np.concatenate(y), deap_rig(noise=0.0).measure(np.concatenate(u)), rtol=0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("after", [-1, 0, 99, BLOCK - 1, BLOCK + 77])
+@every("after", [-1, 0, 99, BLOCK - 1, BLOCK + 77])
 def test_it_goes_on_after_any_number_to_the_bit(after: int) -> None:
     whole = first(BLOCK + 300)
     for all_of_it, later in zip(whole, first(200, seek=after), strict=True):
@@ -88,7 +89,7 @@ def test_a_full_queue_makes_the_simulation_wait_until_nobody_takes_any_more() ->
     assert source.counters == {}
 
 
-@pytest.mark.parametrize("options", ["speed=-1", "seed=x", "seed=-1", "noise=1", "speed="])
+@every("options", ["speed=-1", "seed=x", "seed=-1", "noise=1", "speed="])
 def test_wrong_options(options: str) -> None:
     with pytest.raises(InvalidArgumentError, match=r"^demo"):
         open_source(f"demo?{options}")

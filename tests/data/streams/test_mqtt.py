@@ -17,6 +17,7 @@ import pytest
 from replant.data.streams import open_source
 from replant.data.streams.payload import MAGIC
 from support.broker import MOSQUITTO, Broker
+from support.cases import every
 from support.wires import PATIENCE, Reading, csv, wait_until
 
 mqtt = pytest.importorskip("paho.mqtt.client", reason="paho-mqtt is not installed")
@@ -113,8 +114,8 @@ def packed(*columns: np.ndarray) -> bytes:
     return MAGIC + b"ntuy" + np.column_stack(columns).astype("<f8").tobytes()
 
 
-@pytest.mark.parametrize("form", [as_csv, as_arrays, as_objects, packed])
-@pytest.mark.parametrize("qos", [0, 1])
+@every("form", [as_csv, as_arrays, as_objects, packed])
+@every("qos", [0, 1])
 def test_ten_samples_a_message_to_the_bit(
     broker: Broker, publisher: Publisher, read: Callable[..., Reading], form: Callable[..., bytes], qos: int
 ) -> None:

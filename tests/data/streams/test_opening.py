@@ -11,9 +11,10 @@ from replant.data.streams import Source, open_source
 from replant.data.streams.address import split
 from replant.data.streams.source import STATES
 from replant.errors import InvalidArgumentError
+from support.cases import every
 
 
-@pytest.mark.parametrize(
+@every(
     ("url", "message"),
     [
         ("ftp://host/file", "unknown scheme 'ftp'; known are tcp://127.0.0.1:9000, udp://"),

@@ -19,6 +19,7 @@ from replant.data.streams.lines import LONGEST, LineSplitter
 from replant.data.streams.parser import FEW, Parser
 from replant.data.streams.payload import MAGIC, Payloads
 from replant.data.streams.rows import json_values
+from support.cases import every
 
 ANY = settings(derandomize=True, max_examples=150, deadline=None)
 COLUMNS = ("n", "t", "u", "y")
@@ -68,7 +69,7 @@ def test_numbers_come_out_to_the_bit_as_a_log_reads_them(tmp_path: Path) -> None
         assert batch.arrived == 3.0
 
 
-@pytest.mark.parametrize(
+@every(
     ("line", "reason"),
     [
         ("4,0.4,abc,1", "not a number"),
@@ -102,7 +103,7 @@ def test_numbers_come_out_to_the_bit_as_a_log_reads_them(tmp_path: Path) -> None
         ("[" * 60000, "not JSON"),
     ],
 )
-@pytest.mark.parametrize("around", [1, 3 * FEW])
+@every("around", [1, 3 * FEW])
 def test_a_line_that_is_off_is_counted_and_its_neighbours_are_kept(line: str, reason: str, around: int) -> None:
     before = [f"{k},{k / 10},{k},{k}" for k in range(around)]
     after = [f"{k},{k / 10},{k},{k}" for k in range(1000, 1000 + around)]
@@ -113,7 +114,7 @@ def test_a_line_that_is_off_is_counted_and_its_neighbours_are_kept(line: str, re
     assert counters == {reason: 1}
 
 
-@pytest.mark.parametrize("text", ["nan", "NaN", "inf", "-Infinity", "", " ", "NA", "null"])
+@every("text", ["nan", "NaN", "inf", "-Infinity", "", " ", "NA", "null"])
 def test_a_value_that_the_device_could_not_read_is_a_sample_that_is_not_finite(text: str) -> None:
     """It keeps its place in time, and the identifier counts it; as in a log, a missing cell is NaN."""
     batch, counters = parse(f"1,0.1,2,{text}\n")

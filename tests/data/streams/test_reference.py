@@ -18,6 +18,7 @@ from replant.data.streams.payload import MAGIC, Payloads
 from replant.data.streams.pipe import PipeSource
 from replant.data.streams.sequence_numbers import Numbering
 from replant.errors import InvalidArgumentError, LogError
+from support.cases import every
 from support.wires import Peer, Reading
 
 U, Y, R = np.array([1.0, 2.0, 3.0]), np.array([0.5, 0.6, 0.7]), np.array([7.0, 8.0, 9.0])
@@ -30,8 +31,8 @@ def batch_of(parser: Parser, lines: str) -> Batch:
     return batch
 
 
-@pytest.mark.parametrize("columns", [("u", "y", "r"), ("r", "n", "y", "u"), ("n", "t", "u", "y", "r")])
-@pytest.mark.parametrize("copies", [1, 20])
+@every("columns", [("u", "y", "r"), ("r", "n", "y", "u"), ("n", "t", "u", "y", "r")])
+@every("copies", [1, 20])
 def test_lines_whose_columns_are_named(columns: tuple[str, ...], copies: int) -> None:
     """Few lines are parsed one by one, many as a whole."""
     by_name = {"n": N, "t": 0.1 * N, "u": U, "y": Y, "r": R}

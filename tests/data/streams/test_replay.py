@@ -14,6 +14,7 @@ from replant.data.logs.merge_rasters import Signal
 from replant.data.logs.rasters import Channel, channel_table
 from replant.data.streams import open_source, replay
 from replant.errors import InvalidArgumentError, LogError
+from support.cases import every
 from support.wires import Reading, csv
 
 
@@ -100,7 +101,7 @@ def test_a_file_whose_name_has_a_question_mark(tmp_path: Path, read: Callable[..
     assert len(reading) == 2
 
 
-@pytest.mark.parametrize(
+@every(
     ("name", "message"),
     [
         ("missing.csv", "no such file"),

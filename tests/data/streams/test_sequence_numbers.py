@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from replant.data.streams.batch import Batch
 from replant.data.streams.sequence_numbers import MISORDER, Numbering
+from support.cases import every
 
 
 def batch_of(numbers: list[int]) -> Batch:
@@ -71,9 +72,9 @@ def test_a_device_that_was_reset_is_believed_after_two_samples() -> None:
     assert counters == {"duplicate": 1, "restarts": 1, "lost": 1}
 
 
-@pytest.mark.parametrize("replays", [True, False])
-@pytest.mark.parametrize("parts", [1, 2, 8])
-@pytest.mark.parametrize("misread", [900_000, 2**32, 2**53 - 1])
+@every("replays", [True, False])
+@every("parts", [1, 2, 8])
+@every("misread", [900_000, 2**32, 2**53 - 1])
 def test_a_misread_number_far_ahead_costs_its_sample_alone(replays: bool, parts: int, misread: int) -> None:
     numbers = [1, 2, misread, 4, 5, 6, 7, 8]
     counters: Counter[str] = Counter()
@@ -82,8 +83,8 @@ def test_a_misread_number_far_ahead_costs_its_sample_alone(replays: bool, parts:
     assert +counters == {"number leap": 1, "lost": 1}
 
 
-@pytest.mark.parametrize("replays", [True, False])
-@pytest.mark.parametrize("parts", [1, 3, 9])
+@every("replays", [True, False])
+@every("parts", [1, 3, 9])
 def test_a_leap_that_its_successor_confirms_costs_no_sample(replays: bool, parts: int) -> None:
     """A cable that was out for hours, where nobody keeps what was meanwhile."""
     numbers = [1, 2, 3, 500_000, 500_001, 500_003, 900_000, 900_001, 900_002]
@@ -100,10 +101,8 @@ def test_a_device_that_counts_in_steps_is_followed(replays: bool) -> None:
     assert screen(numbering, *([number] for number in range(0, 10_000, 100))) == list(range(0, 9_900, 100))
 
 
-@pytest.mark.parametrize("replays", [True, False])
-@pytest.mark.parametrize(
-    "misread", [[2**32, 2**32], [2**40, 2**32], [2**32, 2**32 + 1, 2**32 + 2], [2**32, 2**33 - 20]]
-)
+@every("replays", [True, False])
+@every("misread", [[2**32, 2**32], [2**40, 2**32], [2**32, 2**32 + 1, 2**32 + 2], [2**32, 2**33 - 20]])
 def test_several_misread_numbers_in_a_row_cost_one_more_sample(replays: bool, misread: list[int]) -> None:
     """Even where they seem to confirm each other: none of the numbers between has been used."""
     counters: Counter[str] = Counter()
@@ -113,8 +112,8 @@ def test_several_misread_numbers_in_a_row_cost_one_more_sample(replays: bool, mi
     assert counters["lost"] <= 2
 
 
-@pytest.mark.parametrize("replays", [True, False])
-@pytest.mark.parametrize("misread", [5_000, 2**32, 2**53 - 1])
+@every("replays", [True, False])
+@every("misread", [5_000, 2**32, 2**53 - 1])
 def test_a_first_number_that_is_misread_does_not_end_the_stream(replays: bool, misread: int) -> None:
     counters: Counter[str] = Counter()
     numbering = Numbering(counters, replays=replays)
@@ -122,14 +121,23 @@ def test_a_first_number_that_is_misread_does_not_end_the_stream(replays: bool, m
     assert +counters == {"duplicate": 1, "restarts": 1}
 
 
-@pytest.mark.parametrize("bits", [16, 32])
-@pytest.mark.parametrize("replays", [True, False])
+@every("bits", [16, 32])
+@every("replays", [True, False])
 def test_a_counter_that_wraps_is_followed(replays: bool, bits: int) -> None:
     numbers = (np.arange(2**bits - 300, 2**bits + 200) % 2**bits).tolist()
     counters: Counter[str] = Counter()
     numbering = Numbering(counters, replays=replays)
     assert screen(numbering, *([number] for number in numbers)) == [n for n in numbers if n != 0]
     assert +counters == {"duplicate": 1, "restarts": 1}
+
+
+@pytest.mark.parametrize("last", [2**16 - 1, 2**32 - 1])
+def test_what_is_sent_again_to_one_that_goes_on_is_no_counter_that_wrapped(last: int) -> None:
+    """Where the last number is that of a checkpoint, none has come over the first connection yet."""
+    numbering = Numbering(counters := Counter(), replays=True)
+    numbering.last = last
+    assert screen(numbering, *([k, k + 1] for k in range(0, 40, 2))) == []
+    assert counters == {"duplicate": 40}
 
 
 @pytest.mark.parametrize("last", [2**16 - 1, 70_000])

@@ -13,6 +13,7 @@ from replant.data.streams import open_source
 from replant.data.streams.inbox import CAPACITY
 from replant.data.streams.udp import UdpSource
 from replant.errors import InvalidArgumentError
+from support.cases import every
 from support.wires import Reading, csv, wait_until
 
 
@@ -39,8 +40,8 @@ def opened(options: str = "") -> UdpSource:
     return source
 
 
-@pytest.mark.parametrize("end", [b"", b"\n", b"\r\n"])
-@pytest.mark.parametrize("together", [1, 7])
+@every("end", [b"", b"\n", b"\r\n"])
+@every("together", [1, 7])
 def test_datagrams_of_lines(read: Callable[..., Reading], end: bytes, together: int) -> None:
     t, u, y = np.random.default_rng(6).normal(size=(3, 210))
     reading = read(opened())

@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from replant.kernels.filters.autoregression import nested_models
+from support.cases import every
 
 ORDERS = 5
 
@@ -27,7 +28,7 @@ def models_of(errors: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
 COLOURS = {0: [1.0], 1: [1.0, -0.9], 2: [1.0, -1.6, 0.9], 3: [1.0, -2.7, 2.43, -0.729]}
 
 
-@pytest.mark.parametrize("order", COLOURS)
+@every("order", COLOURS)
 def test_each_order_is_the_least_squares_model_of_the_record(order: int) -> None:
     errors = lfilter([1.0], COLOURS[order], np.random.default_rng(order).standard_normal(4000))
     _, models, variances = models_of(errors)
@@ -40,7 +41,7 @@ def test_each_order_is_the_least_squares_model_of_the_record(order: int) -> None
         assert variances[j] == pytest.approx(left @ left / now.size, rel=1e-6)
 
 
-@pytest.mark.parametrize("order", COLOURS)
+@every("order", COLOURS)
 def test_the_order_is_found(order: int) -> None:
     """BIC takes too large an order with a chance of about P(chi2_1 > ln 4000) = 0.4 % each: of 50 records few do."""
     found = []
@@ -51,9 +52,7 @@ def test_the_order_is_found(order: int) -> None:
     assert sum(one > order for one in found) <= 4
 
 
-@pytest.mark.parametrize(
-    "errors", [np.zeros(100), np.ones(100), np.arange(100.0), 0.5 ** np.arange(100.0)], ids=range(4)
-)
+@every("errors", [np.zeros(100), np.ones(100), np.arange(100.0), 0.5 ** np.arange(100.0)], ids=range(4))
 def test_a_record_that_is_predicted_exactly(errors: np.ndarray) -> None:
     """Larger orders than the one that leaves nothing are no better, and every number stays finite."""
     order, models, variances = models_of(errors)

@@ -11,6 +11,7 @@ from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.model import state_space
 from support.builders import random_plant
+from support.cases import every
 
 DENOMINATORS = {
     "first order": np.array([1.0, 2.0]),
@@ -22,7 +23,7 @@ DENOMINATORS = {
     "tenfold": np.poly(np.full(10, -2.0)),
     "random": random_plant(1, 6).den,
 }
-every_denominator = pytest.mark.parametrize("denominator", DENOMINATORS.values(), ids=DENOMINATORS)
+every_denominator = every("denominator", DENOMINATORS.values(), ids=DENOMINATORS)
 
 
 def made(denominator: np.ndarray) -> tuple[State, np.ndarray, int, int]:
@@ -48,7 +49,7 @@ def discretization(state: State, bank: np.ndarray, n: int, T: int, interval: flo
 
 
 @every_denominator
-@pytest.mark.parametrize("interval", [1e-9, 1e-3, 0.1, 2.0])
+@every("interval", [1e-9, 1e-3, 0.1, 2.0])
 def test_it_discretises_as_the_realization_does(denominator: np.ndarray, interval: float) -> None:
     """The same companion form through another exponential: straight lines are constant and ramp."""
     state, bank, n, T = made(denominator)

@@ -12,6 +12,7 @@ from replant.kernels.filters import bank as bk
 from replant.kernels.filters.chain import install_model
 from replant.kernels.step.stages import regressors
 from support.builders import random_plant
+from support.cases import every
 from support.references import filtered_at
 
 DT, SAMPLES = 0.1, 80
@@ -42,10 +43,10 @@ def close(computed: np.ndarray, expected: np.ndarray, tolerance: float = 1e-11) 
     np.testing.assert_allclose(computed, expected.astype(float), atol=tolerance * float(np.abs(expected).max()), rtol=0)
 
 
-@pytest.mark.parametrize("hold", ["zoh", "foh"])
-@pytest.mark.parametrize("delay", [0.0, 0.3 * DT, DT, 2.41 * DT, 7.0 * DT])
-@pytest.mark.parametrize("spread", [0.0, 0.2, 0.45])
-@pytest.mark.parametrize("feedthrough", [False, True])
+@every("hold", ["zoh", "foh"])
+@every("delay", [0.0, 0.3 * DT, DT, 2.41 * DT, 7.0 * DT])
+@every("spread", [0.0, 0.2, 0.45])
+@every("feedthrough", [False, True])
 def test_filters_are_exact_on_any_clock(hold: str, delay: float, spread: float, feedthrough: bool) -> None:
     n, poles = 3, np.poly([-3.0, -2.0, -2.0])
     structure = rp.Structure(n, n if feedthrough else n - 1, delay=delay, feedthrough=feedthrough)
@@ -72,9 +73,9 @@ def delayed(u: np.ndarray, t: np.ndarray, delay: float, hold: str) -> np.ndarray
     return u[np.maximum(np.searchsorted(t, t - delay + 1e-9, side="right") - 1, 0)]
 
 
-@pytest.mark.parametrize("order", [1, 2, 4])
-@pytest.mark.parametrize("hold", ["zoh", "foh"])
-@pytest.mark.parametrize("delay", [0.0, 1.3 * DT])
+@every("order", [1, 2, 4])
+@every("hold", ["zoh", "foh"])
+@every("delay", [0.0, 1.3 * DT])
 def test_the_auxiliary_model_is_the_plant(order: int, hold: str, delay: float) -> None:
     """With the plant's own coefficients its output is the plant's, at every stamp of an irregular clock.
 
@@ -143,7 +144,19 @@ def test_a_missing_sample_of_an_input_that_stood_costs_nothing() -> None:
     close(phi[:, 2:], of_u)
 
 
-@pytest.mark.parametrize("unstable", [[-1.0, 2.0], [3.0, -2.0], [0.0, 1.0], [0.0, 0.0]], ids=repr)
+def test_a_device_that_samples_more_slowly_misses_nothing_wherever_the_ring_begins() -> None:
+    """No input is taken to have moved between its samples, at none of the places of the ring of inputs."""
+    poles, delay, t = np.poly([-3.0, -2.0]), 1.0 * DT, 2 * DT * np.arange(SAMPLES)
+    state_filter = rp.StateVariableFilter(denominator=poles)
+    state = State.build(rp.Structure(2, 1, delay=delay), DT, state_filter=state_filter)
+    assert 3 < state.ints[at.RING_SIZE] < SAMPLES / 2
+    u, y = -0.01 - 0.1 * np.abs(signals(5))
+    u[:4] = u[0]  # until two intervals are known
+    phi, *_ = run(state, u, y, t)
+    close(phi[:, 2:], filtered_at(u, t, poles, delay, "zoh"))
+
+
+@every("unstable", [[-1.0, 2.0], [3.0, -2.0], [0.0, 1.0], [0.0, 0.0]], ids=repr)
 def test_an_unstable_estimate_serves_with_its_poles_reflected(unstable: list[float]) -> None:
     """The filter's poles are mirrored, and lie left of the margin; the model's own coefficients are the estimate's."""
     from replant.kernels.filters.chain import renew_model
@@ -216,7 +229,7 @@ def loop(poles: list[float], samples: int) -> tuple[np.ndarray, np.ndarray, floa
     return u, y, curvature
 
 
-@pytest.mark.parametrize("poles", [[1.0], [0.0], [0.0, 0.0], [0.5, -1.0], [-1.0, -2.0]])
+@every("poles", [[1.0], [0.0], [0.0, 0.0], [0.5, -1.0], [-1.0, -2.0]])
 def test_the_error_of_an_unstable_plant_is_defined_and_vanishes(poles: list[float]) -> None:
     """e = A/D y - B/D u is zero for the right model, but for the straight line that joins the output.
 
@@ -242,9 +255,9 @@ def test_the_error_of_an_unstable_plant_is_defined_and_vanishes(poles: list[floa
     assert bool(state.banks[1, bk.REFLECTED]) == (max(poles) >= 0.0)
 
 
-@pytest.mark.parametrize("delay", [0.0, 1.3 * DT])
-@pytest.mark.parametrize("hold", ["zoh", "foh"])
-@pytest.mark.parametrize("zeros", [0, 2])
+@every("delay", [0.0, 1.3 * DT])
+@every("hold", ["zoh", "foh"])
+@every("zeros", [0, 2])
 def test_instruments_are_the_regressor_of_what_a_reference_explains(delay: float, hold: str, zeros: int) -> None:
     """With (u_r, y_r) given for (u, y), zeta is phi of the record (u_r, y_r); all else does not change."""
     structure = rp.Structure(2, zeros, delay=delay, feedthrough=zeros == 2)

@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from replant.kernels.filters.matrix_exponential import exponential
+from support.cases import every
 
 EPSILON = np.finfo(float).eps
 
@@ -23,8 +24,8 @@ def norm(matrix: np.ndarray) -> float:
     return float(np.abs(matrix).sum(axis=1).max())
 
 
-@pytest.mark.parametrize("order", range(1, 13))
-@pytest.mark.parametrize("size", [1e-6, 1e-3, 0.2, 1.0, 10.0, 100.0, 1000.0])
+@every("order", range(1, 13))
+@every("size", [1e-6, 1e-3, 0.2, 1.0, 10.0, 100.0, 1000.0])
 def test_it_equals_scipys(order: int, size: float) -> None:
     """Of stable matrices of any norm.
 

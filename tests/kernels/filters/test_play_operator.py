@@ -5,12 +5,12 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-import pytest
 
 from replant.kernels.filters.play_operator import play
+from support.cases import every
 
 
-@pytest.mark.parametrize("width", [0.0, 0.02, 0.5, 3.0])
+@every("width", [0.0, 0.02, 0.5, 3.0])
 def test_it_is_its_definition_to_the_bit(width: float) -> None:
     v = np.cumsum(np.random.default_rng(0).uniform(-0.1, 0.1, 5000))
     pushed = itertools.accumulate(v.tolist(), lambda held, at: min(max(held, at - width), at + width), initial=0.0)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from scipy.signal import lfilter
 
 from replant.kernels.filters.reference import SIZE, advance
 from replant.kernels.schema import FIXED, LAGUERRE, ReferenceSlots
+from support.cases import every
 
 
 def reference_of(pole: float, origin: float = 0.0) -> ReferenceSlots:
@@ -25,7 +25,7 @@ def functions(pole: float, r: np.ndarray) -> np.ndarray:
     return states
 
 
-@pytest.mark.parametrize("pole", [0.0, 0.2, 0.9, 0.99])
+@every("pole", [0.0, 0.2, 0.9, 0.99])
 def test_the_functions_are_those_of_laguerre(pole: float) -> None:
     r = np.random.default_rng(0).standard_normal(500)
     states, signal = functions(pole, r), lfilter([np.sqrt(1 - pole**2)], [1.0, -pole], r)

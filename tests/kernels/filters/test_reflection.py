@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from replant.kernels.filters.reflection import reflect
+from support.cases import every
 
 ROOTS = {
     "one": [1.0],
@@ -22,7 +23,7 @@ def reflected(roots: list[complex], margin: float = 0.0) -> np.ndarray:
     return a
 
 
-@pytest.mark.parametrize("case", ROOTS)
+@every("case", ROOTS)
 def test_unstable_roots_are_mirrored_and_stable_ones_stay(case: str) -> None:
     """Coefficients: a root's rounding is eps times its condition, some thousands for ten roots."""
     roots = np.array(ROOTS[case], complex)
@@ -30,14 +31,14 @@ def test_unstable_roots_are_mirrored_and_stable_ones_stay(case: str) -> None:
     np.testing.assert_allclose(reflected(ROOTS[case]), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("case", ROOTS)
+@every("case", ROOTS)
 def test_the_quotient_has_modulus_one_on_the_imaginary_axis(case: str) -> None:
     s = 1j * np.geomspace(1e-4, 1e4, 50)
     quotient = np.polyval(np.poly(ROOTS[case]), s) / np.polyval([1.0, *reflected(ROOTS[case])], s)
     np.testing.assert_allclose(np.abs(quotient), 1.0, rtol=1e-7)
 
 
-@pytest.mark.parametrize("roots", [[0.0], [0.0, 0.0], [0.0, -1.0], [2j, -2j], [1e-4, -1e-4]], ids=repr)
+@every("roots", [[0.0], [0.0, 0.0], [0.0, -1.0], [2j, -2j], [1e-4, -1e-4]], ids=repr)
 def test_roots_on_the_axis_move_to_the_margin(roots: list[complex]) -> None:
     found = np.roots([1.0, *reflected(roots, 0.01)])
     assert found.real.max() == pytest.approx(-0.01, rel=1e-3)  # a double root is known to the root of its rounding

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from replant.kernels.filters.routh import all_left_of, bandwidth, slowest_decay
+from support.cases import every
 
 ORDERS = range(1, 11)
 
@@ -37,7 +38,7 @@ def work(order: int) -> np.ndarray:
     return np.empty(3 * (order + 2))
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@every("order", ORDERS)
 def test_it_agrees_with_the_roots(order: int) -> None:
     """Wherever a root is not so close to the line that rounding decides."""
     seen = {True: 0, False: 0}
@@ -52,7 +53,7 @@ def test_it_agrees_with_the_roots(order: int) -> None:
     assert min(seen.values()) > 50
 
 
-@pytest.mark.parametrize("a", [[0.0], [0.0, 1.0], [1.0, 0.0], [0.0, 0.0], [1.0, 4.0, 4.0], [0.0, 2.0, 0.0, 1.0]])
+@every("a", [[0.0], [0.0, 1.0], [1.0, 0.0], [0.0, 0.0], [1.0, 4.0, 4.0], [0.0, 2.0, 0.0, 1.0]])
 def test_a_root_on_the_axis_is_not_left_of_it(a: list[float]) -> None:
     assert np.roots([1.0, *a]).real.max() == pytest.approx(0.0, abs=1e-7)
     assert not all_left_of(np.array(a), 0.0, work(len(a)))
@@ -67,7 +68,7 @@ def test_coefficients_that_are_not_finite_are_not_stable(bad: float) -> None:
         assert slowest_decay(a, work(3)) == 0.0
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@every("order", ORDERS)
 def test_the_slowest_decay_is_within_a_factor_of_two_from_below(order: int) -> None:
     for a, roots in polynomials(order, 300):
         slowest = -roots.real.max()
@@ -78,14 +79,14 @@ def test_the_slowest_decay_is_within_a_factor_of_two_from_below(order: int) -> N
             assert 0.499 * slowest <= decay <= 1.001 * slowest
 
 
-@pytest.mark.parametrize("damping", [0.1, 0.01, 0.001])
-@pytest.mark.parametrize("frequency", [1e-3, 1.0, 1e4])
+@every("damping", [0.1, 0.01, 0.001])
+@every("frequency", [1e-3, 1.0, 1e4])
 def test_the_slowest_decay_of_a_lightly_damped_mode(damping: float, frequency: float) -> None:
     a = np.array([2 * damping * frequency, frequency**2])
     assert 0.499 * damping * frequency <= slowest_decay(a, work(2)) <= 1.001 * damping * frequency
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@every("order", ORDERS)
 def test_the_bandwidth_bounds_the_largest_root_on_both_sides(order: int) -> None:
     for a, roots in polynomials(order, 100):
         largest, bound = abs(roots).max(), bandwidth(a)

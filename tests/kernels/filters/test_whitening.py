@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from replant.kernels.filters.whitening import filter_row
 from replant.kernels.schema import FIXED, LAGS, NoiseSlots
+from support.cases import every
 
 T, SAMPLES = 3, 40
 
@@ -23,7 +23,7 @@ def noise_of(order: int, generator: np.random.Generator) -> NoiseSlots:
     return noise
 
 
-@pytest.mark.parametrize("order", range(LAGS + 1))
+@every("order", range(LAGS + 1))
 def test_rows_are_those_of_the_filtered_record(order: int) -> None:
     """Row k is g D_j(q) of the rows, j the predecessors known: the past is broken before the first and the 21st row."""
     generator = np.random.default_rng(order)

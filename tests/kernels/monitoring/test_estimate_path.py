@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from replant.kernels.monitoring import estimate_path
 from replant.kernels.schema import FIXED, ROOM, PathSlots
+from support.cases import every
 from support.references import kept_samples
 
 
@@ -23,7 +23,7 @@ def walk(samples: int, entries: int = 3) -> tuple[PathSlots, np.ndarray, np.ndar
     return kept, theta, np.einsum("kij,kj,kij->ki", upper, diagonal, upper)
 
 
-@pytest.mark.parametrize("samples", [1, 5, 31, 32, 33, 34, 48, 63, 64, 65, 66, 1000, 4096, 5000])
+@every("samples", [1, 5, 31, 32, 33, 34, 48, 63, 64, 65, 66, 1000, 4096, 5000])
 def test_the_rows_are_every_stepth_estimate_and_its_variances(samples: int) -> None:
     kept, theta, variances = walk(samples)
     counts = kept_samples(samples, ROOM)
@@ -33,7 +33,7 @@ def test_the_rows_are_every_stepth_estimate_and_its_variances(samples: int) -> N
     np.testing.assert_allclose(rows[:, 1], variances[counts], rtol=1e-14)
 
 
-@pytest.mark.parametrize("samples", [32, 33, 77, 1000, 12345])
+@every("samples", [32, 33, 77, 1000, 12345])
 def test_a_long_record_always_has_at_least_half_the_rows_in_steps_that_double(samples: int) -> None:
     kept = walk(samples, 1)[0]
     assert ROOM / 2 <= kept.kept <= ROOM

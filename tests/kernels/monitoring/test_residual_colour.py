@@ -9,13 +9,14 @@ from scipy.signal import lfilter
 
 from replant.kernels.monitoring.residual_colour import LAGS, autoregression, record
 from replant.kernels.schema import FIXED, ColourSlots
+from support.cases import every
 
 
 def covariances_of(errors: np.ndarray) -> np.ndarray:
     return np.array([errors[lag:] @ errors[: errors.size - lag] for lag in range(LAGS + 1)])
 
 
-@pytest.mark.parametrize("colour", [[1.0], [1.0, -0.9], [1.0, 0.5, 0.3], [1.0, -1.6, 0.9]], ids=repr)
+@every("colour", [[1.0], [1.0, -0.9], [1.0, 0.5, 0.3], [1.0, -1.6, 0.9]], ids=repr)
 def test_the_autoregression_solves_yule_and_walkers_equations(colour: list[float]) -> None:
     """For any record: Toeplitz c d = -c, and the innovation's power is c' [1, d], below that of the signal."""
     errors = lfilter([1.0], colour, np.random.default_rng(0).standard_normal(5000))

@@ -14,6 +14,7 @@ from replant.kernels.optimizers.covariance import (
     time_update,
 )
 from replant.statistics.udu import compose
+from support.cases import every
 
 ORDERS = [1, 2, 3, 5, 8, 13]
 
@@ -31,7 +32,7 @@ def random_factors(generator: np.random.Generator, size: int, spread: float = 2.
     return U, 10 ** generator.uniform(-spread, spread, size)
 
 
-@pytest.mark.parametrize("size", ORDERS)
+@every("size", ORDERS)
 def test_an_observation_changes_the_covariance_as_the_formula_says(size: int) -> None:
     generator = np.random.default_rng(size)
     for _ in range(20):
@@ -49,7 +50,7 @@ def test_an_observation_changes_the_covariance_as_the_formula_says(size: int) ->
         assert_unit_upper(flat.reshape(size, size))
 
 
-@pytest.mark.parametrize("size", ORDERS)
+@every("size", ORDERS)
 def test_time_adds_its_noise(size: int) -> None:
     generator = np.random.default_rng(size)
     for _ in range(20):
@@ -68,7 +69,7 @@ def assert_unit_upper(U: np.ndarray) -> None:
     np.testing.assert_array_equal(np.tril(U), np.eye(U.shape[0]))
 
 
-@pytest.mark.parametrize("size", ORDERS)
+@every("size", ORDERS)
 def test_the_expanded_covariance_is_the_product_and_symmetric_to_the_bit(size: int) -> None:
     U, D = random_factors(np.random.default_rng(size), size)
     covariance = np.empty((size, size))
@@ -97,7 +98,7 @@ def hardly_different_directions(size: int) -> np.ndarray:
     return directions * 10.0 ** np.linspace(-6, 6, size)
 
 
-@pytest.mark.parametrize("size", [2, 5, 9])
+@every("size", [2, 5, 9], quick=1)
 def test_after_1e5_ill_conditioned_updates_it_is_positive_definite(size: int) -> None:
     """The largest eigenvalue falls, no entry of D leaves the positive numbers, and the product is symmetric.
 
@@ -128,21 +129,21 @@ def scaled_to_ones(covariance: np.ndarray) -> np.ndarray:
     return covariance / np.outer(std, std)
 
 
-@pytest.mark.parametrize("size", [2, 5, 9])
+@every("size", [2, 5, 9], quick=1)
 def test_walking_and_observing_settles_on_the_riccati_equation(size: int) -> None:
-    """After 1e5 steps P is the stationary one: another turn of the directions leaves it as it is."""
+    """After 3e4 steps P is the stationary one: another turn of the directions leaves it as it is."""
     generator = np.random.default_rng(size)
     directions, increase = generator.standard_normal((3 * size, size)), 10 ** generator.uniform(-5, -2, size)
     U, D = np.eye(size).ravel(), np.full(size, 1e6)
     arguments = (increase, np.empty(2 * size * size + 2 * size), np.empty(size), np.empty(size))
-    observe_and_walk(U, D, directions, 0.5, *arguments, 99_000 - 99_000 % (3 * size))
+    observe_and_walk(U, D, directions, 0.5, *arguments, 30_000 - 30_000 % (3 * size))
     before = compose(U.reshape(size, size), D)
     observe_and_walk(U, D, directions, 0.5, *arguments, 30 * size)
     after = compose(U.reshape(size, size), D)
     np.testing.assert_allclose(after, before, rtol=1e-9, atol=1e-12 * np.abs(before).max())
     assert np.linalg.eigvalsh(after).min() > 0
     dense = np.eye(size)
-    for k in range(15_000 - 15_000 % (3 * size)):
+    for k in range(9_000 - 9_000 % (3 * size)):
         zeta = directions[k % (3 * size)]
         dense = dense + np.diag(increase)
         rest = np.eye(size) - np.outer(dense @ zeta, zeta) / (0.5 + zeta @ dense @ zeta)

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 import replant as rp
 from replant.engine.state import State
 from replant.kernels import schema as at
 from replant.kernels.step import covariance, gradient
 from replant.optimizers import OPTIMIZERS
+from support.cases import every
 from support.references import TWINS, extended
 
 DT, ROWS = 0.2, 60
 
 
-@pytest.mark.parametrize("name", OPTIMIZERS)
-@pytest.mark.parametrize("normalize", [True, False])
-@pytest.mark.parametrize("instruments", [False, True])
+@every("name", OPTIMIZERS)
+@every("normalize", [True, False])
+@every("instruments", [False, True])
 def test_kernel_equals_its_twin(name: str, normalize: bool, instruments: bool) -> None:
     """Zeta is phi without its noise, as an auxiliary model makes it; without instruments it must not be looked at."""
     optimizer = OPTIMIZERS[name](**TWINS[name].settings)
@@ -45,7 +45,7 @@ def test_kernel_equals_its_twin(name: str, normalize: bool, instruments: bool) -
     assert np.abs(expected).max() > 1e-3
 
 
-@pytest.mark.parametrize("name", OPTIMIZERS)
+@every("name", OPTIMIZERS)
 def test_codes_name_the_kernels(name: str) -> None:
     """The number that a kernel branches on is spelled there as the optimizer is here."""
     from replant.kernels.optimizers import covariance, gradient

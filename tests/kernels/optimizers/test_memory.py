@@ -7,14 +7,15 @@ import pytest
 
 from replant.kernels.optimizers import covariance, gradient
 from replant.kernels.optimizers.memory import MATRIX, ONE, VECTOR, Memory, Size, block
+from support.cases import every
 
 EVERY = {**gradient.MEMORY, **covariance.MEMORY}
 LAID = Memory(first=MATRIX, second=ONE, third=Size(2, 3, 1), last=VECTOR)
 AT_LAST = LAID.begins["last"]
 
 
-@pytest.mark.parametrize("P", [1, 2, 5])
-@pytest.mark.parametrize("memory", EVERY.values(), ids=map(str, EVERY))
+@every("P", [1, 2, 5])
+@every("memory", EVERY.values(), ids=map(str, EVERY))
 def test_blocks_fill_the_memory_without_overlap(memory: Memory, P: int) -> None:
     uses = np.zeros(memory.size(P))
     for name in memory.sizes:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from replant.kernels.optimizers.random_stream import draw_below
 from support import references
+from support.cases import every
 
 
 def test_the_twin_gives_the_published_words() -> None:
@@ -25,8 +25,8 @@ def test_draws_equal_the_twin(seed: int, position: int, bound: int) -> None:
     assert 0 <= drawn < bound
 
 
-@pytest.mark.parametrize("bound", [2, 3, 10, 97])
-@pytest.mark.parametrize("seed", [0, 1, 2**63 - 1])
+@every("bound", [2, 3, 10, 97])
+@every("seed", [0, 1, 2**63 - 1])
 def test_draws_are_uniform_and_independent_of_the_one_before(seed: int, bound: int) -> None:
     """Pearson's chi-square of single draws and of pairs stays within eight standard deviations of its mean.
 

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import pytest
 
 import replant as rp
 from replant.engine.dispatch import step_kernels
@@ -15,6 +14,7 @@ from replant.engine.vector_blocks import is_under_way
 from replant.kernels import schema as at
 from replant.kernels.step import covariance, fixed_filter, gradient
 from replant.optimizers import OPTIMIZERS
+from support.cases import every
 
 Kernel = Callable[..., Any]
 
@@ -58,10 +58,10 @@ def run(state: State, one: Kernel, many: Kernel) -> tuple[np.ndarray, np.ndarray
     return errors, parameters
 
 
-@pytest.mark.parametrize("replay", [None, rp.Replay(capacity=40, batch_size=5, warmup=3)], ids=["alone", "replay"])
-@pytest.mark.parametrize("which", FILTERS)
-@pytest.mark.parametrize("structure", [(1, 0, False), (2, 1, False), (3, 0, True), (4, 2, True)], ids=str)
-@pytest.mark.parametrize("optimizer", GRADIENTS)
+@every("replay", [None, rp.Replay(capacity=40, batch_size=5, warmup=3)], ids=["alone", "replay"])
+@every("which", FILTERS)
+@every("structure", [(1, 0, False), (2, 1, False), (3, 0, True), (4, 2, True)], ids=str)
+@every("optimizer", GRADIENTS)
 def test_same_bits_as_the_general_kernels(
     optimizer: str, structure: tuple[int, int, bool], which: str, replay: rp.Replay | None
 ) -> None:

@@ -13,6 +13,7 @@ from replant.kernels import schema as at
 from replant.kernels.step import gradient
 from replant.kernels.step.stages import remember
 from support.builders import is_finite
+from support.cases import every
 
 
 def prepared(replay: rp.Replay | None, **changes: object) -> State:
@@ -52,7 +53,7 @@ def remember_many(replay: rp.Replay, count: int) -> tuple[np.ndarray, list[np.nd
     return state.buffer, batches
 
 
-@pytest.mark.parametrize("count", [1, 7, 8, 9, 20, 163])
+@every("count", [1, 7, 8, 9, 20, 163])
 def test_a_full_buffer_holds_exactly_the_newest_samples(count: int) -> None:
     buffer, _ = remember_many(rp.Replay(capacity=8, batch_size=3, warmup=2), count)
     numbers = np.arange(max(0, count - 8), count)
@@ -79,7 +80,7 @@ def test_instruments_lie_beside_the_regressor_and_carry_the_weight() -> None:
     np.testing.assert_array_equal(state.buffer[0], [3.0, 4.0, 7.0, 1.0 / 6.0, 1.0, 2.0])
 
 
-@pytest.mark.parametrize(("capacity", "warmup"), [(8, 0), (8, 3), (8, 7), (8, 8), (8, 99), (50, 20)])
+@every(("capacity", "warmup"), [(8, 0), (8, 3), (8, 7), (8, 8), (8, 99), (50, 20)])
 def test_batches_begin_once_more_than_the_warm_up_is_stored_or_the_buffer_is_full(capacity: int, warmup: int) -> None:
     _, batches = remember_many(rp.Replay(capacity=capacity, batch_size=5, warmup=warmup), 3 * capacity)
     first = min(warmup + 1, capacity)
@@ -95,8 +96,8 @@ def test_the_newest_sample_comes_last_and_the_others_from_the_filled_part(seed: 
         assert rows.max() <= min(k, 15)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2**63 - 1])
-@pytest.mark.parametrize("wraps", [1, 2, 5])
+@every("seed", [0, 1, 2**63 - 1])
+@every("wraps", [1, 2, 5])
 def test_after_wrap_around_every_row_is_drawn_alike(seed: int, wraps: int) -> None:
     """Draws while the buffer is filled over again, as the printed Algorithm 3 would spoil them.
 
@@ -126,8 +127,8 @@ def test_without_replay_each_sample_is_learned_once() -> None:
         assert state.buffer[0, 2] == 10.0 * k
 
 
-@pytest.mark.parametrize("replay", [None, rp.Replay(capacity=5, batch_size=3, warmup=1)], ids=["plain", "replay"])
-@pytest.mark.parametrize(
+@every("replay", [None, rp.Replay(capacity=5, batch_size=3, warmup=1)], ids=["plain", "replay"])
+@every(
     ("u", "y", "slot"),
     [
         (np.nan, 1.0, at.NOT_FINITE),
@@ -152,7 +153,7 @@ def test_a_rejected_sample_changes_its_count_alone(replay: rp.Replay | None, u: 
         assert [array.tobytes() for array in arrays(state)[1:]] == others
 
 
-@pytest.mark.parametrize(
+@every(
     ("t", "slot"),
     [(np.inf, at.NOT_FINITE), (-np.inf, at.NOT_FINITE), (0.6, at.NOT_LATER), (0.5, at.NOT_LATER), (-1e9, at.NOT_LATER)],
     ids=repr,

@@ -24,6 +24,7 @@ from replant.live.dashboard import (
     app,
     serve,
 )
+from support.cases import every
 from support.dashboard_feed import Feed
 from support.dashboard_watcher import numbered, until, view_of, watch
 from support.http_request import ask
@@ -52,9 +53,7 @@ def test_the_page_asks_for_nothing_but_what_is_served(dashboard: Dashboard) -> N
     assert b"style=" not in page
 
 
-@pytest.mark.parametrize(
-    "path", ["/assets/none.js", "/assets/../app.py", "/assets/%2e%2e/app.py", "/assets//etc/passwd"]
-)
+@every("path", ["/assets/none.js", "/assets/../app.py", "/assets/%2e%2e/app.py", "/assets//etc/passwd"])
 def test_nothing_else_is_served(dashboard: Dashboard, path: str) -> None:
     assert ask(dashboard.port, f"GET {path}")[0] == 404
 
@@ -213,7 +212,7 @@ GARBAGE = {
 }
 
 
-@pytest.mark.parametrize("kind", GARBAGE)
+@every("kind", GARBAGE)
 def test_garbage_closes_its_own_connection_and_no_other(bare: Hub, kind: str) -> None:
     bare.publish(numbered(0))
     with serve(bare) as served, watch(served.port) as good:
@@ -235,9 +234,7 @@ def test_garbage_closes_its_own_connection_and_no_other(bare: Hub, kind: str) ->
     assert bare.watching == 0
 
 
-@pytest.mark.parametrize(
-    "request_line", [b"\0\1\2\3\r\n\r\n", b"GET\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n", b"A" * 200_000]
-)
+@every("request_line", [b"\0\1\2\3\r\n\r\n", b"GET\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n", b"A" * 200_000])
 def test_garbage_instead_of_a_request_is_answered_and_forgotten(dashboard: Dashboard, request_line: bytes) -> None:
     with socket.create_connection(("127.0.0.1", dashboard.port), timeout=PATIENCE) as wire:
         try:

@@ -24,6 +24,7 @@ from replant.live.dashboard import (
     security,
     serve,
 )
+from support.cases import every
 from support.dashboard_watcher import numbered, until, watch
 from support.http_request import ask
 from support.live_command import PATIENCE, wait_for
@@ -90,7 +91,7 @@ def test_a_crowd_that_only_connects_keeps_nobody_out(hub: Hub, said: list[str], 
     assert any("connections" in line for line in said)
 
 
-@pytest.mark.parametrize("kind", IDLE)
+@every("kind", IDLE)
 def test_who_does_not_go_on_is_cut_off(hub: Hub, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     monkeypatch.setattr(connections, "ASKING", 0.2)
     monkeypatch.setattr(connections, "ANSWERING", 0.2)
@@ -105,15 +106,17 @@ def test_who_asks_once_and_then_byte_for_byte_is_cut_off(hub: Hub, monkeypatch: 
     monkeypatch.setattr(connections, "ASKING", 0.5)
     with serve(hub) as served, crowd(served.port, 1, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n") as (wire,):
         wire.settimeout(0.05)
-        ended = False
-        while not ended:
+
+        def is_cut_off() -> bool:
             try:
                 wire.sendall(b"G")
-                ended = wire.recv(65536) == b""
+                return wire.recv(65536) == b""
             except TimeoutError:
-                continue
+                return False
             except ConnectionError:
-                ended = True
+                return True
+
+        wait_for(is_cut_off)
 
 
 def test_an_answer_that_nobody_fetches_is_given_up(hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -147,6 +150,7 @@ def test_wrong_tokens_do_not_heap_up(hub: Hub, monkeypatch: pytest.MonkeyPatch) 
         assert ask(served.port, "GET /", f"Cookie: {cookie}")[0] == 200
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="sockets are no file descriptors there")
 def test_four_hundred_idle_connections_at_a_limit_of_256_descriptors() -> None:
     """The page answers, views go on, the observer lives, and one line says what happened."""

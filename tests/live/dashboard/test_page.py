@@ -333,6 +333,7 @@ def test_no_figure_needs_more_room_than_it_has(opened: Page, feed: Feed) -> None
         assert len(opened.text(name)) < 40, name
 
 
+@pytest.mark.slow
 def test_the_page_keeps_no_past(browser, dashboard: Dashboard, feed: Feed, monkeypatch) -> None:
     """After many more views it holds as much as before: nothing is heaped up."""
     monkeypatch.setattr(app, "PERIOD", 0.0)

@@ -9,6 +9,7 @@ import pytest
 
 from replant.live.dashboard import Dashboard
 from support.browsing import TEXTS, contrast, luminance
+from support.cases import every
 from support.dashboard_feed import Feed
 from support.dashboard_pages import Page
 
@@ -21,6 +22,7 @@ FOCUS = """() => {
 }"""
 
 
+@pytest.mark.slow
 def test_everything_can_be_done_by_keyboard_and_is_seen_to_be(opened: Page, feed: Feed) -> None:
     met: dict[str, tuple[str, float]] = {}
     for _ in range(6):
@@ -63,8 +65,8 @@ def test_everything_has_a_name_for_who_does_not_see(opened: Page) -> None:
     assert opened.page.locator("h1").count() == 1
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [1280, 820, 400])
+@every("scheme", ["light", "dark"])
+@every("width", [1280, 820, 400], quick=2)
 def test_it_can_be_read_and_fits(browser, dashboard: Dashboard, feed: Feed, width: int, scheme: str) -> None:
     opened = Page(
         browser, dashboard.url, width, 860 if width == 400 else 800, color_scheme=scheme, reduced_motion="reduce"
@@ -91,6 +93,7 @@ def test_it_can_be_read_and_fits(browser, dashboard: Dashboard, feed: Feed, widt
     assert opened.complaints == []
 
 
+@pytest.mark.slow
 def test_a_narrow_page_has_room_for_fingers(browser, dashboard: Dashboard, feed: Feed) -> None:
     opened = Page(browser, dashboard.url, 400, 860)
     for control in opened.page.locator(".actions > button, .actions summary").all():
@@ -99,6 +102,7 @@ def test_a_narrow_page_has_room_for_fingers(browser, dashboard: Dashboard, feed:
     opened.close()
 
 
+@pytest.mark.slow
 def test_from_light_to_dark_without_reloading(opened: Page) -> None:
     before = opened.pixels("output")
     opened.page.emulate_media(color_scheme="dark")

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from replant.report.verdict_words import VERDICTS
+from support.cases import every
 from support.dashboard_feed import PLANT, Feed
 from support.dashboard_pages import Page
 
@@ -136,7 +137,7 @@ def test_many_reasons_do_not_push_the_plots_away_and_can_all_be_read(opened: Pag
     assert opened.page.locator("#output").bounding_box()["y"] == top
 
 
-@pytest.mark.parametrize("pole", [-0.05 + 300j, -1.6 + 76j, -3.0 + 4j, -80.0 + 1j])
+@every("pole", [-0.05 + 300j, -1.6 + 76j, -3.0 + 4j, -80.0 + 1j])
 def test_labels_of_the_damping_do_not_overlap(opened: Page, feed: Feed, pole: complex) -> None:
     told(opened, feed, poles=[{"real": pole.real, "imag": pole.imag}], zeros=[], pole_covariance=[])
     boxes = opened.page.evaluate(BOXES)  # of one drawing
@@ -147,6 +148,7 @@ def test_labels_of_the_damping_do_not_overlap(opened: Page, feed: Feed, pole: co
         assert across <= 0 or along <= 2, (one, other)  # some of the line's height is above and below its letters
 
 
+@pytest.mark.slow
 def test_the_words_of_a_verdict_are_those_of_the_report(opened: Page, feed: Feed) -> None:
     for status, words in VERDICTS.items():
         told(opened, feed, verdict=status, excited=True, status="running")

@@ -19,6 +19,7 @@ from replant.live.dashboard import (
     serve,
 )
 from replant.live.dashboard.security import HEADERS
+from support.cases import every
 from support.dashboard_feed import Feed
 from support.http_request import ask
 from support.waiting import wait_until
@@ -65,10 +66,10 @@ def test_its_own_names_are_answered(dashboard: Dashboard, host: str) -> None:
     assert ask(dashboard.port, "GET /", host=host)[0] == 200
 
 
-@pytest.mark.parametrize(
+@every(
     "host", ["evil.example", "127.0.0.1.evil.example", "localhost.evil.example", "user@127.0.0.1", "10.0.0.1", "[::2]"]
 )
-@pytest.mark.parametrize("line", EVERYTHING)
+@every("line", EVERYTHING)
 def test_any_other_name_is_refused(dashboard: Dashboard, feed: Feed, line: str, host: str) -> None:
     """A name that an attacker's page has had pointed at this machine."""
     status, headers, body = ask(dashboard.port, line, f"Origin: http://{host}:{dashboard.port}", host=host)
@@ -91,7 +92,7 @@ def test_a_command_from_its_own_page_arrives(dashboard: Dashboard, feed: Feed) -
     assert feed.commands == ["freeze", "adapt", "reset"]
 
 
-@pytest.mark.parametrize(
+@every(
     "headers",
     [
         (),
@@ -104,7 +105,7 @@ def test_a_command_from_its_own_page_arrives(dashboard: Dashboard, feed: Feed) -
         ("Referer: http://127.0.0.1:PORT/",),
     ],
 )
-@pytest.mark.parametrize("line", ["POST /command/reset", "POST /report"])
+@every("line", ["POST /command/reset", "POST /report"])
 def test_a_post_from_elsewhere_does_nothing(
     dashboard: Dashboard, feed: Feed, line: str, headers: tuple[str, ...]
 ) -> None:
@@ -130,8 +131,8 @@ def test_a_websocket_from_elsewhere_is_refused(dashboard: Dashboard, foreign: st
 # --- token ---
 
 
-@pytest.mark.parametrize("line", EVERYTHING)
-@pytest.mark.parametrize(
+@every("line", EVERYTHING)
+@every(
     "brought",
     [
         (),
@@ -215,13 +216,13 @@ def test_tokens_are_tried_one_after_the_other_and_who_has_the_right_one_does_not
 # --- where it listens ---
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.1", "example.org"])
+@every("host", ["0.0.0.0", "::", "192.0.2.1", "example.org"])
 def test_the_network_is_not_let_in_without_a_token(host: str) -> None:
     with pytest.raises(InvalidArgumentError, match=r"other machines can reach .*: give a token, or use 127\.0\.0\.1"):
         serve(Hub(command=print, report=bytes), host)
 
 
-@pytest.mark.parametrize("token", ["", " ", "two words", "naïve", "line\nbreak"])
+@every("token", ["", " ", "two words", "naïve", "line\nbreak"])
 def test_a_token_that_no_header_can_carry_is_refused(token: str) -> None:
     with pytest.raises(InvalidArgumentError, match="token must be printable ASCII"):
         serve(Hub(command=print, report=bytes), token=token)
@@ -238,7 +239,7 @@ def test_with_a_token_it_listens_everywhere_and_still_knows_its_names(feed: Feed
 # --- headers ---
 
 
-@pytest.mark.parametrize("line", [*EVERYTHING, "GET /model.py", "GET /assets/../server.py", "PUT /", "OPTIONS /report"])
+@every("line", [*EVERYTHING, "GET /model.py", "GET /assets/../server.py", "PUT /", "OPTIONS /report"])
 def test_every_answer_forbids_foreign_content(dashboard: Dashboard, line: str) -> None:
     _, headers, _ = ask(dashboard.port, line, origin(dashboard.port))
     policy = dict(entry.strip().split(" ", 1) for entry in headers["content-security-policy"].split(";"))

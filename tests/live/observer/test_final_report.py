@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import re
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from replant.live.observer.final_report import report_of
 from replant.live.observer.history import EstimateHistory
 from replant.live.observer.make_view import make_view
 from replant.live.observer.view import SessionInfo, View
+from replant.report.html import report
 
 PLANT, DT = rp.TransferFunction([6.0], [1.0, 3.0]), 0.1
 IRREGULAR = "on an irregular clock, usually at"
@@ -47,3 +51,33 @@ def test_a_regular_clock_stays_regular() -> None:
     page, view = report_at(DT * np.arange(1, 1500))
     assert fit_in(page) == pytest.approx(view.simulated, abs=0.1)
     assert IRREGULAR not in page
+
+
+@pytest.mark.parametrize("is_long", [False, True])
+@pytest.mark.parametrize("clock", ["regular", "irregular"])
+def test_rows_of_the_history_stand_at_the_samples_of_their_times(
+    clock: str, is_long: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of before the samples that are kept are left out; the rest are numbered from the first that is."""
+    seen: list[Any] = []
+
+    def write(path: Path, result: Any, log: Any, **_: Any) -> Path:
+        seen.append((result, log))
+        path.touch()
+        return path
+
+    monkeypatch.setattr(report, "write_report", write)
+    t = 1000.0 + DT * np.arange(1, 60_000 if is_long else 3000)
+    t = t if clock == "regular" else t[np.random.default_rng(3).uniform(size=t.size) > 0.3]
+    u = np.random.default_rng(0).choice([-1.0, 1.0], t.size // 10 + 1).repeat(10)[: t.size]
+    y = PLANT.simulate(u, DT) + 0.01 * np.random.default_rng(1).standard_normal(t.size)
+    identifier, history = rp.Identifier(poles=1, dt=DT), EstimateHistory(2)
+    ends = [400, 1000, t.size - 1000, t.size]
+    for begin, end in itertools.pairwise([0, *ends]):
+        identifier.update_many(u[begin:end], y[begin:end], t[begin:end])
+        view = make_view(identifier, SessionInfo(at=float(t[end - 1]), source="log.csv"), history)
+    report_of(identifier, view)
+    ((result, log),) = seen
+    before = t.size - log.output.size
+    assert (before > 0) == is_long
+    np.testing.assert_array_equal(result.history.samples, [end - before for end in ends if end > before])

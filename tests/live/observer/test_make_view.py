@@ -12,6 +12,7 @@ from replant.assessment import simulate
 from replant.live.observer.history import EstimateHistory
 from replant.live.observer.make_view import POINTS, make_view
 from replant.live.observer.view import SessionInfo, SignalNames, View
+from support.cases import every
 from support.live_fakes import DT, PLANT, REQUEST, record
 from support.live_views import resting_view, viewed
 
@@ -53,7 +54,7 @@ def after_a_stuck_sensor(samples: int) -> tuple[rp.Identifier, View]:
     return identifier, make_view(identifier, SessionInfo(at=samples * DT), EstimateHistory(2))
 
 
-@pytest.mark.parametrize("samples", [1900, 2050, 2500, 3000, 4000])
+@every("samples", [1900, 2050, 2500, 3000, 4000])
 def test_samples_that_were_bridged_take_no_part_in_the_fit_that_is_shown(samples: int) -> None:
     identifier, view = after_a_stuck_sensor(samples)
     u, y, _ = identifier.recent.T

@@ -12,6 +12,7 @@ from rich.console import Console
 
 import replant as rp
 from replant.live.observer.terminal import TerminalStatus, render, status_line
+from support.cases import every
 from support.live_fakes import PLANT
 from support.live_views import resting_view, viewed
 
@@ -39,7 +40,7 @@ def test_that_the_input_rests_is_said_once_beside_the_verdict() -> None:
 HUGE = [1e300, -1e300, 1.7e308, 1e-300, np.nan, np.inf]
 
 
-@pytest.mark.parametrize("value", HUGE)
+@every("value", HUGE)
 def test_no_number_makes_a_line_long_whatever_its_size(value: float) -> None:
     """Each field of a view, all at once: a line of status stays a line, and the screen in its columns."""
     found = viewed(3000)
@@ -57,8 +58,8 @@ def test_no_number_makes_a_line_long_whatever_its_size(value: float) -> None:
         assert not re.search(r"[\d,]{25}", console.export_text())
 
 
-@pytest.mark.parametrize("width", [80, 120])
-@pytest.mark.parametrize("samples", [0, 3000])
+@every("width", [80, 120])
+@every("samples", [0, 3000])
 def test_the_screen_keeps_within_its_width(width: int, samples: int) -> None:
     console = Console(width=width, record=True, file=io.StringIO())
     console.print(render(viewed(samples), PLANT))

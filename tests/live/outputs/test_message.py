@@ -7,9 +7,9 @@ import json
 from importlib.resources import files
 
 import jsonschema
-import pytest
 
 from replant.live.outputs.message import ENDED, UNKNOWN
+from support.cases import every
 from support.live_views import estimate
 
 
@@ -28,10 +28,8 @@ def test_a_model_is_trusted_while_the_input_rests_and_both_are_told() -> None:
     assert (told["trusted"], told["excited"]) == (1, 0)
 
 
-@pytest.mark.parametrize("sequence", [3, None])
-@pytest.mark.parametrize(
-    "changes", [{}, {"verdict": UNKNOWN, "status": ENDED}, {"verdict": "trusted", "ttl": 5.0, "sent": 1e9}]
-)
+@every("sequence", [3, None])
+@every("changes", [{}, {"verdict": UNKNOWN, "status": ENDED}, {"verdict": "trusted", "ttl": 5.0, "sent": 1e9}])
 def test_every_message_is_as_its_schema_says(sequence: int | None, changes: dict[str, object]) -> None:
     schema = json.loads(files("replant.live.outputs").joinpath("schema/message-1.json").read_text())
     jsonschema.Draft202012Validator.check_schema(schema)

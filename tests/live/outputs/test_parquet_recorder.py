@@ -18,6 +18,7 @@ from replant.live.outputs.disk_writer import DiskWriter
 from replant.live.outputs.message import EstimateMessage
 from replant.live.outputs.notices import Notices
 from replant.live.outputs.parquet_recorder import ParquetRecorder
+from support.cases import every
 from support.full_disk import full_disk
 from support.live_fakes import DT, record
 
@@ -94,7 +95,7 @@ def test_a_call_that_fails_leaves_nothing_behind(tmp_path: Path, monkeypatch: py
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit to a file's size")
-@pytest.mark.parametrize("room", [0, 3, 500, 4000])
+@every("room", [0, 3, 500, 4000])
 def test_a_full_disk_leaves_nothing_behind(tmp_path: Path, room: int) -> None:
     """Wherever in the part it is met; what comes after, when there is room again, is recorded."""
     with full_disk(room):

@@ -37,6 +37,22 @@ def test_datagrams_do_not_need_a_listener() -> None:
     sink.close()
 
 
+def test_a_datagram_that_finds_no_room_is_behind_until_the_next_goes_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Full:
+        def sendto(self, *_: object) -> None:
+            raise BlockingIOError
+
+    sink = open_sink("udp://127.0.0.1:9")
+    assert sink.behind is False
+    with monkeypatch.context() as patch:
+        patch.setattr(sink, "_socket", Full())
+        sink.send(estimate())
+        assert sink.behind is True
+    sink.send(estimate())
+    assert sink.behind is False
+    sink.close()
+
+
 def test_a_broker_that_is_away_is_said_after_some_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]

@@ -9,10 +9,11 @@ import pytest
 
 import replant as rp
 from replant.live.session.progress import Progress
+from support.cases import every
 
 
-@pytest.mark.parametrize("name", ["taken", "at", "sequence", "offset", "counter lost"])
-@pytest.mark.parametrize("value", ["many", "", math.nan, math.inf, -1e301, 10**400, -1.5], ids=lambda v: str(v)[:30])
+@every("name", ["taken", "at", "sequence", "offset", "counter lost"])
+@every("value", ["many", "", math.nan, math.inf, -1e301, 10**400, -1.5], ids=lambda v: str(v)[:30])
 def test_progress_that_no_session_writes_is_refused_by_name(name: str, value: Any) -> None:
     kept = Progress(3, 0.5, 7, 0.0, earlier={"lost": 1}).with_counters({})
     assert Progress.of(kept).with_counters({}) == kept

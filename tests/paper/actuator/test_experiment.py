@@ -27,10 +27,11 @@ from replant.paper.actuator.experiment import (
 from replant.rigs import deap_rig, deap_voltage
 from replant.runs.run import run_online
 from replant.settings import Request
+from support.cases import every
 from support.trace_by_hand import DT, TRUE, trace_by_hand
 
 
-@pytest.mark.parametrize(("method", "variant", "filters"), list(itertools.product(OPTIMIZERS, GAINS, FILTERS)))
+@every(("method", "variant", "filters"), list(itertools.product(OPTIMIZERS, GAINS, FILTERS)), quick=3)
 def test_every_run_agrees_with_a_direct_one(actuator, method, variant, filters):
     record, row = actuator.record, actuator.row(method, variant, filters)
     ident, trace = trace_by_hand(record, method, variant, filters)
@@ -107,6 +108,7 @@ def test_the_default_is_replants_own(actuator):
     assert list(row.measures.index.values()) == pytest.approx(J, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_default_ends_closer_than_the_best_of_the_articles_runs():
     """Ten times closer in a1 and b1, coefficient by coefficient against whichever of the twelve runs is best."""
     record, true = measure_rig(), np.array(list(TRUE.values()))
@@ -121,6 +123,7 @@ def test_the_default_ends_closer_than_the_best_of_the_articles_runs():
     assert all(10 * own[name] < best[name] for name in ("a1", "b1"))
 
 
+@pytest.mark.slow
 def test_the_default_runs_on_other_records_too(actuator):
     """Of the experiment's length, each with a voltage and a noise of its own."""
     assert len(actuator.elsewhere) == 5
@@ -133,6 +136,7 @@ def test_the_default_runs_on_other_records_too(actuator):
         assert list(row.errors.values()) == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_the_creep_is_what_weighs_on_the_default():
     """On the record where it is worst, the same voltage and noise without creep leave a hundredth of the error."""
     crept = measure_rig(seed=4)

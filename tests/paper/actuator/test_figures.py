@@ -13,6 +13,7 @@ from replant.paper.actuator.figures import (
 )
 from replant.plotting.palette import symbol
 from support.axes import assert_drawn, lines, points
+from support.cases import every
 from support.trace_by_hand import DT, TRUE, trace_by_hand
 
 
@@ -34,8 +35,8 @@ def test_figure_6_shows_the_record_and_its_offline_estimates(actuator):
     assert panels[-1].get_xlabel() == "time [s]"
 
 
-@pytest.mark.parametrize("filters", FILTERS)
-@pytest.mark.parametrize("name", COLUMNS)
+@every("filters", FILTERS)
+@every("name", COLUMNS)
 def test_figures_7_and_8_hold_the_tables_runs(actuator, name, filters):
     canvas = draw_transients(name, actuator, filters)
     assert len(canvas.axes) == 10

@@ -5,6 +5,7 @@ import pytest
 
 from replant import Trace
 from replant.paper.actuator.measures import Course, measure
+from support.cases import every
 
 TRUE = {"a0": 2.0, "b0": -0.5}
 
@@ -51,7 +52,7 @@ def test_a_thinned_course_stands_still_between_its_rows():
     assert measure(thinned, {"a0": 2.0}, dt=1.0).index["a0"] == pytest.approx(((held - 2) ** 2).sum())
 
 
-@pytest.mark.parametrize(
+@every(
     ("values", "settled"),
     [([2.0, 2.1, 1.9], 0.1), ([0.0, 2.1, 1.9], 0.2), ([2.0, 0.0, 2.0], 0.3), ([2.0, 2.0, 3.0], None)],
 )

@@ -1,13 +1,13 @@
 """Thinning for drawing: nothing invented, no peak lost."""
 
 import numpy as np
-import pytest
 
 from replant import Trace
 from replant.paper.drawing.curves import curve, thin, transients
+from support.cases import every
 
 
-@pytest.mark.parametrize("size", [1, 2, 10, 99, 100, 101, 250, 1000, 1001, 7919])
+@every("size", [1, 2, 10, 99, 100, 101, 250, 1000, 1001, 7919])
 def test_every_point_is_the_signals_own_and_no_peak_is_lost(size):
     signal = np.random.default_rng(size).standard_normal(size)
     kept = thin(signal, points=100)

@@ -9,7 +9,10 @@ from replant.plotting.palette import symbol
 from support.axes import assert_drawn, lines, points
 
 
-@pytest.fixture(scope="module", params=list(FIGURES))
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=pytest.mark.slow if number else ()) for number, name in enumerate(FIGURES)],
+)
 def drawn(request):
     """Return a figure of the article, its curves and the matplotlib figure."""
     figure = FIGURES[request.param]

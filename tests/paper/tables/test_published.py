@@ -8,6 +8,7 @@ import pytest
 from replant import Scaling
 from replant.paper import SEEDS, TABLES, run
 from replant.paper.tables.reproduction import three_digits
+from support.cases import every
 
 ROWS = [(table.name, row.label) for table in TABLES.values() for row in table.rows]
 PLAIN = [(name, label) for name, label in ROWS if TABLES[name].row(label).experiment.replay is None]
@@ -19,7 +20,7 @@ def rounding(value):
     return 0.5 * 10.0 ** (math.floor(math.log10(value)) - 2)
 
 
-@pytest.mark.parametrize(("name", "label"), PLAIN)
+@every(("name", "label"), PLAIN)
 def test_rows_without_buffer_equal_the_printed_digits(results, name, label):
     cells = results[name][label].cells
     ours = {cell.index: three_digits(cell.ours) for cell in cells}
@@ -53,7 +54,7 @@ def test_every_row_with_buffer_is_in_both_batches():
     assert sorted(batches) == [10, 10, 20, 20]
 
 
-@pytest.mark.parametrize(("name", "label"), ROWS)
+@every(("name", "label"), ROWS)
 def test_published_sums_are_the_sums_of_the_published_figures(name, label):
     *parameters, total = TABLES[name].row(label).published
     assert TABLES[name].indices[-1] == "J_sum"

@@ -2,15 +2,12 @@
 
 import math
 
-import pytest
-
 from replant.paper import TABLES, Cell, reproduce
 from replant.paper.tables.reproduction import runs
+from support.cases import every
 
 
-@pytest.mark.parametrize(
-    ("ours", "verdict"), [(5185.1, "equal"), (5194.9, "equal"), (5184.9, "differs"), (51900.0, "differs")]
-)
+@every(("ours", "verdict"), [(5185.1, "equal"), (5194.9, "equal"), (5184.9, "differs"), (51900.0, "differs")])
 def test_without_buffer_three_digits_are_compared(ours, verdict):
     cell = Cell("J_a0", ours, 5.19e3)
     assert cell.verdict == verdict
@@ -18,7 +15,7 @@ def test_without_buffer_three_digits_are_compared(ours, verdict):
     assert cell.distance is None
 
 
-@pytest.mark.parametrize(
+@every(
     ("ours", "verdict"),
     [(100.0, "within 3 std"), (130.0, "within 3 std"), (131.0, "3.1 std away"), (400.0, "30 std away")],
 )

@@ -88,6 +88,7 @@ def marked_pages(page, pictures: str, path: Path) -> tuple[list[list[int]], list
     return found("TOP"), found("END")
 
 
+@pytest.mark.slow
 def test_a_million_samples_load_alone(browser, long_report) -> None:
     page = opened(browser, long_report)
     assert page.evaluate("replantCharts.length") == 9
@@ -186,6 +187,7 @@ def other_page(request, plain, tmp_path_factory) -> tuple[str, Path]:
     return request.param, write_reproduction(path, outcome, drawn, "replant reproduce")
 
 
+@pytest.mark.slow
 def test_the_other_pages_load_alone_stand_out_and_fit(browser, other_page) -> None:
     name, path = other_page
     page = new_page(browser, viewport={"width": 1280, "height": 800})
@@ -206,6 +208,7 @@ def test_the_other_pages_load_alone_stand_out_and_fit(browser, other_page) -> No
     page.close()
 
 
+@pytest.mark.slow
 def test_the_other_pages_print_with_no_figure_in_two(browser, other_page, tmp_path) -> None:
     page = new_page(browser, viewport={"width": 1280, "height": 800})
     page.goto(other_page[1].as_uri())
@@ -228,6 +231,7 @@ def test_telephone_needs_no_scrolling_sideways(browser, long_report, scheme: str
     page.close()
 
 
+@pytest.mark.slow
 def test_paper_cuts_no_plot_in_two(browser, long_report, tmp_path) -> None:
     """A mark in the first and the last line of each picture: both are on the same page of the PDF."""
     page = opened(browser, long_report, scheme="dark")
@@ -243,6 +247,7 @@ def test_paper_cuts_no_plot_in_two(browser, long_report, tmp_path) -> None:
     assert max(number for numbers in last for number in numbers) < 6
 
 
+@pytest.mark.slow
 def test_without_scripts_the_pictures_stand_in(browser, uncertain, tmp_path) -> None:
     path = write_report(tmp_path / "report.html", uncertain.result, uncertain.log)
     page = new_page(browser, java_script_enabled=False, viewport={"width": 1000, "height": 800})

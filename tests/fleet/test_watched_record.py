@@ -1,0 +1,91 @@
+"""What is noted of a record while it is read batch by batch is what NumPy finds in the whole of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from replant.fleet.watched_record import UNKNOWN, Watched
+from support.cases import every
+
+SAMPLES = 60
+
+
+@dataclass
+class Parts:
+    """A recording that comes in parts that end at ``ends``."""
+
+    u: np.ndarray
+    y: np.ndarray
+    ends: list[int]
+    passes: int = field(default=0)
+
+    def batches(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        self.passes += 1
+        for begin, end in zip([0, *self.ends], [*self.ends, self.u.size], strict=True):
+            yield self.u[begin:end], self.y[begin:end]
+
+
+def longest_stretch(y: np.ndarray) -> int:
+    longest = now = 0
+    for k in range(y.size):
+        now = now + 1 if k and y[k] == y[k - 1] else 1
+        longest = max(longest, now)
+    return longest
+
+
+def watched(recording: Any) -> Watched:
+    source = Watched(recording)
+    assert source.movement == UNKNOWN
+    list(source.batches())
+    return source
+
+
+@every("ends", [[], [1], [30], [1, 2, 3], [10, 10, 40], [7, 21, 22, 59]], ids=str)
+@every("seed", range(12))
+def test_it_is_that_of_the_whole_record(ends: list[int], seed: int) -> None:
+    """Signals far from zero, some samples missing, the output in steps that last a while."""
+    generator = np.random.default_rng(seed)
+    u = 1e3 + generator.standard_normal(SAMPLES)
+    y = 5.0 * (seed % 3) + np.repeat(generator.integers(0, 3, SAMPLES), generator.integers(1, 9, SAMPLES))[:SAMPLES]
+    u[generator.random(SAMPLES) < 0.1] = math.nan
+    y[generator.random(SAMPLES) < 0.05 * (seed % 2)] = math.nan
+    movement = watched(Parts(u, y, ends)).movement
+    np.testing.assert_allclose(movement.input_std, np.nanstd(u), rtol=1e-9)
+    np.testing.assert_allclose(movement.output_std, np.nanstd(y), rtol=1e-12)
+    assert movement.output_held == longest_stretch(y) / SAMPLES
+
+
+@every("ends", [[], [20], [1, 59]], ids=str)
+@every("value", [0.0, 4.0])
+def test_a_constant_stands_still_throughout_and_does_not_move(ends: list[int], value: float) -> None:
+    signal = np.full(SAMPLES, value)
+    movement = watched(Parts(signal, signal, ends)).movement
+    assert (movement.input_std, movement.output_std, movement.output_held) == (0.0, 0.0, 1.0)
+
+
+def test_without_a_sample_nothing_is_known() -> None:
+    nothing = np.zeros(0)
+    movement = watched(Parts(nothing, nothing, [])).movement
+    assert all(math.isnan(value) for value in (movement.input_std, movement.output_std, movement.output_held))
+    missing = np.full(SAMPLES, math.nan)
+    movement = watched(Parts(missing, missing, [9])).movement
+    assert math.isnan(movement.input_std)
+    assert movement.output_held == 1 / SAMPLES
+
+
+def test_the_first_whole_pass_counts() -> None:
+    signal = np.arange(float(SAMPLES))
+    recording = Parts(signal, signal, [30])
+    source = Watched(recording)
+    next(source.batches())
+    assert source.movement == UNKNOWN
+    for _ in range(2):
+        assert sum(batch[0].size for batch in source.batches()) == SAMPLES
+        assert source.movement.input_std == np.std(signal)
+        recording.u = 2.0 * signal
+    assert recording.passes == 3
