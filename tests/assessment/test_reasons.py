@@ -156,8 +156,9 @@ NEVER, RESTED = "the input is constant: move it", "the input has rested for the 
 def test_an_input_that_moved_before_has_rested() -> None:
     """For longer than samples are kept: 10,000."""
     u, y = noisy(1)
-    u, y = np.append(u, np.ones(10_500)), np.append(y, np.ones(10_500))
-    y[SAMPLES:] += 0.05 * np.random.default_rng(1).standard_normal(10_500)
+    settles = u[-1] + (y[-1] - u[-1]) * np.exp(-DT * np.arange(1, 10_501))  # the plant's time constant is 1 s
+    u = np.append(u, np.full(10_500, u[-1]))
+    y = np.append(y, settles + 0.05 * np.random.default_rng(1).standard_normal(10_500))
     ident = rp.Identifier(rp.Structure(1), DT)
     ident.update_many(u[:SAMPLES], y[:SAMPLES])
     assert ident.assess().status == "trusted"

@@ -73,5 +73,5 @@ def test_single_samples_and_a_checkpoint_come_to_the_same_review() -> None:
     parts = rp.Identifier.from_bytes(parts.to_bytes())
     for k in range(32_000, 45_000):
         parts.update(float(u[k]), float(y[k]))
-    assert whole._state.record_began > 0
+    assert whole._state.changed_at > 0
     assert parts.to_bytes() == whole.to_bytes()

@@ -114,8 +114,13 @@ class RecentSamples:
 
     @property
     def is_stuck(self) -> BoolArray:
-        """Whether the output of each sample is that of a stuck sensor."""
-        return self.doubt == Doubt.STUCK if self.are_examined else np.zeros(len(self), bool)
+        """Whether the output of each sample is that of a stuck sensor, those before it was noticed too."""
+        stuck = self.doubt == Doubt.STUCK if self.are_examined else np.zeros(len(self), bool)
+        if not stuck.any():
+            return stuck
+        tied = np.append(False, self.output[1:] == self.output[:-1])
+        begins = np.maximum.accumulate(np.where(tied, 0, np.arange(len(self))))  # of the run of equal outputs
+        return stuck | np.isin(begins, begins[stuck])
 
     @property
     def is_replaced(self) -> BoolArray:
@@ -139,7 +144,7 @@ class RecentSamples:
         copy = RecentSamples(self.values.copy())
         if not self.are_examined:
             return copy
-        rows = np.flatnonzero(self.doubt == Doubt.OUTLIER)
+        rows = np.flatnonzero((self.doubt == Doubt.OUTLIER) & ~self.is_stuck)
         for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
             if run.size <= LONELY:
                 copy.output[run] = self.bridged[run]
@@ -172,13 +177,10 @@ class RecentSamples:
         return self.with_output(np.where(self.is_stuck, self.bridged, self.output))
 
     def missing_where_stuck(self) -> RecentSamples:
-        """Return them with the outputs of a stuck sensor as ones that are missing, those before it was noticed too."""
+        """Return them with the outputs of a stuck sensor as ones that are missing."""
         if not self.is_stuck.any():
             return self
         copy, stuck = RecentSamples(self.values.copy()), self.is_stuck
-        tied = np.append(False, self.output[1:] == self.output[:-1])
-        begins = np.maximum.accumulate(np.where(tied, 0, np.arange(len(self))))  # of the run of equal outputs
-        stuck |= np.isin(begins, begins[stuck])
         copy.doubt[stuck] = Doubt.MISSING
         return copy
 

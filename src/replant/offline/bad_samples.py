@@ -157,13 +157,15 @@ def _stuck(y: FloatArray, modelled: FloatArray, noise: float) -> BoolArray:
     """Return which outputs (K,) are those of a sensor that is stuck, or at its limit.
 
     The model moves meanwhile by more than the noise, some steps of the scale, and what does no harm.  A plant that
-    rests leaves its rest without a jump, however late; at a limit the model lies beyond it.
+    rests leaves its rest without a jump, however late; at a limit the model lies beyond it.  Where noise keeps any two
+    outputs in a row from being equal, it does so while a plant rests.
     """
     found = np.zeros(y.size, bool)
     known = y[np.isfinite(y)]
-    if known.size < 2:
+    if y.size < 2 * SECTIONS or known.size < 2:
         return found
-    step = STEPS * usual_step(known)
+    step, equal = STEPS * usual_step(known), y[1:] == y[:-1]
+    is_resolved = min(float(part.mean()) for part in np.array_split(equal, SECTIONS)) * y.size < SECTIONS
     least, low, high = max(noise, step, HARM * float(known.std())), known.min(), known.max()
     moved = [rows for rows in _runs(y) if float(np.ptp(modelled[rows])) > least]
     levels = [float(y[rows.start]) for rows in moved]
@@ -173,7 +175,7 @@ def _stuck(y: FloatArray, modelled: FloatArray, noise: float) -> BoolArray:
         again = levels.count(level) > 1 and abs(away) > least
         if again or (level == high and away > 0.0) or (level == low and away < 0.0):
             limits.add(level)
-        elif rows.stop == y.size or not abs(float(y[rows.stop]) - level) <= max(noise, step):
+        elif rows.stop == y.size or is_resolved or not abs(float(y[rows.stop]) - level) <= max(noise, step):
             found[rows] = True
     for level in limits:  # shorter runs too
         found[:-1] |= (y[:-1] == level) & (y[1:] == level)

@@ -30,7 +30,7 @@ from replant.offline.contest import Claim, Contest, decided, is_sure, odds_of
 from replant.offline.known_before import Known
 from replant.offline.solve import solve
 from replant.offline.srivc_steps import SOONEST, least_since
-from replant.online.restart import clear_doubt, remembers_all, restart, restart_at
+from replant.online.restart import clear_doubt, is_at_rest, remembers_all, restart, restart_at
 from replant.settings import Settings
 from replant.statistics.linear_algebra import inverse_of, quiet
 
@@ -68,9 +68,11 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     kept, first = kept_since(old, max(old.gap_at, old.record_began, old.changed_at))
     begin = max(_began(old) - first, 0)
     since, fewest = kept[begin:], least_since(settings.structure)
-    # a sensor that was stuck, or at an end of its scale, has to be well again for as long as that
-    limited = RecentSamples.of(old, fewest).is_stuck | (suspicious(since.input, since.output)[-fewest:] == Doubt.STUCK)
-    if len(since) < fewest or limited.any() or not np.ptp(since.output[-SOONEST:]) > 0.0:
+    # a sensor that was stuck, or at an end of its scale, may be so again: it has to be well for as long, or a start-up
+    failed = RecentSamples.of(old, len(since)).is_stuck | (suspicious(since.input, since.output) == Doubt.STUCK)
+    lasted = int(np.flatnonzero(failed)[-1]) + 1 if failed.any() else 0
+    enough = len(since) - lasted >= max(fewest, min(lasted, settings.startup))
+    if len(since) < fewest or not enough or not np.ptp(since.output[-SOONEST:]) > 0.0:
         return old, later
     earliest, *begins = (max(begin + int(part * len(since)), 1) for part in BEGINS)
     record = kept.record(settings.dt, settings.filter.input_hold)
@@ -127,7 +129,7 @@ def reconsider(old: State, settings: Settings) -> State | None:
 
     What has changed is asked again of more samples, and whether one model holds for those before as well.
     """
-    if old.alarm or old.gap_at > old.changed_at or not (old.adapt and remembers_all(old, settings)):
+    if old.alarm or old.gap_at > old.changed_at or not (old.adapt and remembers_all(old, settings)) or is_at_rest(old):
         return None
     contest = since_change(old, settings)
     if contest is None:

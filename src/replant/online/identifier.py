@@ -28,7 +28,8 @@ from replant.online.change_response import first_look, look, reconsider
 from replant.online.estimate import Estimate
 from replant.online.kept_model import model_of
 from replant.online.provisional_model import next_provisional
-from replant.online.renewal import is_at_rest, next_renewal, renew
+from replant.online.renewal import next_renewal, renew
+from replant.online.restart import is_at_rest
 from replant.online.startup import (
     begin,
     collected,

@@ -9,10 +9,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from replant.arguments import FloatArray
-from replant.assessment.evidence import LEAST_POWER, RESTED
 from replant.assessment.score_test import ALPHA
 from replant.engine.dimensions import RECENT, STORED
 from replant.engine.recent_samples import RecentSamples
@@ -21,7 +18,7 @@ from replant.offline.change_search import begin_of_change, change_at
 from replant.offline.contest import is_sure
 from replant.offline.solve import Solution, solve
 from replant.online.change_response import believed
-from replant.online.restart import remembers_all, restart_at
+from replant.online.restart import is_at_rest, remembers_all, restart_at
 from replant.settings import Settings
 from replant.simulation.prediction import prediction_error
 from replant.statistics.autoregression import likelihood_ratio
@@ -63,12 +60,6 @@ def next_renewal(state: State, settings: Settings) -> int:
     if remembers_all(state, settings) and due - origin <= RECENT:
         return due
     return samples + EVERY if settings.optimizer.keeps_covariance else 0
-
-
-def is_at_rest(state: State) -> bool:
-    """Return whether the input has rested since half of the time between two reviews."""
-    newest = RecentSamples.of(state, RESTED).input
-    return len(newest) == RESTED and float(np.var(newest)) < LEAST_POWER * state.largest_power
 
 
 @quiet

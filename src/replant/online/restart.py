@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from replant.assessment.evidence import LEAST_POWER, RESTED
 from replant.engine.dimensions import STORED
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
@@ -20,6 +21,12 @@ def remembers_all(state: State, settings: Settings) -> bool:
     """Return whether the estimate is made from every sample of its record, none forgotten, and solved again."""
     keeps = settings.optimizer.keeps_colour and float(state.settings[0]) == 1.0
     return bool(keeps and settings.filter.follows_estimate)
+
+
+def is_at_rest(state: State) -> bool:
+    """Return whether the input has rested since half of the time between two reviews."""
+    newest = RecentSamples.of(state, RESTED).input
+    return len(newest) == RESTED and float(np.var(newest)) < LEAST_POWER * state.largest_power
 
 
 def restart(old: State, settings: Settings, refined: Refined, record: Record, origin: int) -> State:
