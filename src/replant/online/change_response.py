@@ -198,8 +198,14 @@ def _of_whole(old: State, settings: Settings, contest: Contest, began: int) -> l
 
 
 def kept_since(state: State, first: int) -> tuple[RecentSamples, int]:
-    """Return the samples since an accepted one, as far as they are kept, and the accepted samples before them."""
-    kept = RecentSamples.of(state, STORED).cleaned().missing_where_stuck()
+    """Return a copy of the samples since an accepted one, as far as they are kept, and how many were before them."""
+    raw = RecentSamples.of(state, STORED)
+    kept = raw.cleaned().missing_where_stuck()
+    if state.alarm:  # by the model that may not hold any more, outputs since are no outliers
+        since = slice(max(len(kept) - (state.samples - _began(state)), 0), None)
+        kept.output[since] = raw.output[since]
+        gross = suspicious(raw.input[since], raw.output[since]) == Doubt.OUTLIER
+        kept.doubt[since][gross] = Doubt.MISSING
     kept = kept[max(len(kept) - (state.samples - first), 0) :]
     return kept, state.samples - len(kept)
 
