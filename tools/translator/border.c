@@ -141,12 +141,16 @@ static object *call(object *self, object *const *given, intptr_t count)
     argument arguments[MOST_ARGUMENTS];
     buffer_view views[MOST_ARGUMENTS];
     object *result = NULL;
+    const int wanted = called->count;
+    bool fits = true;
     int taken = 0;
-    if (count != called->count)
-        return py.set_error(py.type_error, "%s takes %d arguments, not %d", called->name, called->count, (int)count);
-    while (taken < called->count && take_argument(called, taken, given[taken], &arguments[taken], &views[taken]))
+    if (count != wanted)
+        return py.set_error(py.type_error, "%s takes %d arguments, not %d", called->name, wanted, (int)count);
+    while (fits && taken < wanted) { /* the last one may be an array that does not fit */
+        fits = take_argument(called, taken, given[taken], &arguments[taken], &views[taken]);
         taken++;
-    if (taken == called->count) {
+    }
+    if (fits) {
         void *thread = py.let_others_run();
         const char *broken = called->run(arguments);
         py.take_back(thread);
@@ -154,8 +158,6 @@ static object *call(object *self, object *const *given, intptr_t count)
             py.set_error(py.value_error, "%s: it must hold that %s", called->name, broken);
         else
             result = results_of(called, arguments);
-    } else {
-        taken++; /* the last one may have been an array that does not fit */
     }
     for (int i = 0; i < taken; i++)
         if (called->parameters[i].dimensions > 0 && views[i].obj)

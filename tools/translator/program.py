@@ -11,9 +11,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from translator.expressions import Value, product, short
+from translator.expressions import Value
 from translator.function import Function
 from translator.kinds import ANNOTATIONS, Array, C, Kind, Known, Tuple, UnsupportedError
+from translator.text import short
 
 PRELUDE = Path(__file__).with_name("prelude.h")
 LANES = Path(__file__).with_name("lanes.h")
@@ -173,6 +174,3 @@ def _cuts(kind: Array) -> str:
         f"INLINE {name} {name}_part({name} array, int64_t first, int64_t end)\n"
         f"{{\n    return ({name}){{ array.p + first, end - first }};\n}}"
     )
-
-
-__all__ = ["Program", "entry_kinds", "product"]
