@@ -35,7 +35,7 @@ typedef struct {
     void (*take_back)(void *);
     object *(*call)(object *, ...);
     void (*let_go)(object *);
-    object *type_error, *value_error, *attention, *contiguous;
+    object *type_error, *value_error, *contiguous;
 } python;
 
 typedef struct { /* PyMethodDef */
@@ -167,7 +167,8 @@ static object *call(object *self, object *const *given, intptr_t count)
 
 /* Take one sample: (u, y, t, r), by the table that `replant.kernels.native.Library.step` has made.  Raises Attention,
    and takes none, where the gate is shut or the identifier has something to do first; the interpreter is not free
-   between the look and the sample, so that no other thread comes between. */
+   between the look and the sample, so that no other thread comes between.  The class lies beside the table: a process
+   that has imported the package twice has two. */
 static object *step(object *self, object *const *given, intptr_t count)
 {
     const int64_t *table = (const int64_t *)(void *)py.bytes_of(py.get_item(self, 0));
@@ -189,12 +190,12 @@ static object *step(object *self, object *const *given, intptr_t count)
     bool collects = steps[table[KIND]].collects;
     if (table[GATE] == SHUT || ints.p[at_ATTENTION] == 1
         || (collects && ints.p[at_SAMPLES] + 1 == ints.p[at_ATTENTION_AT])) {
-        py.set_error_text(py.attention, "");
+        py.set_error_text(py.get_item(self, 1), "");
         return NULL;
     }
     double error = steps[table[KIND]].take(ints, reals, banks, buffer, recent, sample[0], sample[1], sample[2], sample[3]);
     if (ints.p[at_HELD_AT] == at_BELIEVED) { /* one that was held back comes first */
-        py.set_error_text(py.attention, "");
+        py.set_error_text(py.get_item(self, 1), "");
         return NULL;
     }
     return py.from_double(error);
