@@ -187,7 +187,7 @@ class Function(Expressions):
 
     def of_statement_For(self, node: ast.For) -> None:
         over = ast.unparse(node.iter.func) if isinstance(node.iter, ast.Call) else ""
-        if over != "range" or not isinstance(node.target, ast.Name):
+        if over not in ("range", "side_by_side") or not isinstance(node.target, ast.Name):
             self._unrolled(node)
             return
         assert isinstance(node.iter, ast.Call)
@@ -211,6 +211,10 @@ class Function(Expressions):
             keep, stop = f", {name}_end = {bare(stop)}", f"{name}_end"
         change = {"1": f"{name}++", "-1": f"{name}--"}.get(step, f"{name} += {step}")
         sign = ">" if step.startswith("-") else "<"
+        if over == "side_by_side":
+            own = f"private({', '.join(sorted(written))})" if written else ""
+            inside = self.program.how(self.tree) == "INLINE"
+            self.emit(f"SIDE_BY_SIDE{'' if inside else '_APART'}({own})")
         self.emit(f"for (int64_t {name} = {first}{keep}; {name} {sign} {stop}; {change}) {{")
         self.block(node.body)
         self.emit("}")

@@ -81,8 +81,10 @@ class Program:
 
     @staticmethod
     def how(tree: ast.FunctionDef) -> str:
-        """Return how a function is declared: its decorator says whether it melts into its callers."""
+        """Return how a function is declared: its decorators say whether it melts into its callers, and of its loops."""
         decorators = [ast.unparse(decorator) for decorator in tree.decorator_list]
+        if "short_loops" in decorators:
+            return "SHORT_LOOPS static"
         return "INLINE" if "inlined" in decorators else "APART" if "apart" in decorators else "static"
 
     @functools.cache  # noqa: B019 - a program lives as long as the build

@@ -93,6 +93,19 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
+def short_loops(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Mark a kernel whose loops have a few passes: to get ready for several at once takes longer than these do.
+
+    Those over `side_by_side` are meant nevertheless.
+    """
+    return function
+
+
+def side_by_side(end: int) -> range:
+    """Return the passes of a loop of which none needs what another one has done: several may be computed at once."""
+    return range(end)
+
+
 @contextmanager
 def interpreted() -> Iterator[None]:
     """Run kernels as the Python functions that they are, a thousand times as slow: for tests."""
