@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from replant.cli.column_options import input_option, output_option
 from replant.cli.conditioning_options import CONDITIONING, conditioned, input_hold_of, is_conditioned
 from replant.cli.missing_options import check_complete
 from replant.cli.nearest_word import Choice
@@ -66,8 +67,8 @@ INPUT_HOLD = click.option(
 _STAMPS_COUNT = "each sample counts at its own time (--dt S instead would take the clock for regular)"
 _COLUMNS: list[Callable[[Any], Any]] = [
     click.argument("log", type=click.Path(path_type=Path)),
-    click.option("-i", "--input", "input_column", metavar="COL", help="Column of the input: name or index."),
-    click.option("-o", "--output", "output_column", metavar="COL", help="Column of the output."),
+    input_option("Column of the input: name, or number from 0."),
+    output_option("Column of the output."),
     click.option(
         "--reference",
         "reference_column",

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from replant.cli.column_options import input_option, output_option
 from replant.cli.output import make_folder, write_errors_reported
 from replant.cli.save_and_validate import REQUIRE, check_required, validated
 from replant.data.logs import read_columns
@@ -20,9 +21,9 @@ from replant.report.terminal.validation import print_validation
 
 @click.command(name="validate")
 @click.argument("model", type=click.Path(path_type=Path))
-@click.argument("logs", type=click.Path(path_type=Path), nargs=-1, required=True)
-@click.option("-i", "--input", "input_column", metavar="COL", help="Column of the input.  [default: the model's]")
-@click.option("-o", "--output", "output_column", metavar="COL", help="Column of the output.  [default: the model's]")
+@click.argument("logs", type=click.Path(path_type=Path), nargs=-1)
+@input_option("Column of the input.  [default: the model's]")
+@output_option("Column of the output.  [default: the model's]")
 @click.option("--reference", "reference_column", metavar="COL", help="Column of the reference, if there is one.")
 @click.option("--time", "time_column", metavar="COL", help="Column of time.")
 @click.option("--dt", type=float, metavar="S", help="Sampling time in s.  [default: the log's, or the model's]")
@@ -36,6 +37,8 @@ def command(
     from rich.console import Console
 
     loaded = load_model(model)
+    if not logs:
+        raise click.UsageError(f"name the logs to compare the model with: replant validate {model} LOG")
     make_folder(out)
     columns["input_column"] = columns["input_column"] or loaded.input_name
     columns["output_column"] = columns["output_column"] or loaded.output_name

@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Iterator
 from typing import Any
 
+from replant.assessment.verdict import percent as share
 from replant.data.inspection import Inspection, options_of
 from replant.data.inspection.columns import Column, Kind
 from replant.data.logs.sampling_time import time_candidates
@@ -222,7 +223,7 @@ def _clock_findings(found: Inspection) -> Iterator[tuple[str, str]]:
         yield "Clock", f"{clock.column.name}: no stamp is greater than the one before"
         return
     steady = clock.jitter <= STEADY * clock.dt
-    jitter = "regular" if steady else f"jitter {interval(clock.jitter)} ({100 * clock.jitter / clock.dt:.2g} %)"
+    jitter = "regular" if steady else f"jitter {interval(clock.jitter)} ({share(clock.jitter / clock.dt)})"
     gaps = f"{_counted(clock.gaps, 'gap')}, the longest {interval(clock.longest)}"
     back = f"{_counted(clock.backward, 'stamp')} missing, repeated or going back"
     known = [f"dt {interval(clock.dt)}", duration(clock.duration), jitter]
