@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -57,6 +58,8 @@ class Log:
         What the input does between two samples: it is held, or goes on in a straight line.
     sha256 : str
         Digest of the file, which a model keeps; empty where it is not known.
+    others : mapping of str to float64 array, shape (K,)
+        Further columns of the same rows.  The verdict of `fit` names one that explains what the model leaves.
 
     Examples
     --------
@@ -81,6 +84,7 @@ class Log:
     irregular: bool | None = None
     input_hold: str = "zoh"
     sha256: str = ""
+    others: Mapping[str, NDArray[np.float64]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         keep(self, "input", vector)
@@ -92,10 +96,14 @@ class Log:
             keep(self, "time", vector)
         if self.reference is not None:
             keep(self, "reference", vector)
-        signals = (self.output, self.time, self.reference)
+        others = {text("others", name): vector(name, each) for name, each in self.others.items()}
+        object.__setattr__(self, "others", others)
+        signals = (self.output, self.time, self.reference, *self.others.values())
         sizes = [self.input.size, *(each.size for each in signals if each is not None)]
         if min(sizes) != max(sizes):
-            raise InvalidArgumentError(f"input, output, time and reference must have the same length, got {sizes}")
+            raise InvalidArgumentError(
+                f"input, output, time, reference and others must have the same length, got {sizes}"
+            )
         for name in ("begin", "end"):
             if getattr(self, name) is not None:
                 keep(self, name, finite)

@@ -19,6 +19,7 @@ from replant.cli.notes import note, silence
 from replant.cli.optimizer_option import OptimizerChoice
 from replant.cli.progress import ask
 from replant.cli.ranges import Seconds, Whole
+from replant.data.inspection.other_columns import with_others
 from replant.data.logs import (
     Log,
     Recording,
@@ -200,9 +201,10 @@ def recording_of(options: dict[str, Any], progress: Callable[[int, int], None]) 
     _check_one_of_each(options)
     recording = open_recording(options["log"], **_columns(options), progress=progress)
     _note(options, recording)
+    recording = with_others(recording)
     if is_conditioned(options):
         whole = open_recording(options["log"], **_columns(options), most_held=sys.maxsize)
-        return whole.of_log(conditioned(whole.held, options))
+        return whole.of_log(conditioned(with_others(whole).held, options))
     return recording
 
 
@@ -250,7 +252,7 @@ def read(options: dict[str, Any]) -> Log:
     """
     recording = open_recording(options["log"], **_columns(options), most_held=sys.maxsize)
     _note(options, recording)
-    log = conditioned(recording.held, options)
+    log = conditioned(with_others(recording).held, options)
     return replace(log, input_hold=input_hold_of(options))
 
 

@@ -172,7 +172,8 @@ def _with_record(result: FitResult, raw: RawRecord, given: Samples, record: Reco
     usual = None if raw.stamps is None else float(np.median(np.diff(raw.stamps)))
     used = raw.usable
     means = (float(raw.mapped[used].mean()), float(raw.y[used].mean())) if used.any() else (0.0, 0.0)
-    return given.named(dataclasses.replace(result, record=record, means=means, usual_interval=usual))
+    others = {name: signal[raw.made_use_of] for name, signal in given.others.items()}
+    return given.named(dataclasses.replace(result, record=record, means=means, usual_interval=usual, others=others))
 
 
 def check_length(samples: int, structure: Structure) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.log import Log
 from replant.offline.fit_result import FitResult
@@ -41,6 +43,8 @@ class Samples:
         Whether they are those of a log.
     input_hold : {"zoh", "foh"}
         Whether the input is held between two samples or goes on in a straight line.
+    others : mapping of str to array
+        Further columns of the same rows.
     """
 
     u: Any
@@ -54,6 +58,7 @@ class Samples:
     is_log: bool = False
     input_hold: str = "zoh"
     sha256: str = ""
+    others: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @classmethod
     def of(cls, u: Any, y: Any, dt: float | None, t: Any, reference: Any) -> Samples:
@@ -77,7 +82,7 @@ class Samples:
                 )
             return cls(
                 u.input, u.output, u.dt, u.stamps, u.reference, u.input_name, u.output_name, u.path.name, True,
-                u.input_hold, u.sha256,
+                u.input_hold, u.sha256, u.others,
             )  # fmt: skip
         if y is None or dt is None:
             raise ArgumentTypeError("give a Log, or input u, output y and sampling time dt: fit(u, y, dt, poles=2)")
@@ -115,10 +120,12 @@ class Samples:
             return cls.of(first, None, None, None, None)
         u, y = (np.concatenate([getattr(log, name) for log in logs]) for name in ("input", "output"))
         r = None if first.reference is None else np.concatenate([log.reference for log in logs])
+        named = [name for name in first.others if all(name in log.others for log in logs)]
+        others = {name: np.concatenate([log.others[name] for log in logs]) for name in named}
         source = ", ".join(log.path.name for log in logs)
         return cls(
             u, y, first.dt, np.concatenate(stamps), r, first.input_name, first.output_name, source, True,
-            first.input_hold,
+            first.input_hold, others=others,
         )  # fmt: skip
 
     @property

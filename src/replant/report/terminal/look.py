@@ -68,6 +68,7 @@ def as_json(found: Inspection) -> dict[str, Any]:
             "delay_samples": seen.delay,
             "correlation": seen.correlation,
         },
+        "others": [{"column": other.name, "explains": finite(other.left)} for other in found.others],
         "command": command_of(found) or None,
     }  # fmt: skip
 
@@ -209,6 +210,9 @@ def _findings(found: Inspection) -> Iterator[tuple[str, str]]:
             ),
         )
     yield "Response", _response(found)
+    for heading, other in zip(["Others"] + [""] * len(found.others), found.others, strict=False):
+        what = f"of what a model of one pole leaves, column {other.name} explains {share(min(other.left, 1.0))}"
+        yield heading, f"{what}: it seems to move {roles.output.column.name}, too."
 
 
 def _clock_findings(found: Inspection) -> Iterator[tuple[str, str]]:
