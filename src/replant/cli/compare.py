@@ -36,7 +36,7 @@ from replant.settings import Request
 
 
 @click.command(name="compare")
-@log_options
+@log_options(several="replant compare takes one log")
 @click.option(
     "--optimizer",
     "methods",

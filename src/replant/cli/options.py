@@ -66,8 +66,8 @@ INPUT_HOLD = click.option(
 )
 
 _STAMPS_COUNT = "each sample counts at its own time (--dt S instead would take the clock for regular)"
+_LOGS = click.argument("logs", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="LOG...")
 _COLUMNS: list[Callable[[Any], Any]] = [
-    click.argument("log", type=click.Path(path_type=Path)),
     input_option("Column of the input: name, or number from 0."),
     output_option("Column of the output."),
     click.option(
@@ -130,23 +130,32 @@ _REST: list[Callable[[Any], Any]] = [
 _CONDITION = [INPUT_HOLD, *CONDITIONING]
 
 
-def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a click command with the options that `run`, `fit` and `compare` share, for one structure."""
-    return _decorated(command, [*_COLUMNS, *_STRUCTURE, *_CONDITION, *_REST])
+def log_options(several: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return a decorator with the options that `run`, `fit` and `compare` share, for one structure and one log.
+
+    Parameters
+    ----------
+    several : str
+        What is said where more than one log is named.
+    """
+    options = [_LOGS, *_COLUMNS, *_STRUCTURE, *_CONDITION, *_REST]
+    return lambda command: _decorated(command, options, several)
 
 
 def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a click command with the same options, where poles, zeros and dead time may be ranges."""
-    return _decorated(command, [*_COLUMNS, *_STRUCTURES, *_CONDITION, *_REST])
+    """Decorate a click command with the same options, where poles, zeros and dead time may be ranges, of any logs."""
+    return _decorated(command, [_LOGS, *_COLUMNS, *_STRUCTURES, *_CONDITION, *_REST])
 
 
 def fleet_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Decorate a click command with the same options for a fleet, whose logs are many, and its results a folder."""
     logs = click.argument("logs")
-    return _decorated(command, [logs, *_COLUMNS[1:], *_STRUCTURE, *_REST[:-1], OPTIMIZER])
+    return _decorated(command, [logs, *_COLUMNS, *_STRUCTURE, *_REST[:-1], OPTIMIZER])
 
 
-def _decorated(command: Callable[..., Any], options: list[Callable[[Any], Any]]) -> Callable[..., Any]:
+def _decorated(
+    command: Callable[..., Any], options: list[Callable[[Any], Any]], several: str = ""
+) -> Callable[..., Any]:
     @functools.wraps(command)
     def checked(*, quiet: bool, progress: bool, **given: Any) -> Any:
         if quiet and progress:
@@ -155,6 +164,10 @@ def _decorated(command: Callable[..., Any], options: list[Callable[[Any], Any]])
             silence()
         if progress:
             ask()
+        if isinstance(given.get("logs"), tuple):
+            if several and len(given["logs"]) > 1:
+                raise click.UsageError(several)
+            given["log"] = given["logs"][0]
         check_complete(given)
         return command(**given)
 
@@ -177,6 +190,17 @@ def open_log(options: dict[str, Any]) -> tuple[Log, Request]:
     _check_one_of_each(options)
     log = read(options)
     return log, request_of(options, log.dt)
+
+
+def read_several(options: dict[str, Any]) -> list[Log]:
+    """Read the logs that the options name, which are fitted together.
+
+    Raises
+    ------
+    LogError
+        If one cannot be read.
+    """
+    return [read(options | {"log": path}) for path in options["logs"]]
 
 
 def request_of(options: dict[str, Any], dt: float) -> Request:

@@ -32,7 +32,7 @@ from replant.simulation.score import FITTED
 
 
 @click.command(name="run")
-@log_options
+@log_options(several="replant run takes one log, in one pass; replant fit makes one model of several")
 @OPTIMIZER
 @click.option("--startup", type=int, metavar="N", help="Number of samples for the first model.  [default: a tenth]")
 @click.option(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,8 @@ from replant.log import Log
 from replant.offline.fit_result import FitResult
 from replant.regressor.preprocess import Preprocess
 
-BETWEEN = 1000.0
-"""Gap between two logs that are fitted together [sampling times].
+BETWEEN = 10.0
+"""Gap between two logs that are fitted together [longest interval beside it].
 Derivation: a gap of any length begins a new part; none of the estimate depends on it.
 """
 
@@ -45,6 +46,9 @@ class Samples:
         Whether the input is held between two samples or goes on in a straight line.
     others : mapping of str to array
         Further columns of the same rows.
+    begins : tuple of int
+        Samples at which another log begins: its offset and initial state are its own.
+    reference_name : str
     """
 
     u: Any
@@ -59,6 +63,8 @@ class Samples:
     input_hold: str = "zoh"
     sha256: str = ""
     others: Mapping[str, FloatArray] = field(default_factory=dict)
+    begins: tuple[int, ...] = ()
+    reference_name: str = ""
 
     @classmethod
     def of(cls, u: Any, y: Any, dt: float | None, t: Any, reference: Any) -> Samples:
@@ -92,14 +98,16 @@ class Samples:
     def of_several(cls, logs: list[Log]) -> Samples:
         """Return the samples of several logs of one rig, one behind the other with a gap between.
 
-        Behind the gap the state is estimated anew, as behind any other.
+        Behind the gap the state is estimated anew, as behind any other, and the offset too: the logs may have begun at
+        other levels.
 
         Raises
         ------
         InvalidArgumentError
             If the logs differ in sampling time, signals or input hold.
         """
-        first, origin, stamps = logs[0], 0.0, []
+        first, origin, last = logs[0], 0.0, 0.0
+        stamps: list[FloatArray] = []
         for number, log in enumerate(logs):
             if not log.input.size:
                 raise InvalidArgumentError(f"log {number} has no samples; leave it out")
@@ -114,18 +122,31 @@ class Samples:
                     f"log {number} has the sampling time {log.dt:g} s, the first {first.dt:g} s; resample one of them"
                 )
             t = first.dt * np.arange(log.input.size) if log.stamps is None else log.stamps - log.stamps[0]
-            stamps.append(origin + t)
-            origin = float(stamps[-1][-1]) + BETWEEN * first.dt
+            beside = max(first.dt, float(t[1] - t[0]), last) if t.size > 1 else first.dt
+            stamps.append(np.asarray(origin + BETWEEN * beside * bool(stamps) + t, np.float64))
+            origin, last = float(stamps[-1][-1]), float(t[-1] - t[-2]) if t.size > 1 else first.dt
         if len(logs) == 1:
             return cls.of(first, None, None, None, None)
         u, y = (np.concatenate([getattr(log, name) for log in logs]) for name in ("input", "output"))
-        r = None if first.reference is None else np.concatenate([log.reference for log in logs])
+        references = [log.reference for log in logs if log.reference is not None]
+        r = np.concatenate(references) if references else None
         named = [name for name in first.others if all(name in log.others for log in logs)]
         others = {name: np.concatenate([log.others[name] for log in logs]) for name in named}
         source = ", ".join(log.path.name for log in logs)
         return cls(
             u, y, first.dt, np.concatenate(stamps), r, first.input_name, first.output_name, source, True,
-            first.input_hold, others=others,
+            first.input_hold, others=others, begins=tuple(np.cumsum([log.input.size for log in logs[:-1]]).tolist()),
+            reference_name=first.reference_name,
+        )  # fmt: skip
+
+    @property
+    def as_log(self) -> Log:
+        """The samples as one log, for plots of them."""
+        return Log(
+            self.u, self.y, self.dt, self.t, self.input_name, self.output_name, Path(self.source),
+            reference=self.reference, reference_name=self.reference_name, irregular=self.t is not None,
+            input_hold=self.input_hold, sha256=self.sha256,
+            others=self.others,
         )  # fmt: skip
 
     @property

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import record, vector, whole
-from replant.engine.record import Record, ready_record
+from replant.engine.record import Record
 from replant.errors import InvalidArgumentError
 from replant.limits import MOST_TRIED, dead_time, duration, increasing, several
 from replant.model.structure import Structure
-from replant.offline.fit import check_delay, check_length, fit
+from replant.offline.fit import RawRecord, check_delay, check_length, fit_samples
 from replant.offline.fit_result import FitResult
 from replant.offline.samples import Samples
 from replant.offline.solve import at_first
@@ -171,14 +171,13 @@ def search(
     told = y if r is None or r.size != y.size else np.where(np.isfinite(r), y, np.nan)
     check_length(int(screen(preprocess.map_input(u), told)[0].sum()), grid[0])
     check_delay(times[-1], dt, u.size, stamps)
-    ready = ready_record(grid[0], dt, preprocess.resolve(u, told), u, told, stamps, given.input_hold, r)
+    resolved = preprocess.resolve(u, told)
+    ready = RawRecord(grid[0], dt, resolved, u, told, stamps, given.input_hold, given.begins).made_ready(told, r)
     used = at_first(ready)
     for _ in range(2):
         sweep = _Sweep(used, grid, times, progress)
         chosen = sweep.chosen
-        best = fit(
-            u, y, dt, chosen.structure, method="srivc", preprocess=preprocess, filter=hold, t=stamps, reference=r
-        )
+        best = fit_samples(given, chosen.structure, "srivc", hold, preprocess)
         made = best.record
         if made is None or made.u.size != used.u.size or (made.is_measured == used.is_measured).all():
             break
