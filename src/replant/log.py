@@ -43,7 +43,7 @@ class Log:
     input_name, output_name : str
         The columns' names in the file.
     path : Path
-        The file.
+        The file; empty where there is none.
     earlier : int
         Number of samples before these.  Of a log that is too long for memory only the newest samples are held.
     reference : float64 array, shape (K,), or None
@@ -63,8 +63,7 @@ class Log:
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> log = Log(np.array([0.0, 1.0]), np.array([0.0, 0.1]), 0.5, None, "u", "y", Path("log.csv"))
+    >>> log = Log(np.array([0.0, 1.0]), np.array([0.0, 0.1]), 0.5)
     >>> len(log), log.dt
     (2, 0.5)
     """
@@ -72,10 +71,10 @@ class Log:
     input: NDArray[np.float64]
     output: NDArray[np.float64]
     dt: float
-    time: NDArray[np.float64] | None
-    input_name: str
-    output_name: str
-    path: Path
+    time: NDArray[np.float64] | None = None
+    input_name: str = "u"
+    output_name: str = "y"
+    path: Path = Path()
     earlier: int = 0
     reference: NDArray[np.float64] | None = None
     reference_name: str = ""

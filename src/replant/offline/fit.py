@@ -21,6 +21,7 @@ from replant.assessment import Simulation, fit_percent, simulate
 from replant.engine.record import Record, ready_record
 from replant.engine.record_regressors import regressors
 from replant.errors import InvalidArgumentError
+from replant.interop.other_words import in_our_words
 from replant.kernels.schema import Doubt
 from replant.limits import increasing
 from replant.model.noise import NoiseModel
@@ -44,6 +45,7 @@ from replant.statistics.lost_samples import one_step_with_lost
 METHODS = (AUTO, "srivc", "least_squares")
 
 
+@in_our_words
 @quiet
 def fit(
     u: Any,
@@ -59,6 +61,8 @@ def fit(
     preprocess: Preprocess | None = None,
     t: Any = None,
     reference: Any = None,
+    input: str | None = None,  # noqa: A002 - the field's word
+    output: str | None = None,
 ) -> FitResult:
     r"""Fit G(s) to a whole record.
 
@@ -71,7 +75,7 @@ def fit(
 
     Parameters
     ----------
-    u : (K,) array, Log or list of Log
+    u : (K,) array, Log, list of Log, or table
         Raw input, or a log with input, output and sampling time; or several logs of one rig, which give one model.
     y : (K,) array
         Output; samples that are not finite are left out.
@@ -98,6 +102,9 @@ def fit(
         Where a controller makes the input: the set-point or a dither, whatever is applied from outside and knows
         nothing of the disturbances; for "srivc".  The unit does not matter.  A sample whose reference is not finite is
         left out.
+    input, output : str, optional
+        Columns of a table of pandas or polars, which is given in place of ``u``; ``t`` and ``reference`` may name
+        columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or the index.
 
     Returns
     -------
@@ -125,7 +132,7 @@ def fit(
     2 / (s + 0.5) trusted
     """
     structure = Structure.wanted(structure, poles, zeros, delay)
-    return fit_samples(Samples.of(u, y, dt, t, reference), structure, method, filter, preprocess)
+    return fit_samples(Samples.of(u, y, dt, t, reference, input, output), structure, method, filter, preprocess)
 
 
 def fit_samples(

@@ -13,6 +13,7 @@ from replant.arguments import FloatArray
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.log import Log
 from replant.offline.fit_result import FitResult
+from replant.offline.frame_log import is_frame, log_of_frame
 from replant.regressor.preprocess import Preprocess
 
 BETWEEN = 10.0
@@ -67,8 +68,17 @@ class Samples:
     reference_name: str = ""
 
     @classmethod
-    def of(cls, u: Any, y: Any, dt: float | None, t: Any, reference: Any) -> Samples:
-        """Return the samples of a log, given as ``u`` alone, or those of arrays.
+    def of(
+        cls,
+        u: Any,
+        y: Any,
+        dt: float | None,
+        t: Any,
+        reference: Any,
+        input: Any = None,  # noqa: A002 - the word of `fit`
+        output: Any = None,
+    ) -> Samples:
+        """Return the samples of a log, given as ``u`` alone, or those of arrays, or of columns of a table.
 
         Raises
         ------
@@ -77,6 +87,12 @@ class Samples:
         InvalidArgumentError
             If there is a log and something else.
         """
+        if is_frame(u):
+            if y is not None:
+                raise InvalidArgumentError("a table has its own output: name its column, output=..., and leave out y")
+            u, t, dt, reference = log_of_frame(u, input, output, t, dt, reference), None, None, None
+        elif input is not None or output is not None:
+            raise InvalidArgumentError("input and output name columns of a table, which is to be given in place of u")
         if isinstance(u, list | tuple) and u and all(isinstance(each, Log) for each in u):
             if any(given is not None for given in (y, dt, t, reference)):
                 raise InvalidArgumentError("logs have their own outputs, clocks and references: give them alone")

@@ -13,6 +13,7 @@ import numpy as np
 from replant.arguments import record, vector, whole
 from replant.engine.record import Record
 from replant.errors import InvalidArgumentError
+from replant.interop.other_words import in_our_words
 from replant.limits import MOST_TRIED, dead_time, duration, increasing, several
 from replant.model.structure import Structure
 from replant.offline.fit import RawRecord, check_delay, check_length, fit_samples
@@ -90,6 +91,7 @@ class SearchResult:
     candidates: tuple[Candidate, ...]
 
 
+@in_our_words
 def search(
     u: Any,
     y: Any = None,
@@ -102,6 +104,8 @@ def search(
     preprocess: Preprocess | None = None,
     reference: Any = None,
     t: Any = None,
+    input: str | None = None,  # noqa: A002 - the field's word
+    output: str | None = None,
     progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> SearchResult:
     """Fit the structures of a grid by refined instrumental variables, and choose one.
@@ -113,7 +117,7 @@ def search(
 
     Parameters
     ----------
-    u : (K,) array, Log or list of Log
+    u : (K,) array, Log, list of Log, or table
         Raw input, or a log with input, output and sampling time; or several logs of one rig, which give one model.
     y : (K,) array
         Output.
@@ -133,6 +137,9 @@ def search(
         Where a controller makes the input, see `fit`.
     t : (K,) array, optional
         Time stamps in s, strictly increasing, of an irregular clock.
+    input, output : str, optional
+        Columns of a table of pandas or polars, which is given in place of ``u``; ``t`` and ``reference`` may name
+        columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or the index.
     progress : callable
         Called before each structure with how many were tried, of how many.
 
@@ -160,7 +167,7 @@ def search(
     >>> found.best.structure.poles
     2
     """
-    given = Samples.of(u, y, dt, t, reference)
+    given = Samples.of(u, y, dt, t, reference, input, output)
     preprocess = given.preprocess if preprocess is None else preprocess
     u, y = record(given.u, given.y)
     dt, times = duration("dt", given.dt), sorted(set(several("delays", delays, dead_time)))
