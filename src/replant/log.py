@@ -26,7 +26,7 @@ from replant.limits import duration, file_path
 from replant.time_stamps import is_regular
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Log:
     """A record of one input and one output, perhaps of a reference, on a regular or an irregular clock.
 
@@ -114,6 +114,13 @@ class Log:
 
     def __len__(self) -> int:
         return self.earlier + int(self.input.shape[0])
+
+    def __repr__(self) -> str:
+        clock = "irregular, usually " if self.stamps is not None else ""
+        signals = f"{self.input_name} -> {self.output_name}"
+        others = f", beside {', '.join(self.others)}" if self.others else ""
+        name = " ".join(filter(None, ("Log", self.path.name)))
+        return f"<{name}: {signals}, {len(self):,} samples, {clock}dt {self.dt:g} s{others}>"
 
     @cached_property
     def stamps(self) -> NDArray[np.float64] | None:

@@ -112,7 +112,9 @@ class Structure:
             return cls(poles, zeros, delay)
         given_as: object = structure
         if isinstance(given_as, int | np.integer):
-            raise ArgumentTypeError(f"structure must be a Structure, got {given_as}; write poles={given_as}")
+            raise ArgumentTypeError(
+                f"structure must be a Structure, got {shown(given_as)}; write poles={shown(given_as)}"
+            )
         structure = instance("structure", structure, Structure)
         if poles is not None or whole("zeros", zeros, 0) or dead_time("delay", delay):
             raise InvalidArgumentError("give either a structure, or poles, zeros and delay")

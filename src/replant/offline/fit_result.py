@@ -16,6 +16,7 @@ from replant.assessment.other_columns import OtherColumn, other_columns, with_ot
 from replant.engine.dimensions import entries_of
 from replant.engine.record import Record
 from replant.errors import InvalidArgumentError
+from replant.identified import notation
 from replant.identified.fields import has_rest
 from replant.identified.model import Model
 from replant.identified.provenance import Provenance
@@ -30,7 +31,7 @@ from replant.regressor.filters import Filter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FitResult:
     """The result of `fit`.
 
@@ -198,6 +199,12 @@ class FitResult:
             )
         y[rows] = self.simulation.output[rows]
         return y
+
+    def __repr__(self) -> str:
+        return notation.in_lines("FitResult", self.model, self.samples, self.verdict.reasons)
+
+    def _repr_html_(self) -> str:
+        return notation.with_picture(self.model)
 
     @property
     def uncertainty(self) -> Uncertainty | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -41,7 +42,10 @@ Derivation: halving as often would find it to a 256th of a sample; tops of parab
 """
 
 
-@dataclass(frozen=True, eq=False)
+SHOWN = 8  # candidates at a prompt
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Candidate:
     """One structure of the grid.
 
@@ -67,13 +71,17 @@ class Candidate:
     criterion: float = math.inf
     uncertainty: float = math.inf
 
+    def __repr__(self) -> str:
+        size = f"{self.structure.poles} poles, {self.structure.zeros} zeros, {self.structure.delay:g} s"
+        return f"{size}: fit {self.fit:.1f} %" if self.was_tried else f"{size}: left early"
+
     @property
     def was_tried(self) -> bool:
         """Whether there is a model of this structure."""
         return math.isfinite(self.fit)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SearchResult:
     """The result of a search.
 
@@ -89,6 +97,16 @@ class SearchResult:
     best: FitResult
     chosen: Candidate
     candidates: tuple[Candidate, ...]
+
+    def __repr__(self) -> str:
+        tried = [each for each in self.candidates if each.was_tried]
+        best = sorted(tried, key=lambda each: each.criterion)[:SHOWN]
+        rows = [f"{each!r}, {0.5 * (self.chosen.criterion - each.criterion):+.1f} evidence" for each in best]
+        of = f"{len(self.candidates)} structures, {len(tried)} tried"
+        return "\n  ".join([f"<SearchResult of {of}: {self.best.model!r}", *rows]) + ">"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(repr(self))}</pre>{self.best._repr_html_()}"
 
 
 @in_our_words
