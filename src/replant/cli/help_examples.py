@@ -26,6 +26,7 @@ EXAMPLES = {
         ("for scripts", "replant fit log.csv -i u -o y -p 1 --json"),
     ),
     "compare": (
+        ("a saved model over a log", "replant compare model.json log.csv"),
         ("the usual methods", "replant compare log.csv -i u -o y -p 1"),
         ("two of them", "replant compare log.csv -i u -o y -p 1 --optimizer srivc --optimizer least-squares"),
     ),

@@ -130,16 +130,20 @@ _REST: list[Callable[[Any], Any]] = [
 _CONDITION = [INPUT_HOLD, *CONDITIONING]
 
 
-def log_options(several: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def log_options(
+    several: str, otherwise: Callable[[dict[str, Any]], bool] = lambda given: False
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Return a decorator with the options that `run`, `fit` and `compare` share, for one structure and one log.
 
     Parameters
     ----------
     several : str
         What is said where more than one log is named.
+    otherwise : callable
+        Called first with the options; True if it has done what they ask for.
     """
     options = [_LOGS, *_COLUMNS, *_STRUCTURE, *_CONDITION, *_REST]
-    return lambda command: _decorated(command, options, several)
+    return lambda command: _decorated(command, options, several, otherwise)
 
 
 def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -154,7 +158,10 @@ def fleet_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _decorated(
-    command: Callable[..., Any], options: list[Callable[[Any], Any]], several: str = ""
+    command: Callable[..., Any],
+    options: list[Callable[[Any], Any]],
+    several: str = "",
+    otherwise: Callable[[dict[str, Any]], bool] = lambda given: False,
 ) -> Callable[..., Any]:
     @functools.wraps(command)
     def checked(*, quiet: bool, progress: bool, **given: Any) -> Any:
@@ -165,6 +172,8 @@ def _decorated(
         if progress:
             ask()
         if isinstance(given.get("logs"), tuple):
+            if otherwise(given):
+                return None
             if several and len(given["logs"]) > 1:
                 raise click.UsageError(several)
             given["log"] = given["logs"][0]

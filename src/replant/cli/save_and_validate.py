@@ -14,8 +14,9 @@ from replant.assessment.verdict import Verdict
 from replant.cli.nearest_word import Choice
 from replant.cli.notes import note
 from replant.cli.options import read
-from replant.data.logs import Log
+from replant.data.logs import Log, read_columns
 from replant.data.logs.digest import digest
+from replant.data.logs.sampling_time import time_candidates
 from replant.errors import InvalidArgumentError
 from replant.identified.model import Model
 from replant.identified.model_file import check_target
@@ -145,6 +146,12 @@ def whole_log(path: Path, columns: dict[str, Any]) -> Log:
         If it cannot be read.
     """
     return read({**columns, "begin": None, "end": None, "log": path})
+
+
+def model_clock(path: Path, columns: dict[str, Any], dt: float) -> dict[str, Any]:
+    """Return the model's sampling time where neither the log nor an option tells one."""
+    told = columns["dt"] is not None or columns["time_column"] is not None
+    return {} if told or time_candidates(read_columns(path).names) else {"dt": dt}
 
 
 def kept(model: Model, log: Log) -> Model:

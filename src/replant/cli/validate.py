@@ -10,9 +10,7 @@ import click
 
 from replant.cli.column_options import input_option, output_option
 from replant.cli.output import make_folder, write_errors_reported
-from replant.cli.save_and_validate import REQUIRE, check_required, validated
-from replant.data.logs import read_columns
-from replant.data.logs.sampling_time import time_candidates
+from replant.cli.save_and_validate import REQUIRE, check_required, model_clock, validated
 from replant.identified.model import load_model
 from replant.identified.validation import Validation
 from replant.report.terminal.validation import as_json as validation_as_json
@@ -44,7 +42,7 @@ def command(
     columns["output_column"] = columns["output_column"] or loaded.output_name
     found = []
     for path in logs:
-        found += validated(loaded, [path], columns | _clock(path, columns, loaded.dt))
+        found += validated(loaded, [path], columns | model_clock(path, columns, loaded.dt))
     if len({name for name, _ in found}) < len(found):
         found = [(str(path), each) for path, (_, each) in zip(logs, found, strict=True)]
     written = [] if out is None else _plots(found, out)
@@ -56,12 +54,6 @@ def command(
         for file in written:
             click.echo(f"wrote {file}")
     check_required(required, [each.verdict for _, each in found])
-
-
-def _clock(path: Path, columns: dict[str, Any], dt: float) -> dict[str, Any]:
-    """Return the model's sampling time where neither the log nor an option tells one."""
-    told = columns["dt"] is not None or columns["time_column"] is not None
-    return {} if told or time_candidates(read_columns(path).names) else {"dt": dt}
 
 
 def _plots(found: list[tuple[str, Validation]], out: Path) -> list[Path]:
