@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Collection
 from typing import Any
 
 import click
@@ -15,8 +16,11 @@ from replant.cli.ranges import Range
 OF_OUTPUT = ("as_json", "out", "full_trace", "saved", "other_logs", "required", "quiet", "progress")
 
 
-def command_line(*, with_output: bool = False) -> str:
-    """Return the command that is running, as typed, without the options of its output unless they are asked for."""
+def command_line(*, with_output: bool = False, without: Collection[str] = ()) -> str:
+    """Return the command that is running, as typed, without the options of its output unless they are asked for.
+
+    ``without`` are the long names of options that are left out.
+    """
     context = click.get_current_context()
     words = ["replant", context.info_name or ""]
     for parameter in context.command.params:
@@ -24,6 +28,8 @@ def command_line(*, with_output: bool = False) -> str:
         value: Any = context.params.get(name)
         source = context.get_parameter_source(name)
         if (name in OF_OUTPUT and not with_output) or source is not ParameterSource.COMMANDLINE:
+            continue
+        if any(option.lstrip("-") in without for option in parameter.opts):
             continue
         if isinstance(parameter, click.Argument):
             words += map(str, value if isinstance(value, tuple) else (value,))

@@ -173,16 +173,16 @@ def _delay_options(found: Inspection) -> tuple[str, ...]:
     seen, dt = found.response, 1.0 if found.clock is None else found.clock.dt
     if seen is None or math.isnan(dt) or seen.delay < max(CLEAR, DEAD * (seen.half - 1 - seen.delay)):
         return ()
-    step = _rounded_up(1.5 * seen.delay * dt / (TRIED - 1))
+    step = rounded_up(1.5 * seen.delay * dt / (TRIED - 1))
     return ("--delay", f"0:{step * (TRIED - 1):.6g}:{step:.6g}")
 
 
-def _rounded_up(value: float) -> float:
+def rounded_up(value: float) -> float:
     """Return a positive number with one digit, not less than ``value``.
 
     Examples
     --------
-    >>> _rounded_up(0.1445), _rounded_up(0.2)
+    >>> rounded_up(0.1445), rounded_up(0.2)
     (0.2, 0.2)
     """
     size = 10.0 ** math.floor(math.log10(value))
