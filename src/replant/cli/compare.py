@@ -45,7 +45,7 @@ def _of_models(given: dict[str, Any]) -> bool:
 
 
 @click.command(name="compare")
-@log_options(several="replant compare takes one log, or saved models and a log", otherwise=_of_models)
+@log_options(several="replant compare takes one log, or saved models and a log", otherwise=_of_models, is_kept=False)
 @click.option(
     "--optimizer",
     "methods",

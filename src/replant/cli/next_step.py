@@ -148,7 +148,8 @@ def _part(situation: Situation) -> NextStep:
     ago = re.search(r"changed ([\d.,e+-]+) s before the end", situation.reason)
     seconds = 0.5 * situation.log.duration if ago is None else float(ago[1].replace(",", ""))
     begin = max(situation.log.duration - seconds, 0.0)
-    return NextStep("identify the part since the change", _again("from", "to", **{"from": f"{begin:.6g}"}))
+    begin += situation.log.begin or 0.0
+    return NextStep("identify the part since the change", _again("from", **{"from": f"{begin:.6g}"}))
 
 
 def _straight(situation: Situation) -> NextStep:

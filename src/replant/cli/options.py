@@ -19,6 +19,7 @@ from replant.cli.notes import note, silence
 from replant.cli.optimizer_option import OptimizerChoice
 from replant.cli.progress import ask
 from replant.cli.ranges import Seconds, Whole
+from replant.cli.stretch_options import STRETCHES
 from replant.data.inspection.other_columns import with_others
 from replant.data.logs import (
     Log,
@@ -131,7 +132,7 @@ _CONDITION = [INPUT_HOLD, *CONDITIONING]
 
 
 def log_options(
-    several: str, otherwise: Callable[[dict[str, Any]], bool] = lambda given: False
+    several: str, otherwise: Callable[[dict[str, Any]], bool] = lambda given: False, *, is_kept: bool = True
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Return a decorator with the options that `run`, `fit` and `compare` share, for one structure and one log.
 
@@ -141,14 +142,16 @@ def log_options(
         What is said where more than one log is named.
     otherwise : callable
         Called first with the options; True if it has done what they ask for.
+    is_kept : bool
+        Whether a model comes of it, which may be validated on a stretch of the log.
     """
-    options = [_LOGS, *_COLUMNS, *_STRUCTURE, *_CONDITION, *_REST]
+    options = [_LOGS, *_COLUMNS, *_STRUCTURE, *_CONDITION, *(STRETCHES if is_kept else ()), *_REST]
     return lambda command: _decorated(command, options, several, otherwise)
 
 
 def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Decorate a click command with the same options, where poles, zeros and dead time may be ranges, of any logs."""
-    return _decorated(command, [_LOGS, *_COLUMNS, *_STRUCTURES, *_CONDITION, *_REST])
+    return _decorated(command, [_LOGS, *_COLUMNS, *_STRUCTURES, *_CONDITION, *STRETCHES, *_REST])
 
 
 def fleet_options(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -12,6 +12,7 @@ from typing import Any
 
 import click
 
+from replant.cli.conditioning_options import is_conditioned
 from replant.cli.next_step import OTHER_LOG, NextStep, next_step
 from replant.cli.notes import is_quiet
 from replant.cli.save_and_validate import Keeping, check_required, kept
@@ -23,6 +24,8 @@ from replant.report.terminal.summary import print_result, record_line
 from replant.report.terminal.validation import as_json as validation_as_json
 from replant.report.terminal.validation import print_validation
 from replant.runs.result import Result
+
+CONDITIONED = "# options of the command change the log first: repeat the command in the shell"
 
 
 def deliver(
@@ -70,6 +73,8 @@ def deliver(
         from replant.report.figures import save_figures
         from replant.report.html.report import write_report
 
+        if is_conditioned(click.get_current_context().params):
+            report["python"] = CONDITIONED
         names: Any = {"input_label": log.input_name, "output_label": log.output_name}
         with write_errors_reported(out):
             paths += save_figures(out, result, log.input, log.output, log.dt, **names)
@@ -82,7 +87,7 @@ def deliver(
         click.echo(json.dumps(whole, allow_nan=False))
     else:
         console = Console()
-        asked = not (is_quiet() or keeping.other_logs)
+        asked = not (is_quiet() or validations)
         step = _next(result, log, keeping, is_searched="candidates" in report) if asked else None
         record = record_line(len(log), log.dt, log.duration)
         print_result(console, result, record=record, lead="" if step is None else step.words)

@@ -11,6 +11,7 @@ from click.core import ParameterSource
 
 from replant.cli.optimizer_option import OptimizerChoice
 from replant.cli.ranges import Range
+from replant.cli.stretch_options import Stretch
 
 #: Options that say what is done with a result, not how it is made.
 OF_OUTPUT = ("as_json", "out", "full_trace", "saved", "other_logs", "required", "quiet", "progress")
@@ -38,6 +39,7 @@ def command_line(*, with_output: bool = False, without: Collection[str] = ()) ->
         elif isinstance(parameter.type, Range | OptimizerChoice):
             words += [parameter.opts[-1], parameter.type.written(value)]
         else:
+            write = parameter.type.written if isinstance(parameter.type, Stretch) else str
             for entry in value if isinstance(value, tuple) else (value,):
-                words += [parameter.opts[-1], str(entry)]
+                words += [parameter.opts[-1], write(entry)]
     return shlex.join(words)
