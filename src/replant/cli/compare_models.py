@@ -14,7 +14,8 @@ from replant.cli.save_and_validate import model_clock, whole_log
 from replant.cli.typed_command import command_line
 from replant.identified.model import load_model
 from replant.identified.model_file import holds_model
-from replant.report.compared_models import HEADINGS, ModelComparison, compare
+from replant.report.html.compared_models import write_models
+from replant.report.html.model_comparison import HEADINGS, ModelComparison, compare
 from replant.report.terminal.validation import as_json as validation_as_json
 
 SHOWN = 7  # columns that fit into a terminal
@@ -65,7 +66,7 @@ def _written(comparison: ModelComparison, out: Path) -> list[Path]:
     picture = out / "models.png"
     with write_errors_reported(out):
         comparison.plot()[0].figure.savefig(picture, dpi=110)
-        return [picture, comparison.save_report(out / "report.html", command_line())]
+        return [picture, write_models(out / "report.html", comparison, command_line())]
 
 
 def _print(comparison: ModelComparison) -> None:

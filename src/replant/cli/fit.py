@@ -63,7 +63,8 @@ def command(as_json: bool, out: Path | None, method: str, **options: Any) -> Non
         logs = read_several(options)
         request = request_of(options, logs[0].dt)
         make_folder(out)
-        fitted = fit(logs, structure=request.structure, method=method, preprocess=request.preprocess)
+        given = logs if len(logs) > 1 else logs[0]
+        fitted = fit(given, structure=request.structure, method=method, preprocess=request.preprocess)
     _deliver(fitted, logs, begun, found, keeping, as_json=as_json, out=out)
 
 
@@ -74,7 +75,7 @@ def _search(logs: list[Log], options: dict[str, Any]) -> SearchResult:
     with progress_bar() as bar:
         task = bar.add_task("structures", total=None)
         return search(
-            logs,
+            logs if len(logs) > 1 else logs[0],
             poles=options["poles"],
             zeros=zeros,
             delays=options["delay"],
@@ -94,7 +95,7 @@ def _deliver(
     as_json: bool,
     out: Path | None,
 ) -> None:
-    log = logs[0] if len(logs) == 1 else Samples.of_several(logs).as_log
+    log = _as_one(logs)
     report: dict[str, Any] = {
         "filter": fitted.fixed_filter, "preprocess": fitted.preprocess, "python": fit_as_python(fitted, logs)
     }  # fmt: skip
@@ -104,3 +105,14 @@ def _deliver(
         more["candidates"] = candidates.as_json(found)
     result = result_of_fit(fitted, log.input, log.output, begun, log.stamps)
     deliver(result, log, keeping, as_json=as_json, out=out, more=more, **report)
+
+
+def _as_one(logs: list[Log]) -> Log:
+    """Return several logs as one, for plots of them; a single one as it is."""
+    if len(logs) == 1:
+        return logs[0]
+    all_of = Samples.of_several(logs)
+    return Log(
+        all_of.u, all_of.y, all_of.dt, all_of.t, all_of.input_name, all_of.output_name, Path(all_of.source),
+        reference=all_of.reference, reference_name=all_of.reference_name, irregular=True, input_hold=all_of.input_hold,
+    )  # fmt: skip

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -67,7 +66,7 @@ def log_of_frame(frame: Any, input: Any, output: Any, time: Any, dt: float | Non
     others = {name: _numbers(frame, name) for name in names if name not in used and _is_numeric(frame, name)}
     assert dt is not None
     return Log(
-        signals["input"], signals["output"], dt, stamps, input, output, Path(),
+        signals["input"], signals["output"], dt, stamps, input, output,
         reference=signals.get("reference"), reference_name=reference or "", others=others,
     )  # fmt: skip
 

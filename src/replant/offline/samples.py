@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -153,16 +152,6 @@ class Samples:
             u, y, first.dt, np.concatenate(stamps), r, first.input_name, first.output_name, source, True,
             first.input_hold, others=others, begins=tuple(np.cumsum([log.input.size for log in logs[:-1]]).tolist()),
             reference_name=first.reference_name,
-        )  # fmt: skip
-
-    @property
-    def as_log(self) -> Log:
-        """The samples as one log, for plots of them."""
-        return Log(
-            self.u, self.y, self.dt, self.t, self.input_name, self.output_name, Path(self.source),
-            reference=self.reference, reference_name=self.reference_name, irregular=self.t is not None,
-            input_hold=self.input_hold, sha256=self.sha256,
-            others=self.others,
         )  # fmt: skip
 
     @property

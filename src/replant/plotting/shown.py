@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import html
-import io
 from typing import Any
 
 import numpy as np
@@ -36,9 +35,8 @@ def with_std(value: float, std: float | None) -> str:
 
 def picture(axes: Any) -> str:
     """Return the figure of axes, or of several, as an image of HTML."""
-    drawn = io.BytesIO()
-    np.ravel(np.asarray(axes, dtype=object))[0].figure.savefig(drawn, format="png")
-    return f'<img src="data:image/png;base64,{base64.b64encode(drawn.getvalue()).decode()}">'
+    drawn = np.ravel(np.asarray(axes, dtype=object))[0].figure._repr_png_()
+    return f'<img src="data:image/png;base64,{base64.b64encode(drawn).decode()}">'
 
 
 class Shown:

@@ -3,43 +3,49 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
+from replant.identified.model import Model
+from replant.log import Log
 from replant.plotting.palette import given_axes
 from replant.plotting.poles import RADIUS_95, REACH_95
 from replant.report.figures import style
 from replant.report.figures.side_by_side import draw_outputs, draw_responses
-
-if TYPE_CHECKING:
-    from replant.report.compared_models import ModelComparison
+from replant.runs.result import Result
 
 
-def draw_models(comparison: ModelComparison, axes: Any = None) -> Any:
+def draw_models(
+    models: Mapping[str, Model], results: Mapping[str, Result], log: Log, best: str, axes: Any = None
+) -> Any:
     """Draw outputs, step responses, magnitudes and poles of all models; return four axes.
 
     Parameters
     ----------
-    comparison : ModelComparison
+    models : dict of Model
+    results : dict of Result
+        Their outputs over the log.
+    log : Log
+    best : str
+        The model whose response sets the limits of the axes.
     axes : four matplotlib axes, optional
         Drawn into; without them a figure is made.
     """
     drawn = style.new_axes(2, 2, (11.0, 7.0)) if axes is None else axes
     output, step, magnitude, poles = given_axes("axes", drawn, 4)
-    log, results = comparison.log, {each.name: each.result for each in comparison.contenders if each.result}
     tail, phase = given_axes("axes", style.new_axes(2, 1, (4.0, 3.0)), 2)  # not shown
     draw_outputs(results, log.output, log.dt, axes=(output, tail), output_label=log.output_name)
-    draw_steps(comparison, step)
-    draw_responses(results, log.dt, reference=comparison.best, axes=(magnitude, phase))
-    draw_poles_of(comparison, poles)
+    draw_steps(models, step)
+    draw_responses(results, log.dt, reference=best, axes=(magnitude, phase))
+    draw_poles_of(models, poles)
     output.legend(frameon=False, ncols=2)
     return np.array([output, step, magnitude, poles], dtype=object)
 
 
-def draw_steps(comparison: ModelComparison, axis: Any) -> None:
+def draw_steps(models: Mapping[str, Model], axis: Any) -> None:
     """Draw the step response of each model with its band of two standard deviations."""
-    models = comparison.models
     longest = max(float(model.step().time[-1]) for model in models.values())
     for (name, model), (colour, dashes) in zip(models.items(), style.LINES, strict=False):
         step = model.step(longest)
@@ -52,10 +58,10 @@ def draw_steps(comparison: ModelComparison, axis: Any) -> None:
     style.tidy(axis)
 
 
-def draw_poles_of(comparison: ModelComparison, axis: Any) -> None:
+def draw_poles_of(models: Mapping[str, Model], axis: Any) -> None:
     """Draw the poles of each model with their 95 % regions."""
     reach = 0.0
-    for (name, model), (colour, _) in zip(comparison.models.items(), style.LINES, strict=False):
+    for (name, model), (colour, _) in zip(models.items(), style.LINES, strict=False):
         found = model.poles()
         axis.plot(found.values.real, found.values.imag, "x", color=colour, ms=8, mew=2, label=name)
         reach = max(reach, float(np.abs(found.values).max()))

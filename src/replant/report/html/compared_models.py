@@ -6,11 +6,11 @@ import html
 from pathlib import Path
 
 from replant.plotting.palette import blank_figure
-from replant.report.compared_models import HEADINGS, ModelComparison
 from replant.report.figures import style
 from replant.report.figures.models import draw_poles_of, draw_steps
 from replant.report.html import tables
 from replant.report.html.comparison_figures import outputs, responses, swatches_of
+from replant.report.html.model_comparison import HEADINGS, ModelComparison
 from replant.report.html.page import Html, code, facts, section, write_page
 from replant.report.html.svg import HALF, described, look, svg
 from replant.report.number_format import percent
@@ -72,8 +72,8 @@ def _steps_and_poles(comparison: ModelComparison) -> str:
     words = "Response to a unit step of each model", "Poles of each model in the complex plane"
     with look():
         axes = [blank_figure(HALF, 3.2).subplots() for _ in words]
-        draw_steps(comparison, axes[0])
-        draw_poles_of(comparison, axes[1])
+        draw_steps(comparison.models, axes[0])
+        draw_poles_of(comparison.models, axes[1])
         pictures = [svg(axis.figure, f"models{i}") for i, axis in enumerate(axes)]
     drawn = "".join(described(picture, said) for picture, said in zip(pictures, words, strict=True))
     legend = "".join(f"<li>{mark}{html.escape(name)}</li>" for name, mark in swatches_of(comparison.contenders).items())

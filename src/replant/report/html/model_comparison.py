@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,9 +14,9 @@ from replant.assessment import Assessment, Simulation
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.identified.model import Model
 from replant.identified.validation import Validation
-from replant.limits import file_path
 from replant.log import Log
 from replant.plotting.shown import Shown
+from replant.report.figures.models import draw_models
 from replant.report.number_format import percent, uncertain
 from replant.runs.comparison import Contender, best
 from replant.runs.record_clock import Clock
@@ -69,22 +68,8 @@ class ModelComparison(Shown):
         axes : four matplotlib axes, optional
             Drawn into; without them a figure is made.
         """
-        from replant.report.figures.models import draw_models
-
-        return draw_models(self, axes)
-
-    def save_report(self, path: str | Path, command: str = "") -> Path:
-        """Write the comparison as one HTML page, and return its path.
-
-        Parameters
-        ----------
-        path : path
-        command : str
-            The command line that makes it again.
-        """
-        from replant.report.html.compared_models import write_models
-
-        return write_models(Path(file_path("path", path)), self, command)
+        results = {each.name: each.result for each in self.contenders if each.result is not None}
+        return draw_models(self.models, results, self.log, self.best, axes)
 
     def __repr__(self) -> str:
         rows = [f"{name}: {self.models[name].transfer_function}, {self.validations[name]!r}" for name in self.models]
@@ -142,7 +127,6 @@ def compare(models: Mapping[str, Model] | Iterable[Model], log: Log) -> ModelCom
     named = dict(models) if isinstance(models, Mapping) else {f"model {k + 1}": each for k, each in enumerate(models)}
     if not named:
         raise InvalidArgumentError("there is no model to compare")
-    for name, model in named.items():
-        instance(f"models, {name},", model, Model)
+    named = {name: instance(f"models, {name},", model, Model) for name, model in named.items()}
     log = instance("log", log, Log)
     return ModelComparison(named, {name: model.validate(log) for name, model in named.items()}, log)
