@@ -61,3 +61,10 @@ def test_without_other_columns_nothing_is_said(capsys, heated: Path, tmp_path: P
     assert not any("column" in reason for reason in json.loads(out)["verdict"]["reasons"])
     _, out, _ = call(capsys, "look", alone)
     assert "Others" not in out
+
+
+def test_the_verdict_leads_with_it(capsys, heated: Path) -> None:
+    for command in ("fit", "run"):
+        _, out, _ = call(capsys, command, heated, "-i", "heater", "-o", "temp", "-p", 1)
+        (verdict,) = [line for line in out.splitlines() if line.startswith("Verdict")]
+        assert "column pump" in verdict, command

@@ -18,6 +18,7 @@ from replant.runs.result import Result
 TRIED = 6
 """Dead times that a suggested range has beside 0 [count]."""
 UNSURE = r"has a standard deviation|uncertainty of the estimate|cancel the poles?"
+COLUMN = r"^column (.+) explains"
 OTHER_LOG = "LOG2"  # stands for a log that is not there yet
 
 
@@ -108,11 +109,13 @@ def _move(situation: Situation) -> NextStep:
 def _keep(situation: Situation) -> NextStep:
     unsure = any(re.search(UNSURE, reason) for reason in situation.result.verdict.reasons)
     words = f"keep the model{f', or try {_counted(situation.poles - 1)}' if unsure and situation.poles > 1 else ''}"
-    found: dict[str, object] = {}
+    others = [found[1] for reason in situation.result.verdict.reasons if (found := re.search(COLUMN, reason))]
+    words += f", knowing that column {others[0]} moves the output, too" if others else ""
+    changed: dict[str, object] = {}
     if situation.is_searched:  # of what was searched for, what was found
         structure = situation.result.structure
-        found = {"poles": structure.poles, "zeros": structure.zeros, "delay": f"{structure.delay:.6g}"}
-    return NextStep(f"{words}; check it on another log", _again(**found, save="model.json", validate=OTHER_LOG))
+        changed = {"poles": structure.poles, "zeros": structure.zeros, "delay": f"{structure.delay:.6g}"}
+    return NextStep(f"{words}; check it on another log", _again(**changed, save="model.json", validate=OTHER_LOG))
 
 
 def _search(situation: Situation) -> NextStep:
@@ -161,7 +164,7 @@ def _clock(situation: Situation) -> NextStep:
 
 
 def _column(situation: Situation) -> NextStep:
-    found = re.search(r"column (.+) explains", situation.reason)
+    found = re.search(COLUMN, situation.reason)
     name = "" if found is None else found[1]
     words = f"record with column {name} held still; what it does by itself"
     return NextStep(words, _again("input", "reference", "delay", input=name))
@@ -189,7 +192,7 @@ def _wait(situation: Situation) -> NextStep:
 
 #: What reasons say, and what to do; the first that fits counts.
 STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
-    (r"^column .+ explains", _column),
+    (COLUMN, _column),
     (r"the input is constant|has rested|hardly moves|came to rest", _move),
     (r"does not excite every coefficient", _fewer),
     (r"the output has only|explains almost nothing", _look),

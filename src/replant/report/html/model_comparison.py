@@ -107,6 +107,11 @@ def compare(models: Mapping[str, Model] | Iterable[Model], log: Log) -> ModelCom
     log : Log
         A record that they were not made from tells most.
 
+    Returns
+    -------
+    ModelComparison
+        With a table, the validation of each model, and a plot of all.
+
     Raises
     ------
     ArgumentTypeError
