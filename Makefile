@@ -29,7 +29,7 @@ $(VENV)/.wheels: $(READY)
 wheels: $(VENV)/.wheels  ## wheels for Linux, macOS and Windows, from this machine; in dist
 	$(BIN)/python tools/wheels.py
 
-wheels-test: $(VENV)/.wheels  ## install the wheel of this system without a compiler, and identify a plant with it
+wheels-test: $(VENV)/.wheels  ## install the wheel of this system without a compiler, and identify a plant with it; that for ARM under QEMU
 	$(BIN)/python tools/wheels.py --try
 
 demo: $(READY)   ## identify a simulated actuator while it runs; plots in out/demo

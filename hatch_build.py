@@ -17,6 +17,7 @@ from __future__ import annotations
 import hashlib
 import io
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -70,6 +71,8 @@ class PackageHook(UPlotHook):
             return
         target, _, tag = os.environ.get("REPLANT_WHEEL", "").partition(":")
         here = sysconfig.get_platform().replace("-", "_").replace(".", "_")
+        if here.endswith("universal2"):  # a Python of two processors; the library is of one
+            here = "macosx_11_0_arm64" if platform.machine() == "arm64" else here.replace("universal2", "x86_64")
         build_data["pure_python"], build_data["tag"] = False, f"py3-none-{tag or here}"
         command = [sys.executable, str(Path(self.root, "tools/translator/library.py"))]
         if version != "editable":

@@ -181,6 +181,8 @@ def plain(value: Any) -> Any:
         return type(value).__name__, value
     if type(value) is tuple:
         return tuple(map(plain, value))
+    if type(value) is dict:
+        return tuple((name, plain(each)) for name, each in value.items())
     if isinstance(value, np.ndarray):
         assert value.dtype == np.float64
         return value.shape, value.tolist()

@@ -181,6 +181,49 @@ def test_the_wheel_of_this_system_has_its_library(
         wheels.check(tmp_path / "bad.whl")
 
 
+def test_a_wheel_of_another_processor_is_not_tried_without_what_it_needs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "tools"))
+    import foreign
+
+    monkeypatch.setenv("PATH", str(tmp_path))
+    arguments = tmp_path / "replant.whl", "aarch64", "", tmp_path, ROOT / "constraints.txt"
+    with pytest.raises(foreign.UntriedError, match=r"no qemu-aarch64-static or .*: apt install qemu-user-static"):
+        foreign.try_out(*arguments)
+    (tmp_path / "qemu-aarch64").write_text("")
+    (tmp_path / "qemu-aarch64").chmod(0o755)
+    with pytest.raises(foreign.UntriedError, match="no apt-get: its Python comes from Debian"):
+        foreign.try_out(*arguments)
+    (tmp_path / "apt-get").write_text("#!/bin/sh\necho no network >&2\nexit 100\n")
+    (tmp_path / "apt-get").chmod(0o755)
+    with pytest.raises(foreign.UntriedError, match="apt-get update for arm64 fails: no network"):
+        foreign.try_out(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("python", "machine", "tag"),
+    [
+        ("macosx-10.9-universal2", "arm64", "py3-none-macosx_11_0_arm64"),
+        ("macosx-10.9-universal2", "x86_64", "py3-none-macosx_10_9_x86_64"),
+        ("linux-x86_64", "x86_64", "py3-none-linux_x86_64"),
+    ],
+)
+def test_the_wheel_is_for_the_processor_of_its_library(
+    hook: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, python: str, machine: str, tag: str
+) -> None:
+    monkeypatch.delenv("REPLANT_WHEEL", raising=False)
+    monkeypatch.setattr(hook, "provide", lambda folder: None)
+    monkeypatch.setattr(hook.sysconfig, "get_platform", lambda: python)
+    monkeypatch.setattr(hook.platform, "machine", lambda: machine)
+    monkeypatch.setattr(hook.subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=0))
+    build_data: dict[str, Any] = {"force_include": {}}
+    hook.PackageHook(str(ROOT), {}, None, None, str(tmp_path), "wheel", SimpleNamespace()).initialize(
+        "editable", build_data
+    )
+    assert build_data["tag"] == tag
+
+
 # --- licences
 
 #: Permissive ones, and copyleft that ends at its own files (MPL), as SPDX calls them.

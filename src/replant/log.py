@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ from replant.limits import duration, file_path
 from replant.time_stamps import is_regular
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Log:
     """A record of one input and one output, perhaps of a reference, on a regular or an irregular clock.
 
@@ -42,7 +43,7 @@ class Log:
     input_name, output_name : str
         The columns' names in the file.
     path : Path
-        The file.
+        The file; empty where there is none.
     earlier : int
         Number of samples before these.  Of a log that is too long for memory only the newest samples are held.
     reference : float64 array, shape (K,), or None
@@ -57,11 +58,12 @@ class Log:
         What the input does between two samples: it is held, or goes on in a straight line.
     sha256 : str
         Digest of the file, which a model keeps; empty where it is not known.
+    others : mapping of str to float64 array, shape (K,)
+        Further columns of the same rows.  The verdict of `fit` names one that explains what the model leaves.
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> log = Log(np.array([0.0, 1.0]), np.array([0.0, 0.1]), 0.5, None, "u", "y", Path("log.csv"))
+    >>> log = Log(np.array([0.0, 1.0]), np.array([0.0, 0.1]), 0.5)
     >>> len(log), log.dt
     (2, 0.5)
     """
@@ -69,10 +71,10 @@ class Log:
     input: NDArray[np.float64]
     output: NDArray[np.float64]
     dt: float
-    time: NDArray[np.float64] | None
-    input_name: str
-    output_name: str
-    path: Path
+    time: NDArray[np.float64] | None = None
+    input_name: str = "u"
+    output_name: str = "y"
+    path: Path = Path()
     earlier: int = 0
     reference: NDArray[np.float64] | None = None
     reference_name: str = ""
@@ -81,6 +83,7 @@ class Log:
     irregular: bool | None = None
     input_hold: str = "zoh"
     sha256: str = ""
+    others: Mapping[str, NDArray[np.float64]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         keep(self, "input", vector)
@@ -92,10 +95,14 @@ class Log:
             keep(self, "time", vector)
         if self.reference is not None:
             keep(self, "reference", vector)
-        signals = (self.output, self.time, self.reference)
+        others = {text("others", name): vector(name, each) for name, each in self.others.items()}
+        object.__setattr__(self, "others", others)
+        signals = (self.output, self.time, self.reference, *self.others.values())
         sizes = [self.input.size, *(each.size for each in signals if each is not None)]
         if min(sizes) != max(sizes):
-            raise InvalidArgumentError(f"input, output, time and reference must have the same length, got {sizes}")
+            raise InvalidArgumentError(
+                f"input, output, time, reference and others must have the same length, got {sizes}"
+            )
         for name in ("begin", "end"):
             if getattr(self, name) is not None:
                 keep(self, name, finite)
@@ -107,6 +114,13 @@ class Log:
 
     def __len__(self) -> int:
         return self.earlier + int(self.input.shape[0])
+
+    def __repr__(self) -> str:
+        clock = "irregular, usually " if self.stamps is not None else ""
+        signals = f"{self.input_name} -> {self.output_name}"
+        others = f", beside {', '.join(self.others)}" if self.others else ""
+        name = " ".join(filter(None, ("Log", self.path.name)))
+        return f"<{name}: {signals}, {len(self):,} samples, {clock}dt {self.dt:g} s{others}>"
 
     @cached_property
     def stamps(self) -> NDArray[np.float64] | None:

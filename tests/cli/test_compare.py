@@ -190,7 +190,7 @@ def test_the_page_holds_everything(capsys: Any, log: Path, tmp_path: Path) -> No
     # in the table and in three legends, one of them with the measured output
     assert page.count('<svg class="swatch" viewBox') == 4 * len(SOME) + 1
     assert re.search(r'<svg role="img" aria-label="Measured output, [^"]*; fit: default \d[^"]* %', page)
-    assert '<svg role="img" aria-label="Bode diagram of each method' in page
+    assert '<svg role="img" aria-label="Bode diagram of each model' in page
     for name in ("a0", "b0"):
         assert re.search(rf'<svg role="img" aria-label="{name} over time by method; at the end: default 0?\.?\d', page)
     assert page.count(" alone, in Python</summary>") == len(SOME)

@@ -145,3 +145,19 @@ def test_a_file_is_no_folder_for_results(capsys: pytest.CaptureFixture[str], log
     code, _, errors = call(capsys, logs, "--by", "file", *COLUMNS, "--out", file)
     assert code == 2
     assert "is a file; name a folder" in errors
+
+
+def test_the_terminal_names_the_odd_rigs(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Of twelve alike rigs and one of half the gain."""
+    folder = tmp_path / "logs"
+    for k in range(13):
+        as_csv(folder / f"rig{k:02d}.csv", recorded(k, gain=1.0 if k == 7 else 2.0 + 0.01 * k))
+    options = ("--by", "file", *COLUMNS, "--out", tmp_path / "out")
+    code, said, _ = call(capsys, folder, *options)
+    assert code == 0
+    assert said.splitlines()[1] == "1 is odd, farther from the fleet than chance explains:"
+    assert said.splitlines()[2].startswith("  rig07.csv: ")
+    _, said, _ = call(capsys, folder, *options, "--json")
+    (odd,) = json.loads(said)["odd"]
+    assert odd["rig"] == "rig07.csv"
+    assert odd["why"]

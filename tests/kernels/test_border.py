@@ -12,7 +12,7 @@ import replant as rp
 from replant.engine.state import State
 from replant.kernels import native
 from replant.kernels import schema as at
-from replant.kernels.filters import bank
+from replant.kernels.filters import bank, simulate
 from replant.kernels.filters.all_pole import fill_all_pole
 from replant.kernels.filters.autoregression import nested_models
 from replant.kernels.native import KERNELS, Kernel
@@ -167,6 +167,21 @@ def test_an_optimizer_whose_memory_is_too_small_is_refused(calls: list[Call]) ->
         if gradient.MEMORY.get(code, gradient.INTEGRALS).size(4) > ints[at.MEMORY_SIZE]:
             with pytest.raises(ValueError, match="it must hold that is_sound"):
                 kernel(ints, *arguments[1:])
+
+
+def test_a_simulation_with_intervals_below_nought_stays_within_its_inputs() -> None:
+    n, size = 1, 50
+    for intervals in (np.full(size, -0.1), np.zeros(size), np.linspace(1.0, -1.0, size), np.full(size, np.nan)):
+        made = np.ones(bank.size(n, 0))
+        made[bank.NEXT], lengths = 0.0, np.concatenate([[0.1, 0.1], intervals])
+        lengths[3] = 1e9  # which holds all inputs
+        arguments = made, np.zeros(2), np.zeros(27), np.ones(1), 0.0, np.zeros(simulate.PROGRESS), np.ones(size + 2)
+        rest = lengths, 0.1, False, np.zeros(size), np.zeros((0, n))
+        front, _, _ = simulate.simulate(*arguments, *rest)
+        assert front <= size + 2
+        made[bank.NEXT] = 1e12
+        with pytest.raises(ValueError, match="NEXT"):
+            simulate.simulate(*arguments, *rest)
 
 
 def test_the_reason_names_kernel_and_argument() -> None:

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,71 @@ def test_a_kernel_that_cannot_be_translated_is_named(clone: Path) -> None:
     last = done.stderr.strip().splitlines()[-1]
     assert "the kernels cannot be compiled" in last
     assert re.search(r"src/replant/kernels/filters/play_operator\.py:\d+: .*List is no part of the subset", last)
+
+
+TWICE = """
+import sys
+import numpy as np
+
+def made():
+    import replant as rp
+    return rp.Identifier(rp.Structure(1), 0.1), rp.TransferFunction([2.0], [1.0, 0.5])
+
+def take(identifier, samples):
+    return [identifier.update(*sample) for sample in samples]
+
+alone, plant = made()
+u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 60), 10)
+samples = list(zip(u, plant.simulate(u, 0.1)))
+expected = take(alone, samples)
+old, _ = made()
+begun = take(old, samples[:3])
+for name in [name for name in sys.modules if name.partition(".")[0] == "replant"]:
+    del sys.modules[name]
+new, _ = made()
+assert type(new) is not type(old)
+both = take(new, samples[:300]), begun + take(old, samples[3:]), take(new, samples[300:])
+np.testing.assert_array_equal(both[1], expected)
+np.testing.assert_array_equal(both[0] + both[2], expected)
+"""
+
+
+def test_a_process_may_import_the_package_twice() -> None:
+    done = subprocess.run([sys.executable, "-c", TWICE], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+IN_THREADS = """
+from concurrent.futures import ThreadPoolExecutor
+import numpy as np
+from replant.kernels.filters.play_operator import play
+with ThreadPoolExecutor(4) as pool:
+    print([float(each[0]) for each in pool.map(lambda v: play(v, 1.0), [np.array([3.0])] * 4)])
+"""
+
+
+def test_threads_that_begin_at_once_make_the_library_once(clone: Path) -> None:
+    shutil.rmtree(clone / "src/replant/kernels/compiled")
+    environment = {**os.environ, "PYTHONPATH": str(clone / "src")}
+    done = subprocess.run(
+        [sys.executable, "-c", IN_THREADS], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.stdout == "[2.0, 2.0, 2.0, 2.0]\n"
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_processes_that_begin_at_once_all_work(clone: Path) -> None:
+    shutil.rmtree(clone / "src/replant/kernels/compiled")
+    with ThreadPoolExecutor(3) as pool:
+        assert [done.stdout for done in pool.map(lambda _: use(clone), range(3))] == ["[2.]\n"] * 3
+    assert [path.name for path in (clone / "src/replant/kernels/compiled").iterdir()] == [native.LIBRARY.name]
+
+
+def test_a_library_of_another_system_is_made_again(clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    arguments = clone / "src/replant/kernels", clone / "tools/translator"
+    here = native.source_hash(*arguments)
+    monkeypatch.setattr(native.platform, "machine", lambda: "another")
+    assert native.source_hash(*arguments) != here
 
 
 def test_without_compiler_the_error_says_what_to_install(clone: Path, tmp_path: Path) -> None:

@@ -78,3 +78,16 @@ def test_an_empty_log_is_named() -> None:
 def test_they_stand_alone() -> None:
     with pytest.raises(rp.InvalidArgumentError, match="give them alone"):
         rp.fit([log(1), log(2)], None, DT, poles=2)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.4])
+def test_each_may_begin_at_another_level(delay: float) -> None:
+    """Without noise the plant comes out exactly, and so does the output of each."""
+    logs = []
+    for k, seed in enumerate((1, 2, 3)):
+        one = log(seed, 0.0, delay)
+        logs.append(replace(one, input=one.input + 5.0 * k, output=one.output - 7.0 * k))
+    fitted = rp.fit(logs, structure=rp.Structure(2, delay=delay))
+    np.testing.assert_allclose(fitted.parameters[:3], TRUE, rtol=1e-6)
+    assert fitted.simulation.fit > 99.99
+    assert fitted.verdict.status == "trusted"

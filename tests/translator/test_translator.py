@@ -23,6 +23,7 @@ from translator.program import Program, entry_kinds
 
 HEADER = (
     "from __future__ import annotations\nimport math\nimport numpy as np\n"
+    "from replant.kernels.native import side_by_side\n"
     "from replant.kernels.schema import SCALARS, Doubt\nLIMIT = 3\nPAIR = (2, 5)\n"
 )
 
@@ -138,6 +139,11 @@ def test_names_comments_and_docstrings_stay(tmp_path: Path) -> None:
     assert "double a = x.p[at_SCALARS];  /* beside */" in text
     assert "/* before */" in text
     assert "Return the limit." in text
+
+
+def test_passes_side_by_side_have_variables_of_their_own(tmp_path: Path) -> None:
+    source = "def f(x: Reals):\n    for i in side_by_side(x.size):\n        g = 2.0 * x[i]\n        x[i] = g + g * g"
+    assert "SIDE_BY_SIDE_APART(private(g))\n    for (int64_t i = 0" in text_of(source, tmp_path)
 
 
 def test_what_is_written_is_known_through_parts_and_calls(tmp_path: Path) -> None:

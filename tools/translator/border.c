@@ -35,7 +35,7 @@ typedef struct {
     void (*take_back)(void *);
     object *(*call)(object *, ...);
     void (*let_go)(object *);
-    object *type_error, *value_error, *attention, *contiguous;
+    object *type_error, *value_error, *contiguous;
 } python;
 
 typedef struct { /* PyMethodDef */
@@ -141,12 +141,16 @@ static object *call(object *self, object *const *given, intptr_t count)
     argument arguments[MOST_ARGUMENTS];
     buffer_view views[MOST_ARGUMENTS];
     object *result = NULL;
+    const int wanted = called->count;
+    bool fits = true;
     int taken = 0;
-    if (count != called->count)
-        return py.set_error(py.type_error, "%s takes %d arguments, not %d", called->name, called->count, (int)count);
-    while (taken < called->count && take_argument(called, taken, given[taken], &arguments[taken], &views[taken]))
+    if (count != wanted)
+        return py.set_error(py.type_error, "%s takes %d arguments, not %d", called->name, wanted, (int)count);
+    while (fits && taken < wanted) { /* the last one may be an array that does not fit */
+        fits = take_argument(called, taken, given[taken], &arguments[taken], &views[taken]);
         taken++;
-    if (taken == called->count) {
+    }
+    if (fits) {
         void *thread = py.let_others_run();
         const char *broken = called->run(arguments);
         py.take_back(thread);
@@ -154,8 +158,6 @@ static object *call(object *self, object *const *given, intptr_t count)
             py.set_error(py.value_error, "%s: it must hold that %s", called->name, broken);
         else
             result = results_of(called, arguments);
-    } else {
-        taken++; /* the last one may have been an array that does not fit */
     }
     for (int i = 0; i < taken; i++)
         if (called->parameters[i].dimensions > 0 && views[i].obj)
@@ -165,7 +167,8 @@ static object *call(object *self, object *const *given, intptr_t count)
 
 /* Take one sample: (u, y, t, r), by the table that `replant.kernels.native.Library.step` has made.  Raises Attention,
    and takes none, where the gate is shut or the identifier has something to do first; the interpreter is not free
-   between the look and the sample, so that no other thread comes between. */
+   between the look and the sample, so that no other thread comes between.  The class lies beside the table: a process
+   that has imported the package twice has two. */
 static object *step(object *self, object *const *given, intptr_t count)
 {
     const int64_t *table = (const int64_t *)(void *)py.bytes_of(py.get_item(self, 0));
@@ -187,12 +190,12 @@ static object *step(object *self, object *const *given, intptr_t count)
     bool collects = steps[table[KIND]].collects;
     if (table[GATE] == SHUT || ints.p[at_ATTENTION] == 1
         || (collects && ints.p[at_SAMPLES] + 1 == ints.p[at_ATTENTION_AT])) {
-        py.set_error_text(py.attention, "");
+        py.set_error_text(py.get_item(self, 1), "");
         return NULL;
     }
     double error = steps[table[KIND]].take(ints, reals, banks, buffer, recent, sample[0], sample[1], sample[2], sample[3]);
     if (ints.p[at_HELD_AT] == at_BELIEVED) { /* one that was held back comes first */
-        py.set_error_text(py.attention, "");
+        py.set_error_text(py.get_item(self, 1), "");
         return NULL;
     }
     return py.from_double(error);

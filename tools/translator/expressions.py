@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from translator.kinds import RANK, Array, C, Kind, Known, Tuple, UnsupportedError, describe, unify
+from translator.text import bare, product, short
 
 if TYPE_CHECKING:
     from translator.program import Program
@@ -330,26 +331,3 @@ class Expressions:
         """Return the parameters whose arrays an expression may look into."""
         names = {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
         return set().union(*(self.roots.get(name, set()) for name in names))
-
-
-def bare(code: str) -> str:
-    """Return an expression without the parentheses around all of it."""
-    if not (code.startswith("(") and code.endswith(")")):
-        return code
-    depth = 0
-    for place, letter in enumerate(code):
-        depth += (letter == "(") - (letter == ")")
-        if depth == 0 and place < len(code) - 1:
-            return code
-    return code[1:-1]
-
-
-def product(code: str, first: int, dimensions: int) -> str:
-    """Return the product of an array's sizes from an axis on; "" where there is none."""
-    return " * ".join(f"{code}.n{axis}" for axis in range(first, dimensions))
-
-
-def short(module: str) -> str:
-    """Return the last part of a module's name; the schema is known as ``at`` everywhere."""
-    last = module.rpartition(".")[2]
-    return "at" if last == "schema" else last

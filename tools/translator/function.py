@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import ast
 import inspect
-import io
 import textwrap
-import tokenize
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from translator.expressions import Expressions, Value, bare
+from translator.expressions import Expressions, Value
 from translator.kinds import Array, Kind, Known, Tuple, UnsupportedError, describe, unify
+from translator.text import bare, comments_of
 
 if TYPE_CHECKING:
     from translator.program import Program
@@ -27,7 +26,7 @@ class Function(Expressions):
         source = textwrap.dedent("".join(lines))
         tree = ast.parse(source).body[0]
         assert isinstance(tree, ast.FunctionDef)
-        self.tree, self.comments = tree, _comments(source)
+        self.tree, self.comments = tree, comments_of(source)
         self.doc = ast.get_docstring(tree) or ""
         self.parameters = [argument.arg for argument in tree.args.args]
         self.own_kinds = kinds
@@ -188,7 +187,7 @@ class Function(Expressions):
 
     def of_statement_For(self, node: ast.For) -> None:
         over = ast.unparse(node.iter.func) if isinstance(node.iter, ast.Call) else ""
-        if over != "range" or not isinstance(node.target, ast.Name):
+        if over not in ("range", "side_by_side") or not isinstance(node.target, ast.Name):
             self._unrolled(node)
             return
         assert isinstance(node.iter, ast.Call)
@@ -212,6 +211,10 @@ class Function(Expressions):
             keep, stop = f", {name}_end = {bare(stop)}", f"{name}_end"
         change = {"1": f"{name}++", "-1": f"{name}--"}.get(step, f"{name} += {step}")
         sign = ">" if step.startswith("-") else "<"
+        if over == "side_by_side":
+            own = f"private({', '.join(sorted(written))})" if written else ""
+            inside = self.program.how(self.tree) == "INLINE"
+            self.emit(f"SIDE_BY_SIDE{'' if inside else '_APART'}({own})")
         self.emit(f"for (int64_t {name} = {first}{keep}; {name} {sign} {stop}; {change}) {{")
         self.block(node.body)
         self.emit("}")
@@ -341,13 +344,3 @@ def _has_arrays(kind: Kind | None) -> bool:
 def _loaded(target: ast.expr) -> ast.expr:
     """Return what is assigned as what is read."""
     return ast.parse(ast.unparse(target), mode="eval").body
-
-
-def _comments(source: str) -> dict[int, tuple[str, bool]]:
-    """Return the comments by line, and whether nothing else stands on it."""
-    found = {}
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type == tokenize.COMMENT and not token.string.startswith(("# noqa", "# fmt", "# type")):
-            text = token.string.lstrip("# ").replace("*/", "* /")
-            found[token.start[0]] = text, not token.line[: token.start[1]].strip()
-    return found

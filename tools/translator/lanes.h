@@ -4,6 +4,10 @@
 
 /* A number of each member: one lane of a vector, which lies wherever a double may lie. */
 #define lanes_LANES LANES
+#undef SIDE_BY_SIDE /* members are already */
+#undef SIDE_BY_SIDE_APART
+#define SIDE_BY_SIDE(own)
+#define SIDE_BY_SIDE_APART(own)
 typedef double lanes __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
 typedef int64_t lane_bits __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
 

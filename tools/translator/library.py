@@ -21,8 +21,12 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
-#: ``-ffp-contract=off``: a product and a sum are rounded one by one, as Python does.
-FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-fvisibility=hidden", "-Wno-psabi")
+#: ``-ffp-contract=off``: a product and a sum are rounded one by one, as Python does.  ``-fopenmp-simd``: loops over
+#: `native.side_by_side` are said to have passes of their own; there are no threads.
+FLAGS = (
+    "-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fopenmp-simd", "-fPIC", "-fvisibility=hidden",
+    "-Wno-psabi",
+)  # fmt: skip
 #: The instruction sets for which lanes are compiled, where the processor is one of these.
 VARIANTS = {"plain": (), "avx2": ("-mavx2",), "avx512": ("-mavx512f", "-mprefer-vector-width=512")}
 X86 = ("x86_64", "amd64", "AMD64")

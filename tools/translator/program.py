@@ -11,9 +11,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from translator.expressions import Value, product, short
+from translator.expressions import Value
 from translator.function import Function
 from translator.kinds import ANNOTATIONS, Array, C, Kind, Known, Tuple, UnsupportedError
+from translator.text import short
 
 PRELUDE = Path(__file__).with_name("prelude.h")
 LANES = Path(__file__).with_name("lanes.h")
@@ -80,8 +81,10 @@ class Program:
 
     @staticmethod
     def how(tree: ast.FunctionDef) -> str:
-        """Return how a function is declared: its decorator says whether it melts into its callers."""
+        """Return how a function is declared: its decorators say whether it melts into its callers, and of its loops."""
         decorators = [ast.unparse(decorator) for decorator in tree.decorator_list]
+        if "short_loops" in decorators:
+            return "SHORT_LOOPS static"
         return "INLINE" if "inlined" in decorators else "APART" if "apart" in decorators else "static"
 
     @functools.cache  # noqa: B019 - a program lives as long as the build
@@ -173,6 +176,3 @@ def _cuts(kind: Array) -> str:
         f"INLINE {name} {name}_part({name} array, int64_t first, int64_t end)\n"
         f"{{\n    return ({name}){{ array.p + first, end - first }};\n}}"
     )
-
-
-__all__ = ["Program", "entry_kinds", "product"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,6 +99,9 @@ INTEGRATOR_SIGMAS = 3.0
 Level: 99.7 %.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
+
+
+LONGER = re.compile(r"(?:record [\d.]+ times as long|take more samples), (?:or )?")  # as `_more` says it
 
 
 @dataclass(frozen=True)

@@ -119,7 +119,9 @@ class Residual:
     used: BoolArray
 
     @classmethod
-    def of(cls, error: FloatArray, known: FloatArray, past: IntArray, used: BoolArray) -> Residual:
+    def of(
+        cls, error: FloatArray, known: FloatArray, past: IntArray, used: BoolArray, noise: Autoregression | None = None
+    ) -> Residual:
         """Return that of an error (K,) and known columns (K, N); a constant is always known.
 
         Parameters
@@ -130,18 +132,25 @@ class Residual:
             How many samples in a row before each are used, up to LAGS.
         used : (K,) array of bool
             The samples whose output was measured.
+        noise : Autoregression, optional
+            By default that of the error.
         """
         known = np.column_stack([known, np.ones(error.size)])
         lengths = lengths_of(known)
         known = known / lengths
         error = error - error[used].mean()
-        sums, count = sums_of(error, past)
-        noise = Autoregression.of_sums(sums, count) if count >= LEAST else Autoregression.white(1.0, count)
+        noise = _noise_of(error, past) if noise is None else noise
         white_known, white = noise.whiten_known(known, past)[used], noise.whiten_known(error, past)[used]
         basis = orthogonal(products(white_known, white_known))
         explained = basis @ (basis.T @ products(white_known, white[:, None])[:, 0])
         white = white - np.einsum("ij,j->i", white_known, explained)
         return cls(noise, known, white_known, basis, white, lengths, past, used)
+
+    def beside(self, error: FloatArray, effect: FloatArray) -> Residual:
+        """Return that of the same error (K,), whitened by the noise that an effect (K,) leaves of it."""
+        left = error - effect
+        noise = _noise_of(left - left[self.used].mean(), self.past)
+        return Residual.of(error, self.known[:, :-1], self.past, self.used, noise)
 
     def _whitened(self, columns: FloatArray) -> FloatArray:
         """Return columns (K, C) filtered by the noise model, over the samples used."""
@@ -192,6 +201,11 @@ class Residual:
         limit = variance * float(chi2_quantile(1.0 - ALPHA, max(count - spent, 1)))
         spread = math.sqrt(variance) / float(lengths[told][0]) if count == 1 else math.inf
         return Explained(weights, max(power, 0.0), std, part / limit, spread)
+
+
+def _noise_of(error: FloatArray, past: IntArray) -> Autoregression:
+    sums, count = sums_of(error, past)
+    return Autoregression.of_sums(sums, count) if count >= LEAST else Autoregression.white(1.0, count)
 
 
 def _widening(basis: FloatArray, rest: FloatArray, variance: float) -> float:

@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from replant.cli.compare_models import are_models, compare_models
 from replant.cli.nearest_word import Choice
 from replant.cli.options import log_options, open_log
 from replant.cli.output import (
@@ -35,8 +36,16 @@ from replant.runs.result import Result
 from replant.settings import Request
 
 
+def _of_models(given: dict[str, Any]) -> bool:
+    """Compare saved models, where the first file is one; return whether that was asked for."""
+    if not are_models(given["logs"]):
+        return False
+    compare_models(given["logs"], given)
+    return True
+
+
 @click.command(name="compare")
-@log_options
+@log_options(several="replant compare takes one log, or saved models and a log", otherwise=_of_models, is_kept=False)
 @click.option(
     "--optimizer",
     "methods",
@@ -48,7 +57,7 @@ from replant.settings import Request
     help=f"A method; repeat the option for several: {', '.join(METHODS)}.",
 )
 def command(as_json: bool, out: Path | None, methods: tuple[str, ...], **options: Any) -> None:
-    """Identify G(s) from LOG (csv, mat, parquet and more) by several methods, and compare them.
+    """Compare saved models over LOG: MODEL.json MODEL2.json LOG.  Or identify G(s) from LOG by several methods.
 
     An optimizer identifies online, in one pass, as `replant run` does; "default" is the method of `replant run` without
     options.  srivc and least_squares fit the whole log at once, as `replant fit` does.

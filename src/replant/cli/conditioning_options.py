@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from replant.cli.notes import note
+from replant.cli.stretch_options import has_stretches, stretched
 from replant.data.conditioning import decimate, detrend, resample
 from replant.errors import InvalidArgumentError
 from replant.log import Log
@@ -31,7 +32,11 @@ CONDITIONING: list[Callable[[Any], Any]] = [
 
 def is_conditioned(options: dict[str, Any]) -> bool:
     """Return whether the options change the samples, so that the whole log must be in memory."""
-    return bool(options.get("detrend")) or any(options.get(name) is not None for name in ("decimate", "resample"))
+    return (
+        bool(options.get("detrend"))
+        or has_stretches(options)
+        or any(options.get(name) is not None for name in ("decimate", "resample"))
+    )
 
 
 def input_hold_of(options: dict[str, Any]) -> str:
@@ -65,4 +70,4 @@ def conditioned(log: Log | None, options: dict[str, Any]) -> Log:
     if options.get("detrend"):
         log = detrend(log)
         note("detrended: a straight line is subtracted from each signal, its mean kept")
-    return log
+    return stretched(log, options) if has_stretches(options) else log

@@ -10,10 +10,11 @@ import click
 
 from replant.cli.nearest_word import Choice
 from replant.cli.options import (
-    open_log,
     preprocess_of,
-    read,
+    read_several,
+    request_of,
     search_options,
+    structure_of,
 )
 from replant.cli.output import deliver, make_folder
 from replant.cli.progress import progress_bar
@@ -21,6 +22,7 @@ from replant.cli.save_and_validate import Keeping, keeping_options
 from replant.data.logs import Log
 from replant.offline.fit import METHODS, fit
 from replant.offline.fit_result import FitResult
+from replant.offline.samples import Samples
 from replant.offline.structure_search import SearchResult, search
 from replant.report.html.python_program import fit_as_python
 from replant.report.terminal import candidates
@@ -33,6 +35,8 @@ from replant.runs.result import result_of_fit
 @keeping_options
 def command(as_json: bool, out: Path | None, method: str, **options: Any) -> None:
     """Fit G(s) to all of LOG (csv, mat, parquet and more; - is standard input).
+
+    Several logs of one rig give one model: of each, offset and initial state are its own.
 
     The method is refined instrumental variables, or least squares.
 
@@ -48,27 +52,30 @@ def command(as_json: bool, out: Path | None, method: str, **options: Any) -> Non
             raise click.UsageError("a range of structures is searched by srivc: drop --method least_squares")
         if options["feedthrough"]:
             raise click.UsageError("a range of structures is searched without --feedthrough: give one number of each")
-        log = read(options)
+        logs = read_several(options)
         make_folder(out)
-        found = _search(log, options)
+        found = _search(logs, options)
         fitted = found.best
         if not as_json:
             candidates.print_candidates(Console(), found)
     else:
-        log, request = open_log(options)
+        structure_of(options)
+        logs = read_several(options)
+        request = request_of(options, logs[0].dt)
         make_folder(out)
-        fitted = fit(log, structure=request.structure, method=method, preprocess=request.preprocess)
-    _deliver(fitted, log, begun, found, keeping, as_json=as_json, out=out)
+        given = logs if len(logs) > 1 else logs[0]
+        fitted = fit(given, structure=request.structure, method=method, preprocess=request.preprocess)
+    _deliver(fitted, logs, begun, found, keeping, as_json=as_json, out=out)
 
 
-def _search(log: Log, options: dict[str, Any]) -> SearchResult:
+def _search(logs: list[Log], options: dict[str, Any]) -> SearchResult:
     zeros = options["zeros"]
     if zeros is None and len(options["poles"]) == 1:
         zeros = (0,)
     with progress_bar() as bar:
         task = bar.add_task("structures", total=None)
         return search(
-            log,
+            logs if len(logs) > 1 else logs[0],
             poles=options["poles"],
             zeros=zeros,
             delays=options["delay"],
@@ -80,7 +87,7 @@ def _search(log: Log, options: dict[str, Any]) -> SearchResult:
 
 def _deliver(
     fitted: FitResult,
-    log: Log,
+    logs: list[Log],
     begun: float,
     found: SearchResult | None,
     keeping: Keeping,
@@ -88,8 +95,9 @@ def _deliver(
     as_json: bool,
     out: Path | None,
 ) -> None:
+    log = _as_one(logs)
     report: dict[str, Any] = {
-        "filter": fitted.fixed_filter, "preprocess": fitted.preprocess, "python": fit_as_python(fitted, log)
+        "filter": fitted.fixed_filter, "preprocess": fitted.preprocess, "python": fit_as_python(fitted, logs)
     }  # fmt: skip
     more = {}
     if found is not None:
@@ -97,3 +105,14 @@ def _deliver(
         more["candidates"] = candidates.as_json(found)
     result = result_of_fit(fitted, log.input, log.output, begun, log.stamps)
     deliver(result, log, keeping, as_json=as_json, out=out, more=more, **report)
+
+
+def _as_one(logs: list[Log]) -> Log:
+    """Return several logs as one, for plots of them; a single one as it is."""
+    if len(logs) == 1:
+        return logs[0]
+    all_of = Samples.of_several(logs)
+    return Log(
+        all_of.u, all_of.y, all_of.dt, all_of.t, all_of.input_name, all_of.output_name, Path(all_of.source),
+        reference=all_of.reference, reference_name=all_of.reference_name, irregular=True, input_hold=all_of.input_hold,
+    )  # fmt: skip

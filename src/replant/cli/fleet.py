@@ -19,11 +19,14 @@ from replant.fleet.executors import parsed
 from replant.fleet.fit import fit
 from replant.fleet.folder import MODELS, TABLE
 from replant.fleet.job import METHODS
+from replant.fleet.oddness import oddness_of
 from replant.fleet.page import write_page
 from replant.fleet.progress import Progress
 from replant.fleet.reports import MOST_REPORTS, write_reports
 from replant.fleet.result_row import FAILED
 from replant.fleet.results import Fleet, load
+
+NAMED = 5  # odd rigs that the terminal names
 
 
 @click.command(name="fleet")
@@ -101,6 +104,13 @@ def command(
     _show(found, page, as_json=as_json)
 
 
+def _odd(found: Fleet) -> list[tuple[str, str]]:
+    """Return the odd rigs by name, the farthest first, and why each is odd."""
+    table = found.table()
+    odd, rigs = oddness_of(table, found.structure), table.column("rig").to_pylist()
+    return [(rigs[row], odd.words[row]) for row in odd.order.tolist() if odd.odd[row]]
+
+
 def _check_some(found: Fleet) -> None:
     """Check that a rig has a model.
 
@@ -126,11 +136,19 @@ def _plain(text: str) -> str:
 
 
 def _show(found: Fleet, page: Path, *, as_json: bool) -> None:
-    verdicts = found.verdicts
+    verdicts, odd = found.verdicts, _odd(found)
     if as_json:
-        click.echo(json.dumps({"rigs": len(found), "verdicts": verdicts, "folder": str(found.folder)}))
+        said = [{"rig": rig, "why": why} for rig, why in odd]
+        whole = {"rigs": len(found), "verdicts": verdicts, "odd": said, "folder": str(found.folder)}
+        click.echo(json.dumps(whole))
         return
     click.echo(f"{len(found):,} rigs: " + ", ".join(f"{count:,} {verdict}" for verdict, count in verdicts.items()))
+    if odd:
+        click.echo(f"{len(odd):,} {'is' if len(odd) == 1 else 'are'} odd, farther from the fleet than chance explains:")
+    for rig, why in odd[:NAMED]:
+        click.echo(_plain(f"  {rig}: {why}"))
+    if len(odd) > NAMED:
+        click.echo(f"  ... {len(odd) - NAMED:,} more on the page")
     for path in (found.folder / TABLE, found.folder / MODELS, page):
         click.echo(f"wrote {path}")
     if FAILED in verdicts:

@@ -21,10 +21,12 @@ EXAMPLES = {
     "fit": (
         ("two poles", "replant fit log.csv -i u -o y -p 2"),
         ("the number of poles chosen, and the dead time", "replant fit log.csv -i u -o y -p 1:3 --delay 0:0.2:0.1"),
+        ("one model of two records", "replant fit log.csv log.csv -i u -o y -p 1"),
         ("the model kept", "replant fit log.csv -i u -o y -p 1 --save model.json"),
         ("for scripts", "replant fit log.csv -i u -o y -p 1 --json"),
     ),
     "compare": (
+        ("a saved model over a log", "replant compare model.json log.csv"),
         ("the usual methods", "replant compare log.csv -i u -o y -p 1"),
         ("two of them", "replant compare log.csv -i u -o y -p 1 --optimizer srivc --optimizer least-squares"),
     ),

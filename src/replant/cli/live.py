@@ -12,6 +12,7 @@ import click
 
 from replant.cli.nearest_word import Choice
 from replant.cli.options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER
+from replant.cli.stretch_options import UNITS
 from replant.errors import InvalidArgumentError
 from replant.live.observer.view import SignalNames
 from replant.live.run_session import Plan, run
@@ -23,7 +24,6 @@ from replant.rigs import Rig, deap_rig, motor_rig
 from replant.settings import Request
 
 DASHBOARD = "127.0.0.1:8710"
-UNITS = {"ms": 1e-3, "s": 1.0, "": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 LONGEST_TOKEN = 1024
 """Longest token that is read from a file [characters]."""
 DEMO = "demo"  # the source that needs no options, because its structure is known

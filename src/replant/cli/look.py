@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from replant.cli.column_options import input_option, output_option
 from replant.cli.output import make_folder, write_errors_reported
 from replant.data.inspection import inspect
 from replant.report.terminal.look import as_json as look_as_json
@@ -15,8 +16,8 @@ from replant.report.terminal.look import print_look
 
 @click.command(name="look")
 @click.argument("log", type=click.Path(path_type=Path))
-@click.option("-i", "--input", "input_column", metavar="COL", help="Column of the input, if known: name or index.")
-@click.option("-o", "--output", "output_column", metavar="COL", help="Column of the output, if known.")
+@input_option("Column of the input, if known: name, or number from 0.")
+@output_option("Column of the output, if known.")
 @click.option("--time", "time_column", metavar="COL", help="Column of time, if known.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Write a plot of the columns (PNG) here.")

@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from replant.cli.column_options import input_option, output_option
 from replant.cli.conditioning_options import CONDITIONING, conditioned, input_hold_of, is_conditioned
 from replant.cli.missing_options import check_complete
 from replant.cli.nearest_word import Choice
@@ -18,6 +19,8 @@ from replant.cli.notes import note, silence
 from replant.cli.optimizer_option import OptimizerChoice
 from replant.cli.progress import ask
 from replant.cli.ranges import Seconds, Whole
+from replant.cli.stretch_options import STRETCHES
+from replant.data.inspection.other_columns import with_others
 from replant.data.logs import (
     Log,
     Recording,
@@ -64,10 +67,10 @@ INPUT_HOLD = click.option(
 )
 
 _STAMPS_COUNT = "each sample counts at its own time (--dt S instead would take the clock for regular)"
+_LOGS = click.argument("logs", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="LOG...")
 _COLUMNS: list[Callable[[Any], Any]] = [
-    click.argument("log", type=click.Path(path_type=Path)),
-    click.option("-i", "--input", "input_column", metavar="COL", help="Column of the input: name or index."),
-    click.option("-o", "--output", "output_column", metavar="COL", help="Column of the output."),
+    input_option("Column of the input: name, or number from 0."),
+    output_option("Column of the output."),
     click.option(
         "--reference",
         "reference_column",
@@ -128,23 +131,41 @@ _REST: list[Callable[[Any], Any]] = [
 _CONDITION = [INPUT_HOLD, *CONDITIONING]
 
 
-def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a click command with the options that `run`, `fit` and `compare` share, for one structure."""
-    return _decorated(command, [*_COLUMNS, *_STRUCTURE, *_CONDITION, *_REST])
+def log_options(
+    several: str, otherwise: Callable[[dict[str, Any]], bool] = lambda given: False, *, is_kept: bool = True
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return a decorator with the options that `run`, `fit` and `compare` share, for one structure and one log.
+
+    Parameters
+    ----------
+    several : str
+        What is said where more than one log is named.
+    otherwise : callable
+        Called first with the options; True if it has done what they ask for.
+    is_kept : bool
+        Whether a model comes of it, which may be validated on a stretch of the log.
+    """
+    options = [_LOGS, *_COLUMNS, *_STRUCTURE, *_CONDITION, *(STRETCHES if is_kept else ()), *_REST]
+    return lambda command: _decorated(command, options, several, otherwise)
 
 
 def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a click command with the same options, where poles, zeros and dead time may be ranges."""
-    return _decorated(command, [*_COLUMNS, *_STRUCTURES, *_CONDITION, *_REST])
+    """Decorate a click command with the same options, where poles, zeros and dead time may be ranges, of any logs."""
+    return _decorated(command, [_LOGS, *_COLUMNS, *_STRUCTURES, *_CONDITION, *STRETCHES, *_REST])
 
 
 def fleet_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Decorate a click command with the same options for a fleet, whose logs are many, and its results a folder."""
     logs = click.argument("logs")
-    return _decorated(command, [logs, *_COLUMNS[1:], *_STRUCTURE, *_REST[:-1], OPTIMIZER])
+    return _decorated(command, [logs, *_COLUMNS, *_STRUCTURE, *_REST[:-1], OPTIMIZER])
 
 
-def _decorated(command: Callable[..., Any], options: list[Callable[[Any], Any]]) -> Callable[..., Any]:
+def _decorated(
+    command: Callable[..., Any],
+    options: list[Callable[[Any], Any]],
+    several: str = "",
+    otherwise: Callable[[dict[str, Any]], bool] = lambda given: False,
+) -> Callable[..., Any]:
     @functools.wraps(command)
     def checked(*, quiet: bool, progress: bool, **given: Any) -> Any:
         if quiet and progress:
@@ -153,6 +174,12 @@ def _decorated(command: Callable[..., Any], options: list[Callable[[Any], Any]])
             silence()
         if progress:
             ask()
+        if isinstance(given.get("logs"), tuple):
+            if otherwise(given):
+                return None
+            if several and len(given["logs"]) > 1:
+                raise click.UsageError(several)
+            given["log"] = given["logs"][0]
         check_complete(given)
         return command(**given)
 
@@ -177,6 +204,17 @@ def open_log(options: dict[str, Any]) -> tuple[Log, Request]:
     return log, request_of(options, log.dt)
 
 
+def read_several(options: dict[str, Any]) -> list[Log]:
+    """Read the logs that the options name, which are fitted together.
+
+    Raises
+    ------
+    LogError
+        If one cannot be read.
+    """
+    return [read(options | {"log": path}) for path in options["logs"]]
+
+
 def request_of(options: dict[str, Any], dt: float) -> Request:
     """Return the request that the options describe, for a log with sampling time ``dt`` in s."""
     zeros = options["zeros"][0] if options["zeros"] else 0
@@ -199,9 +237,10 @@ def recording_of(options: dict[str, Any], progress: Callable[[int, int], None]) 
     _check_one_of_each(options)
     recording = open_recording(options["log"], **_columns(options), progress=progress)
     _note(options, recording)
+    recording = with_others(recording)
     if is_conditioned(options):
         whole = open_recording(options["log"], **_columns(options), most_held=sys.maxsize)
-        return whole.of_log(conditioned(whole.held, options))
+        return whole.of_log(conditioned(with_others(whole).held, options))
     return recording
 
 
@@ -249,7 +288,7 @@ def read(options: dict[str, Any]) -> Log:
     """
     recording = open_recording(options["log"], **_columns(options), most_held=sys.maxsize)
     _note(options, recording)
-    log = conditioned(recording.held, options)
+    log = conditioned(with_others(recording).held, options)
     return replace(log, input_hold=input_hold_of(options))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +12,8 @@ from typing import Any
 
 import click
 
+from replant.cli.conditioning_options import is_conditioned
+from replant.cli.next_step import OTHER_LOG, NextStep, next_step
 from replant.cli.notes import is_quiet
 from replant.cli.save_and_validate import Keeping, check_required, kept
 from replant.cli.typed_command import command_line
@@ -21,6 +24,8 @@ from replant.report.terminal.summary import print_result, record_line
 from replant.report.terminal.validation import as_json as validation_as_json
 from replant.report.terminal.validation import print_validation
 from replant.runs.result import Result
+
+CONDITIONED = "# options of the command change the log first: repeat the command in the shell"
 
 
 def deliver(
@@ -68,6 +73,8 @@ def deliver(
         from replant.report.figures import save_figures
         from replant.report.html.report import write_report
 
+        if is_conditioned(click.get_current_context().params):
+            report["python"] = CONDITIONED
         names: Any = {"input_label": log.input_name, "output_label": log.output_name}
         with write_errors_reported(out):
             paths += save_figures(out, result, log.input, log.output, log.dt, **names)
@@ -80,29 +87,28 @@ def deliver(
         click.echo(json.dumps(whole, allow_nan=False))
     else:
         console = Console()
-        print_result(console, result, record=record_line(len(log), log.dt, log.duration))
+        asked = not (is_quiet() or validations)
+        step = _next(result, log, keeping, is_searched="candidates" in report) if asked else None
+        record = record_line(len(log), log.dt, log.duration)
+        print_result(console, result, record=record, lead="" if step is None else step.words)
         for name, each in validations:
             print_validation(console, each, name)
         if result.settings is not None:
             click.echo(f"\nSettings chosen from the data; in Python:\n{identifier_as_python(result.settings)}")
         for path in paths:
             click.echo(f"wrote {path}")
-        _say_what_next(keeping, result.verdict.status, is_searched="candidates" in report)
+        if step is not None:
+            click.echo(f"\nNext: {step.words}:\n{step.command}")
     check_required(keeping.required, [result.verdict, *(each.verdict for _, each in validations)])
 
 
-def _say_what_next(keeping: Keeping, status: str, *, is_searched: bool) -> None:
-    """Print what to do with the model, as far as the command did not ask for it."""
-    if is_quiet() or keeping.other_logs:
-        return
-    if status == "inconsistent" and not is_searched:
-        click.echo(
-            "\nNext: let `replant fit` search the structure, with -p 1:3, and --delay 0:1:0.1 where there is dead time"
-        )
-    elif keeping.saved is None:
-        click.echo("\nNext: keep the model with --save model.json, check it on another log with --validate LOG2")
-    else:
-        click.echo(f"\nNext: check the model on another log, replant validate {keeping.saved} LOG2")
+def _next(result: Result, log: Log, keeping: Keeping, *, is_searched: bool) -> NextStep:
+    """Return what to do with the model, as far as the command did not ask for it."""
+    if keeping.saved is not None and result.verdict.status == "trusted":
+        command = shlex.join(["replant", "validate", str(keeping.saved), OTHER_LOG])
+        return NextStep("check the model on another log", command)
+    path = str(click.get_current_context().params["logs"][0])
+    return next_step(result, log, path, is_searched=is_searched)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,8 +15,10 @@ from replant.assessment.verdict import Verdict
 from replant.cli.nearest_word import Choice
 from replant.cli.notes import note
 from replant.cli.options import read
-from replant.data.logs import Log
+from replant.cli.stretch_options import NAMES as STRETCH_NAMES
+from replant.data.logs import Log, read_columns
 from replant.data.logs.digest import digest
+from replant.data.logs.sampling_time import time_candidates
 from replant.errors import InvalidArgumentError
 from replant.identified.model import Model
 from replant.identified.model_file import check_target
@@ -99,7 +102,17 @@ class Keeping:
         LogError
             If a log cannot be read.
         """
-        return validated(model, self.other_logs, self.columns)
+        path: Path = self.columns["log"]
+        stretches = []
+        for begin, end in self.columns.get("validate_on") or ():
+            part = {"begin": begin, "end": end if math.isfinite(end) else None}
+            name = f"{path.name}, {begin:g} s to {f'{end:g} s' if math.isfinite(end) else 'the end'}"
+            stretches.append((name, model.validate(read(self._columns | part))))
+        return stretches + validated(model, self.other_logs, self._columns)
+
+    @property
+    def _columns(self) -> dict[str, Any]:
+        return {**self.columns, **dict.fromkeys(STRETCH_NAMES)}
 
 
 def validated(model: Model, paths: Sequence[Path], columns: dict[str, Any]) -> list[tuple[str, Validation]]:
@@ -145,6 +158,12 @@ def whole_log(path: Path, columns: dict[str, Any]) -> Log:
         If it cannot be read.
     """
     return read({**columns, "begin": None, "end": None, "log": path})
+
+
+def model_clock(path: Path, columns: dict[str, Any], dt: float) -> dict[str, Any]:
+    """Return the model's sampling time where neither the log nor an option tells one."""
+    told = columns["dt"] is not None or columns["time_column"] is not None
+    return {} if told or time_candidates(read_columns(path).names) else {"dt": dt}
 
 
 def kept(model: Model, log: Log) -> Model:

@@ -8,10 +8,9 @@ from typing import Any
 
 import click
 
+from replant.cli.column_options import input_option, output_option
 from replant.cli.output import make_folder, write_errors_reported
-from replant.cli.save_and_validate import REQUIRE, check_required, validated
-from replant.data.logs import read_columns
-from replant.data.logs.sampling_time import time_candidates
+from replant.cli.save_and_validate import REQUIRE, check_required, model_clock, validated
 from replant.identified.model import load_model
 from replant.identified.validation import Validation
 from replant.report.terminal.validation import as_json as validation_as_json
@@ -20,9 +19,9 @@ from replant.report.terminal.validation import print_validation
 
 @click.command(name="validate")
 @click.argument("model", type=click.Path(path_type=Path))
-@click.argument("logs", type=click.Path(path_type=Path), nargs=-1, required=True)
-@click.option("-i", "--input", "input_column", metavar="COL", help="Column of the input.  [default: the model's]")
-@click.option("-o", "--output", "output_column", metavar="COL", help="Column of the output.  [default: the model's]")
+@click.argument("logs", type=click.Path(path_type=Path), nargs=-1)
+@input_option("Column of the input.  [default: the model's]")
+@output_option("Column of the output.  [default: the model's]")
 @click.option("--reference", "reference_column", metavar="COL", help="Column of the reference, if there is one.")
 @click.option("--time", "time_column", metavar="COL", help="Column of time.")
 @click.option("--dt", type=float, metavar="S", help="Sampling time in s.  [default: the log's, or the model's]")
@@ -36,12 +35,14 @@ def command(
     from rich.console import Console
 
     loaded = load_model(model)
+    if not logs:
+        raise click.UsageError(f"name the logs to compare the model with: replant validate {model} LOG")
     make_folder(out)
     columns["input_column"] = columns["input_column"] or loaded.input_name
     columns["output_column"] = columns["output_column"] or loaded.output_name
     found = []
     for path in logs:
-        found += validated(loaded, [path], columns | _clock(path, columns, loaded.dt))
+        found += validated(loaded, [path], columns | model_clock(path, columns, loaded.dt))
     if len({name for name, _ in found}) < len(found):
         found = [(str(path), each) for path, (_, each) in zip(logs, found, strict=True)]
     written = [] if out is None else _plots(found, out)
@@ -53,12 +54,6 @@ def command(
         for file in written:
             click.echo(f"wrote {file}")
     check_required(required, [each.verdict for _, each in found])
-
-
-def _clock(path: Path, columns: dict[str, Any], dt: float) -> dict[str, Any]:
-    """Return the model's sampling time where neither the log nor an option tells one."""
-    told = columns["dt"] is not None or columns["time_column"] is not None
-    return {} if told or time_candidates(read_columns(path).names) else {"dt": dt}
 
 
 def _plots(found: list[tuple[str, Validation]], out: Path) -> list[Path]:

@@ -93,6 +93,7 @@ def detrend(log: Log) -> Log:
         input=without_line(log.input),
         output=without_line(log.output),
         reference=None if log.reference is None else without_line(log.reference),
+        others={name: without_line(signal) for name, signal in log.others.items()},
     )
 
 
@@ -161,6 +162,7 @@ def decimate(log: Log, factor: int) -> Log:
         input=thinned(centred(log.input)),
         output=thinned(log.output),
         reference=None if log.reference is None else thinned(centred(log.reference)),
+        others={name: thinned(centred(signal)) for name, signal in log.others.items()},
         dt=log.dt * factor,
         time=None if log.time is None else log.time[half : log.input.size - half : factor],
         input_hold="foh",
@@ -249,6 +251,7 @@ def resample(log: Log, dt: float) -> Log:
     return dataclasses.replace(
         log, input=averaged(log.input), output=interpolated(log.output), reference=reference, dt=dt,
         time=grid, irregular=False, earlier=0,
+        others={name: averaged(signal) for name, signal in log.others.items()},
     )  # fmt: skip
 
 

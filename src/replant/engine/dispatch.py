@@ -8,7 +8,7 @@ import numpy as np
 
 from replant.arguments import IntArray
 from replant.engine.state import State
-from replant.kernels.native import Kernel
+from replant.kernels.native import Kernel, library
 from replant.regressor.preprocess import Preprocess
 
 Step = Callable[[float, float, float, float], float]  # takes a sample (u, y, t, r) and returns its error
@@ -47,7 +47,6 @@ def bound_step(state: State, kernel: Kernel, preprocess: Preprocess) -> tuple[St
         For one sample, from `step_kernels`.
     preprocess : Preprocess
     """
-    from replant.kernels.native import library
     from replant.kernels.step.soundness import is_sound
 
     # a step looks at nothing by itself; kernels that take many samples look each time

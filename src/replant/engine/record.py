@@ -220,6 +220,16 @@ class Record:
         return Record(u, y, intervals, self.input_hold, r, before, self.usual, measured, begins), places
 
     @property
+    def levelled(self) -> Record:
+        """The record, where several were joined, with the means of each taken off input and output."""
+        u, y, told = self.u.copy(), self.y.copy(), self.is_measured
+        for rows in self.records:
+            u[rows] -= u[rows].mean()
+            if told[rows].any():
+                y[rows] = np.where(told[rows], y[rows] - y[rows][told[rows]].mean(), y[rows])
+        return replace(self, u=u, y=y)
+
+    @property
     def joined(self) -> Record:
         """The record with the samples before it."""
         if self.before is None:

@@ -37,8 +37,21 @@ def check_target(path: AnyPath) -> None:
         if isinstance(error, ModelFileError):
             raise
         raise ModelFileError(f"{path}: the model could not be written ({reason_of(error)})") from error
-    if b'"schema_version"' not in begin or b'"den"' not in begin:
+    if not _looks_like_model(begin):
         raise ModelFileError(f"{path}: it exists and is no model; give another name")
+
+
+def holds_model(path: AnyPath) -> bool:
+    """Return whether a file looks like a model that `write` has written; False where it cannot be read."""
+    try:
+        file = Path(path)
+        return file.is_file() and _looks_like_model(file.read_bytes() if file.stat().st_size <= LARGEST else b"")
+    except (OSError, ValueError):
+        return False
+
+
+def _looks_like_model(begin: bytes) -> bool:
+    return b'"schema_version"' in begin and b'"den"' in begin
 
 
 def write(path: AnyPath, written: str) -> None:

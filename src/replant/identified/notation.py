@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import html as escaped
 import math
+import textwrap
+from typing import Any
 
 from replant.arguments import FloatArray
+from replant.errors import MissingDependencyError
 from replant.identified.fields import ModelFields
 from replant.model.transfer_function import TransferFunction
+from replant.plotting.shown import picture, with_std
+
+WIDTH, COEFFICIENT_LINES, REASONS = 110, 3, 5  # of a result in a few lines
 
 
 def one_line(model: ModelFields) -> str:
@@ -15,6 +21,25 @@ def one_line(model: ModelFields) -> str:
     fit = "" if math.isnan(model.simulated_fit) else f", fit {model.simulated_fit:.1f} %"
     signals = f"{model.input_name} -> {model.output_name}"
     return f"<Model {model.transfer_function}: {signals}{fit}, {model.verdict.status}>"
+
+
+def in_lines(kind: str, model: ModelFields, samples: int, reasons: tuple[str, ...]) -> str:
+    """Return a result in at most twelve lines: G(s), coefficients, fit, and the reasons of the verdict."""
+    count = model.parameters.size
+    stds = [None] * count if model.uncertainty is None else model.uncertainty.std.tolist()
+    values = zip(model.names, model.parameters.tolist(), stds, strict=True)
+    known = [f"{name} {with_std(value, std)}" for name, value, std in values]
+    fits = [(model.simulated_fit, "simulated"), (model.one_step_fit, "one step ahead")]
+    fit = ", ".join(f"{value:.1f} % {how}" for value, how in fits if not math.isnan(value))
+    shown = [*reasons[:REASONS], *([f"... {len(reasons) - REASONS} more"] if len(reasons) > REASONS else [])]
+    lines = [
+        f"<{kind} {model.transfer_function}: {model.input_name} -> {model.output_name}",
+        *textwrap.wrap(", ".join(known), WIDTH, max_lines=COEFFICIENT_LINES),
+        f"fit {fit}; {samples:,} samples",
+        f"{model.verdict.status}: {shown[0] if shown else ''}",
+        *shown[1:],
+    ]
+    return "\n  ".join(lines) + ">"
 
 
 def latex(model: TransferFunction) -> str:
@@ -49,6 +74,14 @@ def html(model: ModelFields) -> str:
         f"<table>{''.join(rows)}</table>"
         f"<p>poles {poles} rad/s<br>fit {fit}<br>verdict <b>{model.verdict.status}</b></p><ul>{reasons}</ul></div>"
     )
+
+
+def with_picture(model: Any) -> str:
+    """Return a model as HTML with the picture of its responses; without matplotlib in words alone."""
+    try:
+        return html(model) + picture(model.plot())
+    except MissingDependencyError:
+        return html(model)
 
 
 def _polynomial(coefficients: FloatArray) -> str:

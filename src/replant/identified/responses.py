@@ -22,6 +22,7 @@ from replant.limits import LONGEST, SHORTEST, duration
 from replant.model.mode import Mode
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import UncertainMode, Uncertainty
+from replant.plotting.shown import Shown, over, with_std
 from replant.statistics.linear_algebra import quiet
 
 POINTS = 400
@@ -40,8 +41,8 @@ LEAST_DAMPING = 1e-4
 """Damping at which peaks are not resolved any further [damping ratio]."""
 
 
-@dataclass(frozen=True, eq=False)
-class StepResponse:
+@dataclass(frozen=True, eq=False, repr=False)
+class StepResponse(Shown):
     """The output by a unit step, from rest.
 
     Attributes
@@ -76,8 +77,13 @@ class StepResponse:
 
         return draw_over_time(self.time, self.output, self.std, self.WHAT, ax)
 
+    def __repr__(self) -> str:
+        std = None if self.std is None or not self.std.size else float(self.std[-1])
+        end = f", {with_std(float(self.output[-1]), std)} at the end" if self.output.size else ""
+        return f"<{type(self).__name__} over {over(self.time, 's')}: {self.time.size} values{end}>"
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class ImpulseResponse(StepResponse):
     """The output by a unit impulse, from rest.
 
@@ -117,8 +123,8 @@ class ImpulseResponse(StepResponse):
         return cls(time, *_over_time(model, known, time, impulse=True))
 
 
-@dataclass(frozen=True, eq=False)
-class Bode:
+@dataclass(frozen=True, eq=False, repr=False)
+class Bode(Shown):
     """A frequency response.
 
     Attributes
@@ -166,8 +172,13 @@ class Bode:
 
         return draw_bode(self.frequency, self.magnitude, self.phase, self.relative_std, self.phase_std, ax)
 
+    def __repr__(self) -> str:
+        figures = f"abs G {over(self.magnitude, '')}, phase {over(np.degrees(self.phase), 'degrees')}"
+        values = f"{self.frequency.size} values, {figures.replace(' ,', ',')}"
+        return f"<{type(self).__name__} over {over(self.frequency, 'rad/s')}: {values}>"
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Nyquist(Bode):
     """A frequency response in the complex plane.
 
@@ -194,8 +205,8 @@ class Nyquist(Bode):
         return draw_nyquist(self.response, self.relative_std, self.phase_std, ax)
 
 
-@dataclass(frozen=True, eq=False)
-class PoleMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class PoleMap(Shown):
     """Poles and zeros.
 
     Attributes
@@ -230,6 +241,13 @@ class PoleMap:
 
         regions = [(mode.mode.pole, mode.covariance) for mode in self.uncertain]
         return draw_poles(self.values, self.zeros, regions, ax)
+
+    def __repr__(self) -> str:
+        poles, zeros = (
+            ", ".join(f"{root:.4g}" if root.imag else f"{root.real:.4g}" for root in roots.tolist())
+            for roots in (self.values, self.zeros)
+        )
+        return f"<PoleMap: poles {poles} rad/s, {f'zeros {zeros} rad/s' if zeros else 'no zeros'}>"
 
 
 def time_of(model: TransferFunction, given: float | None = None) -> FloatArray:

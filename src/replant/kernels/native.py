@@ -9,7 +9,9 @@ In a clone the library is made by the build, and made again here, in seconds, wh
 import ctypes
 import functools
 import hashlib
+import platform
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +20,7 @@ from typing import Any, Final
 import numpy as np
 
 from replant.errors import UnsupportedDependencyError
+from replant.kernels.schema import Attention
 
 Ints = np.ndarray[Any, np.dtype[np.int64]]
 IntMatrix = np.ndarray[Any, np.dtype[np.int64]]
@@ -48,6 +51,7 @@ AS_MANY: Final = (
 )
 
 _interpreted = False
+_loading = threading.Lock()
 
 
 class Kernel:
@@ -89,6 +93,19 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
+def short_loops(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Mark a kernel whose loops have a few passes: to get ready for several at once takes longer than these do.
+
+    Those over `side_by_side` are meant nevertheless.
+    """
+    return function
+
+
+def side_by_side(end: int) -> range:
+    """Return the passes of a loop of which none needs what another one has done: several may be computed at once."""
+    return range(end)
+
+
 @contextmanager
 def interpreted() -> Iterator[None]:
     """Run kernels as the Python functions that they are, a thousand times as slow: for tests."""
@@ -113,15 +130,13 @@ class Api(ctypes.Structure):
     )  # fmt: skip
     _fields_ = [(name, ctypes.c_void_p) for name in NAMES]
     _fields_ += [("type_error", ctypes.py_object), ("value_error", ctypes.py_object)]
-    _fields_ += [("attention", ctypes.py_object), ("contiguous", ctypes.py_object)]
+    _fields_ += [("contiguous", ctypes.py_object)]
 
 
 class Library:
     """The native library, loaded."""
 
     def __init__(self, path: Path) -> None:
-        from replant.kernels.schema import Attention
-
         try:
             self._library = ctypes.CDLL(str(path))
         except OSError as error:
@@ -136,14 +151,12 @@ class Library:
         names = [self._library.replant_name(number) for number in range(self._library.replant_count())]
         self._numbers = {name.decode(): number for number, name in enumerate(names)}
         found = {name: ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value for name in Api.NAMES}
-        given = {"type_error": TypeError, "value_error": ValueError, "attention": Attention}
+        given = {"type_error": TypeError, "value_error": ValueError}
         self._api = Api(**found, **given, contiguous=np.ascontiguousarray)
         self._library.replant_connect(ctypes.byref(self._api))
-        self._new = ctypes.pythonapi.PyCFunction_NewEx
-        self._new.restype, self._new.argtypes = (
-            ctypes.py_object,
-            [ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p],
-        )
+        # a function of its own: `ctypes.pythonapi.PyCFunction_NewEx` belongs to the process
+        made = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
+        self._new = made(("PyCFunction_NewEx", ctypes.pythonapi))
 
     def kernel(self, name: str) -> Callable[..., Any]:
         """Return a kernel."""
@@ -167,19 +180,26 @@ class Library:
         if number < 0 or len(numbers) != GATE:
             raise ValueError(f"{name} is no step kernel, or these are not the arrays of a state")
         table[:] = [*numbers, SHUT, number]
-        call = self._new(self._library.replant_step_definition(), (room, *arrays), None)
+        call = self._new(self._library.replant_step_definition(), (room, Attention, *arrays), None)
         return call, table[GATE : GATE + 1]
 
 
-@functools.cache
 def library() -> Library:
     """Return the native library, built first where this is a clone whose kernels have changed.
+
+    Threads wait for the first of them.  Processes do not: each puts a whole library in its place.
 
     Raises
     ------
     UnsupportedDependencyError
         There is none, and this is no clone.
     """
+    with _loading:
+        return _loaded()
+
+
+@functools.cache
+def _loaded() -> Library:
     builder = _builder()
     if builder is not None and _source_of(LIBRARY) != source_hash(FOLDER, builder):
         reason = "has changed" if LIBRARY.exists() else "is not compiled yet"
@@ -195,8 +215,9 @@ def library() -> Library:
 
 
 def source_hash(kernels: Path, builder: Path) -> str:
-    """Return the hash of all that the library is made from."""
-    digest = hashlib.sha256()
+    """Return the hash of all that the library is made from, and for: two systems may share a clone."""
+    libc = getattr(sys.implementation, "_multiarch", "")  # tells musl from glibc
+    digest = hashlib.sha256(f"{sys.platform} {platform.machine()} {libc}".encode())
     made_from = [*kernels.rglob("*.py"), *(path for suffix in ("py", "c", "h") for path in builder.glob(f"*.{suffix}"))]
     for path in sorted(path for path in made_from if not path.name.startswith(".")):  # an editor's locks are no source
         digest.update(path.name.encode())

@@ -9,6 +9,7 @@ import numpy as np
 from replant.arguments import (
     FloatArray,
     instance,
+    iterable,
     keep,
     owned,
     truth,
@@ -105,7 +106,15 @@ class Structure:
         if structure is None:
             if poles is None:
                 raise ArgumentTypeError("give the number of poles, poles=2, or structure=Structure(poles=2)")
+            for name, given in (("poles", poles), ("zeros", zeros), ("delay", delay)):
+                if iterable(given):
+                    raise ArgumentTypeError(f"{name} must be one number, got {shown(given)}: search chooses of many")
             return cls(poles, zeros, delay)
+        given_as: object = structure
+        if isinstance(given_as, int | np.integer):
+            raise ArgumentTypeError(
+                f"structure must be a Structure, got {shown(given_as)}; write poles={shown(given_as)}"
+            )
         structure = instance("structure", structure, Structure)
         if poles is not None or whole("zeros", zeros, 0) or dead_time("delay", delay):
             raise InvalidArgumentError("give either a structure, or poles, zeros and delay")

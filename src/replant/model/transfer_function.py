@@ -34,7 +34,7 @@ Derivation: beyond, the coefficients of a dead time of 1 s leave float64.
 """
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TransferFunction:
     r"""A continuous-time transfer function :math:`G(s) = \frac{num(s)}{den(s)} e^{-s\,delay}`.
 
@@ -88,6 +88,9 @@ class TransferFunction:
 
     def __hash__(self) -> int:
         return hash((self.num.tobytes(), self.den.tobytes(), self.delay))
+
+    def __repr__(self) -> str:
+        return f"<TransferFunction {self}>"
 
     def __str__(self) -> str:
         dead_time = f" exp(-{self.delay:.4g} s)" if self.delay else ""

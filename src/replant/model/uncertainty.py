@@ -44,7 +44,7 @@ class UncertainMode:
     time_constant_std: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Uncertainty:
     r"""The uncertainty of an estimate and of the figures that follow from it, to first order (delta method).
 
@@ -88,6 +88,10 @@ class Uncertainty:
     def cancelled_pole(self) -> complex | None:
         """The pole that a zero may cancel, of a pair that above the real axis; None where there is none."""
         return cancelled_pole(self.structure, self.parameters, self.covariance)
+
+    def __repr__(self) -> str:
+        known = zip(self.structure.names, self.parameters.tolist(), self.std.tolist(), strict=False)
+        return f"<Uncertainty {', '.join(f'{name} {value:.4g} +- {std:.2g}' for name, value, std in known)}>"
 
     @property
     @quiet

@@ -21,6 +21,7 @@ from replant.assessment import Simulation, fit_percent, simulate
 from replant.engine.record import Record, ready_record
 from replant.engine.record_regressors import regressors
 from replant.errors import InvalidArgumentError
+from replant.interop.other_words import in_our_words
 from replant.kernels.schema import Doubt
 from replant.limits import increasing
 from replant.model.noise import NoiseModel
@@ -35,6 +36,7 @@ from replant.offline.solve import Solution, solve
 from replant.regressor.filters import Filter, RefinedFilter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
 from replant.settings import AUTO, Request
+from replant.simulation.fitted_run import FittedRun
 from replant.simulation.prediction import prediction_error, runs_away
 from replant.statistics.autoregression import one_step
 from replant.statistics.linear_algebra import quiet
@@ -43,6 +45,7 @@ from replant.statistics.lost_samples import one_step_with_lost
 METHODS = (AUTO, "srivc", "least_squares")
 
 
+@in_our_words
 @quiet
 def fit(
     u: Any,
@@ -58,6 +61,8 @@ def fit(
     preprocess: Preprocess | None = None,
     t: Any = None,
     reference: Any = None,
+    input: str | None = None,  # noqa: A002 - the field's word
+    output: str | None = None,
 ) -> FitResult:
     r"""Fit G(s) to a whole record.
 
@@ -70,7 +75,7 @@ def fit(
 
     Parameters
     ----------
-    u : (K,) array, Log or list of Log
+    u : (K,) array, Log, list of Log, or table
         Raw input, or a log with input, output and sampling time; or several logs of one rig, which give one model.
     y : (K,) array
         Output; samples that are not finite are left out.
@@ -97,6 +102,9 @@ def fit(
         Where a controller makes the input: the set-point or a dither, whatever is applied from outside and knows
         nothing of the disturbances; for "srivc".  The unit does not matter.  A sample whose reference is not finite is
         left out.
+    input, output : str, optional
+        Columns of a table of pandas or polars, which is given in place of ``u``; ``t`` and ``reference`` may name
+        columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or the index.
 
     Returns
     -------
@@ -124,11 +132,21 @@ def fit(
     2 / (s + 0.5) trusted
     """
     structure = Structure.wanted(structure, poles, zeros, delay)
-    given = Samples.of(u, y, dt, t, reference)
+    return fit_samples(Samples.of(u, y, dt, t, reference, input, output), structure, method, filter, preprocess)
+
+
+def fit_samples(
+    given: Samples,
+    structure: Structure,
+    method: str,
+    chosen: Filter | str,
+    preprocess: Preprocess | None,
+) -> FitResult:
+    """Return the fit of a structure to samples, see `fit`."""
     preprocess = given.preprocess if preprocess is None else preprocess
     method = one_of("method", method, METHODS)
-    dt = Request(structure, given.dt, filter=filter, preprocess=preprocess).dt
-    hold = given.input_hold if isinstance(filter, str) else filter.input_hold
+    dt = Request(structure, given.dt, filter=chosen, preprocess=preprocess).dt
+    hold = given.input_hold if isinstance(chosen, str) else chosen.input_hold
     u, y = record(given.u, given.y)
     stamps = None if given.t is None else increasing(given.t, u.size)
     r = _reference(given.reference, u.size, method)
@@ -140,7 +158,7 @@ def fit(
     preprocess = preprocess.resolve(u, y)
     use = None
     if method != "least_squares":
-        raw = RawRecord(structure, dt, preprocess, u, y, stamps, hold)
+        raw = RawRecord(structure, dt, preprocess, u, y, stamps, hold, given.begins)
         use = None if r is None else use_of(r, raw.made_ready(y, r))
         solution = _solution(raw, r if use is None or use.used else None)
         if solution is None and use is not None:
@@ -158,10 +176,10 @@ def fit(
             "least_squares needs a regular clock: use the method srivc, or give the sampling time (dt, --dt) and no "
             "time stamps if they are only jitter"
         )
-    if not isinstance(filter, StateVariableFilter):
-        filter = choose_filter(structure, dt, preprocess, u, y, input_hold=hold)  # noqa: A001
-    result = _least_squares_result(structure, dt, filter, preprocess, u, y, accepted, rejected)
-    raw = RawRecord(structure, dt, preprocess, u, y, None, filter.input_hold)
+    if not isinstance(chosen, StateVariableFilter):
+        chosen = choose_filter(structure, dt, preprocess, u, y, input_hold=hold)
+    result = _least_squares_result(structure, dt, chosen, preprocess, u, y, accepted, rejected)
+    raw = RawRecord(structure, dt, preprocess, u, y, None, chosen.input_hold)
     return _with_record(dataclasses.replace(result, reference=use), raw, given, raw.made_ready(raw.y, None))
 
 
@@ -172,7 +190,8 @@ def _with_record(result: FitResult, raw: RawRecord, given: Samples, record: Reco
     usual = None if raw.stamps is None else float(np.median(np.diff(raw.stamps)))
     used = raw.usable
     means = (float(raw.mapped[used].mean()), float(raw.y[used].mean())) if used.any() else (0.0, 0.0)
-    return given.named(dataclasses.replace(result, record=record, means=means, usual_interval=usual))
+    others = {name: signal[raw.made_use_of] for name, signal in given.others.items()}
+    return given.named(dataclasses.replace(result, record=record, means=means, usual_interval=usual, others=others))
 
 
 def check_length(samples: int, structure: Structure) -> None:
@@ -221,6 +240,8 @@ class RawRecord:
         Time stamps in s; None for a regular clock.
     input_hold : {"zoh", "foh"}
         Whether the input is held between two samples or goes on in a straight line.
+    begins : tuple of int
+        Samples at which another record begins, whose offset and initial state are its own.
     """
 
     structure: Structure
@@ -230,6 +251,7 @@ class RawRecord:
     y: FloatArray
     stamps: FloatArray | None
     input_hold: str
+    begins: tuple[int, ...] = ()
 
     @cached_property
     def mapped(self) -> FloatArray:
@@ -254,12 +276,42 @@ class RawRecord:
 
     def made_ready(self, y: FloatArray, r: FloatArray | None) -> Record:
         """Return the record with another output (K,), and a reference (K,) or None."""
-        return ready_record(self.structure, self.dt, self.preprocess, self.u, y, self.stamps, self.input_hold, r)
+        ready = ready_record(self.structure, self.dt, self.preprocess, self.u, y, self.stamps, self.input_hold, r)
+        if not self.begins:
+            return ready
+        places = np.searchsorted(np.flatnonzero(self.made_use_of), self.begins)
+        begins = tuple(sorted({int(place) for place in places if 0 < place < ready.u.size}))
+        return dataclasses.replace(ready, begins=begins).levelled
+
+    def levelled(self, y: FloatArray) -> FloatArray:
+        """Return an output (K,) less the mean of each record: what the model is to explain of them."""
+        return np.concatenate([y[rows] - self._mean(y[rows]) for rows in self._records])
+
+    @property
+    def _records(self) -> list[slice]:
+        ends = [*self.begins, self.u.size]
+        return [slice(*rows) for rows in zip([0, *self.begins], ends, strict=True)] if self.begins else [slice(None)]
+
+    @staticmethod
+    def _mean(y: FloatArray) -> float:
+        known = np.isfinite(y)
+        return float(y[known].mean()) if known.any() else 0.0
 
     def simulated(self, model: TransferFunction, y: FloatArray) -> Simulation:
         """Return a model run from the input, offset and initial state fitted to the outputs (K,) that are not NaN."""
         linear_input = np.where(self.known, self.mapped - float(self.preprocess.input_offset), np.nan)
-        return simulate(model, linear_input, y, self.dt, input_hold=self.input_hold, t=self.stamps)
+        if not self.begins:
+            return simulate(model, linear_input, y, self.dt, input_hold=self.input_hold, t=self.stamps)
+        runs = [(rows, FittedRun(model, self.dt, self.input_hold)) for rows in self._records]
+        stamps = self.stamps
+        parts = [run.take(linear_input[k], y[k], None if stamps is None else stamps[k]) for k, run in runs]
+        output, known = (np.concatenate(signals) for signals in zip(*parts, strict=True))
+        return Simulation(output, runs[0][1].offset, self.fit(known, known - output))
+
+    def fit(self, y: FloatArray, error: FloatArray) -> float:
+        """Return the fit in percent of an output (K,) with an error (K,), each record around its own level."""
+        levelled = self.levelled(y) if self.begins else y
+        return fit_percent(levelled, levelled - error)
 
     def one_step(self, residual: FloatArray) -> FloatArray:
         """Return the one-step prediction error (K,) of a free run's residual (K,)."""
@@ -298,7 +350,7 @@ def _refined_result(
         found.theta[: structure.size],
         found.covariance[: structure.size, : structure.size],
         found.condition(structure.size),
-        fit_percent(y, y - raw.one_step(y - simulation.output)),
+        raw.fit(y, raw.one_step(y - simulation.output)),
         simulation,
         int(used.sum()),
         rejected | {"outlier": outliers.size, "stuck": stuck.size},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -11,9 +12,11 @@ import numpy as np
 from replant.arguments import FloatArray, IntArray, vector
 from replant.assessment import Assessment, Simulation, assess_record
 from replant.assessment.assess_offline import MOST_SAMPLES
+from replant.assessment.other_columns import OtherColumn, other_columns, with_other_columns
 from replant.engine.dimensions import entries_of
 from replant.engine.record import Record
 from replant.errors import InvalidArgumentError
+from replant.identified import notation
 from replant.identified.fields import has_rest
 from replant.identified.model import Model
 from replant.identified.provenance import Provenance
@@ -28,7 +31,7 @@ from replant.regressor.filters import Filter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FitResult:
     """The result of `fit`.
 
@@ -78,6 +81,8 @@ class FitResult:
         See `replant.offline.refined.Refined.disagreement`.
     usual_interval : float or None
         Median interval of the time stamps in s; None for a regular clock.
+    others : mapping of str to (K,) array
+        Further columns of the file, over the samples of the record.
     input_name, output_name : str
         Names of the signals, with their units in brackets at the end.
     source, sha256 : str
@@ -105,6 +110,7 @@ class FitResult:
     means: tuple[float, float] = (0.0, 0.0)
     disagreement: float = 0.0
     usual_interval: float | None = None
+    others: Mapping[str, FloatArray] = field(default_factory=dict)
     input_name: str = "u"
     output_name: str = "y"
     source: str = ""
@@ -132,10 +138,17 @@ class FitResult:
             left_out=self.stuck.size,
             since_change=0 if change is None else change.contest.since.u.size,
         )
+        verdict = with_other_columns(verdict, self.other_columns)
         finding = self.reference.finding if self.reference else ""
         if not finding or any(finding.partition(":")[0] in reason for reason in verdict.reasons):
             return verdict
         return dataclasses.replace(verdict, reasons=(*verdict.reasons, finding))
+
+    @cached_property
+    def other_columns(self) -> tuple[OtherColumn, ...]:
+        """The further columns that explain a part of what the model leaves, that with most first."""
+        assert self.record is not None, "`fit` keeps the record"
+        return other_columns(self.structure, self.parameters, self.record, self.dt, self.others)
 
     @property
     def _change(self) -> Claim | None:
@@ -186,6 +199,12 @@ class FitResult:
             )
         y[rows] = self.simulation.output[rows]
         return y
+
+    def __repr__(self) -> str:
+        return notation.in_lines("FitResult", self.model, self.samples, self.verdict.reasons)
+
+    def _repr_html_(self) -> str:
+        return notation.with_picture(self.model)
 
     @property
     def uncertainty(self) -> Uncertainty | None:

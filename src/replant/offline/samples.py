@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from replant.arguments import FloatArray
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.log import Log
 from replant.offline.fit_result import FitResult
+from replant.offline.frame_log import is_frame, log_of_frame
 from replant.regressor.preprocess import Preprocess
 
-BETWEEN = 1000.0
-"""Gap between two logs that are fitted together [sampling times].
+BETWEEN = 10.0
+"""Gap between two logs that are fitted together [longest interval beside it].
 Derivation: a gap of any length begins a new part; none of the estimate depends on it.
 """
 
@@ -41,6 +44,11 @@ class Samples:
         Whether they are those of a log.
     input_hold : {"zoh", "foh"}
         Whether the input is held between two samples or goes on in a straight line.
+    others : mapping of str to array
+        Further columns of the same rows.
+    begins : tuple of int
+        Samples at which another log begins: its offset and initial state are its own.
+    reference_name : str
     """
 
     u: Any
@@ -54,10 +62,22 @@ class Samples:
     is_log: bool = False
     input_hold: str = "zoh"
     sha256: str = ""
+    others: Mapping[str, FloatArray] = field(default_factory=dict)
+    begins: tuple[int, ...] = ()
+    reference_name: str = ""
 
     @classmethod
-    def of(cls, u: Any, y: Any, dt: float | None, t: Any, reference: Any) -> Samples:
-        """Return the samples of a log, given as ``u`` alone, or those of arrays.
+    def of(
+        cls,
+        u: Any,
+        y: Any,
+        dt: float | None,
+        t: Any,
+        reference: Any,
+        input: Any = None,  # noqa: A002 - the word of `fit`
+        output: Any = None,
+    ) -> Samples:
+        """Return the samples of a log, given as ``u`` alone, or those of arrays, or of columns of a table.
 
         Raises
         ------
@@ -66,6 +86,12 @@ class Samples:
         InvalidArgumentError
             If there is a log and something else.
         """
+        if is_frame(u):
+            if y is not None:
+                raise InvalidArgumentError("a table has its own output: name its column, output=..., and leave out y")
+            u, t, dt, reference = log_of_frame(u, input, output, t, dt, reference), None, None, None
+        elif input is not None or output is not None:
+            raise InvalidArgumentError("input and output name columns of a table, which is to be given in place of u")
         if isinstance(u, list | tuple) and u and all(isinstance(each, Log) for each in u):
             if any(given is not None for given in (y, dt, t, reference)):
                 raise InvalidArgumentError("logs have their own outputs, clocks and references: give them alone")
@@ -77,7 +103,7 @@ class Samples:
                 )
             return cls(
                 u.input, u.output, u.dt, u.stamps, u.reference, u.input_name, u.output_name, u.path.name, True,
-                u.input_hold, u.sha256,
+                u.input_hold, u.sha256, u.others,
             )  # fmt: skip
         if y is None or dt is None:
             raise ArgumentTypeError("give a Log, or input u, output y and sampling time dt: fit(u, y, dt, poles=2)")
@@ -87,14 +113,16 @@ class Samples:
     def of_several(cls, logs: list[Log]) -> Samples:
         """Return the samples of several logs of one rig, one behind the other with a gap between.
 
-        Behind the gap the state is estimated anew, as behind any other.
+        Behind the gap the state is estimated anew, as behind any other, and the offset too: the logs may have begun at
+        other levels.
 
         Raises
         ------
         InvalidArgumentError
             If the logs differ in sampling time, signals or input hold.
         """
-        first, origin, stamps = logs[0], 0.0, []
+        first, origin, last = logs[0], 0.0, 0.0
+        stamps: list[FloatArray] = []
         for number, log in enumerate(logs):
             if not log.input.size:
                 raise InvalidArgumentError(f"log {number} has no samples; leave it out")
@@ -109,16 +137,21 @@ class Samples:
                     f"log {number} has the sampling time {log.dt:g} s, the first {first.dt:g} s; resample one of them"
                 )
             t = first.dt * np.arange(log.input.size) if log.stamps is None else log.stamps - log.stamps[0]
-            stamps.append(origin + t)
-            origin = float(stamps[-1][-1]) + BETWEEN * first.dt
+            beside = max(first.dt, float(t[1] - t[0]), last) if t.size > 1 else first.dt
+            stamps.append(np.asarray(origin + BETWEEN * beside * bool(stamps) + t, np.float64))
+            origin, last = float(stamps[-1][-1]), float(t[-1] - t[-2]) if t.size > 1 else first.dt
         if len(logs) == 1:
             return cls.of(first, None, None, None, None)
         u, y = (np.concatenate([getattr(log, name) for log in logs]) for name in ("input", "output"))
-        r = None if first.reference is None else np.concatenate([log.reference for log in logs])
+        references = [log.reference for log in logs if log.reference is not None]
+        r = np.concatenate(references) if references else None
+        named = [name for name in first.others if all(name in log.others for log in logs)]
+        others = {name: np.concatenate([log.others[name] for log in logs]) for name in named}
         source = ", ".join(log.path.name for log in logs)
         return cls(
             u, y, first.dt, np.concatenate(stamps), r, first.input_name, first.output_name, source, True,
-            first.input_hold,
+            first.input_hold, others=others, begins=tuple(np.cumsum([log.input.size for log in logs[:-1]]).tolist()),
+            reference_name=first.reference_name,
         )  # fmt: skip
 
     @property

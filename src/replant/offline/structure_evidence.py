@@ -159,7 +159,9 @@ class Evidence:
         u, y = (np.insert(signal, at, signal[at]) for signal in (record.u, record.y))
         r = None if record.r is None else np.insert(record.r, at, record.r[at])
         measured = None if record.measured is None else np.insert(record.measured, at, record.measured[at])
-        longer_record = replace(record, u=u, y=y, r=r, intervals=longer, measured=measured)
+        later = {int(begin): int(begin) + count * k for k, begin in enumerate(begins)}
+        own_begins = tuple(later[begin] for begin in record.begins)
+        longer_record = replace(record, u=u, y=y, r=r, intervals=longer, measured=measured, begins=own_begins)
         return longer_record, np.insert(np.ones(own.size, bool), at, False)
 
     def _explained(self, delay: float) -> BoolArray:

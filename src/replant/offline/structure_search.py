@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import record, vector, whole
-from replant.engine.record import Record, ready_record
+from replant.engine.record import Record
 from replant.errors import InvalidArgumentError
+from replant.interop.other_words import in_our_words
 from replant.limits import MOST_TRIED, dead_time, duration, increasing, several
 from replant.model.structure import Structure
-from replant.offline.fit import check_delay, check_length, fit
+from replant.offline.fit import RawRecord, check_delay, check_length, fit_samples
 from replant.offline.fit_result import FitResult
 from replant.offline.samples import Samples
 from replant.offline.solve import at_first
@@ -40,7 +42,10 @@ Derivation: halving as often would find it to a 256th of a sample; tops of parab
 """
 
 
-@dataclass(frozen=True, eq=False)
+SHOWN = 8  # candidates at a prompt
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Candidate:
     """One structure of the grid.
 
@@ -66,13 +71,17 @@ class Candidate:
     criterion: float = math.inf
     uncertainty: float = math.inf
 
+    def __repr__(self) -> str:
+        size = f"{self.structure.poles} poles, {self.structure.zeros} zeros, {self.structure.delay:g} s"
+        return f"{size}: fit {self.fit:.1f} %" if self.was_tried else f"{size}: left early"
+
     @property
     def was_tried(self) -> bool:
         """Whether there is a model of this structure."""
         return math.isfinite(self.fit)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SearchResult:
     """The result of a search.
 
@@ -89,7 +98,18 @@ class SearchResult:
     chosen: Candidate
     candidates: tuple[Candidate, ...]
 
+    def __repr__(self) -> str:
+        tried = [each for each in self.candidates if each.was_tried]
+        best = sorted(tried, key=lambda each: each.criterion)[:SHOWN]
+        rows = [f"{each!r}, {0.5 * (self.chosen.criterion - each.criterion):+.1f} evidence" for each in best]
+        of = f"{len(self.candidates)} structures, {len(tried)} tried"
+        return "\n  ".join([f"<SearchResult of {of}: {self.best.model!r}", *rows]) + ">"
 
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(repr(self))}</pre>{self.best._repr_html_()}"
+
+
+@in_our_words
 def search(
     u: Any,
     y: Any = None,
@@ -102,6 +122,8 @@ def search(
     preprocess: Preprocess | None = None,
     reference: Any = None,
     t: Any = None,
+    input: str | None = None,  # noqa: A002 - the field's word
+    output: str | None = None,
     progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> SearchResult:
     """Fit the structures of a grid by refined instrumental variables, and choose one.
@@ -113,7 +135,7 @@ def search(
 
     Parameters
     ----------
-    u : (K,) array, Log or list of Log
+    u : (K,) array, Log, list of Log, or table
         Raw input, or a log with input, output and sampling time; or several logs of one rig, which give one model.
     y : (K,) array
         Output.
@@ -133,6 +155,9 @@ def search(
         Where a controller makes the input, see `fit`.
     t : (K,) array, optional
         Time stamps in s, strictly increasing, of an irregular clock.
+    input, output : str, optional
+        Columns of a table of pandas or polars, which is given in place of ``u``; ``t`` and ``reference`` may name
+        columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or the index.
     progress : callable
         Called before each structure with how many were tried, of how many.
 
@@ -160,7 +185,7 @@ def search(
     >>> found.best.structure.poles
     2
     """
-    given = Samples.of(u, y, dt, t, reference)
+    given = Samples.of(u, y, dt, t, reference, input, output)
     preprocess = given.preprocess if preprocess is None else preprocess
     u, y = record(given.u, given.y)
     dt, times = duration("dt", given.dt), sorted(set(several("delays", delays, dead_time)))
@@ -171,14 +196,13 @@ def search(
     told = y if r is None or r.size != y.size else np.where(np.isfinite(r), y, np.nan)
     check_length(int(screen(preprocess.map_input(u), told)[0].sum()), grid[0])
     check_delay(times[-1], dt, u.size, stamps)
-    ready = ready_record(grid[0], dt, preprocess.resolve(u, told), u, told, stamps, given.input_hold, r)
+    resolved = preprocess.resolve(u, told)
+    ready = RawRecord(grid[0], dt, resolved, u, told, stamps, given.input_hold, given.begins).made_ready(told, r)
     used = at_first(ready)
     for _ in range(2):
         sweep = _Sweep(used, grid, times, progress)
         chosen = sweep.chosen
-        best = fit(
-            u, y, dt, chosen.structure, method="srivc", preprocess=preprocess, filter=hold, t=stamps, reference=r
-        )
+        best = fit_samples(given, chosen.structure, "srivc", hold, preprocess)
         made = best.record
         if made is None or made.u.size != used.u.size or (made.is_measured == used.is_measured).all():
             break

@@ -20,6 +20,7 @@ from replant.engine.dispatch import Step, bound_step, step_kernels
 from replant.engine.state import NOTHING, REGULAR, State
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.identified.model import Model
+from replant.interop.other_words import in_our_words
 from replant.kernels.native import OPEN, SHUT, Kernel
 from replant.kernels.schema import BELIEVED, Alarm, Attention
 from replant.limits import stamps_of
@@ -149,6 +150,7 @@ class Identifier(Estimate):
     2 / (s + 0.5)
     """
 
+    @in_our_words
     def __init__(
         self,
         structure: Structure | None = None,

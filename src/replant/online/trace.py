@@ -13,7 +13,7 @@ from replant.errors import InvalidArgumentError
 from replant.interop import frames
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Trace:
     """The estimate and the error over a chunk of K samples.
 
@@ -36,6 +36,11 @@ class Trace:
     parameters: FloatArray
     errors: FloatArray
     time: FloatArray | None = None
+
+    def __repr__(self) -> str:
+        newest = self.parameters[-1] if len(self) else self.start
+        known = ", ".join(f"{name} {value:.4g}" for name, value in zip(self.names, newest.tolist(), strict=True))
+        return f"<Trace of {len(self):,} samples: {known} after the last>"
 
     def __len__(self) -> int:
         return self.errors.size

@@ -9,6 +9,7 @@ import numpy as np
 
 from replant.arguments import FloatArray, IntArray
 from replant.assessment import Assessment, Simulation
+from replant.identified import notation
 from replant.identified.model import Model
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
@@ -49,7 +50,7 @@ class History:
     std: FloatArray | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Result:
     """An identified model with the record of its identification.
 
@@ -99,6 +100,12 @@ class Result:
     def clock_of(self, dt: float) -> Clock:
         """Return the clock of the record, whose sampling time is ``dt`` s."""
         return self.clock if self.clock is not None and self.clock.irregular else Clock(dt)
+
+    def __repr__(self) -> str:
+        return notation.in_lines("Result", self.model, self.samples, self.verdict.reasons)
+
+    def _repr_html_(self) -> str:
+        return notation.with_picture(self.model)
 
     @property
     def structure(self) -> Structure:

@@ -7,6 +7,7 @@ from typing import Any
 
 from replant.arguments import record, vector
 from replant.errors import InvalidArgumentError
+from replant.interop.other_words import in_our_words
 from replant.limits import increasing
 from replant.model.structure import Structure
 from replant.offline.samples import Samples
@@ -19,6 +20,7 @@ from replant.settings import AUTO, Request, filter_for
 AT_REST = Preprocess("identity", "mean", "mean")
 
 
+@in_our_words
 def run(
     u: Any,
     y: Any = None,
@@ -32,12 +34,14 @@ def run(
     preprocess: Preprocess = AT_REST,
     t: Any = None,
     reference: Any = None,
+    input: str | None = None,  # noqa: A002 - the field's word
+    output: str | None = None,
 ) -> Result:
     """Identify a record online, in one pass as `Identifier` does, and return the result as ``replant run`` does.
 
     Parameters
     ----------
-    u : (K,) array, Log or list of Log
+    u : (K,) array, Log, list of Log, or table
         Raw input, or a log with input, output and sampling time; or several logs of one rig, which give one model.
     y : (K,) array
         Output.
@@ -57,6 +61,9 @@ def run(
         Time stamps in s, strictly increasing, of an irregular clock.
     reference : (K,) array, optional
         Where a controller makes the input, see `fit`.
+    input, output : str, optional
+        Columns of a table of pandas or polars, which is given in place of ``u``; ``t`` and ``reference`` may name
+        columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or the index.
 
     Raises
     ------
@@ -73,7 +80,7 @@ def run(
     <Model 2 / (s + 0.5): u -> y, fit 100.0 %, trusted>
     """
     structure = Structure.wanted(structure, poles, zeros, delay)
-    given = Samples.of(u, y, dt, t, reference)
+    given = Samples.of(u, y, dt, t, reference, input, output)
     request = Request(
         structure, given.dt, filter=filter_for(given.input_hold), optimizer=optimizer, preprocess=preprocess
     )

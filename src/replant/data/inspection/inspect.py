@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from replant.assessment.other_columns import OtherColumn
 from replant.data.inspection.columns import Column, Contents, read_contents
 from replant.data.inspection.influence import Response, prepared, response
 from replant.data.inspection.log_clock import Clock, find_clock
+from replant.data.inspection.other_columns import beside_first_model
 from replant.data.inspection.roles import INPUT, OUTPUT, Roles, find_roles
 from replant.data.logs.formats import read_columns
 from replant.data.logs.rasters import side_by_side
@@ -45,6 +47,8 @@ class Inspection:
         Of the output to the input.
     time_given : bool
         Whether the time column was given.
+    others : tuple of OtherColumn
+        Further columns that explain a part of what a first model leaves of the output.
     """
 
     table: Table
@@ -54,6 +58,7 @@ class Inspection:
     roles: Roles
     response: Response | None
     time_given: bool = False
+    others: tuple[OtherColumn, ...] = ()
 
     @property
     def rows(self) -> int:
@@ -115,7 +120,20 @@ def inspect(
     if roles.input and roles.output:
         u, y = (prepared(contents.values[role.column.number]) for role in (roles.input, roles.output))
         seen = response(u, y) if u.size == y.size else None
-    return Inspection(table, contents, record, clock, roles, seen, time is not None)
+    found = Inspection(table, contents, record, clock, roles, seen, time is not None)
+    return replace(found, others=_others(found, signals))
+
+
+def _others(found: Inspection, signals: list[Column]) -> tuple[OtherColumn, ...]:
+    """Return which of the other signals explain what a model of one pole leaves."""
+    u, y, r = found.roles.input, found.roles.output, found.roles.reference
+    if found.response is None or u is None or y is None:
+        return ()
+    values, known = found.contents.values, {each.column.number for each in (u, y, r) if each is not None}
+    others = {each.name: values[each.number] for each in signals if each.number not in known}
+    dt = 1.0 if found.clock is None or math.isnan(found.clock.dt) else found.clock.dt
+    delay = math.floor(found.response.delay) * dt
+    return beside_first_model(values[u.column.number], values[y.column.number], dt, delay, others)
 
 
 def _record(contents: Contents, clock: Clock | None, given: dict[str, int]) -> tuple[Column, ...]:
@@ -155,16 +173,16 @@ def _delay_options(found: Inspection) -> tuple[str, ...]:
     seen, dt = found.response, 1.0 if found.clock is None else found.clock.dt
     if seen is None or math.isnan(dt) or seen.delay < max(CLEAR, DEAD * (seen.half - 1 - seen.delay)):
         return ()
-    step = _rounded_up(1.5 * seen.delay * dt / (TRIED - 1))
+    step = rounded_up(1.5 * seen.delay * dt / (TRIED - 1))
     return ("--delay", f"0:{step * (TRIED - 1):.6g}:{step:.6g}")
 
 
-def _rounded_up(value: float) -> float:
+def rounded_up(value: float) -> float:
     """Return a positive number with one digit, not less than ``value``.
 
     Examples
     --------
-    >>> _rounded_up(0.1445), _rounded_up(0.2)
+    >>> rounded_up(0.1445), rounded_up(0.2)
     (0.2, 0.2)
     """
     size = 10.0 ** math.floor(math.log10(value))

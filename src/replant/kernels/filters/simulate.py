@@ -40,7 +40,7 @@ def lives(n, free):
 
 
 @kernel(
-    "bank.size >= bk.size(row.size, 0) and states.size >= 2 * row.size",
+    "bank.size >= bk.size(row.size, 0) and 0 <= bank[bk.NEXT] < bk.KEPT and states.size >= 2 * row.size",
     "work.size >= 3 * (row.size + 2) * (row.size + 2)",
     "progress.size >= PROGRESS and samples.size >= output.size + 2",
     "lengths.size == 1 or lengths.size >= samples.size",
@@ -84,7 +84,7 @@ def simulate(
     new, front, slot, step, unknown, alive = samples.size - output.size, 2, 0, 0.0, 0, 0
     for k in range(output.size):
         left = intervals[0 if regular else new + k]
-        same = bk.SAME_INTERVAL * left
+        same = bk.SAME_INTERVAL * max(left, 0.0)
         waits = progress[LAG] > 0.0 or progress[WAIT] > 0.0
         if progress[BEGUN] == 0.0:
             progress[BEGUN], left, front = 1.0, 0.0, new + 1
@@ -101,7 +101,7 @@ def simulate(
                 unknown += 1
             else:
                 progress[NOW] = inputs[front - 1]
-        while left > same:
+        while left > same and front < inputs.size:  # lengths below nought would lead beyond
             last, coming, length = inputs[front - 1], inputs[front], intervals[0 if regular else front]
             wanted = length - progress[USED]
             ends = wanted <= left + same

@@ -17,7 +17,7 @@ had.  `MEMORY` declares what lies in the memory of each optimizer; a loop gets a
 import math
 
 from replant.kernels.lanes import prefetch
-from replant.kernels.native import inlined
+from replant.kernels.native import inlined, side_by_side
 from replant.kernels.optimizers.memory import MATRIX, NOTHING, ONE, VECTOR, Memory, block, place
 
 VANISHED = 1e-100
@@ -86,7 +86,7 @@ def adam(theta, memory, settings, buffer, rows, batch, direction):
         power2 = max(power2 * beta2, VANISHED)
         rate = alpha / (1.0 - power1)  # the corrections of bias, taken out of the loop: two divisions less an entry
         root = 1.0 / math.sqrt(1.0 - power2)
-        for i in range(P):
+        for i in side_by_side(P):
             g = -error * along[i]
             m[i] = beta1 * m[i] + (1.0 - beta1) * g
             v[i] = beta2 * v[i] + (1.0 - beta2) * g * g
@@ -103,7 +103,7 @@ def amsgrad(theta, memory, settings, buffer, rows, batch, direction):
         phi = buffer[rows[k]]
         along = phi[direction:]
         error = normalized_error(P, theta, phi)
-        for i in range(P):
+        for i in side_by_side(P):
             g = -error * along[i]
             m[i] = beta1 * m[i] + (1.0 - beta1) * g
             v[i] = beta2 * v[i] + (1.0 - beta2) * g * g
@@ -118,7 +118,7 @@ def adagrad(theta, memory, settings, buffer, rows, batch, direction):
         phi = buffer[rows[k]]
         along = phi[direction:]
         error = normalized_error(P, theta, phi)
-        for i in range(P):
+        for i in side_by_side(P):
             g = -error * along[i]
             memory[i] += g * g
             theta[i] -= alpha * g / (math.sqrt(memory[i]) + epsilon)
@@ -131,7 +131,7 @@ def rmsprop(theta, memory, settings, buffer, rows, batch, direction):
         phi = buffer[rows[k]]
         along = phi[direction:]
         error = normalized_error(P, theta, phi)
-        for i in range(P):
+        for i in side_by_side(P):
             g = -error * along[i]
             memory[i] = rho * memory[i] + (1.0 - rho) * g * g
             theta[i] -= alpha * g / (math.sqrt(memory[i]) + epsilon)
@@ -153,7 +153,7 @@ def nadam(theta, memory, settings, buffer, rows, batch, direction):
         now = alpha * (1.0 - beta1) / (1.0 - power1)
         ahead = alpha * beta1 / (1.0 - beta1 * power1)
         root = 1.0 / math.sqrt(1.0 - power2)
-        for i in range(P):
+        for i in side_by_side(P):
             g = -error * along[i]
             m[i] = beta1 * m[i] + (1.0 - beta1) * g
             v[i] = beta2 * v[i] + (1.0 - beta2) * g * g
@@ -170,7 +170,7 @@ def adadelta(theta, memory, settings, buffer, rows, batch, direction):
         phi = buffer[rows[k]]
         along = phi[direction:]
         error = normalized_error(P, theta, phi)
-        for i in range(P):
+        for i in side_by_side(P):
             g = -error * along[i]
             squares[i] = rho * squares[i] + (1.0 - rho) * g * g
             step = math.sqrt(moved[i] + epsilon) / math.sqrt(squares[i] + epsilon) * g

@@ -41,9 +41,10 @@ def draw_each(ints, live, buffer, newest, apart):
             batch = draw_rows(ints[lane], ints[lane, at.ROWS :])
             fewest, most = min(fewest, batch), max(most, batch)
             if apart:
+                own = buffer[lane]
                 for k in range(batch - 1):
-                    prefetch(buffer[lane], ints[lane, at.ROWS + k], 0)
-                    prefetch(buffer[lane], ints[lane, at.ROWS + k], width - 1)  # may lie on the next line
+                    prefetch(own, ints[lane, at.ROWS + k], 0)
+                    prefetch(own, ints[lane, at.ROWS + k], width - 1)  # may lie on the next line
     return fewest, most
 
 
@@ -104,7 +105,8 @@ def update_estimate(arrays, apart, shared, work, estimate, target):
             fetch_ahead(ints[0], stored)
         learn(ints[0], theta, memory, settings, stored, rows, batch)
     else:
-        error = keep_and_write(ints[0], vectors(work[1])[ints[0, at.BATCH_SIZE] - 1], estimate, target)
+        drawn = vectors(work[1])
+        error = keep_and_write(ints[0], drawn[ints[0, at.BATCH_SIZE] - 1], estimate, target)
         learn_each_its_own(arrays, apart, work, estimate)
     finite = 0.0
     for i in range(theta.size):

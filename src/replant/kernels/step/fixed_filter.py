@@ -10,7 +10,7 @@ import numpy as np
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain
-from replant.kernels.native import AS_MANY, IS_SOUND, LEARNS, Ints, Matrix, Reals, inlined, kernel
+from replant.kernels.native import AS_MANY, IS_SOUND, LEARNS, Ints, Matrix, Reals, inlined, kernel, short_loops
 from replant.kernels.optimizers import gradient as loops
 from replant.kernels.step.stages import (
     acceptable,
@@ -226,6 +226,7 @@ def take(ints, reals, banks, buffer, recent, cuts, u, y):
 
 
 @kernel(IS_SOUND, LEARNS)
+@short_loops
 def step(
     ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: float, y: float, t: float, r: float
 ):  # fmt: skip
@@ -239,6 +240,7 @@ def step(
 
 
 @kernel(IS_SOUND, LEARNS, *AS_MANY)
+@short_loops
 def steps(
     ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: Reals, y: Reals, t: Reals, r: Reals,
     errors: Reals, parameters: Matrix,

@@ -165,7 +165,7 @@ def _programs(contenders: Sequence[Contender], log: Log) -> str:
         if entry.result is None:
             continue
         if entry.fitted is not None:
-            program = python_program.fit_as_python(entry.fitted, log)
+            program = python_program.fit_as_python(entry.fitted, [log])
         elif entry.result.settings is not None:
             program = python_program.run_as_python(entry.result, log)
         else:

@@ -55,7 +55,7 @@ def estimates(contenders: Sequence[Contender], log: Log, plant_label: str) -> st
 def outputs(contenders: Sequence[Contender], log: Log) -> str:
     """Return the simulated outputs of all methods over the measured one."""
     results = results_of(contenders)
-    said = "Measured output, and the output of each method's model, simulated from the input alone"
+    said = "Measured output, and that of each model, simulated from the input alone"
     with look():
         axes = _panels()
         draw_outputs(results, log.output, log.dt, axes=axes, output_label=log.output_name)
@@ -72,13 +72,13 @@ def outputs(contenders: Sequence[Contender], log: Log) -> str:
 def responses(contenders: Sequence[Contender], log: Log, plant_label: str) -> str:
     """Return the Bode diagrams of all methods in common axes."""
     results, first = results_of(contenders), best(contenders)
-    said = "Bode diagram of each method's model"
+    said = "Bode diagram of each model"
     with look():
         axes = _panels()
         labels = {"input_label": plant_label, "output_label": log.output_name}
         draw_responses(results, log.dt, reference=first.name if first else None, axes=axes, **labels)
         drawn = _drawn(axes, "responses", f"{said}: magnitude in dB", f"{said}: phase in degrees")
-    caption = f"{said}. Bands are two standard deviations wide to either side, where the method gives them."
+    caption = f"{said}. Bands are two standard deviations wide to either side, where they are known."
     return _figure(_legend(contenders), drawn, caption)
 
 

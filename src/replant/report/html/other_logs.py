@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Sequence
 
+from replant.assessment.verdict import percent as share
 from replant.identified.validation import Validation
 from replant.plotting.palette import blank_figure
 from replant.plotting.validation import draw_validation
@@ -39,7 +40,7 @@ def _row(name: str, found: Validation) -> tuple[str, ...]:
         percent(found.one_step),
         number(found.offset, 4),
         f"{100 * auto:.0f} % with itself, {100 * cross:.0f} % with the input",
-        "–" if worst is None else f"up to {100 * worst:.2g} %" if worst else "none beyond chance",
+        "–" if worst is None else f"up to {share(worst)}" if worst else "none beyond chance",
         found.verdict.status,
     )
 

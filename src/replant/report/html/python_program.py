@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 from replant.data.logs import Log
@@ -44,20 +45,22 @@ def run_as_python(result: Result, log: Log) -> str:
     return "\n".join([_open(log), *lines])
 
 
-def fit_as_python(fitted: FitResult, log: Log) -> str:
-    """Return the Python program that repeats an offline fit of ``log``."""
+def fit_as_python(fitted: FitResult, logs: Sequence[Log]) -> str:
+    """Return the Python program that repeats an offline fit of logs."""
+    log, several = logs[0], len(logs) > 1
     state_filter = f"    filter=rp.{_call(fitted.filter.fixed)}," if fitted.filter.fixed else ""
+    signals = "logs" if several else f"{_signals(log)}, dt={log.dt!r}"
+    others = [] if several else [_stamps(log), _reference(log, "reference")]
     lines = [
         "fitted = rp.fit(",
-        f"    {_signals(log)}, dt={log.dt!r}, structure=rp.{_call(fitted.structure)}, method={fitted.method!r},",
-        *([f"    {argument[2:]},"] if (argument := _stamps(log)) else []),
-        *([f"    {argument[2:]},"] if (argument := _reference(log, "reference")) else []),
+        f"    {signals}, structure=rp.{_call(fitted.structure)}, method={fitted.method!r},",
+        *(f"    {argument[2:]}," for argument in others if argument),
         *([state_filter] if state_filter else []),
         f"    preprocess=rp.{_call(fitted.preprocess)},",
         ")",
         "print(fitted.transfer_function)",
     ]
-    return "\n".join([_open(log), *lines])
+    return "\n".join([_open_several(logs) if several else _open(log), *lines])
 
 
 def _signals(log: Log) -> str:
@@ -90,6 +93,13 @@ def _open(log: Log) -> str:
     ends = (("begin", log.begin), ("end", log.end))
     part = "".join(f", {name}={value!r}" for name, value in ends if value is not None)
     return f"import replant as rp\n\nlog = rp.read_log({str(log.path)!r}, {names}{sampling}{part})"
+
+
+def _open_several(logs: Sequence[Log]) -> str:
+    """Return the program that reads several logs, a line each."""
+    begin, *others = _open(logs[0]).split("log = ")
+    rest = [_open(log).split("log = ")[1] for log in logs[1:]]
+    return "\n".join([f"{begin}logs = [", *(f"    {each}," for each in [*others, *rest]), "]"])
 
 
 def _broken(name: str, value: Any) -> list[str]:

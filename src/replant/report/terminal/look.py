@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Iterator
 from typing import Any
 
+from replant.assessment.verdict import percent as share
 from replant.data.inspection import Inspection, options_of
 from replant.data.inspection.columns import Column, Kind
 from replant.data.logs.sampling_time import time_candidates
@@ -67,6 +68,7 @@ def as_json(found: Inspection) -> dict[str, Any]:
             "delay_samples": seen.delay,
             "correlation": seen.correlation,
         },
+        "others": [{"column": other.name, "explains": finite(other.left)} for other in found.others],
         "command": command_of(found) or None,
     }  # fmt: skip
 
@@ -208,6 +210,9 @@ def _findings(found: Inspection) -> Iterator[tuple[str, str]]:
             ),
         )
     yield "Response", _response(found)
+    for heading, other in zip(["Others"] + [""] * len(found.others), found.others, strict=False):
+        what = f"of what a model of one pole leaves, column {other.name} explains {share(min(other.left, 1.0))}"
+        yield heading, f"{what}: it seems to move {roles.output.column.name}, too."
 
 
 def _clock_findings(found: Inspection) -> Iterator[tuple[str, str]]:
@@ -222,7 +227,7 @@ def _clock_findings(found: Inspection) -> Iterator[tuple[str, str]]:
         yield "Clock", f"{clock.column.name}: no stamp is greater than the one before"
         return
     steady = clock.jitter <= STEADY * clock.dt
-    jitter = "regular" if steady else f"jitter {interval(clock.jitter)} ({100 * clock.jitter / clock.dt:.2g} %)"
+    jitter = "regular" if steady else f"jitter {interval(clock.jitter)} ({share(clock.jitter / clock.dt)})"
     gaps = f"{_counted(clock.gaps, 'gap')}, the longest {interval(clock.longest)}"
     back = f"{_counted(clock.backward, 'stamp')} missing, repeated or going back"
     known = [f"dt {interval(clock.dt)}", duration(clock.duration), jitter]

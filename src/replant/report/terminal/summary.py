@@ -38,7 +38,9 @@ def record_line(samples: int, dt: float, seconds: float) -> str:
     return f"{samples:,} samples, dt {interval(dt)}, {duration(seconds)}"
 
 
-def print_result(console: Any, result: Result, *, truth: TransferFunction | None = None, record: str = "") -> None:
+def print_result(
+    console: Any, result: Result, *, truth: TransferFunction | None = None, record: str = "", lead: str = ""
+) -> None:
     """Print G(s), coefficients, poles, fit and verdict.
 
     Parameters
@@ -49,6 +51,8 @@ def print_result(console: Any, result: Result, *, truth: TransferFunction | None
         The true model, of a simulated plant.
     record : str
         The size of the record, as `record_line` writes it.
+    lead : str
+        What to do by the verdict, in a few words.
     """
     console.print()
     if result.parameters.any():
@@ -62,7 +66,7 @@ def print_result(console: Any, result: Result, *, truth: TransferFunction | None
     _print_samples(console, result.samples, result.rejected)
     if result.clock is not None and result.clock.irregular:
         console.print(f"Clock    {_irregular(result.clock)}", highlight=False)
-    print_verdict(console, result.verdict)
+    print_verdict(console, result.verdict, lead)
 
 
 def print_kept_model(console: Any, model: Model) -> None:
@@ -83,9 +87,12 @@ def print_kept_model(console: Any, model: Model) -> None:
     print_verdict(console, model.verdict)
 
 
-def print_verdict(console: Any, verdict: Verdict) -> None:
-    """Print a verdict's status in its colour, and its reasons below."""
-    console.print(f"Verdict  [bold {colour_of(verdict.status)}]{verdict.status}[/]", highlight=False)
+def print_verdict(console: Any, verdict: Verdict, lead: str = "") -> None:
+    """Print a verdict's status in its colour and what to do by it, and its reasons below."""
+    from rich.text import Text
+
+    status = Text("Verdict  ").append(verdict.status, f"bold {colour_of(verdict.status)}")
+    console.print(status.append(f": {lead}" if lead else ""), highlight=False, soft_wrap=True)
     for reason in verdict.reasons:
         for line in wrapped(reason, console.width - REASON_INDENT):
             console.print(" " * REASON_INDENT + line, highlight=False, markup=False, soft_wrap=True)

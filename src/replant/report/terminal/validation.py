@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from replant.assessment.verdict import percent as share
 from replant.identified.model_json import finite, verdict_object
 from replant.identified.validation import Validation
 from replant.report.number_format import percent
@@ -54,7 +55,7 @@ def print_validation(console: Any, validation: Validation, source: str) -> None:
         console.print(f"Residual correlated beyond the 95 % limit: {outside} (of a right model 5 %)", highlight=False)
     if validation.by_frequency is not None:
         worst = validation.by_frequency.worst
-        error = f"up to {100 * worst:.2g} % of |G|" if worst else "none beyond chance"
+        error = f"up to {share(worst)} of |G|" if worst else "none beyond chance"
         console.print(f"Error    {error}, by frequency", highlight=False)
     console.print(f"Samples  {validation.samples:,}", highlight=False)
     print_verdict(console, validation.verdict)

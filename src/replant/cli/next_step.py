@@ -1,0 +1,214 @@
+"""What to do next: it follows from the gravest reason of the verdict, as a sentence and a command that runs."""
+
+from __future__ import annotations
+
+import math
+import re
+import shlex
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from replant.assessment.verdict import Verdict
+from replant.cli.typed_command import command_line
+from replant.data.inspection.influence import prepared, response
+from replant.data.inspection.inspect import rounded_up
+from replant.log import Log
+from replant.runs.result import Result
+
+TRIED = 6
+"""Dead times that a suggested range has beside 0 [count]."""
+UNSURE = r"has a standard deviation|uncertainty of the estimate|cancel the poles?"
+COLUMN = r"^column (.+) explains"
+OTHER_LOG = "LOG2"  # stands for a log that is not there yet
+
+
+@dataclass(frozen=True)
+class NextStep:
+    """What to do next: in words, and as a command."""
+
+    words: str
+    command: str
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """What was asked for and what came of it.
+
+    Attributes
+    ----------
+    result : Result
+    log : Log
+    path : str
+        The log as it was typed.
+    reason : str
+        The reason of the verdict that the step follows from.
+    is_searched : bool
+        Whether the structure was searched for already.
+    """
+
+    result: Result
+    log: Log
+    path: str
+    reason: str
+    is_searched: bool = False
+
+    @property
+    def poles(self) -> int:
+        """Poles of the model."""
+        return self.result.structure.poles
+
+
+def next_step(result: Result, log: Log, path: str, *, is_searched: bool) -> NextStep:
+    """Return what to do next with a model, by the first reason of its verdict that has an answer."""
+    return of_verdict(result.verdict, Situation(result, log, path, "", is_searched))
+
+
+def of_verdict(verdict: Verdict, situation: Situation) -> NextStep:
+    """Return what to do next by a verdict."""
+    if verdict.status == "trusted":
+        return _keep(situation)
+    for reason in verdict.reasons:
+        for phrase, step in STEPS:
+            if re.search(phrase, reason):
+                return step(Situation(situation.result, situation.log, situation.path, reason, situation.is_searched))
+    return _look(situation)
+
+
+def dead_times(result: Result, log: Log) -> str:
+    """Return a range of dead times to try, from when the output begins to respond, or half a time constant.
+
+    Both are known roughly before the structure is: the range reaches half as far again as the response's delay.
+    """
+    seen = response(prepared(log.input), prepared(log.output))
+    delay = 0.0 if seen is None else 1.5 * seen.delay * log.dt
+    times = [mode.time_constant for mode in result.transfer_function.modes if math.isfinite(mode.time_constant)]
+    slowest = min(max(map(abs, times), default=0.0), log.duration / 10.0)
+    step = rounded_up(max(delay, 0.5 * slowest, TRIED * log.dt) / TRIED)
+    return f"0:{TRIED * step:.6g}:{step:.6g}"
+
+
+def _again(*without: str, **options: object) -> str:
+    """Return the command as it was typed, without some options, and with others."""
+    words = [word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", str(value))]
+    names = {name.replace("_", "-") for name in options}
+    return shlex.join([*shlex.split(command_line(without=(*without, *names))), *words])
+
+
+def _look(situation: Situation) -> NextStep:
+    return NextStep("look at the columns of the log", shlex.join(["replant", "look", situation.path, "--out", "look"]))
+
+
+def _sensor(situation: Situation) -> NextStep:
+    return NextStep("look at the output: check the sensor, its range and its cable", _look(situation).command)
+
+
+def _move(situation: Situation) -> NextStep:
+    return NextStep("move the input and record again; what it did in this record", _look(situation).command)
+
+
+def _keep(situation: Situation) -> NextStep:
+    unsure = any(re.search(UNSURE, reason) for reason in situation.result.verdict.reasons)
+    words = f"keep the model{f', or try {_counted(situation.poles - 1)}' if unsure and situation.poles > 1 else ''}"
+    others = [found[1] for reason in situation.result.verdict.reasons if (found := re.search(COLUMN, reason))]
+    words += f", knowing that column {others[0]} moves the output, too" if others else ""
+    changed: dict[str, object] = {}
+    if situation.is_searched:  # of what was searched for, what was found
+        structure = situation.result.structure
+        changed = {"poles": structure.poles, "zeros": structure.zeros, "delay": f"{structure.delay:.6g}"}
+    return NextStep(f"{words}; check it on another log", _again(**changed, save="model.json", validate=OTHER_LOG))
+
+
+def _search(situation: Situation) -> NextStep:
+    if situation.is_searched:
+        half = 0.5 * situation.log.duration
+        words = "no structure explains all of it: identify one half by itself, as a plant that changes needs"
+        return NextStep(words, _again("poles", "zeros", "delay", to=f"{half:.6g}", poles=situation.poles))
+    delays = dead_times(situation.result, situation.log)
+    command = ["replant", "fit", *shlex.split(_again("poles", "zeros", "delay", "optimizer", "startup", "method"))[2:]]
+    searched = [*command, "--poles", f"1:{min(situation.poles + 1, 4)}", "--delay", delays]
+    return NextStep("search the structure and the dead time", shlex.join(searched))
+
+
+def _dead_time(situation: Situation) -> NextStep:
+    found = re.search(r"dead time of ([\d.e+-]+) s", situation.reason)
+    return _search(situation) if found is None else NextStep("set the dead time", _again(delay=found[1]))
+
+
+def _fewer(situation: Situation) -> NextStep:
+    if situation.poles > 1:
+        fewer = situation.poles - 1
+        return NextStep(f"try {_counted(fewer)}", _again("poles", "zeros", poles=fewer))
+    words = shlex.split(_again("optimizer", "startup"))
+    logs = ["replant", "fit", words[2], OTHER_LOG, *words[3:]]
+    return NextStep("record more, and fit both logs", shlex.join(logs))
+
+
+def _counted(poles: int) -> str:
+    return "one pole" if poles == 1 else f"{poles} poles"
+
+
+def _part(situation: Situation) -> NextStep:
+    ago = re.search(r"changed ([\d.,e+-]+) s before the end", situation.reason)
+    seconds = 0.5 * situation.log.duration if ago is None else float(ago[1].replace(",", ""))
+    begin = max(situation.log.duration - seconds, 0.0)
+    begin += situation.log.begin or 0.0
+    return NextStep("identify the part since the change", _again("from", **{"from": f"{begin:.6g}"}))
+
+
+def _straight(situation: Situation) -> NextStep:
+    return NextStep("take the input for a straight line between its samples", _again(input_hold="foh"))
+
+
+def _clock(situation: Situation) -> NextStep:
+    return NextStep("let the time stamps count", _again("dt"))
+
+
+def _column(situation: Situation) -> NextStep:
+    found = re.search(COLUMN, situation.reason)
+    name = "" if found is None else found[1]
+    words = f"record with column {name} held still; what it does by itself"
+    return NextStep(words, _again("input", "reference", "delay", input=name))
+
+
+def _reference(situation: Situation) -> NextStep:
+    if situation.poles > 1 and "unstable" in situation.reason:
+        return _fewer(situation)
+    words = "give the set-point as --reference; which column it may be"
+    return NextStep(words, _look(situation).command)
+
+
+def _no_reference(situation: Situation) -> NextStep:
+    return NextStep("leave the reference out, or give the set-point", _again("reference"))
+
+
+def _default(situation: Situation) -> NextStep:
+    return NextStep("use the method by default", _again("optimizer", "method", "startup"))
+
+
+def _wait(situation: Situation) -> NextStep:
+    words = shlex.split(_again("optimizer", "startup"))
+    return NextStep("use all samples at once", shlex.join(["replant", "fit", *words[2:]]))
+
+
+#: What reasons say, and what to do; the first that fits counts.
+STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
+    (COLUMN, _column),
+    (r"the input is constant|has rested|hardly moves|came to rest", _move),
+    (r"does not excite every coefficient", _fewer),
+    (r"the output has only|explains almost nothing", _look),
+    (r"s apart where dt says", _clock),
+    (r"the actuator seems", _look),
+    (r"run straight between|runs straight between", _straight),
+    (r"than the model says", _dead_time),
+    (r"the reference (stands still|is a copy|explains nothing|follows)", _no_reference),
+    (r"either its disturbances have more colour|only a reference|give its reference", _reference),
+    (r"the plant seems to have changed", _part),
+    (r"to the bit|stuck|extreme of the output|no output has arrived|output is constant|left out", _sensor),
+    (r"noise biases an estimate|left the range of float64", _default),
+    (r"the input could explain|filtered by its noise model|leave float64", _search),
+    (r"residual began to grow|power of the residual|largest power|alone would put|residual is as usual", _part),
+    (UNSURE, _fewer),
+    (r"abs G is known to|varies slowly|rely on G", _fewer),
+    (r"has moved by|coefficient that differs|too few|none is left|first model|provisional|estimate of", _wait),
+    (r"answers the residual|the model fits the output|may be chance", _keep),
+)

@@ -1,0 +1,34 @@
+"""The options that name columns: one input and one output, never one that is dropped."""
+
+import pytest
+
+from cli.test_commands import call, log  # noqa: F401 - a fixture
+
+
+@pytest.mark.parametrize("command", ["fit", "run", "compare", "look", "fleet"])
+@pytest.mark.parametrize(
+    ("option", "words"), [("-i", "several inputs are not supported yet"), ("-o", "several outputs")]
+)
+def test_a_second_column_is_an_error_of_one_line(capsys, log, command, option, words) -> None:  # noqa: F811
+    code, out, err = call(capsys, command, log, option, "u", option, "t")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert f"{option} u {option} t: {words}" in err
+
+
+def test_the_same_column_twice_is_one(capsys, log) -> None:  # noqa: F811
+    code, _, err = call(capsys, "fit", log, "-i", "u", "--input", "u", "-o", "y", "-p", 1)
+    assert (code, err) == (0, "")
+
+
+def test_a_log_in_the_place_of_the_model_is_said_to_be_none(capsys, log) -> None:  # noqa: F811
+    code, out, err = call(capsys, "validate", log)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert f"{log}: it is no model that --save has written" in err
+
+
+def test_a_model_without_a_log_asks_for_one(capsys, log, tmp_path) -> None:  # noqa: F811
+    saved = tmp_path / "model.json"
+    call(capsys, "fit", log, "-i", "u", "-o", "y", "-p", 1, "--save", saved)
+    code, out, err = call(capsys, "validate", saved)
+    assert (code, out) == (2, "")
+    assert f"name the logs to compare the model with: replant validate {saved} LOG" in err

@@ -1,0 +1,130 @@
+"""What to do next follows from the reason, for every reason that there is, and the command runs."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replant as rp
+from cli.test_commands import call
+from replant.assessment.verdict import Assessment
+from replant.cli import next_step, output
+from replant.runs.result import Result
+from support.builders import binary
+from support.places import ROOT
+
+ROWS = [
+    line.split("|")[1].strip()
+    for line in (ROOT / "docs" / "verdict.md").read_text("utf-8").splitlines()
+    if line.startswith("| ") and not line.startswith("| reason")
+]
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """A log of 12 s plant with a dead time of 3 s, a set-point and a pump."""
+    u, pump = binary(3, 600, 25), binary(4, 600, 40)
+    y = rp.TransferFunction([2 / 12], [1.0, 1 / 12], delay=3.0).simulate(u, 1.0)
+    y += 0.05 * np.random.default_rng(0).standard_normal(600)
+    path = tmp_path / "log.csv"
+    rows = [f"{k},{u[k]:g},{u[k] + 0.1 * pump[k]:g},{pump[k]:g},{y[k]:.5f}" for k in range(600)]
+    path.write_text("t_s,u,r,pump,y\n" + "\n".join(rows) + "\n")
+    return path
+
+
+def said(row: str) -> str:
+    """A row of the page of reasons as a verdict would say it."""
+    reason = row.replace("x %", "5 %").replace("x s", "5 s")
+    return f"column pump {reason}" if reason.startswith("explains") else reason
+
+
+Watched = list[tuple[str, next_step.NextStep]]
+
+
+@pytest.fixture
+def walked(monkeypatch: pytest.MonkeyPatch) -> Watched:
+    """For each reason the step that follows from it, of every command that is run."""
+    found: Watched = []
+
+    def walk(result: Result, log: rp.Log, path: str, *, is_searched: bool) -> next_step.NextStep:
+        original: Callable[..., Any] = next_step.next_step
+        for row in ROWS:
+            verdict = Assessment("inconsistent", (said(row),))
+            found.append((row, original(replace(result, verdict=verdict), log, path, is_searched=is_searched)))
+        return original(result, log, path, is_searched=is_searched)
+
+    monkeypatch.setattr(output, "next_step", walk)
+    return found
+
+
+@pytest.mark.parametrize(
+    "typed",
+    [
+        ("fit", "-i", "u", "-o", "y", "-p", 2, "--reference", "r"),
+        ("run", "-i", "u", "-o", "y", "-p", 1, "--optimizer", "amsgrad"),
+        ("fit", "-i", "u", "-o", "y", "-p", "1:2"),
+    ],
+)
+def test_every_reason_has_a_next_command_that_runs(
+    capsys, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, walked: Watched, typed: tuple[Any, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert call(capsys, typed[0], log, *typed[1:])[0] == 0
+    assert len(walked) == len(ROWS)
+    commands = {step.command for _, step in walked}
+    assert len(commands) > 5
+    assert all(step.words for _, step in walked)
+    monkeypatch.setattr(output, "next_step", next_step.next_step)
+    for command in sorted(commands):
+        _, *words = shlex.split(command.replace(next_step.OTHER_LOG, str(log)))
+        code, _, err = call(capsys, *words, *([] if "look" in words else ["--quiet"]))
+        assert code == 0, (command, err)
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_every_reason_is_known_to_the_table(row: str) -> None:
+    import re
+
+    assert any(re.search(phrase, said(row)) for phrase, _ in next_step.STEPS), row
+
+
+def of_log(capsys, log: Path, *typed: object) -> list[str]:
+    code, out, _ = call(capsys, *typed[:1], log, "-i", "u", "-o", "y", *typed[1:])
+    assert code == 0
+    return out.splitlines()
+
+
+def test_the_range_of_dead_times_comes_from_the_data(capsys, log: Path) -> None:
+    """Of a plant of 12 s with a dead time of 3 s, it reaches beyond that and not to a hundred."""
+    lines = of_log(capsys, log, "fit", "-p", 1)
+    first, last, step = map(float, shlex.split(lines[-1])[-1].split(":"))
+    assert (first, 3.0 < last < 30.0, 0.5 <= step <= 5.0) == (0.0, True, True)
+    code, out, _ = call(capsys, *shlex.split(lines[-1])[1:])
+    assert code == 0
+    assert "Verdict  trusted: keep the model" in out
+
+
+def test_the_verdict_leads_with_what_to_do(capsys, log: Path) -> None:
+    lines = of_log(capsys, log, "fit", "-p", 1)
+    (verdict,) = [line for line in lines if line.startswith("Verdict")]
+    assert verdict == "Verdict  inconsistent: search the structure and the dead time"
+    assert "Next: search the structure and the dead time:" in lines
+
+
+def test_a_model_that_was_saved_is_checked_next(capsys, log: Path, tmp_path: Path) -> None:
+    saved = tmp_path / "model.json"
+    lines = of_log(capsys, log, "fit", "-p", 1, "--delay", 3, "--save", saved)
+    assert lines[-1] == f"replant validate {saved} {next_step.OTHER_LOG}"
+
+
+def test_quiet_and_validated_commands_say_nothing_next(capsys, log: Path) -> None:
+    for more in (("--quiet",), ("--validate", log)):
+        lines = of_log(capsys, log, "fit", "-p", 1, "--delay", 3, *more)
+        assert not any(line.startswith("Next") for line in lines)
+        assert "Verdict  trusted" in lines

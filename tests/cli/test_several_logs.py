@@ -1,0 +1,64 @@
+"""One model of several logs at the command line: five step tests that begin at other levels."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import replant as rp
+from cli.test_commands import call
+
+PLANT = rp.TransferFunction([2 / 12], [1.0, 1 / 12], delay=3.0)
+
+
+@pytest.fixture
+def steps(tmp_path: Path) -> list[Path]:
+    """Five step tests of 120 s, each from another level of input and output."""
+    files = []
+    for k, size in enumerate([1.0, 0.5, -1.0, 2.0, -0.5]):
+        u = np.where(np.arange(120) >= 20, size, 0.0)
+        y = PLANT.simulate(u, 1.0) + 0.03 * np.random.default_rng(k).standard_normal(120)
+        rows = [f"{i},{u[i] + 5 * k:g},{y[i] + 20 + 3 * k:.5f}" for i in range(120)]
+        files.append(tmp_path / f"step{k}.csv")
+        files[-1].write_text("t_s,u,y\n" + "\n".join(rows) + "\n")
+    return files
+
+
+def test_five_step_tests_give_one_model(capsys, steps: list[Path], tmp_path: Path) -> None:
+    out, saved = tmp_path / "out", tmp_path / "model.json"
+    arguments = ("-i", "u", "-o", "y", "-p", 1, "--delay", 3, "--json", "--out", out, "--save", saved)
+    code, said, err = call(capsys, "fit", *steps, *arguments)
+    assert (code, err) == (0, "")
+    found = json.loads(said)
+    np.testing.assert_allclose(found["den"][1], 1 / 12, rtol=0.03)
+    assert (found["samples"], found["fit"]["simulated"] > 95.0, found["verdict"]["status"]) == (600, True, "trusted")
+    assert rp.load_model(saved).provenance.source == "step0.csv, step1.csv, step2.csv, step3.csv, step4.csv"
+    program = (out / "report.html").read_text("utf-8")
+    assert all(f"{file}" in program for file in steps)
+
+
+def test_python_and_the_command_line_make_the_same_model(capsys, steps: list[Path]) -> None:
+    _, said, _ = call(capsys, "fit", *steps, "-i", "u", "-o", "y", "-p", 1, "--delay", 3, "--json")
+    fitted = rp.fit([rp.read_log(file, input="u", output="y") for file in steps], poles=1, delay=3.0)
+    found = json.loads(said)
+    np.testing.assert_allclose([*found["den"][1:], *found["num"]], fitted.parameters, rtol=1e-12)
+
+
+def test_a_search_finds_poles_and_dead_time_from_all_of_them(capsys, steps: list[Path]) -> None:
+    _, said, _ = call(capsys, "fit", *steps, "-i", "u", "-o", "y", "-p", "1:2", "--delay", "0:6:1", "--json")
+    (chosen,) = [each for each in json.loads(said)["candidates"] if each["chosen"]]
+    assert (chosen["poles"], chosen["zeros"], chosen["delay"]) == (1, 0, 3.0)
+
+
+def test_what_does_not_fit_together_is_one_line(capsys, steps: list[Path], tmp_path: Path) -> None:
+    slow = tmp_path / "slow.csv"
+    slow.write_text("t_s,u,y\n" + "\n".join(f"{2 * k},{k % 3},{k % 5}" for k in range(50)) + "\n")
+    for files, words in (((steps[0], slow), "sampling time"), ((steps[0], tmp_path / "no.csv"), "no.csv")):
+        code, out, err = call(capsys, "fit", *files, "-i", "u", "-o", "y", "-p", 1)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert words in err
+    for command in ("run", "compare"):
+        code, _, err = call(capsys, command, *steps[:2], "-i", "u", "-o", "y", "-p", 1)
+        assert (code, err.count("\n")) == (2, 1)
+        assert "one log" in err

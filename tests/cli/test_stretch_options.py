@@ -1,0 +1,87 @@
+"""Stretches of a log that are used, left out, or kept to validate on; the input acts all the same."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import replant as rp
+from cli.test_commands import call
+from support.builders import binary
+
+COLUMNS = ("-i", "u", "-o", "y", "-p", 1)
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """A log of 600 s of 2 / (s + 0.5), whose output is wrong from 200 to 300 s."""
+    u = binary(3, 1200, 12)
+    y = rp.TransferFunction([2.0], [1.0, 0.5]).simulate(u, 0.5) + 0.02 * np.random.default_rng(0).standard_normal(1200)
+    y[400:600] += np.linspace(0.0, 40.0, 200)
+    path = tmp_path / "log.csv"
+    path.write_text("t_s,u,y\n" + "\n".join(f"{0.5 * k:g},{u[k]:g},{y[k]:.6f}" for k in range(1200)) + "\n")
+    return path
+
+
+def model_of(capsys, command: str, log: Path, *more: object) -> dict:
+    code, out, err = call(capsys, command, log, *COLUMNS, "--json", *more)
+    assert code == 0, err
+    return json.loads(out)
+
+
+@pytest.mark.parametrize("command", ["fit", "run"])
+@pytest.mark.parametrize(
+    "more",
+    [
+        ("--leave-out", "200s:300s"),
+        ("--leave-out", "200:250", "--leave-out", "4min:5min"),
+        ("--use", "0s:200s", "--use", "300:"),
+        ("--use", ":200"),
+        ("--from", 100, "--leave-out", "200s:300s"),
+    ],
+)
+def test_what_is_left_out_does_not_spoil_the_model(capsys, log: Path, command: str, more: tuple[object, ...]) -> None:
+    np.testing.assert_allclose(model_of(capsys, command, log, *more)["den"], [1.0, 0.5], rtol=0.03)
+
+
+def test_with_it_the_model_is_spoilt(capsys, log: Path) -> None:
+    assert model_of(capsys, "fit", log)["fit"]["simulated"] < 80.0
+
+
+def test_the_model_is_validated_on_a_stretch_that_it_has_not_seen(capsys, log: Path) -> None:
+    found = model_of(
+        capsys, "fit", log, "--leave-out", "200s:300s", "--validate-on", "400s:500s", "--validate-on", "500:"
+    )
+    first, second = found["validations"]
+    assert (first["source"], first["samples"], second["samples"]) == ("log.csv, 400 s to 500 s", 201, 200)
+    assert first["fit"]["simulated"] > 90.0
+    assert found["samples"] == 1200 - 200 - 400
+
+
+def test_several_logs_are_cut_alike(capsys, log: Path) -> None:
+    code, out, _ = call(capsys, "fit", log, log, *COLUMNS, "--leave-out", "200s:300s", "--json")
+    assert (code, json.loads(out)["samples"]) == (0, 2000)
+
+
+def test_the_report_gives_no_program_that_forgets_them(capsys, log: Path, tmp_path: Path) -> None:
+    code, _, _ = call(capsys, "fit", log, *COLUMNS, "--leave-out", "200s:300s", "--out", tmp_path / "out")
+    page = (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert code == 0
+    assert "--leave-out 200:300" in page
+    assert "rp.read_log" not in page
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (("--leave-out", "12"), "write 12s:32s"),
+        (("--use", "30:20"), "write 12s:32s"),
+        (("--leave-out", "900:1000"), "no sample lies there; the log has 0 to 599.5 s"),
+        (("--leave-out", "0:"), "no output is left"),
+    ],
+)
+def test_what_cannot_be_is_one_line(capsys, log: Path, more: tuple[str, ...], words: str) -> None:
+    code, out, err = call(capsys, "fit", log, *COLUMNS, *more)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert words in err

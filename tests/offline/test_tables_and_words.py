@@ -1,0 +1,104 @@
+"""What a newcomer types first: a table, three arrays, words of other tools; each works or is answered in one line."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import replant as rp
+from support.builders import G1, record
+
+DT = 0.1
+U, Y = record(G1, 1, 600, DT, hold=20, noise=0.05)
+TABLE = pd.DataFrame({"t": DT * np.arange(600), "u": U, "y": Y, "pump": np.roll(U, 100), "note": "a"})
+WANTED = rp.fit(rp.Log(U, Y, DT), poles=1).parameters
+
+
+@pytest.mark.parametrize(
+    ("table", "more"),
+    [
+        (TABLE, {}),
+        (TABLE.drop(columns="t"), {"dt": DT}),
+        (TABLE.rename(columns={"t": "clock"}), {"t": "clock"}),
+        (TABLE.set_index("t"), {}),
+        (TABLE.drop(columns="t").set_index(pd.date_range("2026-01-01", periods=600, freq="100ms")), {}),
+        (TABLE.assign(t=pd.date_range("2026-01-01", periods=600, freq="100ms")), {}),
+    ],
+)
+def test_a_table_is_fitted_by_the_names_of_its_columns(table: pd.DataFrame, more: dict[str, Any]) -> None:
+    fitted = rp.fit(table, input="u", output="y", poles=1, **more)
+    np.testing.assert_allclose(fitted.parameters, WANTED, rtol=1e-9)
+    assert (fitted.model.input_name, fitted.model.output_name, list(fitted.others)) == ("u", "y", ["pump"])
+
+
+def test_polars_too() -> None:
+    polars = pytest.importorskip("polars")
+    fitted = rp.fit(polars.DataFrame({"t": DT * np.arange(600), "u": U, "y": Y}), input="u", output="y", poles=1)
+    np.testing.assert_allclose(fitted.parameters, WANTED, rtol=1e-9)
+
+
+def test_run_and_search_take_the_same_table() -> None:
+    assert rp.search(TABLE, input="u", output="y", poles=(1, 2)).best.structure.poles == 1
+    assert rp.run(TABLE, input="u", output="y", poles=1).model.input_name == "u"
+
+
+def test_an_irregular_clock_of_a_table_counts() -> None:
+    late = TABLE.drop(index=range(100, 130))
+    fitted = rp.fit(late, input="u", output="y", poles=1)
+    assert fitted.usual_interval == pytest.approx(DT)
+    np.testing.assert_allclose(fitted.parameters, WANTED, rtol=0.05)
+
+
+def test_three_arrays_make_a_log() -> None:
+    log = rp.Log(U, Y, DT)
+    assert (len(log), log.dt, log.input_name, log.output_name, log.path.name) == (600, DT, "u", "y", "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"order": 1}, "poles=2 is the number of poles"),
+        ({"na": 1}, "poles=2"),
+        ({"nb": 1}, "zeros=1"),
+        ({"nk": 1}, "delay=0.2 is the dead time in s"),
+        ({"Ts": 0.1}, "dt=0.1"),
+        ({"pole": 1}, "poles is one"),
+        ({"poles": range(1, 3)}, "search chooses"),
+        ({"poles": 1, "delay": [0.0, 1.0]}, "search chooses"),
+        ({"structure": 1}, "write poles=1"),
+        ({"poles": 1, "input": "u"}, "columns of a table"),
+    ],
+)
+def test_words_of_other_tools_are_answered_with_ours(arguments: dict[str, Any], words: str) -> None:
+    with pytest.raises((rp.ArgumentTypeError, rp.InvalidArgumentError)) as caught:
+        rp.fit(U, Y, DT, **arguments)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("call", [rp.fit, rp.search, rp.run, rp.Identifier])
+def test_every_door_answers(call: Any) -> None:
+    with pytest.raises(rp.ArgumentTypeError, match="there is no argument 'order': poles=2"):
+        call(order=1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({}, "name columns of the table"),
+        ({"input": "v", "output": "y"}, "input must name a column, got 'v'; there are t, u, y"),
+        ({"input": "u", "output": "y", "y": Y}, "leave out y"),
+        ({"input": "u", "output": "y", "reference": "r"}, "reference must name a column"),
+    ],
+)
+def test_a_table_that_is_not_understood_is_answered(arguments: dict[str, Any], words: str) -> None:
+    with pytest.raises((rp.ArgumentTypeError, rp.InvalidArgumentError), match=words):
+        rp.fit(TABLE, poles=1, **arguments)
+
+
+def test_a_table_without_a_clock_asks_for_one() -> None:
+    with pytest.raises(rp.InvalidArgumentError, match="give dt, or t"):
+        rp.fit(TABLE.drop(columns="t"), input="u", output="y", poles=1)
