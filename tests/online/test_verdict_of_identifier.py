@@ -94,7 +94,7 @@ def test_awkward_plants_are_trusted(name: str, decibels: float) -> None:
 
 @pytest.mark.parametrize("dropped", [0.0, 0.1])
 def test_an_irregular_clock_is_trusted(dropped: float) -> None:
-    u, y, t = irregular_record(PLANT, seed=1, samples=3000, dt=DT, dropped=dropped, hold=8)
+    u, y, t = irregular_record(PLANT, seed=1, samples=3600, dt=DT, dropped=dropped, hold=8)
     y = y + 0.05 * y.std() * np.random.default_rng(0).standard_normal(y.size)
     assert_trusted(identified(u, y, t=t).assess())
 

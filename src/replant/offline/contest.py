@@ -134,14 +134,15 @@ def decided(claims: Sequence[Claim]) -> Claim | None:
 
     What says nothing else of G(s) must win without the price of the others, too: it is as sure that it holds.  Beside
     an output that answers to nothing every other one has to be sure.  What leaves so much of the output that it would
-    raise an alarm again explains nothing.
+    raise an alarm again explains nothing: it stays open, unless an output that answers to nothing is likelier.
     """
     claims = weighed(claims)
     best = max(claims, key=lambda claim: claim.evidence)
     if best.supposition is Supposition.CUT:
         return best
     if best.left > UNEXPLAINED:
-        return None
+        likeliest = max(claims, key=lambda claim: claim.fair)
+        return likeliest if likeliest.supposition is Supposition.CUT else None
     rivals = [claim for claim in claims if not best.supposition.is_of_plant or claim.supposition is Supposition.CUT]
     sure = [-math.log(ALPHA) if claim.supposition is Supposition.CUT else 0.0 for claim in rivals]
     return None if any(claim.fair + more > best.fair for claim, more in zip(rivals, sure, strict=True)) else best
