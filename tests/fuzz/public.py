@@ -311,7 +311,7 @@ def missing() -> Iterator[str]:
 
 
 #: Made by the package and never by a caller: their numbers are our own.
-RESULTS = {"FitResult", "Trace", "Validation"}
+RESULTS = {"FitResult", "ModelComparison", "Trace", "Validation"}
 #: Of these functions every argument is an object of ours, a file or axes.
 TAKE_RESULTS = {
     "write_page", "draw_excitation", "draw_outputs", "draw_overlay", "draw_poles_and_zeros", "draw_responses",

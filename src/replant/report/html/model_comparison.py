@@ -127,7 +127,7 @@ def compare(models: Mapping[str, Model] | Iterable[Model], log: Log) -> ModelCom
     >>> found.best, len(found.rows)
     ('two', 2)
     """
-    if isinstance(models, Model):
+    if isinstance(models, Model) or not isinstance(models, Iterable):
         raise ArgumentTypeError("models must be several: compare([model, other], log); model.validate(log) takes one")
     named = dict(models) if isinstance(models, Mapping) else {f"model {k + 1}": each for k, each in enumerate(models)}
     if not named:
