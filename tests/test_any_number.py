@@ -132,6 +132,7 @@ RESULTS = {
     "Assessment", "Verdict", "Simulation", "FitResult", "Trace", "Loaded", "Recording", "Table", "Batch", "Actuator",
     "Cell", "Experiment", "Improvement", "Plant", "Row", "RowResult", "TableResult", "Replication", "Stretch",
     "Optimizer", "Filter", "DiscreteFilter", "Dashboard", "Hub", "Source", "ReferenceUse", "Validation", "Inspection",
+    "ModelComparison",
     "Fleet", "Trial",
 }  # fmt: skip
 

@@ -74,7 +74,7 @@ ADAPTERS = {
 }
 FORKS = {"online.turns": {"os"}}  # says what a forked process does first; it touches no file
 #: Finds the native library, and has it made in a clone.
-LOADS = {"kernels.native": {"ctypes", "hashlib", "pathlib", "subprocess", "sys"}}
+LOADS = {"kernels.native": {"ctypes", "hashlib", "pathlib", "platform", "subprocess", "sys", "threading"}}
 TERMINAL = {"click", "rich"}
 FILES = {"pathlib", "os", "io", "shutil", "tempfile", "glob", "socket", "select", "subprocess", "sys", "logging"}
 

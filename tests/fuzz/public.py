@@ -249,6 +249,8 @@ FUNCTIONS: dict[str, Callable[[], Call]] = {
     "Model.from_json": lambda: (rp.Model.from_json, {"written": model().to_json()}),
     "Model.save": lambda: (model().save, {"path": folder() / "saved.json"}),
     "Validation.plot": lambda: (model().validate(U, Y).plot, {"axes": None}),
+    "compare": lambda: (rp.compare, {"models": {"one": model()}, "log": LOG}),
+    "ModelComparison.plot": lambda: (rp.compare([model()], LOG).plot, {"axes": None}),
     "Trace.index": lambda: (ensemble().trace(U, Y)[0].index, {"true": [0.5, 2.0]}),
     "Trace.to_pandas": lambda: (ensemble().trace(U, Y)[0].to_pandas, {"dt": DT}),
     "Trace.to_xarray": lambda: (ensemble().trace(U, Y)[0].to_xarray, {"dt": DT}),
@@ -309,7 +311,7 @@ def missing() -> Iterator[str]:
 
 
 #: Made by the package and never by a caller: their numbers are our own.
-RESULTS = {"FitResult", "Trace", "Validation"}
+RESULTS = {"FitResult", "ModelComparison", "Trace", "Validation"}
 #: Of these functions every argument is an object of ours, a file or axes.
 TAKE_RESULTS = {
     "write_page", "draw_excitation", "draw_outputs", "draw_overlay", "draw_poles_and_zeros", "draw_responses",

@@ -18,7 +18,8 @@ from replant.report.html.compared_models import write_models
 from replant.report.html.model_comparison import HEADINGS, ModelComparison, compare
 from replant.report.terminal.validation import as_json as validation_as_json
 
-SHOWN = 7  # columns that fit into a terminal
+SHOWN = 7
+"""Columns of the table that fit into a terminal [count]."""
 
 
 def are_models(paths: Sequence[Path]) -> bool:

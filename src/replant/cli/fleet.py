@@ -26,7 +26,8 @@ from replant.fleet.reports import MOST_REPORTS, write_reports
 from replant.fleet.result_row import FAILED
 from replant.fleet.results import Fleet, load
 
-NAMED = 5  # odd rigs that the terminal names
+NAMED = 5
+"""Odd rigs that the terminal names [count]."""
 
 
 @click.command(name="fleet")

@@ -13,7 +13,8 @@ from replant.identified.fields import ModelFields
 from replant.model.transfer_function import TransferFunction
 from replant.plotting.shown import picture, with_std
 
-WIDTH, COEFFICIENT_LINES, REASONS = 110, 3, 5  # of a result in a few lines
+WIDTH, COEFFICIENT_LINES, REASONS = 110, 3, 5
+"""Of a result in a few lines: characters of a line, lines of coefficients, reasons [count]."""
 
 
 def one_line(model: ModelFields) -> str:

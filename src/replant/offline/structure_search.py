@@ -42,7 +42,8 @@ Derivation: halving as often would find it to a 256th of a sample; tops of parab
 """
 
 
-SHOWN = 8  # candidates at a prompt
+SHOWN = 8
+"""Candidates that are shown at a prompt [count]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

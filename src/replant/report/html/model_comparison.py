@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -97,7 +97,7 @@ class ModelComparison(Shown):
         )  # fmt: skip
 
 
-def compare(models: Mapping[str, Model] | Iterable[Model], log: Log) -> ModelComparison:
+def compare(models: Mapping[str, Model] | Sequence[Model], log: Log) -> ModelComparison:
     """Compare several models over one record; of each, offset and initial state are estimated and nothing else.
 
     Parameters
@@ -127,7 +127,7 @@ def compare(models: Mapping[str, Model] | Iterable[Model], log: Log) -> ModelCom
     >>> found.best, len(found.rows)
     ('two', 2)
     """
-    if isinstance(models, Model):
+    if not isinstance(models, Mapping | Sequence):
         raise ArgumentTypeError("models must be several: compare([model, other], log); model.validate(log) takes one")
     named = dict(models) if isinstance(models, Mapping) else {f"model {k + 1}": each for k, each in enumerate(models)}
     if not named:
