@@ -126,12 +126,12 @@ class Known:
         """
         begin, size = len(self.slopes), self.mean.size
         length = min(length, begin // STRETCHES)
-        if length < 2 * size:
+        coefficients = np.diag(self.information) > 0.0
+        if length < 2 * size or not (coefficients.any() and np.isfinite(self.slopes).all()):
             return 1.0, math.inf
         white = self.noise.whiten_known(self.error[:begin], record.rough_predecessors[:begin])
         units = np.linalg.norm(self.slopes, axis=0)
         slopes = self.slopes / np.where(units > 0.0, units, 1.0)
-        coefficients = np.diag(self.information) > 0.0
         explained, ranks = 0.0, 0
         for end in range(begin, length - 1, -length):
             rows = slice(end - length, end)
