@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -57,6 +58,8 @@ def test_too_few_samples_before_tell_no_dispersion() -> None:
     y = PLANT.simulate(u, DT) + 0.1 * np.random.default_rng(1).standard_normal(SAMPLES)
     before, record = known(u, y)
     assert before.dispersion(record, 1) == (1.0, math.inf)
+    unknown = replace(before, information=np.zeros_like(before.information))  # beyond the range of float64
+    assert unknown.dispersion(record, 100) == (1.0, math.inf)
     record = record.first(60)
     few = Known.before(STRUCTURE, record, 40, before.mean, before.information, before.variance)
     assert few is not None
