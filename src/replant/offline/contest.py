@@ -15,7 +15,8 @@ What was known before is a prior, of which a supposition forgets some directions
 All are compared over the same samples by the log-likelihood of their residuals.  These are whitened by the noise model
 from before the change, or at the price of its numbers by one of their own: an autoregression fitted to a step nearly
 explains it.  Each fitted number costs ln(K) / 2 (Bayes' criterion), and what says something else of G(s) beside that
--ln `ALPHA`: the chance that it is believed of a plant that has not changed.
+-ln `ALPHA`: odds against it before any sample.  A linear model of a plant that is none fits each stretch differently:
+what another G(s) explains counts beside that, see `weighed`.
 
 Source: Schwarz (1978), "Estimating the dimension of a model", Annals of Statistics 6; Willsky and Jones (1976), "A
 generalized likelihood ratio approach to the detection and estimation of jumps", IEEE Transactions on Automatic Control
