@@ -125,7 +125,7 @@ def judged(state: State, dt: float) -> BoolArray:
     """Return which of the raw samples kept (K,) the verdict uses: those since the last interruption, not bridged."""
     kept = RecentSamples.of(state)
     used = _in_use(kept, state).since_last_gap(dt)
-    return np.asarray((np.arange(len(kept)) >= len(kept) - len(used)) & ~kept.is_bridged)
+    return np.asarray((np.arange(len(kept)) >= len(kept) - len(used)) & ~(kept.is_bridged | kept.is_stuck))
 
 
 def _in_use(kept: RecentSamples, state: State) -> RecentSamples:
